@@ -1,0 +1,186 @@
+"""Random self-affine surfaces by Fourier filtering, and the spectral measures that go with them.
+
+Plain functions on plain arrays. Each wave vector owns its place in the random stream, ordered in shells of growing
+wave number, so a seed stands for one *surface*: a finer pixel grid samples the same surface, and a larger ``zeta``
+adds shorter waves to it. This is what makes a convergence study in the pixel size possible without averaging over
+realisations.
+
+Sources: Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018), Eq. 1; T. D. B. Jacobs, T. Junge,
+L. Pastewka, Surf. Topogr.: Metrol. Prop. 5, 013001 (2017) for the conventions of power spectra.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft as sfft
+
+Floats = NDArray[np.float64]
+
+__all__ = ["radial_psd", "rms_slope", "self_affine", "spectral_density"]
+
+
+def spectral_density(q: Floats, *, hurst: float, q_roll: float, q_long: float, q_short: float) -> Floats:
+    """Shape of the power spectral density, Eq. 1 of the paper, scaled to 1 on the plateau.
+
+    ``q`` (any shape) and the bounds are in the same unit, 1/nm or multiples of 2π/λ_L. Plateau for
+    ``q_long <= q < q_roll``, power law ``(q/q_roll)**(-2-2*hurst)`` for ``q_roll <= q <= q_short``, zero elsewhere.
+    The bounds are inclusive to within rounding (1e-9).
+    """
+    slack = 1e-9
+    density = (np.maximum(q, q_roll) / q_roll) ** (-2.0 - 2.0 * hurst)
+    density[(q < q_long * (1.0 - slack)) | (q > q_short * (1.0 + slack))] = 0.0
+    return density
+
+
+def self_affine(
+    shape: tuple[int, int],
+    pixel_size: float,
+    *,
+    hurst: float,
+    zeta: float,
+    eta: float,
+    rms_slope: float | None = None,
+    rms_height: float | None = None,
+    seed: int | np.random.SeedSequence,
+    workers: int = 1,
+) -> Floats:
+    """Heights (nx, ny) in nm of a periodic, isotropic, Gaussian self-affine surface with zero mean.
+
+    λ_L is the longer side, q_L = 2π/λ_L, q_s = zeta·q_L, q_r = eta·q_L. Exactly one of ``rms_slope`` (spectral,
+    dimensionless) and ``rms_height`` (nm) is given and met exactly by this realisation. Equal arguments give equal
+    bytes, whatever ``workers``.
+
+    Raises ``ValueError`` if the cut-offs contradict each other or the grid cannot hold them (``zeta`` above half the
+    pixels of the longer side), or if no wave vector of the grid lies between the cut-offs.
+    """
+    nx, ny = shape
+    longest = max(nx, ny)
+    if (rms_slope is None) == (rms_height is None):
+        raise ValueError("give either rms_slope or rms_height, not both and not neither")
+    if min(nx, ny) < 1:
+        raise ValueError(f"a grid of {nx} x {ny} pixels has no pixels")
+    if not 1.0 <= eta <= zeta:
+        raise ValueError(f"need 1 <= eta <= zeta, not eta = {eta:g} and zeta = {zeta:g}")
+    if zeta > longest / 2:
+        raise ValueError(
+            f"zeta = {zeta:g} is above the Nyquist limit of {longest} pixels, {longest / 2:g}: "
+            "use more pixels or a smaller zeta"
+        )
+    half = _half_spectrum(nx, ny, hurst, zeta, eta, seed)
+    # Wave numbers in units of 2π/λ_L; only the columns up to the short cut-off exist.
+    qx = _frequencies(nx) * (longest / nx)
+    qy = np.arange(half.shape[1]) * (longest / ny)
+    weight = _multiplicity(ny)[: half.shape[1]]
+    power = half.real**2 + half.imag**2
+    power *= weight
+    if rms_slope is not None:
+        # Largest term scaled to one so that extreme spectra neither overflow nor vanish.
+        norm = math.sqrt(float(np.sum(power * (qx[:, None] ** 2 + qy**2)))) * (2.0 * math.pi / longest)
+        target = rms_slope * pixel_size
+    else:
+        norm = math.sqrt(float(np.sum(power)))
+        target = float(rms_height)  # type: ignore[arg-type]
+    if norm == 0.0:
+        raise ValueError(
+            f"no wave vector of a {nx} x {ny} grid lies between the cut-offs (zeta = {zeta:g}, eta = {eta:g})"
+        )
+    half *= target / norm * nx * ny
+    columns = sfft.ifft(half, axis=0, overwrite_x=True, workers=workers)
+    heights = sfft.irfft(columns, n=ny, axis=1, overwrite_x=True, workers=workers)
+    return np.ascontiguousarray(heights)
+
+
+def _frequencies(n: int) -> Floats:
+    """Integer wave numbers of a transform of length n, in FFT order, as floats."""
+    index = np.arange(n, dtype=np.float64)
+    index[(n + 1) // 2 :] -= n
+    return index
+
+
+def _multiplicity(ny: int) -> Floats:
+    """How often each column of a half spectrum occurs in the full one: 2; 1 for zero and the Nyquist of an even ny."""
+    weight = np.full(ny // 2 + 1, 2.0)
+    weight[0] = 1.0
+    if ny % 2 == 0:
+        weight[-1] = 1.0
+    return weight
+
+
+def _half_spectrum(
+    nx: int, ny: int, hurst: float, zeta: float, eta: float, seed: int | np.random.SeedSequence
+) -> NDArray[np.complex128]:
+    """Filtered complex white noise: rows in FFT order, columns 0 … top along y; Hermitian where it must be."""
+    longest = max(nx, ny)
+    top_x = min(math.floor(zeta * nx / longest * (1.0 + 1e-12)), nx // 2)
+    top_y = min(math.floor(zeta * ny / longest * (1.0 + 1e-12)), ny // 2)
+    sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
+    rng = np.random.Generator(np.random.Philox(sequence))
+    # noise[i, j] belongs to kx = i - top_x, ky = j.
+    noise = np.zeros((2 * top_x + 1, top_y + 1), dtype=np.complex128)
+    for s in range(1, max(top_x, top_y) + 1):
+        draw = rng.standard_normal(2 * (4 * s + 1)).view(np.complex128)
+        if s <= top_x:
+            ky = min(s, top_y) + 1
+            noise[top_x + s, :ky] = draw[:ky]
+            noise[top_x - s, :ky] = draw[s + 1 : s + 1 + ky]
+        if s <= top_y:
+            kx = min(s - 1, top_x)
+            middle = 3 * s + 1  # of draw[2s+2 : 4s+1], where kx = 0
+            noise[top_x - kx : top_x + kx + 1, s] = draw[middle - kx : middle + kx + 1]
+    kx_all = np.arange(-top_x, top_x + 1)
+    q = np.hypot(kx_all[:, None] * (longest / nx), np.arange(top_y + 1) * (longest / ny))
+    noise *= np.sqrt(spectral_density(q, hurst=hurst, q_roll=eta, q_long=1.0, q_short=zeta))
+    half = np.zeros((nx, top_y + 1), dtype=np.complex128)
+    half[kx_all % nx] = noise  # for even nx and top_x = nx/2 both ends share one row; the later one stays
+    for column in (0, ny // 2) if ny % 2 == 0 and top_y == ny // 2 and ny > 1 else (0,):
+        _make_hermitian(half[:, column])
+    return half
+
+
+def _make_hermitian(column: NDArray[np.complex128]) -> None:
+    """Mirror the positive half of a column that is its own conjugate partner; real entries keep their variance."""
+    n = column.size
+    positive = column[1 : (n + 1) // 2]
+    column[n - positive.size :] = positive[::-1].conj()
+    for i in (0, n // 2) if n % 2 == 0 else (0,):
+        column[i] = math.sqrt(2.0) * column[i].real
+
+
+def rms_slope(heights: NDArray[np.floating], pixel_size: float, *, workers: int = 1) -> float:
+    """Spectral rms slope sqrt(<|∇h|²>) of periodic heights (nx, ny), dimensionless; 0 for a flat surface."""
+    nx, ny = heights.shape
+    scale = float(np.max(np.abs(heights), initial=0.0))
+    if scale == 0.0 or not math.isfinite(scale):
+        return scale
+    spectrum = np.asarray(sfft.rfft2(np.asarray(heights, np.float64) / scale, overwrite_x=True, workers=workers))
+    power = (spectrum.real**2 + spectrum.imag**2) * _multiplicity(ny)
+    qx = 2.0 * math.pi / nx * _frequencies(nx)
+    qy = 2.0 * math.pi / ny * np.arange(ny // 2 + 1)
+    squared = float(qx**2 @ power.sum(axis=1)) + float(power.sum(axis=0) @ qy**2)
+    return math.sqrt(squared) / (nx * ny) * (scale / pixel_size)
+
+
+def radial_psd(heights: NDArray[np.floating], pixel_size: float, *, workers: int = 1) -> tuple[Floats, Floats]:
+    """Radially averaged power spectral density of periodic heights (nx, ny).
+
+    Returns ``q`` (1/nm) and ``C(q)`` (nm⁴), one entry per ring of width 2π/λ_L that holds wave vectors, zero
+    excluded. Convention of Jacobs et al.: C(q) = |a² Σ h exp(-iq·r)|²/A0, so that the mean square height is
+    ∫C d²q/(2π)².
+    """
+    nx, ny = heights.shape
+    longest = max(nx, ny)
+    spectrum = np.asarray(sfft.rfft2(np.asarray(heights, dtype=np.float64), workers=workers))
+    power = (spectrum.real**2 + spectrum.imag**2) * _multiplicity(ny)
+    q = np.hypot(_frequencies(nx)[:, None] * (longest / nx), np.arange(ny // 2 + 1) * (longest / ny))
+    ring = np.rint(q).astype(np.int64).ravel()
+    weight = np.broadcast_to(_multiplicity(ny), q.shape).ravel()
+    count = np.bincount(ring, weights=weight)
+    total = np.bincount(ring, weights=power.ravel())
+    radius = np.bincount(ring, weights=weight * q.ravel())
+    keep = count > 0
+    keep[0] = False
+    unit = 2.0 * math.pi / (longest * pixel_size)
+    return radius[keep] / count[keep] * unit, total[keep] / count[keep] * (pixel_size**2 / (nx * ny))
