@@ -1,0 +1,73 @@
+"""Every exception chemage raises on purpose.
+
+    ChemageError
+    ├── InputError           a value the user gave is wrong: names the field, the value and the remedy
+    │   ├── UnitError        a string with an unknown unit or the wrong dimension
+    │   ├── UnknownKindError no installed plugin offers that kind
+    │   └── SceneError       a scene file is wrong; carries the path of the field in the file
+    ├── PluginError          a plugin is broken, or two plugins claim one kind
+    ├── ConvergenceError     a contact solver stopped short of its tolerance; carries the residual history
+    └── StoreError           a file is missing, truncated, foreign, or already there
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+class ChemageError(Exception):
+    """Base of everything chemage raises on purpose; the command line prints it without a traceback."""
+
+
+class InputError(ChemageError, ValueError):
+    """A value the user gave is wrong."""
+
+    @classmethod
+    def of(cls, field: str, value: object, problem: str, remedy: str = "") -> InputError:
+        """The standard wording: ``field = value: problem; remedy``."""
+        shown = repr(value)
+        if len(shown) > 80:
+            shown = shown[:77] + "..."
+        return cls(f"{field} = {shown}: {problem}" + (f"; {remedy}" if remedy else ""))
+
+
+class UnitError(InputError):
+    """A string with an unknown unit, or a quantity of the wrong dimension."""
+
+
+class UnknownKindError(InputError):
+    """No installed plugin offers the kind that was asked for."""
+
+
+class SceneError(InputError):
+    """A scene is wrong. ``problems`` is a list of ``(path, message)``."""
+
+    def __init__(self, source: str, problems: Sequence[tuple[str, str]]) -> None:
+        self.source = source
+        self.problems = list(problems)
+        lines = [f"  {path}: {message}" if path else f"  {message}" for path, message in self.problems]
+        super().__init__(f"{source} is not a valid scene:\n" + "\n".join(lines))
+
+
+class PluginError(ChemageError):
+    """A plugin could not be loaded, or clashes with another."""
+
+
+class ConvergenceError(ChemageError):
+    """A contact solver stopped short of its tolerance.
+
+    ``history`` holds the residual of every iteration, ``residual`` the last, ``tolerance`` the goal.
+    """
+
+    def __init__(
+        self, message: str, *, history: Sequence[float] = (), residual: float = float("nan"),
+        tolerance: float = float("nan"),
+    ) -> None:
+        super().__init__(message)
+        self.history = list(history)
+        self.residual = residual
+        self.tolerance = tolerance
+
+
+class StoreError(ChemageError, OSError):
+    """A file is missing, truncated, not one of ours, or already there."""

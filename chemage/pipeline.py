@@ -1,0 +1,214 @@
+"""One function per arrow: surface → contact → lattice → kinetics, and :func:`age`, which runs the last two for every
+replica. Each goes through its hook, so that a plugin can replace or wrap the arrow; chemage's own answer, the chosen
+class's one method, comes last.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from typing import Any
+
+import numpy as np
+
+from chemage.errors import InputError, PluginError
+from chemage.hookspecs import hookimpl
+from chemage.objects import Aging, BondHistory, ContactSolution, ReactionLattice, Surface
+from chemage.reactions import Chemistry
+from chemage.spec import ContactSolver, Engine, Observable, Seed, SurfaceMaker, check_times, force, temperature_value
+
+# -- chemage's own answers, asked last ------------------------------------------------------------------------------
+
+
+@hookimpl(trylast=True)
+def chemage_make_surface(maker: SurfaceMaker, seed: Seed) -> Surface:
+    return maker.make(seed)
+
+
+@hookimpl(trylast=True)
+def chemage_solve_contact(
+    solver: ContactSolver, surface: Surface, load: float, start: ContactSolution | None
+) -> ContactSolution:
+    return solver.solve(surface, load, start=start)
+
+
+@hookimpl(trylast=True)
+def chemage_build_lattice(chemistry: Chemistry, contact: ContactSolution, seed: Seed) -> ReactionLattice:
+    return chemistry.on(contact, seed)
+
+
+@hookimpl(trylast=True)
+def chemage_run_kinetics(
+    engine: Engine, lattice: ReactionLattice, hold_times: np.ndarray, temperature: float, seed: Seed,
+    start: BondHistory | None,
+) -> BondHistory:
+    return engine.run(lattice, hold_times, temperature=temperature, seed=seed, start=start)
+
+
+def _answer(name: str, expected: type, **arguments: Any) -> Any:
+    from chemage import registry
+
+    result = getattr(registry.current().manager.hook, name)(**arguments)
+    if not isinstance(result, expected):
+        raise PluginError(f"a plugin answered {name} with {type(result).__name__}; expected {expected.__name__} or None")
+    return result
+
+
+# -- the arrows -------------------------------------------------------------------------------------------------------
+
+
+def make_surface(maker: SurfaceMaker, seed: Seed = 0) -> Surface:
+    """The surface of ``maker``, through the hook ``chemage_make_surface``."""
+    return _answer("chemage_make_surface", Surface, maker=maker, seed=seed)
+
+
+def solve_contact(
+    solver: ContactSolver, surface: Surface, load: float | str, *, start: ContactSolution | None = None
+) -> ContactSolution:
+    """The contact of ``surface`` under ``load``, through the hook ``chemage_solve_contact``."""
+    return _answer("chemage_solve_contact", ContactSolution, solver=solver, surface=surface, load=force(load), start=start)
+
+
+def build_lattice(chemistry: Chemistry, contact: ContactSolution, seed: Seed = 0) -> ReactionLattice:
+    """The reactive sites of ``contact``, through the hook ``chemage_build_lattice``."""
+    return _answer("chemage_build_lattice", ReactionLattice, chemistry=chemistry, contact=contact, seed=seed)
+
+
+def run_kinetics(
+    engine: Engine, lattice: ReactionLattice, hold_times: Sequence[float] | np.ndarray, *, temperature: float | str,
+    seed: Seed = 0, start: BondHistory | None = None,
+) -> BondHistory:
+    """One replica, through the hook ``chemage_run_kinetics``."""
+    return _answer("chemage_run_kinetics", BondHistory, engine=engine, lattice=lattice,
+                   hold_times=check_times(hold_times), temperature=temperature_value(temperature), seed=seed, start=start)
+
+
+def replica_seeds(seed: Seed, replica: int) -> tuple[np.random.SeedSequence, np.random.SeedSequence]:
+    """Seeds of a replica's disorder and of its kinetics: functions of ``seed`` and the replica's number alone."""
+    if isinstance(seed, np.random.SeedSequence):
+        entropy, key = seed.entropy, tuple(seed.spawn_key)
+    else:
+        entropy, key = checked_seed(seed), ()
+    return (
+        np.random.SeedSequence(entropy, spawn_key=(*key, replica, 0)),
+        np.random.SeedSequence(entropy, spawn_key=(*key, replica, 1)),
+    )
+
+
+def checked_seed(seed: Any) -> int:
+    """``seed`` as a non-negative int."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError.of("seed", seed, "must be a whole number, 0 or larger")
+    return int(seed)
+
+
+def age(
+    contact: ContactSolution,
+    chemistry: Chemistry,
+    *,
+    engine: Engine,
+    hold_times: Sequence[float] | np.ndarray,
+    temperature: float | str,
+    replicas: int = 10,
+    seed: Seed = 0,
+    observe: Sequence[Observable] = (),
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Aging:
+    """Age a contact: ``replicas`` times draw the disorder, run the kinetics to every hold time, count the bonds.
+
+    Parameters
+    ----------
+    contact, chemistry, engine
+        The contact, what reacts on it, and the engine that follows it.
+    hold_times
+        (m,) seconds, non-decreasing; see :func:`chemage.hold_times`.
+    temperature
+        Kelvin, or a string with its unit.
+    replicas
+        Each redraws barriers, couplings, hydroxylation and the kinetic noise on the same contact.
+    seed
+        Replica r depends on ``seed`` and r alone, not on how many replicas or workers there are.
+    observe
+        Further measurements on each replica, kept in ``Aging.observables``.
+    workers
+        Threads that run replicas side by side (default: one a processor). Results do not depend on it.
+    progress
+        Called with (replicas done, replicas in all).
+    """
+    times, kelvin = check_times(hold_times), temperature_value(temperature)
+    if isinstance(replicas, bool) or not isinstance(replicas, int) or replicas < 1:
+        raise InputError.of("replicas", replicas, "must be a whole number of at least 1")
+    if not isinstance(seed, np.random.SeedSequence):
+        checked_seed(seed)
+    if workers is not None and workers < 1:
+        raise InputError.of("workers", workers, "must be at least 1")
+
+    def replica(number: int) -> tuple[BondHistory, int, dict[str, np.ndarray]]:
+        disorder, noise = replica_seeds(seed, number)
+        lattice = build_lattice(chemistry, contact, disorder)
+        history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise)
+        return history, lattice.sites.size, _observations(contact, lattice, history, observe)
+
+    # an engine with threads of its own takes the processors itself
+    side_by_side = 1 if engine.threads else min(replicas, workers or os.cpu_count() or 1)
+    done = list(_in_order(replica, replicas, side_by_side, progress))
+    names = list(done[0][2])
+    return Aging(
+        hold_times=times,
+        bonds=np.stack([history.bonds for history, _, _ in done]),
+        sites=np.array([sites for _, sites, _ in done]),
+        events=np.array([history.events for history, _, _ in done]),
+        load=contact.load,
+        temperature=kelvin,
+        bond_force=chemistry.bond_force,
+        front_factor=chemistry.front_factor,
+        engine=done[0][0].engine,
+        contact=contact.summary(),
+        observables={name: np.stack([seen[name] for _, _, seen in done]) for name in names},
+        provenance={"chemistry": chemistry.todict(), "engine": engine.todict(), "seed": str(seed),
+                    "contact": contact.provenance},
+    )
+
+
+def _in_order(
+    task: Callable[[int], Any], count: int, workers: int, progress: Callable[[int, int], None] | None
+) -> Iterator[Any]:
+    """Results of ``task(0 … count−1)`` in that order; the first failure stops the rest."""
+    if workers == 1:
+        for number in range(count):
+            yield task(number)
+            if progress:
+                progress(number + 1, count)
+        return
+    pool = ThreadPoolExecutor(workers, thread_name_prefix="chemage-replica")
+    try:
+        futures = [pool.submit(task, number) for number in range(count)]
+        left = set(futures)
+        while left:
+            finished, left = wait(left, return_when=FIRST_COMPLETED)
+            for future in finished:
+                future.result()
+            if progress:
+                progress(count - len(left), count)
+        for future in futures:
+            yield future.result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _observations(
+    contact: ContactSolution, lattice: ReactionLattice, history: BondHistory, observe: Sequence[Observable]
+) -> dict[str, np.ndarray]:
+    from chemage import registry
+
+    answers: list[Mapping[str, Any]] = [one.measure(contact, lattice, history) for one in observe]
+    answers += registry.current().manager.hook.chemage_observe(contact=contact, lattice=lattice, history=history)
+    seen: dict[str, np.ndarray] = {}
+    for answer in answers:
+        for name, value in answer.items():
+            if name in seen:
+                raise PluginError(f"two observables give {name!r}; rename one")
+            seen[name] = np.asarray(value)
+    return seen

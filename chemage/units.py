@@ -1,0 +1,108 @@
+"""Units: a number is in the internal unit of its field, a string carries its own.
+
+Internal units are nm, nN, GPa, eV, s, K. They are coherent: 1 GPa nm² = 1 nN. Strings are read by pint with exact
+decimals, so that ``"20 uN"`` is 20000.0 nN to the last bit. pint is imported only when a string comes.
+"""
+
+from __future__ import annotations
+
+import math
+from decimal import Decimal
+from functools import lru_cache
+from typing import TYPE_CHECKING, Annotated, Any
+
+import ase.units
+from pydantic import BeforeValidator, Field
+
+from chemage.errors import UnitError
+
+if TYPE_CHECKING:
+    import pint
+
+#: 1 GPa nm³ in eV: energy = activation volume (nm³) × pressure (GPa) × this.
+EV_PER_GPA_NM3 = float(ase.units.GPa * ase.units.nm**3)
+#: Boltzmann constant, eV/K.
+KB = float(ase.units.kB)
+
+
+@lru_cache(maxsize=1)
+def registry() -> pint.UnitRegistry:
+    """The one pint registry, with exact decimals."""
+    import pint
+
+    return pint.UnitRegistry(non_int_type=Decimal, autoconvert_offset_to_baseunit=True)
+
+
+def convert(value: object, unit: str) -> float:
+    """``value`` as a float in ``unit``.
+
+    Numbers pass through; strings are parsed (``"20 uN"``, ``"6.4 angstrom**3"``, ``"0.04 eV/GPa"``, ``"27 degC"``).
+
+    Raises
+    ------
+    UnitError
+        The string cannot be read, or has another dimension than ``unit``.
+    """
+    if isinstance(value, bool) or value is None:
+        raise UnitError(f"{value!r} is not a quantity; give a number in {unit or 'no unit'} or a string with its unit")
+    if isinstance(value, str):
+        return _parse(value, unit)
+    try:
+        return float(value)  # pyright: ignore[reportArgumentType]
+    except (TypeError, ValueError) as error:
+        raise UnitError(
+            f"{value!r} is not a quantity; give a number in {unit or 'no unit'} or a string with its unit"
+        ) from error
+
+
+@lru_cache(maxsize=4096)
+def _parse(text: str, unit: str) -> float:
+    try:
+        plain = float(text)
+    except ValueError:
+        pass
+    else:
+        if not unit or not math.isfinite(plain):
+            return plain
+        raise UnitError(f'"{text}" has no unit; write "{text} {unit}", or the bare number {text} (read as {unit})')
+    import pint
+
+    units = registry()
+    try:
+        number, _, rest = text.strip().partition(" ")
+        if rest and unit == "K":  # offset units cannot be multiplied; build them
+            quantity = units.Quantity(Decimal(number), rest)
+        else:
+            quantity = units.Quantity(text)
+        return float(quantity.to(unit or "dimensionless").magnitude)
+    except pint.DimensionalityError as error:
+        raise UnitError(
+            f'"{text}" is a quantity of {error.units1}, but this field is in {unit or "pure numbers"}'
+        ) from None
+    except pint.UndefinedUnitError as error:
+        names = error.unit_names if isinstance(error.unit_names, str) else ", ".join(error.unit_names)
+        raise UnitError(f'"{text}": unknown unit {names}; this field is in {unit or "pure numbers"}') from None
+    except Exception as error:
+        raise UnitError(f'"{text}" cannot be read as a quantity in {unit or "pure numbers"} ({error})') from None
+
+
+def quantity(unit: str, **bounds: Any) -> Any:
+    """The annotation of a field in ``unit``: numbers are taken as they are, strings are converted.
+
+    ``bounds`` are pydantic's ``gt``, ``ge``, ``lt``, ``le``. Infinite values and NaN are refused.
+    """
+    return Annotated[
+        float,
+        Field(allow_inf_nan=False, json_schema_extra={"unit": unit}, **bounds),
+        BeforeValidator(lambda value: convert(value, unit), json_schema_input_type=float | str),
+    ]
+
+
+Length = quantity("nm", gt=0)
+Force = quantity("nN", ge=0)
+Pressure = quantity("GPa", gt=0)
+Energy = quantity("eV")
+Volume = quantity("nm**3")
+Time = quantity("s", ge=0)
+Temperature = quantity("K", gt=0)
+Frequency = quantity("Hz", gt=0)
