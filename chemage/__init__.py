@@ -47,9 +47,7 @@ _HOME = {
         ("Aging", "BondHistory", "ContactSolution", "Fit", "ReactionLattice", "Surface", "hold_times"), "objects"
     ),
     **dict.fromkeys(("age", "build_lattice", "make_surface", "run_kinetics", "solve_contact"), "pipeline"),
-    **dict.fromkeys(
-        ("barriers", "contact", "engine", "fromdict", "interaction", "observable", "surface"), "registry"
-    ),
+    **dict.fromkeys(("barriers", "contact", "engine", "fromdict", "interaction", "observable", "surface"), "registry"),
     **dict.fromkeys(("Run", "run"), "runs"),
     **dict.fromkeys(("Scene", "load_scene"), "scene"),
     **dict.fromkeys(("read", "write"), "store"),

@@ -1,13 +1,13 @@
 """Every exception chemage raises on purpose.
 
-    ChemageError
-    ├── InputError           a value the user gave is wrong: names the field, the value and the remedy
-    │   ├── UnitError        a string with an unknown unit or the wrong dimension
-    │   ├── UnknownKindError no installed plugin offers that kind
-    │   └── SceneError       a scene file is wrong; carries the path of the field in the file
-    ├── PluginError          a plugin is broken, or two plugins claim one kind
-    ├── ConvergenceError     a contact solver stopped short of its tolerance; carries the residual history
-    └── StoreError           a file is missing, truncated, foreign, or already there
+ChemageError
+├── InputError           a value the user gave is wrong: names the field, the value and the remedy
+│   ├── UnitError        a string with an unknown unit or the wrong dimension
+│   ├── UnknownKindError no installed plugin offers that kind
+│   └── SceneError       a scene file is wrong; carries the path of the field in the file
+├── PluginError          a plugin is broken, or two plugins claim one kind
+├── ConvergenceError     a contact solver stopped short of its tolerance; carries the residual history
+└── StoreError           a file is missing, truncated, foreign, or already there
 """
 
 from __future__ import annotations
@@ -60,7 +60,11 @@ class ConvergenceError(ChemageError):
     """
 
     def __init__(
-        self, message: str, *, history: Sequence[float] = (), residual: float = float("nan"),
+        self,
+        message: str,
+        *,
+        history: Sequence[float] = (),
+        residual: float = float("nan"),
         tolerance: float = float("nan"),
     ) -> None:
         super().__init__(message)

@@ -1,8 +1,8 @@
 """Every hook a plugin can implement.
 
 A plugin is a module (or package) named by an entry point in the group ``chemage``; its functions marked with
-``chemage.hookimpl`` answer these hooks. A plugin may leave out arguments it does not need. Arguments are only ever added;
-a changed meaning is a new hook.
+``chemage.hookimpl`` answer these hooks. A plugin may leave out arguments it does not need. Arguments are only ever
+added; a changed meaning is a new hook.
 """
 
 from __future__ import annotations
@@ -57,16 +57,18 @@ def chemage_build_lattice(chemistry: Chemistry, contact: ContactSolution, seed: 
 
 @hookspec(firstresult=True)
 def chemage_run_kinetics(
-    engine: Engine, lattice: ReactionLattice, hold_times: np.ndarray, temperature: float, seed: Seed,
+    engine: Engine,
+    lattice: ReactionLattice,
+    hold_times: np.ndarray,
+    temperature: float,
+    seed: Seed,
     start: BondHistory | None,
 ) -> BondHistory | None:
     """Run one replica. Called once a replica, never per event. Return None to leave it to the next plugin."""
 
 
 @hookspec
-def chemage_observe(
-    contact: ContactSolution, lattice: ReactionLattice, history: BondHistory
-) -> Mapping[str, Any]:  # pyright: ignore[reportReturnType]
+def chemage_observe(contact: ContactSolution, lattice: ReactionLattice, history: BondHistory) -> Mapping[str, Any]:  # pyright: ignore[reportReturnType]
     """Further named numbers or arrays of a finished replica; kept in ``Aging.observables``."""
 
 

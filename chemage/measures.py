@@ -46,7 +46,8 @@ def rms_slope(heights: np.ndarray, pixel_size: float, periodic: bool = True) -> 
     if not periodic:
         total = sum(
             float(np.mean(np.square(np.gradient(heights, pixel_size, axis=axis), dtype=np.float64)))
-            for axis in (0, 1) if heights.shape[axis] > 1
+            for axis in (0, 1)
+            if heights.shape[axis] > 1
         )
         return math.sqrt(total)
     nx, ny = heights.shape

@@ -65,7 +65,11 @@ class Record(BaseModel):
     """Base of the frozen objects."""
 
     model_config = ConfigDict(
-        frozen=True, extra="forbid", arbitrary_types_allowed=True, use_attribute_docstrings=True, allow_inf_nan=True,
+        frozen=True,
+        extra="forbid",
+        arbitrary_types_allowed=True,
+        use_attribute_docstrings=True,
+        allow_inf_nan=True,
     )
     #: field name -> (dimension names, unit, meaning)
     arrays: ClassVar[dict[str, tuple[tuple[str, ...], str, str]]] = {}
@@ -227,7 +231,7 @@ class ContactSolution(Record):
         _require_finite("pressure", self.pressure, "the solver that made it is at fault")
         lowest = float(self.pressure.min())
         if lowest < 0:
-            raise ValueError(f"pressure: its smallest value is {lowest:g} GPa; a hard wall only pushes, give values ≥ 0")
+            raise ValueError(f"pressure: its smallest value is {lowest:g} GPa; a hard wall only pushes, it must be ≥ 0")
         return self
 
     @property
@@ -424,9 +428,9 @@ class ReactionLattice(Record):
                 1: f"neighbours[{site}, {slot}] = {other} is not a site; give 0 to {n - 1}, or -1 for none",
                 2: f"neighbours[{site}, {slot}]: site {site} is its own neighbour; remove it",
                 3: f"neighbours[{site}]: site {other} is listed twice; list each neighbour once",
-                4: f"neighbours: site {site} lists {other}, but {other} does not list {site}; list each pair from both ends",
+                4: f"neighbours: site {site} lists {other}, but not the other way round; list each pair from both ends",
                 5: f"coupling[{site}, {slot}]: the pair ({site}, {other}) has two values; "
-                   "give both ends the same energy (the coupling must be symmetric)",
+                "give both ends the same energy (the coupling must be symmetric)",
             }[fault]
             raise ValueError(problem)
 
@@ -438,8 +442,6 @@ class ReactionLattice(Record):
     def to_atoms(self, state: np.ndarray | None = None) -> Atoms:
         """The sites as ASE atoms for viewing: O where bonded, H elsewhere; barriers in ``arrays``. Å as in ASE."""
         from ase import Atoms
-
-    from chemage.spec import Interaction
 
         n = self.sites.size
         bonded = np.zeros(n, dtype=bool) if state is None else np.asarray(state, dtype=bool)
@@ -626,8 +628,12 @@ class Aging(Record):
         # a hold time given as 10.000000000000002 belongs to the window that starts at 10
         inside = (self.hold_times >= low * (1 - 1e-9)) & (self.hold_times <= high * (1 + 1e-9)) & (self.hold_times > 0)
         if np.unique(self.hold_times[inside]).size < 2:
-            raise InputError.of("fit window", (low, high), f"holds {int(inside.sum())} of the hold times",
-                                "widen it, or take more hold times per decade")
+            raise InputError.of(
+                "fit window",
+                (low, high),
+                f"holds {int(inside.sum())} of the hold times",
+                "widen it, or take more hold times per decade",
+            )
         x = np.log10(self.hold_times[inside])
         drop = self.friction_drop[:, inside]
 
@@ -649,15 +655,24 @@ class Aging(Record):
             slope_error = math.sqrt(spread / sxx)
             height_error = math.sqrt(spread / x.size)
             cutoff_error = (
-                math.hypot(height_error / slope, slope_error * (x.mean() - log_cutoff) / slope) if slope > 0 else math.nan
+                math.hypot(height_error / slope, slope_error * (x.mean() - log_cutoff) / slope)
+                if slope > 0
+                else math.nan
             )
         else:
             slope_error = cutoff_error = math.nan
         scale = 1 / self.load if self.load > 0 else math.nan
         with np.errstate(over="ignore"):
             cutoff = float(np.power(10.0, log_cutoff))
-        return Fit(slope * scale, float(slope_error) * scale, cutoff, cutoff * math.log(10) * float(cutoff_error),
-                   slope, float(slope_error), int(inside.sum()))
+        return Fit(
+            slope * scale,
+            float(slope_error) * scale,
+            cutoff,
+            cutoff * math.log(10) * float(cutoff_error),
+            slope,
+            float(slope_error),
+            int(inside.sum()),
+        )
 
     def __repr__(self) -> str:
         return (

@@ -40,7 +40,11 @@ def chemage_build_lattice(chemistry: Chemistry, contact: ContactSolution, seed: 
 
 @hookimpl(trylast=True)
 def chemage_run_kinetics(
-    engine: Engine, lattice: ReactionLattice, hold_times: np.ndarray, temperature: float, seed: Seed,
+    engine: Engine,
+    lattice: ReactionLattice,
+    hold_times: np.ndarray,
+    temperature: float,
+    seed: Seed,
     start: BondHistory | None,
 ) -> BondHistory:
     return engine.run(lattice, hold_times, temperature=temperature, seed=seed, start=start)
@@ -51,7 +55,9 @@ def _answer(name: str, expected: type, **arguments: Any) -> Any:
 
     result = getattr(registry.current().manager.hook, name)(**arguments)
     if not isinstance(result, expected):
-        raise PluginError(f"a plugin answered {name} with {type(result).__name__}; expected {expected.__name__} or None")
+        raise PluginError(
+            f"a plugin answered {name} with {type(result).__name__}; expected {expected.__name__} or None"
+        )
     return result
 
 
@@ -67,7 +73,9 @@ def solve_contact(
     solver: ContactSolver, surface: Surface, load: float | str, *, start: ContactSolution | None = None
 ) -> ContactSolution:
     """The contact of ``surface`` under ``load``, through the hook ``chemage_solve_contact``."""
-    return _answer("chemage_solve_contact", ContactSolution, solver=solver, surface=surface, load=force(load), start=start)
+    return _answer(
+        "chemage_solve_contact", ContactSolution, solver=solver, surface=surface, load=force(load), start=start
+    )
 
 
 def build_lattice(chemistry: Chemistry, contact: ContactSolution, seed: Seed = 0) -> ReactionLattice:
@@ -76,12 +84,25 @@ def build_lattice(chemistry: Chemistry, contact: ContactSolution, seed: Seed = 0
 
 
 def run_kinetics(
-    engine: Engine, lattice: ReactionLattice, hold_times: Sequence[float] | np.ndarray, *, temperature: float | str,
-    seed: Seed = 0, start: BondHistory | None = None,
+    engine: Engine,
+    lattice: ReactionLattice,
+    hold_times: Sequence[float] | np.ndarray,
+    *,
+    temperature: float | str,
+    seed: Seed = 0,
+    start: BondHistory | None = None,
 ) -> BondHistory:
     """One replica, through the hook ``chemage_run_kinetics``."""
-    return _answer("chemage_run_kinetics", BondHistory, engine=engine, lattice=lattice,
-                   hold_times=check_times(hold_times), temperature=temperature_value(temperature), seed=seed, start=start)
+    return _answer(
+        "chemage_run_kinetics",
+        BondHistory,
+        engine=engine,
+        lattice=lattice,
+        hold_times=check_times(hold_times),
+        temperature=temperature_value(temperature),
+        seed=seed,
+        start=start,
+    )
 
 
 def replica_seeds(seed: Seed, replica: int) -> tuple[np.random.SeedSequence, np.random.SeedSequence]:
@@ -167,8 +188,12 @@ def age(
         engine=done[0][0].engine,
         contact=contact.summary(),
         observables={name: np.stack([seen[name] for _, _, seen in done]) for name in names},
-        provenance={"chemistry": chemistry.todict(), "engine": engine.todict(), "seed": str(seed),
-                    "contact": contact.provenance},
+        provenance={
+            "chemistry": chemistry.todict(),
+            "engine": engine.todict(),
+            "seed": str(seed),
+            "contact": contact.provenance,
+        },
     )
 
 

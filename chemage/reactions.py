@@ -83,5 +83,5 @@ class Chemistry(Spec):
 
 
 def chemistry(**options: Any) -> Chemistry:
-    """A :class:`Chemistry`: ``chemage.chemistry(forming=chemage.barriers("md-silica"), activation_volume="6.4 angstrom**3")``."""
+    """A :class:`Chemistry`: ``chemage.chemistry(forming=chemage.barriers("md-silica"), ...)``."""
     return Chemistry(**options)

@@ -1,7 +1,7 @@
 """Finds plugins, loads a choice on first use, and explains what is wrong when it cannot.
 
-Nothing heavy happens here: an entry point's module is imported (light by contract), its ``chemage_register`` strings are
-kept, and the class behind a kind is imported when somebody asks for it. A broken plugin is recorded and skipped; with
+Nothing heavy happens here: an entry point's module is imported (light by contract), its ``chemage_register`` strings
+are kept, and the class behind a kind is imported when somebody asks for it. A broken plugin is recorded and skipped; with
 ``CHEMAGE_STRICT=1`` it raises. ``CHEMAGE_TRACE=1`` prints every hook call to stderr.
 """
 
@@ -51,7 +51,9 @@ class PluginRecord:
 class Registry:
     """One set of plugins. ``chemage.registry.current()`` is the one in use."""
 
-    def __init__(self, entry_points: Iterable[metadata.EntryPoint] | None = None, *, strict: bool | None = None) -> None:
+    def __init__(
+        self, entry_points: Iterable[metadata.EntryPoint] | None = None, *, strict: bool | None = None
+    ) -> None:
         self.strict = os.environ.get("CHEMAGE_STRICT", "") not in ("", "0") if strict is None else strict
         self.manager = pluggy.PluginManager("chemage")
         self.manager.add_hookspecs(hookspecs)
@@ -68,8 +70,9 @@ class Registry:
             self._load(point)
         for record in self.records:
             if record.error:
-                warnings.warn(f"plugin {record.name!r} ({record.source}) was skipped: {record.error}", PluginWarning,
-                              stacklevel=2)
+                warnings.warn(
+                    f"plugin {record.name!r} ({record.source}) was skipped: {record.error}", PluginWarning, stacklevel=2
+                )
 
     def _load(self, point: metadata.EntryPoint) -> None:
         dist = point.dist
@@ -79,7 +82,9 @@ class Registry:
             self._register(point.load(), record)
         except Exception as error:
             if self.strict:
-                raise PluginError(f"plugin {record.name!r} ({record.source}): {type(error).__name__}: {error}") from error
+                raise PluginError(
+                    f"plugin {record.name!r} ({record.source}): {type(error).__name__}: {error}"
+                ) from error
             record.error = f"{type(error).__name__}: {error}"
 
     def register(self, plugin: Any, name: str) -> PluginRecord:
@@ -129,7 +134,9 @@ class Registry:
         """A sentence for each kind claimed more than once."""
         return [
             _clash(role, kind, offers)
-            for role in _roles() for kind in self.kinds(role) if len(offers := self.offers(role, kind)) > 1
+            for role in _roles()
+            for kind in self.kinds(role)
+            if len(offers := self.offers(role, kind)) > 1
         ]
 
     def choice(self, role: str, kind: str) -> type:

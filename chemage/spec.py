@@ -1,7 +1,7 @@
 """A choice is one frozen class: its fields are its options, ``kind`` is its name, one method does the work.
 
-The abstract classes below are the roles a choice can fill. A plugin subclasses one of them, gives it a ``kind``, declares
-its options as pydantic fields (with units from :mod:`chemage.units`) and writes the one method. A new role method never
+The abstract classes below are the roles a choice can fill. A plugin subclasses one of them, gives it a ``kind``,
+declares its options as pydantic fields (with units from :mod:`chemage.units`) and writes the one method. A new role method never
 changes meaning; arguments are only ever added.
 """
 
@@ -174,15 +174,24 @@ class Engine(Spec, ABC):
 
     @abstractmethod
     def _run(
-        self, lattice: ReactionLattice, hold_times: np.ndarray, temperature: float, seed: Seed,
+        self,
+        lattice: ReactionLattice,
+        hold_times: np.ndarray,
+        temperature: float,
+        seed: Seed,
         start: BondHistory | np.ndarray | None,
     ) -> BondHistory:
         """Run on validated input: ``hold_times`` (m,) s non-decreasing ≥ 0, ``temperature`` K > 0,
         ``start`` None (nothing bonded), (n,) bool, or a history whose lattice has the same number of sites."""
 
     def run(
-        self, lattice: ReactionLattice, hold_times: Sequence[float] | np.ndarray, *, temperature: float | str,
-        seed: Seed = 0, start: BondHistory | np.ndarray | None = None,
+        self,
+        lattice: ReactionLattice,
+        hold_times: Sequence[float] | np.ndarray,
+        *,
+        temperature: float | str,
+        seed: Seed = 0,
+        start: BondHistory | np.ndarray | None = None,
     ) -> BondHistory:
         """Follow the bonds on ``lattice`` to each hold time.
 
@@ -211,16 +220,28 @@ class Engine(Spec, ABC):
         kelvin = temperature_value(temperature)
         if isinstance(start, BondHistory):
             if start.state.size != lattice.sites.size:
-                raise InputError.of("start", f"a history of {start.state.size} sites",
-                                    f"the lattice has {lattice.sites.size}", "go on with the lattice it came from")
+                raise InputError.of(
+                    "start",
+                    f"a history of {start.state.size} sites",
+                    f"the lattice has {lattice.sites.size}",
+                    "go on with the lattice it came from",
+                )
             if times[0] < start.time:
-                raise InputError.of("hold_times", float(times[0]), f"the history to go on from ends at {start.time} s",
-                                    "give later hold times")
+                raise InputError.of(
+                    "hold_times",
+                    float(times[0]),
+                    f"the history to go on from ends at {start.time} s",
+                    "give later hold times",
+                )
         elif start is not None:
             start = np.asarray(start)
             if start.shape != lattice.sites.shape or start.dtype != np.bool_:
-                raise InputError.of("start", f"{start.dtype} array of shape {start.shape}",
-                                    f"expected bool of shape {lattice.sites.shape}", "one entry a site, True = bonded")
+                raise InputError.of(
+                    "start",
+                    f"{start.dtype} array of shape {start.shape}",
+                    f"expected bool of shape {lattice.sites.shape}",
+                    "one entry a site, True = bonded",
+                )
         if not self.interacting and lattice.interacting:
             raise InputError(
                 f"engine {self.kind!r} treats sites that do not interact, but this lattice couples neighbours; "
@@ -288,11 +309,16 @@ def check_times(hold_times: Sequence[float] | np.ndarray) -> np.ndarray:
         raise InputError.of("hold_times", times.shape, "must be a list with at least one time", "give seconds")
     bad = np.flatnonzero(~np.isfinite(times) | (times < 0))
     if bad.size:
-        raise InputError.of(f"hold_times[{bad[0]}]", float(times[bad[0]]), "must be finite and not negative",
-                            "give seconds since the contact was made")
+        raise InputError.of(
+            f"hold_times[{bad[0]}]",
+            float(times[bad[0]]),
+            "must be finite and not negative",
+            "give seconds since the contact was made",
+        )
     falls = np.flatnonzero(np.diff(times) < 0)
     if falls.size:
         at = int(falls[0]) + 1
-        raise InputError.of(f"hold_times[{at}]", float(times[at]), f"comes after {float(times[at - 1])}",
-                            "sort the hold times")
+        raise InputError.of(
+            f"hold_times[{at}]", float(times[at]), f"comes after {float(times[at - 1])}", "sort the hold times"
+        )
     return times

@@ -70,10 +70,8 @@ def _parse(text: str, unit: str) -> float:
     units = registry()
     try:
         number, _, rest = text.strip().partition(" ")
-        if rest and unit == "K":  # offset units cannot be multiplied; build them
-            quantity = units.Quantity(Decimal(number), rest)
-        else:
-            quantity = units.Quantity(text)
+        # degC has an offset, so "27 degC" is built, not multiplied out
+        quantity = units.Quantity(Decimal(number), rest) if rest and unit == "K" else units.Quantity(text)
         return float(quantity.to(unit or "dimensionless").magnitude)
     except pint.DimensionalityError as error:
         raise UnitError(
