@@ -7,6 +7,7 @@ decimals, so that ``"20 uN"`` is 20000.0 nN to the last bit. pint is imported on
 from __future__ import annotations
 
 import math
+import re
 from decimal import Decimal
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any
@@ -55,6 +56,12 @@ def convert(value: object, unit: str) -> float:
         ) from error
 
 
+_QUANTITY = re.compile(
+    r"(?P<number>[+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*\*?\s*"
+    r"(?P<unit>(?:/|[^\W\d]|[°%])[\w\s*/^().°%·⁻+-]*)"
+)
+
+
 @lru_cache(maxsize=4096)
 def _parse(text: str, unit: str) -> float:
     try:
@@ -65,13 +72,20 @@ def _parse(text: str, unit: str) -> float:
         if not unit or not math.isfinite(plain):
             return plain
         raise UnitError(f'"{text}" has no unit; write "{text} {unit}", or the bare number {text} (read as {unit})')
+    # pint reads "1,5 nm" as 15 nm and "1 2 nm" as 2 nm, so the number is split off and both parts are checked here
+    match = _QUANTITY.fullmatch(text.strip().replace("\u2212", "-"))
+    if match is None:
+        raise UnitError(
+            f'"{text}" cannot be read as a quantity in {unit or "pure numbers"}; '
+            'write one number, with a decimal point, and its unit, such as "6.4 angstrom**3"'
+        )
     import pint
 
     units = registry()
+    number, rest = match["number"], match["unit"]
     try:
-        number, _, rest = text.strip().partition(" ")
         # degC has an offset, so "27 degC" is built, not multiplied out
-        quantity = units.Quantity(Decimal(number), rest) if rest and unit == "K" else units.Quantity(text)
+        quantity = units.Quantity(Decimal(number), f"1{rest}" if rest.startswith("/") else rest)
         return float(quantity.to(unit or "dimensionless").magnitude)
     except pint.DimensionalityError as error:
         raise UnitError(
