@@ -20,7 +20,11 @@ class ChemageError(Exception):
 
 
 class InputError(ChemageError, ValueError):
-    """A value the user gave is wrong."""
+    """A value the user gave is wrong. ``problems`` lists ``(field, message)`` where several fields were checked."""
+
+    def __init__(self, message: str, problems: Sequence[tuple[str, str]] = ()) -> None:
+        super().__init__(message)
+        self.problems = list(problems)
 
     @classmethod
     def of(cls, field: str, value: object, problem: str, remedy: str = "") -> InputError:
@@ -44,9 +48,11 @@ class SceneError(InputError):
 
     def __init__(self, source: str, problems: Sequence[tuple[str, str]]) -> None:
         self.source = source
-        self.problems = list(problems)
-        lines = [f"  {path}: {message}" if path else f"  {message}" for path, message in self.problems]
-        super().__init__(f"{source} is not a valid scene:\n" + "\n".join(lines))
+        lines = [f"  {path}: {message}" if path else f"  {message}" for path, message in problems]
+        super().__init__(f"{source} is not a valid scene:\n" + "\n".join(lines), problems)
+
+    def __reduce__(self) -> tuple[type[SceneError], tuple[str, list[tuple[str, str]]]]:
+        return type(self), (self.source, self.problems)
 
 
 class PluginError(ChemageError):

@@ -26,7 +26,7 @@ def _power(heights: np.ndarray) -> np.ndarray:
     from scipy import fft
 
     nx, ny = heights.shape
-    # shift and scale first: heights of 1e200 nm, or a mean of 1e6 rms heights, must not spoil the squares
+    # the mean first: one of 1e6 rms heights must not spoil the squares
     spectrum = fft.rfft2(heights - heights.mean(dtype=np.float64), workers=-1)
     power = spectrum.real**2
     power += spectrum.imag**2

@@ -15,7 +15,16 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    ValidationError,
+    model_validator,
+)
 
 from chemage import measures
 from chemage.errors import InputError
@@ -34,16 +43,21 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
     An array that is read-only already is taken as it is, without a copy: a maker that hands over its own fresh array
     calls ``array.setflags(write=False)`` first and saves the copy.
     """
+    if isinstance(array, np.ma.MaskedArray) and np.ma.is_masked(array):
+        raise ValueError(f"{np.ma.count_masked(array)} values are masked; fill or crop missing data first")
     given = np.asarray(array)
-    if dtypes:
-        if given.dtype not in [np.dtype(kind) for kind in dtypes]:
-            if given.dtype.kind not in "fiub":
-                raise ValueError(f"expected numbers, not {given.dtype}")
-            target = np.dtype(dtypes[0])
-            if target.kind in "iu" and given.dtype.kind == "f":
-                raise ValueError(f"expected whole numbers, not {given.dtype}")
-            given = given.astype(target)
-            given.setflags(write=False)
+    if dtypes and given.dtype not in [np.dtype(kind) for kind in dtypes]:
+        if given.dtype.kind not in "fiub":
+            raise ValueError(f"expected numbers, not {given.dtype}")
+        target = np.dtype(dtypes[0])
+        if target.kind in "iu" and given.dtype.kind == "f" and given.size:
+            raise ValueError(f"expected whole numbers, not {given.dtype}")
+        if target.kind == "i" and given.dtype.kind in "iu" and given.size:
+            limits = np.iinfo(target)
+            if int(given.min()) < limits.min or int(given.max()) > limits.max:
+                raise ValueError(f"values from {given.min()} to {given.max()} do not fit {target}")
+        given = given.astype(target)
+        given.setflags(write=False)
     if given.flags.writeable or not given.flags.c_contiguous:
         given = np.array(given, order="C", copy=True)
         given.setflags(write=False)
@@ -59,6 +73,7 @@ Doubles = _array(np.float64)
 Indices = _array(np.int64)
 Shorts = _array(np.int32)
 Flags = _array(np.bool_)
+Named = Annotated[dict[str, np.ndarray], AfterValidator(lambda value: {n: frozen(a) for n, a in value.items()})]
 
 
 class Record(BaseModel):
@@ -99,9 +114,11 @@ class Record(BaseModel):
                 digest.update(f"{value.dtype.str}{value.shape}".encode())
                 digest.update(np.ascontiguousarray(value).data)
             elif isinstance(value, Mapping):
+                digest.update(b"{")
                 for name in sorted(value):
-                    digest.update(name.encode() + b"=")
+                    digest.update(json.dumps(name).encode() + b":")
                     feed(value[name])
+                digest.update(b"}")
             else:
                 digest.update(json.dumps(value, default=str, sort_keys=True).encode())
 
@@ -111,6 +128,16 @@ class Record(BaseModel):
     def digest(self) -> str:
         """Content hash over every field, arrays included."""
         return self._digest
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # built anew, so that the arrays of the copy are read-only as well (pickle drops that flag)
+        return _rebuilt, (type(self), self.todict())
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any] | None = None) -> Self:
+        return self
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and other.digest() == self.digest()  # pyright: ignore[reportAttributeAccessIssue]
@@ -122,6 +149,10 @@ class Record(BaseModel):
         return f"<{type(self).__name__} {self.digest()[:8]}>"
 
     __str__ = __repr__
+
+
+def _rebuilt(cls: type[Record], fields: dict[str, Any]) -> Record:
+    return cls(**fields)
 
 
 def _require_finite(name: str, values: np.ndarray, remedy: str) -> None:
@@ -358,11 +389,11 @@ class ReactionLattice(Record):
     """
 
     arrays = {
-        "sites": (("site",), "", "flat pixel index"),
-        "forming": (("site",), "eV", "barrier to forming a bond with no neighbour bonded"),
-        "breaking": (("site",), "eV", "barrier to breaking the bond"),
-        "neighbours": (("site", "slot"), "", "position of the neighbour in the list of sites, -1 = none"),
-        "coupling": (("site", "slot"), "eV", "what a bonded neighbour adds to the forming barrier"),
+        "sites": (("sites",), "", "flat pixel index"),
+        "forming": (("sites",), "eV", "barrier to forming a bond with no neighbour bonded"),
+        "breaking": (("sites",), "eV", "barrier to breaking the bond"),
+        "neighbours": (("sites", "slot"), "", "position of the neighbour in the list of sites, -1 = none"),
+        "coupling": (("sites", "slot"), "eV", "what a bonded neighbour adds to the forming barrier"),
     }
 
     pixels: tuple[int, int]
@@ -469,11 +500,11 @@ class BondHistory(Record):
     """Bonds at each hold time of one run; a run can go on from it."""
 
     arrays = {
-        "hold_times": (("hold_time",), "s", "time since the contact was made"),
-        "bonds": (("hold_time",), "", "number of bonds"),
-        "formed": (("hold_time",), "", "bonds formed so far"),
-        "broken": (("hold_time",), "", "bonds broken so far"),
-        "state": (("site",), "", "whether each site is bonded at the end"),
+        "hold_times": (("hold_times",), "s", "time since the contact was made"),
+        "bonds": (("hold_times",), "", "number of bonds"),
+        "formed": (("hold_times",), "", "bonds formed so far"),
+        "broken": (("hold_times",), "", "bonds broken so far"),
+        "state": (("sites",), "", "whether each site is bonded at the end"),
     }
 
     hold_times: Doubles
@@ -494,7 +525,7 @@ class BondHistory(Record):
     """kind of the engine"""
     lattice_hash: str = ""
     """content hash of the lattice"""
-    resume: dict[str, np.ndarray] = {}
+    resume: Named = {}
     """what the engine needs to go on bit for bit; private to it"""
 
     @model_validator(mode="after")
@@ -535,8 +566,8 @@ class Aging(Record):
     """Bonds of several replicas against hold time, and the static friction rise they make."""
 
     arrays = {
-        "hold_times": (("hold_time",), "s", "time since the contact was made"),
-        "bonds": (("replica", "hold_time"), "", "number of bonds"),
+        "hold_times": (("hold_times",), "s", "time since the contact was made"),
+        "bonds": (("replica", "hold_times"), "", "number of bonds"),
         "sites": (("replica",), "", "number of reactive sites"),
         "events": (("replica",), "", "bonds formed and broken"),
     }
@@ -560,7 +591,7 @@ class Aging(Record):
     engine: str = ""
     contact: dict[str, float] = {}
     """the contact's measures, see :meth:`ContactSolution.summary`"""
-    observables: dict[str, np.ndarray] = {}
+    observables: Named = {}
     """name -> (replicas, ...)"""
     provenance: dict[str, Any] = {}
 

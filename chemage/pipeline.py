@@ -16,7 +16,17 @@ from chemage.errors import InputError, PluginError
 from chemage.hookspecs import hookimpl
 from chemage.objects import Aging, BondHistory, ContactSolution, ReactionLattice, Surface
 from chemage.reactions import Chemistry
-from chemage.spec import ContactSolver, Engine, Observable, Seed, SurfaceMaker, check_times, force, temperature_value
+from chemage.spec import (
+    ContactSolver,
+    Engine,
+    Observable,
+    Seed,
+    SurfaceMaker,
+    check_times,
+    checked_seed,
+    force,
+    temperature_value,
+)
 
 # -- chemage's own answers, asked last ------------------------------------------------------------------------------
 
@@ -117,13 +127,6 @@ def replica_seeds(seed: Seed, replica: int) -> tuple[np.random.SeedSequence, np.
     )
 
 
-def checked_seed(seed: Any) -> int:
-    """``seed`` as a non-negative int."""
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError.of("seed", seed, "must be a whole number, 0 or larger")
-    return int(seed)
-
-
 def age(
     contact: ContactSolution,
     chemistry: Chemistry,
@@ -159,7 +162,7 @@ def age(
         Called with (replicas done, replicas in all).
     """
     times, kelvin = check_times(hold_times), temperature_value(temperature)
-    if isinstance(replicas, bool) or not isinstance(replicas, int) or replicas < 1:
+    if isinstance(replicas, bool) or not isinstance(replicas, int | np.integer) or replicas < 1:
         raise InputError.of("replicas", replicas, "must be a whole number of at least 1")
     if not isinstance(seed, np.random.SeedSequence):
         checked_seed(seed)
@@ -175,7 +178,7 @@ def age(
     # an engine with threads of its own takes the processors itself
     side_by_side = 1 if engine.threads else min(replicas, workers or os.cpu_count() or 1)
     done = list(_in_order(replica, replicas, side_by_side, progress))
-    names = list(done[0][2])
+    observables = _stacked([seen for _, _, seen in done])
     return Aging(
         hold_times=times,
         bonds=np.stack([history.bonds for history, _, _ in done]),
@@ -187,7 +190,7 @@ def age(
         front_factor=chemistry.front_factor,
         engine=done[0][0].engine,
         contact=contact.summary(),
-        observables={name: np.stack([seen[name] for _, _, seen in done]) for name in names},
+        observables=observables,
         provenance={
             "chemistry": chemistry.todict(),
             "engine": engine.todict(),
@@ -237,3 +240,14 @@ def _observations(
                 raise PluginError(f"two observables give {name!r}; rename one")
             seen[name] = np.asarray(value)
     return seen
+
+
+def _stacked(replicas: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    first = {name: value.shape for name, value in replicas[0].items()}
+    for number, seen in enumerate(replicas):
+        if (shapes := {name: value.shape for name, value in seen.items()}) != first:
+            raise PluginError(
+                f"observables differ between replicas: {first} in replica 0, {shapes} in replica {number}; "
+                "give the same names and shapes for every replica"
+            )
+    return {name: np.stack([seen[name] for seen in replicas]) for name in first}

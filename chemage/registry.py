@@ -1,8 +1,8 @@
 """Finds plugins, loads a choice on first use, and explains what is wrong when it cannot.
 
 Nothing heavy happens here: an entry point's module is imported (light by contract), its ``chemage_register`` strings
-are kept, and the class behind a kind is imported when somebody asks for it. A broken plugin is recorded and skipped; with
-``CHEMAGE_STRICT=1`` it raises. ``CHEMAGE_TRACE=1`` prints every hook call to stderr.
+are kept, and the class behind a kind is imported when somebody asks for it. A broken plugin is recorded and skipped;
+with ``CHEMAGE_STRICT=1`` it raises. ``CHEMAGE_TRACE=1`` prints every hook call to stderr.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+import threading
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -80,7 +81,7 @@ class Registry:
         self.records.append(record)
         try:
             self._register(point.load(), record)
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # a plugin that exits when imported must not end the program
             if self.strict:
                 raise PluginError(
                     f"plugin {record.name!r} ({record.source}): {type(error).__name__}: {error}"
@@ -102,23 +103,21 @@ class Registry:
         if api != hookspecs.API_VERSION:
             raise PluginError(f"made for plugin interface {api}, this chemage has {hookspecs.API_VERSION}")
         name = f"{record.name} ({record.source})"
-        self.manager.register(plugin, name)
+        if self.manager.has_plugin(name) or self.manager.is_registered(plugin):
+            raise PluginError(f"{record.module} is registered twice")
+        _check_hook_names(plugin)
         try:
-            self._check_hook_names(plugin)
+            self.manager.register(plugin, name)
             offer = getattr(plugin, "chemage_register", None)
             record.kinds = _checked_kinds(offer() if offer is not None else {})
             scenes = getattr(plugin, "chemage_scenes", None)
             record.scenes = {str(key): str(value) for key, value in (scenes() if scenes is not None else {}).items()}
-        except Exception:
-            self.manager.unregister(plugin)
+        except (Exception, SystemExit):
+            # older pluggy keeps the hooks that come before the one at fault
+            if self.manager.is_registered(plugin):
+                self.manager.unregister(plugin)
             record.kinds, record.scenes = {}, {}
             raise
-
-    def _check_hook_names(self, plugin: Any) -> None:
-        known = [name for name in dir(hookspecs) if name.startswith("chemage_")]
-        for name in dir(plugin):
-            if name.startswith("chemage_") and callable(getattr(plugin, name)) and name not in known:
-                raise PluginError(f"implements {name}, which is not a hook; the hooks are {', '.join(known)}")
 
     # -- choices ------------------------------------------------------------------------------------------------------
 
@@ -173,8 +172,15 @@ class Registry:
         return self.choice(role, kind)(**options)
 
     def scenes(self) -> dict[str, str]:
-        """Installed scenes: name -> ``"package:file"``; a name two plugins ship is refused when used."""
+        """Installed scenes: name -> ``"package:file"``."""
         return {name: target for record in self.records for name, target in record.scenes.items()}
+
+    def scene_target(self, name: str) -> str:
+        """Where the scene ``name`` is; two plugins that ship one name are an error."""
+        holders = [record for record in self.records if name in record.scenes]
+        if len(holders) > 1:
+            raise PluginError(_clash("scene", name, holders))
+        return holders[0].scenes[name]
 
     def check(self) -> list[str]:
         """Everything that is wrong, a sentence each: broken plugins, clashes, targets that cannot be imported."""
@@ -199,6 +205,25 @@ def _roles() -> list[str]:
     from chemage.spec import ROLES
 
     return list(ROLES)
+
+
+def _check_hook_names(plugin: Any) -> None:
+    """Refuse what pluggy would silently ignore: a misspelled hook, and a hook without ``@chemage.hookimpl``."""
+    from chemage.spec import nearest
+
+    known = [name for name in dir(hookspecs) if name.startswith("chemage_")]
+    for name in dir(plugin):
+        function = getattr(plugin, name)
+        marked = getattr(function, "chemage_impl", None)
+        if not callable(function) or (marked is None and not name.startswith("chemage_")):
+            continue
+        hook = (marked or {}).get("specname") or name
+        if hook not in known:
+            raise PluginError(
+                f"implements {hook}, which is not a hook{nearest(hook, known)}; the hooks are {', '.join(known)}"
+            )
+        if marked is None:
+            raise PluginError(f"{name} is not marked as a hook; write @chemage.hookimpl above it")
 
 
 def _clash(role: str, kind: str, offers: list[PluginRecord]) -> str:
@@ -256,13 +281,16 @@ def _trace_after(outcome: Any, hook_name: str, methods: Any, kwargs: Mapping[str
 
 
 _current: Registry | None = None
+_discovery = threading.Lock()
 
 
 def current() -> Registry:
     """The registry in use; plugins are discovered on the first call."""
     global _current
     if _current is None:
-        _current = Registry()
+        with _discovery:
+            if _current is None:
+                _current = Registry()
     return _current
 
 
@@ -310,4 +338,6 @@ def observable(kind: str, **options: Any) -> Any:
 def fromdict(role: str, fields: Mapping[str, Any]) -> Any:
     """A choice from its ``todict()``."""
     options = dict(fields)
+    if "kind" not in options:
+        raise InputError(f"{role}: kind is required; installed: {', '.join(current().kinds(role)) or 'none'}")
     return current().make(role, options.pop("kind"), options)

@@ -1,8 +1,8 @@
 """A choice is one frozen class: its fields are its options, ``kind`` is its name, one method does the work.
 
 The abstract classes below are the roles a choice can fill. A plugin subclasses one of them, gives it a ``kind``,
-declares its options as pydantic fields (with units from :mod:`chemage.units`) and writes the one method. A new role method never
-changes meaning; arguments are only ever added.
+declares its options as pydantic fields (with units from :mod:`chemage.units`) and writes the one method. A method
+never changes meaning; arguments are only ever added.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, SerializerFunctionWrapHandler, ValidationError, model_serializer
 
 from chemage.errors import InputError
 
@@ -67,17 +67,32 @@ class Spec(BaseModel):
             super().__init__(**options)
         except ValidationError as error:
             known = list(type(self).model_fields)
-            lines = []
+            problems = []
             for path, message in explain(error):
                 if message == "no such option":
                     message = f"no such option{nearest(path, known)}; the options are {', '.join(known) or 'none'}"
-                lines.append(f"{path}: {message}" if path else message)
+                problems.append((path, message))
             name = f"{self.role} {self.kind!r}" if self.kind else type(self).__name__
-            raise InputError(f"{name}: " + "; ".join(lines)) from None
+            lines = [f"{path}: {message}" if path else message for path, message in problems]
+            raise InputError(f"{name}: " + "; ".join(lines), problems) from None
+
+    @model_serializer(mode="wrap")
+    def _with_kind(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # a choice inside a choice must keep its kind too: without it two chemistries would have one digest
+        return {"kind": self.kind, **handler(self)} if self.kind else handler(self)
 
     def todict(self) -> dict[str, Any]:
-        """``{"kind": ..., option: value}``; :func:`chemage.fromdict` reads it back."""
-        return {"kind": self.kind, **self.model_dump(mode="json")}
+        """``{"kind": ..., option: value}`` of plain JSON values; :meth:`fromdict` reads it back."""
+        return self.model_dump(mode="json")
+
+    @classmethod
+    def fromdict(cls, fields: Mapping[str, Any]) -> Self:
+        """The inverse of :meth:`todict`; :func:`chemage.fromdict` finds the class by its kind as well."""
+        options = dict(fields)
+        kind = options.pop("kind", cls.kind)
+        if kind != cls.kind:
+            raise InputError.of("kind", kind, f"these are not the options of {cls.role or cls.__name__} {cls.kind!r}")
+        return cls(**options)
 
     def digest(self) -> str:
         """Content hash of kind and options, the same in every process."""
@@ -218,6 +233,8 @@ class Engine(Spec, ABC):
 
         times = check_times(hold_times)
         kelvin = temperature_value(temperature)
+        if not isinstance(seed, np.random.SeedSequence):
+            seed = checked_seed(seed)
         if isinstance(start, BondHistory):
             if start.state.size != lattice.sites.size:
                 raise InputError.of(
@@ -297,6 +314,13 @@ def temperature_value(temperature: float | str) -> float:
     if not np.isfinite(value) or value <= 0:
         raise InputError.of("temperature", temperature, "must be finite and above zero", "give kelvin, such as 300 K")
     return value
+
+
+def checked_seed(seed: Any) -> int:
+    """``seed`` as a non-negative int."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError.of("seed", seed, "must be a whole number, 0 or larger")
+    return int(seed)
 
 
 def check_times(hold_times: Sequence[float] | np.ndarray) -> np.ndarray:
