@@ -1,0 +1,195 @@
+"""Elastic substrates: the Green's function that turns pressure into displacement, apart from any solver.
+
+A substrate knows its grid and returns a ``symbol``, the factor between the transforms of pressure and displacement for unit contact modulus,
+in nm: u(q) = symbol(q)·p(q)/E*. To add one (another boundary, another material) write a class with these members; the iteration
+never asks what it is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft as sfft
+
+Array = NDArray[Any]
+Floats = NDArray[np.float64]
+
+
+class Substrate(Protocol):
+    """What the solver needs to know of an elastic body."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Pixels (nx, ny)."""
+        ...
+
+    @property
+    def pixel(self) -> tuple[float, float]:
+        """Edge lengths of a pixel in nm."""
+        ...
+
+    @property
+    def padded(self) -> tuple[int, int]:
+        """Grid of the convolution: ``shape`` if periodic, at least twice that for an isolated contact."""
+        ...
+
+    @property
+    def periodic(self) -> bool:
+        """Whether opposite edges of the grid are neighbours."""
+        ...
+
+    def symbol(self) -> Floats:
+        """(px, py//2+1) values ≥ 0, or (px//2+1, py//2+1) if even in the first wave number."""
+        ...
+
+    def inverse(self) -> Floats:
+        """(nx, ny//2+1) or (nx//2+1, ny//2+1) values > 0: approximately 1/symbol on the unpadded grid, for preconditioning."""
+        ...
+
+    def regrid(self, shape: tuple[int, int]) -> Self:
+        """The same body on another grid of the same extent."""
+        ...
+
+
+def wave_numbers(shape: tuple[int, int], pixel: tuple[float, float]) -> Floats:
+    """|q| in 1/nm on the quarter (nx//2+1, ny//2+1) of the spectrum that symmetry leaves."""
+    qx = 2.0 * math.pi / (shape[0] * pixel[0]) * np.arange(shape[0] // 2 + 1)
+    qy = 2.0 * math.pi / (shape[1] * pixel[1]) * np.arange(shape[1] // 2 + 1)
+    return np.hypot(qx[:, None], qy)
+
+
+def _regularised(q: Floats) -> Floats:
+    """|q| with half of its smallest other value in place of zero (1 on a grid of one pixel)."""
+    q = q.copy()
+    others = q.ravel()[1:]
+    q[0, 0] = 0.5 * float(others.min()) if others.size else 1.0
+    return q
+
+
+@dataclass(frozen=True)
+class PeriodicHalfSpace:
+    """Elastic half-space under a periodic pressure: symbol 2/|q|, zero at q = 0 (the mean plane is the reference)."""
+
+    shape: tuple[int, int]
+    pixel: tuple[float, float]
+    periodic = True
+
+    @property
+    def padded(self) -> tuple[int, int]:
+        return self.shape
+
+    def symbol(self) -> Floats:
+        values = 2.0 / _regularised(wave_numbers(self.shape, self.pixel))
+        values[0, 0] = 0.0
+        return values
+
+    def inverse(self) -> Floats:
+        return 0.5 * _regularised(wave_numbers(self.shape, self.pixel))
+
+    def regrid(self, shape: tuple[int, int]) -> Self:
+        return replace(self, shape=shape, pixel=_rescaled(self.shape, self.pixel, shape))
+
+
+@dataclass(frozen=True)
+class PeriodicLayer:
+    """Elastic layer of ``thickness`` nm bonded to a rigid base, periodic pressure on its face.
+
+    symbol = 2/|q| · [(3-4ν) sinh 2qt - 2qt] / [5 + 2(qt)² - 4ν(3-2ν) + (3-4ν) cosh 2qt] with t the thickness (G. Carbone, L. Mangialardi,
+    J. Mech. Phys. Solids 56, 684 (2008)); at q = 0 the confined compression t(1-2ν)/(1-ν)².
+    """
+
+    shape: tuple[int, int]
+    pixel: tuple[float, float]
+    thickness: float
+    poisson: float = 0.25
+    periodic = True
+
+    @property
+    def padded(self) -> tuple[int, int]:
+        return self.shape
+
+    def symbol(self) -> Floats:
+        nu = self.poisson
+        q = wave_numbers(self.shape, self.pixel)
+        q[0, 0] = 1.0
+        x = 2.0 * q * self.thickness
+        # Numerator and denominator divided by cosh(x), so that thick layers do not overflow; below x = 1e-3 the series, against cancellation.
+        sech = 2.0 * np.exp(-x) / (1.0 + np.exp(-2.0 * x))
+        constant = 5.0 - 4.0 * nu * (3.0 - 2.0 * nu)
+        factor = ((3.0 - 4.0 * nu) * np.tanh(x) - x * sech) / ((constant + 0.5 * x * x) * sech + (3.0 - 4.0 * nu))
+        small = x < 1e-3
+        xs = x[small]
+        factor[small] = ((2.0 - 4.0 * nu) * xs + (3.0 - 4.0 * nu) * xs**3 / 6.0) / (8.0 * (1.0 - nu) ** 2 + (2.0 - 2.0 * nu) * xs**2)
+        values = 2.0 / q * factor
+        values[0, 0] = self.thickness * (1.0 - 2.0 * nu) / (1.0 - nu) ** 2
+        return values
+
+    def inverse(self) -> Floats:
+        values = self.symbol()
+        # An incompressible layer cannot be compressed uniformly.
+        return 1.0 / np.maximum(values, 1e-6 * float(values.max()))
+
+    def regrid(self, shape: tuple[int, int]) -> Self:
+        return replace(self, shape=shape, pixel=_rescaled(self.shape, self.pixel, shape))
+
+
+@dataclass(frozen=True)
+class FreeHalfSpace:
+    """Elastic half-space loaded nowhere else: displacements relative to infinity.
+
+    Convolution with the exact displacement of a uniformly loaded rectangle (A. E. H. Love, Phil. Trans. R. Soc. A 228, 377 (1929);
+    K. L. Johnson, Contact Mechanics, Eq. 3.25), zero-padded so that images do not interact (R. W. Hockney, Methods Comput. Phys. 9, 135
+    (1970)).
+    """
+
+    shape: tuple[int, int]
+    pixel: tuple[float, float]
+    periodic = False
+
+    @property
+    def padded(self) -> tuple[int, int]:
+        nx, ny = (2 * n - 1 for n in self.shape)
+        return sfft.next_fast_len(nx, real=False), sfft.next_fast_len(ny, real=True)
+
+    def symbol(self) -> Floats:
+        px, py = self.padded
+        x = np.arange(px, dtype=np.float64)
+        y = np.arange(py, dtype=np.float64)
+        kernel = _love(np.minimum(x, px - x)[: px // 2 + 1], np.minimum(y, py - y)[: py // 2 + 1], self.pixel)
+        # Even in both directions: two cosine transforms of a quarter, written as transforms of the mirrored quarter.
+        half = sfft.rfft(_mirror(kernel, py, 1), axis=1, overwrite_x=True).real
+        full = sfft.rfft(_mirror(half, px, 0), axis=0, overwrite_x=True).real
+        # The truncated kernel is positive definite on the pixels that count; rounding must not say otherwise.
+        return np.maximum(full, 0.0)
+
+    def inverse(self) -> Floats:
+        return 0.5 * _regularised(wave_numbers(self.shape, self.pixel))
+
+    def regrid(self, shape: tuple[int, int]) -> Self:
+        return replace(self, shape=shape, pixel=_rescaled(self.shape, self.pixel, shape))
+
+
+def _rescaled(shape: tuple[int, int], pixel: tuple[float, float], new: tuple[int, int]) -> tuple[float, float]:
+    return pixel[0] * shape[0] / new[0], pixel[1] * shape[1] / new[1]
+
+
+def _mirror(quarter: Floats, n: int, axis: int) -> Floats:
+    rest = np.flip(np.take(quarter, np.arange(1, (n + 1) // 2), axis=axis), axis=axis)
+    return np.concatenate([quarter, rest], axis=axis)
+
+
+def _love(x: Floats, y: Floats, pixel: tuple[float, float]) -> Floats:
+    """Displacement (times E*, per unit pressure, nm) at pixel distances x, y from the centre of a loaded pixel."""
+    ax, ay = pixel
+
+    def corner(sx: float, sy: float) -> Floats:
+        # Antiderivative of 1/r: x asinh(y/|x|) + y asinh(x/|y|); pixel corners are at half-integers, so neither is ever zero.
+        xs = ((x + sx) * ax)[:, None]
+        ys = ((y + sy) * ay)[None, :]
+        return xs * np.arcsinh(ys / np.abs(xs)) + ys * np.arcsinh(xs / np.abs(ys))
+
+    return (corner(0.5, 0.5) - corner(0.5, -0.5) - corner(-0.5, 0.5) + corner(-0.5, -0.5)) / math.pi

@@ -1,0 +1,98 @@
+"""Two-dimensional real Fourier transforms with a choice of library.
+
+``scipy`` (pocketfft, BSD licence) is always there. ``ducc0`` (GPL v2+), ``pyfftw`` (BSD wrapper around FFTW, which is GPL v2+) and
+``mkl_fft`` (BSD wrapper around Intel's proprietary MKL) are used if the user has installed them and asks for them by name.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft as sfft
+
+LIBRARIES = ("scipy", "ducc0", "pyfftw", "mkl_fft")
+
+Array = NDArray[Any]
+
+
+class Transforms:
+    """Forward and backward transforms between real (nx, ny) and half spectra (px, py//2+1), zero-padded to ``padded`` = (px, py).
+
+    Counts the transforms it makes in ``count``. Raises ``ImportError`` when the library asked for is not installed.
+    """
+
+    def __init__(self, shape: tuple[int, int], padded: tuple[int, int], library: str, workers: int) -> None:
+        self.shape, self.padded, self.library, self.workers = shape, padded, library, workers
+        self.count = 0
+        if library not in LIBRARIES:
+            raise ValueError(f"no Fourier transform library {library!r}: choose one of {', '.join(LIBRARIES)}")
+        self._forward, self._backward = _pair(library)
+
+    def forward(self, x: Array) -> Array:
+        """Half spectrum of x, which is left alone."""
+        self.count += 1
+        return self._forward(x, self.padded, self.workers)
+
+    def backward(self, spectrum: Array) -> Array:
+        """The real array of a half spectrum, cropped to ``shape``; the spectrum is destroyed."""
+        self.count += 1
+        return self._backward(spectrum, self.shape, self.padded, self.workers)
+
+
+def _scipy_forward(x: Array, padded: tuple[int, int], workers: int) -> Array:
+    # Axis by axis: rows that are only padding are never transformed, and the second pass is in place.
+    rows = sfft.rfft(x, n=padded[1], axis=1, workers=workers)
+    return np.asarray(sfft.fft(rows, n=padded[0], axis=0, overwrite_x=True, workers=workers))
+
+
+def _scipy_backward(s: Array, shape: tuple[int, int], padded: tuple[int, int], workers: int) -> Array:
+    columns = np.asarray(sfft.ifft(s, axis=0, overwrite_x=True, workers=workers))[: shape[0]]
+    x = np.asarray(sfft.irfft(columns, n=padded[1], axis=1, overwrite_x=True, workers=workers))
+    return np.ascontiguousarray(x[:, : shape[1]])
+
+
+def _pad(x: Array, padded: tuple[int, int]) -> Array:
+    if x.shape == padded:
+        return x
+    full = np.zeros(padded, dtype=x.dtype)
+    full[: x.shape[0], : x.shape[1]] = x
+    return full
+
+
+def _pair(library: str) -> tuple[Callable[..., Array], Callable[..., Array]]:
+    if library == "scipy":
+        return _scipy_forward, _scipy_backward
+    try:
+        if library == "ducc0":
+            ducc = importlib.import_module("ducc0.fft")
+
+            def forward(x: Array, padded: tuple[int, int], workers: int) -> Array:
+                return ducc.r2c(_pad(x, padded), axes=(0, 1), nthreads=workers)
+
+            def backward(s: Array, shape: tuple[int, int], padded: tuple[int, int], workers: int) -> Array:
+                x = ducc.c2r(s, axes=(0, 1), lastsize=padded[1], forward=False, inorm=2, nthreads=workers)
+                return np.ascontiguousarray(x[: shape[0], : shape[1]])
+
+            return forward, backward
+        name = "pyfftw.interfaces.scipy_fft" if library == "pyfftw" else "mkl_fft.interfaces.scipy_fft"
+        module = importlib.import_module(name)
+        if library == "pyfftw":
+            importlib.import_module("pyfftw.interfaces.cache").enable()
+    except ImportError as error:
+        raise ImportError(
+            f"the Fourier transform library {library!r} is not installed: pip install {library.replace('_', '-')}, "
+            "or choose fft = 'scipy', which always works"
+        ) from error
+
+    def forward2(x: Array, padded: tuple[int, int], workers: int) -> Array:
+        return np.ascontiguousarray(module.rfft2(_pad(x, padded), workers=workers))
+
+    def backward2(s: Array, shape: tuple[int, int], padded: tuple[int, int], workers: int) -> Array:
+        x = module.irfft2(s, s=padded, workers=workers)
+        return np.ascontiguousarray(x[: shape[0], : shape[1]])
+
+    return forward2, backward2
