@@ -114,6 +114,11 @@ class SurfaceMaker(Spec, ABC):
     def make(self, seed: Seed = 0) -> Surface:
         """The surface. The same seed gives the same bytes; a deterministic maker ignores it."""
 
+    def expected(self) -> dict[str, float]:
+        """What is known before anything is computed, as far as it is: ``nx``, ``ny`` (pixels), ``pixel_size`` (nm),
+        ``rms_slope``, ``shortest_wavelength`` (nm). Used by ``chemage check``."""
+        return {}
+
 
 class ContactSolver(Spec, ABC):
     """Role ``contact``: presses a surface against an elastic half-space."""
@@ -125,6 +130,11 @@ class ContactSolver(Spec, ABC):
     @abstractmethod
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
         """Solve for ``load`` in nN (finite, ≥ 0). ``start`` is a neighbouring solution to begin from, or None."""
+
+    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
+        """What a solve will give and cost, estimated from :meth:`SurfaceMaker.expected`, as far as it can be told:
+        ``area_fraction``, ``cpu_seconds``, ``bytes`` (peak memory). Used by ``chemage check``."""
+        return {}
 
     def solve(self, surface: Surface, load: float | str, *, start: ContactSolution | None = None) -> ContactSolution:
         """The contact of ``surface`` under ``load`` (nN, or a string with its unit).
@@ -186,6 +196,10 @@ class Engine(Spec, ABC):
     restart: ClassVar[bool] = True
     #: samples the master equation without approximation
     exact: ClassVar[bool] = True
+
+    def expected(self, sites: float, interacting: bool) -> dict[str, float]:
+        """What a replica will cost at room temperature, as far as it can be told: ``cpu_seconds``, ``bytes``."""
+        return {}
 
     @abstractmethod
     def _run(

@@ -1,0 +1,471 @@
+"""The command line. Commands import what they need when they run, so that ``chemage --help`` is instant.
+
+Exit status: 0 done, 1 a check found problems, 2 the user's input is wrong, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from chemage.runs import Progress, Run
+
+app = typer.Typer(
+    name="chemage",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    rich_markup_mode=None,
+    help="Chemical ageing of frictional contacts: from a rough surface or a tip to the static friction rise.",
+)
+plugins_app = typer.Typer(no_args_is_help=True, help="What is installed, where it comes from, and whether it works.")
+app.add_typer(plugins_app, name="plugins")
+
+SceneArg = Annotated[str, typer.Argument(help="a scene file (.toml), or the name of an installed scene")]
+FileArg = Annotated[Path, typer.Argument(help="a result file (.h5)")]
+JsonOpt = Annotated[bool, typer.Option("--json", help="print one JSON object instead of a table")]
+ForceOpt = Annotated[bool, typer.Option("--force", help="overwrite what is already there")]
+SetOpt = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="PATH=VALUE", help="change a field, e.g. --set surface.rms_slope=0.2; repeatable"),
+]
+
+
+# -- run --------------------------------------------------------------------------------------------------------------
+
+
+@app.command()
+def run(
+    scene: SceneArg,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="result file; default SCENE.h5 here")] = None,
+    changes: SetOpt = None,
+    replicas: Annotated[int | None, typer.Option(help="short for --set hold.replicas=N")] = None,
+    seed: Annotated[int | None, typer.Option(help="of disorder and kinetics; short for --set hold.seed=N")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="threads for replicas; default one a processor")] = None,
+    figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
+    as_json: JsonOpt = False,
+    force: ForceOpt = False,
+) -> None:
+    """Carry a scene from surface to friction; write one result file and its figures."""
+    from chemage import runs, store
+    from chemage.scene import load_scene
+
+    one = load_scene(scene, _changes(changes, replicas, seed))
+    path = out or Path(f"{one.name}.h5")
+    folder = path.with_name(f"{path.stem}-figures")
+    store.preflight(path, force=force)
+    if figures and folder.exists() and not force and any(folder.iterdir()):
+        raise _user_error(f"{folder} is already there; choose another --out, or overwrite with --force")
+    with progress_bars() as tell:
+        result = runs.run(one, progress=tell, workers=workers)
+        tell("writing", 0, 0)
+        store.write(path, result, force=force)
+        pictures = _draw(result, folder, force=True) if figures else []
+        tell("writing", 1, 1)
+    if as_json:
+        print(json.dumps({**result.summary(), "file": str(path), "figures": [str(p) for p in pictures]}))
+        return
+    _print_run(result)
+    print(f"\nresult   {path}")
+    for picture in pictures:
+        print(f"figure   {picture}")
+
+
+def _draw(result: Run, folder: Path, force: bool) -> list[Path]:
+    from chemage import plots
+
+    return plots.save(result, folder, force=force)
+
+
+def _changes(texts: list[str] | None, replicas: int | None = None, seed: int | None = None) -> dict[str, Any]:
+    import tomllib
+
+    changes: dict[str, Any] = {}
+    for text in texts or []:
+        path, equals, value = text.partition("=")
+        if not equals or not path.strip():
+            raise _user_error(f"--set {text}: write it as PATH=VALUE, such as surface.rms_slope=0.2")
+        try:
+            changes[path.strip()] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            changes[path.strip()] = value.strip()
+    if replicas is not None:
+        changes["hold.replicas"] = replicas
+    if seed is not None:
+        changes["hold.seed"] = seed
+    return changes
+
+
+# -- check, show, plot ------------------------------------------------------------------------------------------------
+
+
+@app.command()
+def check(scene: SceneArg, changes: SetOpt = None, as_json: JsonOpt = False) -> None:
+    """Validate a scene and say what it needs and what it will cost; nothing is computed."""
+    from chemage.plan import plan
+    from chemage.scene import load_scene
+
+    made = plan(load_scene(scene, _changes(changes)))
+    if as_json:
+        print(json.dumps(made.todict()))
+        return
+    table = _table(f"{scene} is valid")
+    for name, text in made.rows():
+        table.add_row(name, text)
+    _show(table)
+    for note in made.notes:
+        print(f"note: {note}")
+
+
+@app.command()
+def show(file: FileArg, as_json: JsonOpt = False) -> None:
+    """Print what is in a result file."""
+    from chemage import store
+    from chemage.runs import Run, jsonable
+
+    thing = store.read(file)
+    if isinstance(thing, Run):
+        if as_json:
+            print(json.dumps(thing.summary()))
+        else:
+            _print_run(thing)
+        return
+    fields = {
+        name: f"array {value.shape} {value.dtype}" if hasattr(value, "shape") else value
+        for name, value in thing.todict().items()
+    }
+    if as_json:
+        print(json.dumps({"object": type(thing).__name__, **jsonable(fields)}, default=str))
+        return
+    table = _table(f"{type(thing).__name__} in {file}")
+    for name, value in fields.items():
+        table.add_row(name, str(value))
+    _show(table)
+
+
+@app.command()
+def plot(
+    file: FileArg,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="folder; default FILE-figures")] = None,
+    fmt: Annotated[str, typer.Option("--format", help="png, pdf or svg")] = "png",
+    force: ForceOpt = False,
+) -> None:
+    """Draw the figures of a result file."""
+    from chemage import plots, store
+    from chemage.runs import Run
+
+    if fmt not in ("png", "pdf", "svg"):
+        raise _user_error(f"--format {fmt}: choose png, pdf or svg")
+    thing = store.read(file)
+    if not isinstance(thing, Run):
+        raise _user_error(f"{file} holds one {type(thing).__name__}, not a run; `chemage run` makes files to plot")
+    with progress_bars() as tell:
+        tell("drawing", 0, 0)
+        pictures = plots.save(thing, out or file.with_name(f"{file.stem}-figures"), force=force, suffix=fmt)
+        tell("drawing", 1, 1)
+    for picture in pictures:
+        print(picture)
+
+
+def _print_run(result: Run) -> None:
+    contact, aging, fit = result.contact, result.aging, result.fit()
+    table = _table(result.scene.get("title") or result.name)
+    rows: list[tuple[str, str]] = [
+        (
+            "surface",
+            f"{result.scene['surface']['kind']}, {contact.shape[0]} x {contact.shape[1]} pixels of {contact.pixel_size:g} "
+            + f"nm, rms slope {contact.rms_slope:.4g}",
+        ),
+        (
+            "contact",
+            f"{result.scene['contact']['kind']}, load {contact.load:g} nN, E* {contact.modulus:g} GPa"
+            + ("" if contact.converged else "  NOT CONVERGED"),
+        ),
+        ("area fraction A/A0", f"{contact.area_fraction:.5f}"),
+        ("kappa", f"{contact.kappa:.3f}"),
+        ("patches", f"{contact.patches}"),
+        ("perimeter to area C/A", f"{contact.perimeter_to_area:.4f} /nm"),
+        ("mean contact pressure", f"{contact.mean_contact_pressure:.4g} GPa"),
+    ]
+    if aging is not None:
+        last = f"at {aging.hold_times[-1]:g} s"
+        rows += [
+            ("sites", f"{aging.sites.mean():.0f}"),
+            ("engine", f"{aging.engine}, {aging.replicas} replicas, {aging.events.sum()} events"),
+            (f"friction drop {last}", _pm(aging.mean_friction_drop[-1], aging.friction_drop_stderr[-1], "nN")),
+            (
+                f"friction coefficient drop {last}",
+                _pm(aging.mean_friction_coefficient_drop[-1], aging.friction_coefficient_drop_stderr[-1]),
+            ),
+        ]
+    if fit is not None:
+        rows.append(("beta", f"{_pm(fit.beta, fit.beta_stderr, 'per decade')}, {fit.points} hold times"))
+        rows.append(("cut-off time", _pm(fit.cutoff_time, fit.cutoff_time_stderr, "s")))
+    if result.timings:
+        rows.append(("wall time", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in result.timings.items())))
+    for name, text in rows:
+        table.add_row(name, text)
+    _show(table)
+    for note in contact.notes:
+        print(f"note: {note}")
+
+
+def _pm(value: float, error: float, unit: str = "") -> str:
+    """A value with its standard error, both to the error's second digit."""
+    import math
+
+    if not math.isfinite(value):
+        return f"{value:g} {unit}".strip()
+    if not (math.isfinite(error) and error > 0):
+        return f"{value:.4g} {unit}".strip()
+    digits = max(0, 1 - math.floor(math.log10(error)))
+    return f"{value:.{digits}f} ± {error:.{digits}f} {unit}".strip()
+
+
+# -- schema, init, plugins --------------------------------------------------------------------------------------------
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of scene files, every installed plugin included."""
+    from chemage.schema import scene_schema
+
+    print(json.dumps(scene_schema(), indent=2))
+
+
+@app.command()
+def init(
+    file: Annotated[Path, typer.Argument(help="the scene file to write")] = Path("scene.toml"),
+    like: Annotated[str, typer.Option("--like", help="installed scene to start from")] = "silica-rough",
+    force: ForceOpt = False,
+) -> None:
+    """Write a commented scene file to start from."""
+    from chemage import registry, store
+    from chemage.spec import nearest
+
+    plugins = registry.current()
+    if like not in plugins.scenes():
+        names = sorted(plugins.scenes())
+        raise _user_error(f"no installed scene {like!r}{nearest(like, names)}; installed: {', '.join(names) or 'none'}")
+    text = registry.scene_text(plugins.scene_target(like))
+    with store.fresh_file(file, force=force) as part:
+        part.write_text(text, encoding="utf-8")
+    print(f"{file} is a copy of {like}; change it, then: chemage check {file} && chemage run {file}")
+
+
+@plugins_app.command("list")
+def plugins_list(as_json: JsonOpt = False) -> None:
+    """List every installed choice, by role, and where it comes from."""
+    from chemage import registry
+    from chemage.spec import ROLES
+
+    plugins = registry.current()
+    rows = [
+        {"role": role, "kind": kind, "from": record.source, "target": record.kinds[role][kind]}
+        for role in ROLES
+        for kind in plugins.kinds(role)
+        for record in plugins.offers(role, kind)
+    ]
+    broken = [{"plugin": r.name, "from": r.source, "error": r.error} for r in plugins.records if r.error]
+    if as_json:
+        print(json.dumps({"choices": rows, "scenes": plugins.scenes(), "broken": broken}))
+        return
+    table = _table("", ("role", "kind", "from"))
+    for row in rows:
+        table.add_row(row["role"], row["kind"], row["from"])
+    for record in plugins.records:
+        for name in record.scenes:
+            table.add_row("scene", name, record.source)
+    _show(table)
+    for item in broken:
+        print(f"skipped: {item['plugin']} ({item['from']}): {item['error']}")
+
+
+@plugins_app.command("show")
+def plugins_show(
+    kind: Annotated[str, typer.Argument(help="a kind, such as fft-bem")],
+    role: Annotated[str | None, typer.Option(help="where several roles have this kind")] = None,
+    as_json: JsonOpt = False,
+) -> None:
+    """Explain a choice: what it does, its options with units and defaults, what to cite."""
+    from chemage import registry
+    from chemage.schema import options_of
+    from chemage.spec import ROLES, nearest
+
+    plugins = registry.current()
+    roles = [name for name in ROLES if kind in plugins.kinds(name) and role in (None, name)]
+    if not roles:
+        known = sorted({k for name in ROLES if role in (None, name) for k in plugins.kinds(name)})
+        raise _user_error(f"no kind {kind!r}{nearest(kind, known)}; installed: {', '.join(known)}")
+    shown = []
+    for name in roles:
+        cls: Any = plugins.choice(name, kind)
+        source = plugins.offers(name, kind)[0].source
+        shown.append(
+            {
+                "role": name,
+                "kind": kind,
+                "from": source,
+                "about": (cls.__doc__ or "").strip(),
+                "options": options_of(cls),
+                "cite": list(cls.cite),
+            }
+        )
+    if as_json:
+        print(json.dumps(shown))
+        return
+    import inspect
+
+    for one in shown:
+        print(f"{one['role']} {one['kind']}  ({one['from']})\n\n{inspect.cleandoc(one['about'])}\n")
+        table = _table("", ("option", "unit", "default", "meaning"))
+        for option in one["options"]:
+            table.add_row(option["name"], option["unit"], option["default"], option["meaning"])
+        if one["options"]:
+            _show(table)
+        for text in one["cite"]:
+            print(f"cite: {text}")
+
+
+@plugins_app.command("check")
+def plugins_check() -> None:
+    """Import every registered target and report what is broken; exit status 1 if anything is."""
+    from chemage import registry
+
+    plugins = registry.current()
+    problems = plugins.check()
+    for problem in problems:
+        print(problem)
+    count = sum(len(kinds) for record in plugins.records for kinds in record.kinds.values())
+    print(f"{len(plugins.records)} plugins, {count} choices, {len(problems)} problems")
+    if problems:
+        raise typer.Exit(1)
+
+
+# -- shared -----------------------------------------------------------------------------------------------------------
+
+
+def _user_error(message: str) -> Exception:
+    from chemage.errors import InputError
+
+    return InputError(message)
+
+
+def _table(title: str, columns: tuple[str, ...] = ()) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title or None, title_justify="left", box=box.SIMPLE, show_header=bool(columns), pad_edge=False)
+    for name in columns or ("", ""):
+        table.add_column(name, overflow="fold")
+    return table
+
+
+def _show(table: Table) -> None:
+    from rich.console import Console
+
+    width = None if sys.stdout.isatty() else 110
+    Console(file=sys.stdout, highlight=False, width=width).print(table)
+
+
+@contextmanager
+def progress_bars() -> Iterator[Progress]:
+    """A bar for each stage on stderr; where that is no terminal, a line as each stage ends."""
+    import time
+
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    begun: dict[str, float] = {}
+    if not sys.stderr.isatty():
+
+        def lines(stage: str, done: int, total: int) -> None:
+            begun.setdefault(stage, time.perf_counter())
+            elapsed = time.perf_counter() - begun[stage]
+            if total and done == total and elapsed > 2:
+                print(f"{stage}: done in {elapsed:.1f} s", file=sys.stderr, flush=True)
+                del begun[stage]
+
+        yield lines
+        return
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description:<10}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        tasks: dict[str, Any] = {}
+
+        def draw(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=None)
+            bars.update(tasks[stage], completed=done, total=total or None)
+
+        yield draw
+
+
+def _add_plugin_commands() -> None:
+    from chemage import registry
+
+    for commands in registry.current().manager.hook.chemage_cli():
+        for name, function in commands:
+            app.command(name)(function)
+
+
+def main() -> None:
+    """Run the command line; every error of ours is one message on stderr."""
+    try:
+        _plain_warnings()
+        _add_plugin_commands()
+        status = app(standalone_mode=False)
+        sys.exit(status if isinstance(status, int) else 0)
+    except (KeyboardInterrupt, typer.Abort):
+        print("\ninterrupted; nothing was written", file=sys.stderr, flush=True)
+        # worker threads may still be inside a compiled kernel; waiting for them would not help anyone
+        os._exit(130)
+    except Exception as error:
+        sys.exit(_explain(error))
+
+
+def _plain_warnings() -> None:
+    import warnings
+
+    def plain(message: Warning | str, *_: Any, **__: Any) -> None:
+        print(f"chemage: warning: {message}", file=sys.stderr)
+
+    warnings.showwarning = plain
+
+
+def _explain(error: Exception) -> int:
+    from chemage.errors import ChemageError
+
+    if isinstance(error, ChemageError):
+        print(f"chemage: {error}", file=sys.stderr)
+        return 2
+    display = getattr(error, "show", None)  # a usage error of the command line itself
+    if display is not None:
+        display()
+        return int(getattr(error, "exit_code", 2))
+    if isinstance(error, BrokenPipeError):
+        sys.stderr.close()
+        return 0
+    if isinstance(error, MemoryError):
+        print(f"chemage: not enough memory: {error}; `chemage check` says what a scene needs", file=sys.stderr)
+        return 2
+    raise error
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,144 @@
+"""What a scene asks for and what it will cost, told before anything is computed."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from chemage.scene import Scene
+from chemage.units import EV_PER_GPA_NM3, KB
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Estimates, not promises; what no plugin can tell is absent."""
+
+    scene: Scene
+    #: what is modelled and what is not, in words
+    stages: dict[str, str]
+    #: nx, ny, area_fraction, sites, cpu_seconds, memory (bytes), file (bytes)
+    numbers: dict[str, float]
+    notes: list[str] = field(default_factory=list)
+
+    def todict(self) -> dict[str, Any]:
+        """One JSON-able object."""
+        return {
+            "name": self.scene.name,
+            "stages": self.stages,
+            "notes": self.notes,
+            "keys": self.scene.keys(),
+            **self.numbers,
+        }
+
+    def rows(self) -> list[tuple[str, str]]:
+        """(name, text) lines for a table."""
+        known = self.numbers
+        rows = list(self.stages.items())
+        if "area_fraction" in known:
+            rows.append(("expected area fraction", f"{known['area_fraction']:.3g}"))
+        if "sites" in known:
+            rows.append(("expected sites", f"{known['sites']:.3g} a replica"))
+        if "cpu_seconds" in known:
+            rows.append(("expected cost", f"about {known['cpu_seconds']:.2g} CPU seconds once kernels are compiled"))
+        if "memory" in known:
+            rows.append(("expected memory", f"about {known['memory'] / 1e9:.2g} GB"))
+        if "file" in known:
+            rows.append(("result file", f"at most {known['file'] / 1e6:.3g} MB"))
+        return rows
+
+
+def plan(scene: Scene) -> Plan:
+    """Estimate what ``scene`` needs from what its choices can tell of themselves."""
+    known: dict[str, float] = dict(scene.surface.expected())
+    stages = _stages(scene, known)
+    notes: list[str] = []
+    solve = scene.contact.expected(known, scene.load)
+    numbers: dict[str, float] = {}
+    if "nx" in known and "ny" in known:
+        pixels = known["nx"] * known["ny"]
+        numbers |= {"nx": known["nx"], "ny": known["ny"], "file": 17 * pixels}
+        if "area_fraction" in solve:
+            numbers["area_fraction"] = solve["area_fraction"]
+            share = scene.chemistry.hydroxylation if scene.chemistry else 1.0
+            numbers["sites"] = solve["area_fraction"] * pixels * share
+    costs = [solve]
+    if scene.engine is not None and scene.hold is not None and scene.chemistry is not None and "sites" in numbers:
+        one = scene.engine.expected(numbers["sites"], scene.chemistry.interaction is not None)
+        side_by_side = min(scene.hold.replicas, os.cpu_count() or 1)
+        costs.append(
+            {
+                name: value * (scene.hold.replicas if name == "cpu_seconds" else side_by_side)
+                for name, value in one.items()
+            }
+        )
+    if all("cpu_seconds" in cost for cost in costs):
+        numbers["cpu_seconds"] = sum(cost["cpu_seconds"] for cost in costs)
+    if all("bytes" in cost for cost in costs):
+        numbers["memory"] = 2e8 + max(cost["bytes"] for cost in costs)
+    notes += _notes(scene, known, numbers)
+    return Plan(scene, stages, numbers, notes)
+
+
+def _stages(scene: Scene, known: dict[str, float]) -> dict[str, str]:
+    grid = f", {known['nx']:.0f} x {known['ny']:.0f} pixels" if "nx" in known and "ny" in known else ""
+    stages = {
+        "surface": f"{scene.surface.kind}{grid}, seed {scene.surface_seed}",
+        "contact": f"{scene.contact.kind} at {scene.load:g} nN",
+    }
+    chemistry, hold, engine = scene.chemistry, scene.hold, scene.engine
+    if chemistry is None or hold is None or engine is None:
+        stages["chemistry"] = "not modelled: contact mechanics only"
+        return stages
+    stages["forming"] = chemistry.forming.kind + (
+        f", lowered by {chemistry.activation_volume * EV_PER_GPA_NM3:.3g} eV/GPa"
+        if chemistry.activation_volume
+        else ", pressure only decides who is in contact"
+    )
+    stages["breaking"] = chemistry.breaking.kind if chemistry.breaking else "not modelled: bonds last"
+    stages["interaction"] = chemistry.interaction.kind if chemistry.interaction else "not modelled: no neighbour list"
+    times = hold.hold_times
+    stages["kinetics"] = (
+        f"{engine.kind}, {hold.temperature:g} K, {times.size} hold times from {times[0]:g} to {times[-1]:g} s, "
+        f"{hold.replicas} replicas, seed {hold.seed}"
+    )
+    return stages
+
+
+def _notes(scene: Scene, known: dict[str, float], numbers: dict[str, float]) -> list[str]:
+    notes = []
+    if scene.load == 0:
+        notes.append("the load is 0: nothing touches, the friction drop is 0 and its coefficient undefined")
+    wave, pixel = known.get("shortest_wavelength"), known.get("pixel_size")
+    if wave and pixel and wave < 8 * pixel:
+        notes.append(
+            f"the shortest wavelength is {wave / pixel:.1f} pixels; pixel-scale errors of the contact area and pressure "
+            "grow below about 8, compare with more pixels at the same size"
+        )
+    if numbers.get("sites", math.inf) < 100:
+        notes.append(
+            f"only about {numbers['sites']:.0f} pixels will be in contact; averages need many replicas or seeds"
+        )
+    if numbers.get("area_fraction", 0.0) > 0.95:
+        notes.append("the contact is expected to be nearly full")
+    hold = scene.hold
+    if hold is not None and scene.chemistry is not None:
+        times = hold.hold_times
+        inside = (times >= scene.fit.start * (1 - 1e-9)) & (times <= scene.fit.stop * (1 + 1e-9))
+        if np.count_nonzero(inside) < 3:
+            notes.append(
+                f"only {np.count_nonzero(inside)} hold times lie in the fit window; beta will be poor or absent"
+            )
+        nu = scene.chemistry.attempt_frequency
+        lowest, highest = scene.chemistry.forming.quantile(np.array([0.05, 0.95]))
+        active = KB * hold.temperature * np.log(nu * times[-1])
+        if active < lowest:
+            notes.append(
+                f"by {times[-1]:g} s only barriers up to {active:.2f} eV react, below 95 % of the forming barriers"
+            )
+        elif KB * hold.temperature * np.log(max(nu * max(times[0], 1e-300), 1.0)) > highest:
+            notes.append(f"at {times[0]:g} s nearly every forming barrier is already crossed; start earlier")
+    return notes

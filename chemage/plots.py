@@ -1,0 +1,250 @@
+"""Figures of a run: the surface, the pressure with its patches, the barriers, friction against hold time.
+
+Every function returns a matplotlib Figure made without pyplot, so nothing global changes; :func:`save` writes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from chemage.errors import InputError
+from chemage.objects import Aging, ContactSolution, Surface
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from chemage.runs import Run
+
+#: colour-blind safe (Okabe & Ito 2008)
+BLUE, ORANGE, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#777777"
+_MAP_PIXELS = 900
+
+
+def _figure(width: float, height: float, columns: int = 1) -> tuple[Figure, list[Axes]]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=150)
+    FigureCanvasAgg(figure)
+    return figure, list(np.atleast_1d(figure.subplots(1, columns)))
+
+
+def pooled(values: np.ndarray, pool: Callable[..., np.ndarray], most: int = _MAP_PIXELS) -> np.ndarray:
+    """``values`` (nx, ny) reduced in blocks by ``pool`` (``np.max``, ``np.mean``) to at most ``most`` a side."""
+    step = max(1, -(-max(values.shape) // most))
+    if step == 1:
+        return values
+    nx, ny = (-(-n // step) * step for n in values.shape)
+    padded = np.pad(values, ((0, nx - values.shape[0]), (0, ny - values.shape[1])), mode="edge")
+    return pool(pool(padded.reshape(nx // step, step, ny // step, step), axis=3), axis=1)
+
+
+def _map(axes: Axes, values: np.ndarray, extent: tuple[float, float, float, float], label: str, **style: Any) -> None:
+    # x of the arrays runs to the right, y upwards
+    image = axes.imshow(values.T, origin="lower", extent=extent, interpolation="nearest", **style)
+    axes.set(xlabel="x (nm)", ylabel="y (nm)")
+    bar = axes.figure.colorbar(image, ax=axes, shrink=0.85)
+    bar.set_label(label)
+
+
+def surface_figure(surface: Surface) -> Figure:
+    """The height map, and the power spectral density where the surface is periodic."""
+    figure, axes = _figure(10.5, 4.2, 2)
+    nx, ny = surface.shape
+    extent = (0.0, nx * surface.pixel_size, 0.0, ny * surface.pixel_size)
+    _map(axes[0], pooled(surface.heights, np.mean), extent, "height (nm)", cmap="cividis")
+    axes[0].set_title(f"rms height {surface.rms_height:.3g} nm, rms slope {surface.rms_slope:.3g}")
+    if surface.periodic and surface.rms_height > 0 and min(surface.shape) > 3:
+        q, density = surface.psd()
+        shown = density > density.max() * 1e-14
+        axes[1].loglog(q[shown], density[shown], color=BLUE, marker=".", ms=3, lw=1)
+        axes[1].set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C(q) (nm$^4$)")
+    else:
+        x = (np.arange(nx) + 0.5) * surface.pixel_size
+        axes[1].plot(x, surface.heights[:, ny // 2], color=BLUE)
+        axes[1].set(xlabel="x (nm)", ylabel="height (nm)", title="through the middle")
+    return figure
+
+
+def pressure_figure(contact: ContactSolution) -> Figure:
+    """The pressure over the whole contact, and the neighbourhood of its largest patch with the patches' outlines."""
+    figure, axes = _figure(10.5, 4.4, 2)
+    a = contact.pixel_size
+    nx, ny = contact.shape
+    pressure = contact.pressure
+    top = float(pressure.max()) or 1.0
+    style: dict[str, Any] = {"cmap": "inferno_r", "vmin": 0.0, "vmax": top}
+    _map(axes[0], pooled(pressure, np.max), (0.0, nx * a, 0.0, ny * a), "pressure (GPa)", **style)
+    axes[0].set_title(f"{contact.patches} patches, A/A$_0$ = {contact.area_fraction:.3g}")
+    (x0, x1), (y0, y1) = _around_largest_patch(contact)
+    part = pressure[x0:x1, y0:y1]
+    extent = (x0 * a, x1 * a, y0 * a, y1 * a)
+    _map(axes[1], part, extent, "pressure (GPa)", **style)
+    touching = (part > 0).astype(float)
+    if min(part.shape) > 1 and 0 < touching.mean() < 1:
+        axes[1].contour(
+            (np.arange(x0, x1) + 0.5) * a,
+            (np.arange(y0, y1) + 0.5) * a,
+            touching.T,
+            levels=[0.5],
+            colors=[GREEN],
+            linewidths=0.8,
+        )
+    axes[1].set_title("around the largest patch" if contact.patches else "no contact")
+    return figure
+
+
+def _around_largest_patch(contact: ContactSolution) -> tuple[tuple[int, int], tuple[int, int]]:
+    from scipy import ndimage
+
+    nx, ny = contact.shape
+    if not contact.sites.size:
+        return (0, nx), (0, ny)
+    labels, count = ndimage.label(contact.contact, structure=np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
+    largest = int(np.bincount(labels.ravel(), minlength=count + 1)[1:].argmax()) + 1
+    box = ndimage.find_objects(labels, max_label=largest)[largest - 1]
+    side = max(64, 2 * max(part.stop - part.start for part in box))
+    window = []
+    for part, n in zip(box, (nx, ny), strict=True):
+        low = max(0, min((part.start + part.stop - side) // 2, n - side))
+        window.append((low, min(n, low + side)))
+    return window[0], window[1]
+
+
+def barriers_figure(run: Run) -> Figure | None:
+    """Distributions of the forming barrier: intrinsic, lowered by pressure, and open at the end (Li et al. 2018,
+    Fig. 2(a)). None unless the run observed its barrier spectrum."""
+    if run.aging is None or "barriers_start" not in run.aging.observables:
+        return None
+    seen = run.aging.observables
+    edges = seen["barrier_edges"][0]
+    figure, (axes,) = _figure(6.2, 4.4)
+    energy = np.linspace(edges[0], edges[-1], 801)
+    intrinsic = _intrinsic_density(run.scene["forming"], energy)
+    if intrinsic is not None:
+        axes.plot(energy, intrinsic, color=GREY, lw=1.2, label="intrinsic")
+    last = run.aging.hold_times[-1]
+    for name, colour, label in (
+        ("barriers_start", BLUE, "lowered by pressure"),
+        ("barriers_open", ORANGE, f"still open after {_seconds(last)}"),
+        ("barriers_bonded", GREEN, f"bonded after {_seconds(last)} (start barrier)"),
+    ):
+        axes.stairs(seen[name].mean(axis=0), edges, color=colour, lw=1.4, label=label)
+    filled = np.flatnonzero(seen["barriers_start"].mean(axis=0) + seen["barriers_open"].mean(axis=0))
+    if filled.size:
+        axes.set_xlim(edges[max(filled[0] - 3, 0)], edges[min(filled[-1] + 4, edges.size - 1)])
+    axes.set(xlabel="barrier to forming a bond (eV)", ylabel="density per site (1/eV)", ylim=(0, None))
+    axes.legend(frameon=False, fontsize=8)
+    return figure
+
+
+def _intrinsic_density(forming: Mapping[str, Any], energy: np.ndarray) -> np.ndarray | None:
+    from chemage import registry
+
+    try:
+        density = registry.fromdict("barriers", forming).density(energy)
+    except InputError:  # the plugin that made this run is not installed here
+        return None
+    return density if np.isfinite(density).all() else None
+
+
+def friction_figure(run: Run) -> Figure | None:
+    """ΔF and Δμ against hold time, with standard errors and the fitted line; None without ageing."""
+    if run.aging is None:
+        return None
+    aging, fit = run.aging, run.fit()
+    figure, axes = _figure(10.5, 4.2, 2)
+    shown = aging.hold_times > 0
+    t = aging.hold_times[shown]
+    _with_errors(axes[0], t, aging.mean_friction_drop[shown], aging.friction_drop_stderr[shown], BLUE)
+    axes[0].set_ylabel("friction drop ΔF (nN)")
+    if aging.load > 0:
+        _with_errors(
+            axes[1], t, aging.mean_friction_coefficient_drop[shown], aging.friction_coefficient_drop_stderr[shown], BLUE
+        )
+    axes[1].set_ylabel("friction coefficient drop Δμ")
+    if fit is not None and fit.beta == fit.beta:
+        window = run.scene.get("fit", {})
+        line = np.geomspace(window.get("start", 10.0), window.get("stop", 1e4), 50)
+        axes[1].plot(
+            line,
+            fit.beta * np.log10(line / fit.cutoff_time),
+            color=ORANGE,
+            lw=1.6,
+            zorder=3,
+            label=f"β = {fit.beta:.3g} ± {fit.beta_stderr:.1g} per decade",
+        )
+        axes[1].legend(frameon=False, loc="upper left")
+    for one in axes:
+        one.set(xscale="log", xlabel="hold time (s)")
+        one.set_ylim(bottom=0)
+    figure.suptitle(
+        f"{run.scene.get('title') or run.name}: {aging.replicas} replicas, {aging.temperature:g} K", fontsize=10
+    )
+    return figure
+
+
+def _with_errors(axes: Axes, t: np.ndarray, mean: np.ndarray, error: np.ndarray, colour: str) -> None:
+    axes.errorbar(t, mean, yerr=np.nan_to_num(error), color=colour, marker="o", ms=3.5, lw=1, capsize=2)
+
+
+def _seconds(t: float) -> str:
+    return f"{t:.3g} s"
+
+
+def figures(run: Run) -> dict[str, Figure]:
+    """Every figure this run has something to show for, by name."""
+    made = {
+        "surface": surface_figure(run.surface) if run.surface is not None else None,
+        "pressure": pressure_figure(run.contact),
+        "barriers": barriers_figure(run),
+        "friction": friction_figure(run),
+    }
+    return {name: figure for name, figure in made.items() if figure is not None}
+
+
+def save(run: Run, folder: Path, *, force: bool = False, suffix: str = "png") -> list[Path]:
+    """Write every figure of ``run`` into ``folder`` (made if need be); existing files are kept unless ``force``."""
+    from chemage.errors import StoreError
+    from chemage.store import fresh_file, preflight
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"cannot make the folder {folder}: {error.strerror}") from error
+    paths = []
+    for name, figure in figures(run).items():
+        path = folder / f"{name}.{suffix}"
+        preflight(path, force=force)
+        with fresh_file(path, force=force) as part:
+            figure.savefig(part, format=suffix)
+        paths.append(path)
+    return paths
+
+
+def compare_figure(aging: Mapping[str, Aging]) -> Figure:
+    """ΔF and Δμ of several results side by side, by name."""
+    figure, axes = _figure(10.5, 4.2, 2)
+    for (name, one), colour in zip(aging.items(), _cycle(), strict=False):
+        shown = one.hold_times > 0
+        t = one.hold_times[shown]
+        _with_errors(axes[0], t, one.mean_friction_drop[shown], one.friction_drop_stderr[shown], colour)
+        _with_errors(
+            axes[1], t, one.mean_friction_coefficient_drop[shown], one.friction_coefficient_drop_stderr[shown], colour
+        )
+        axes[1].plot([], [], color=colour, marker="o", ms=3.5, label=name)
+    axes[0].set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)", yscale="log")
+    axes[1].set(xscale="log", xlabel="hold time (s)", ylabel="friction coefficient drop Δμ")
+    axes[1].legend(frameon=False, fontsize=8)
+    return figure
+
+
+def _cycle() -> Any:
+    from itertools import cycle
+
+    return cycle((BLUE, ORANGE, GREEN, PURPLE, GREY, "#E69F00", "#56B4E9", "#000000"))

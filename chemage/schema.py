@@ -1,0 +1,96 @@
+"""The JSON Schema of scene files, with every installed plugin's options in it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic.json_schema import models_json_schema
+
+from chemage import registry
+from chemage.reactions import Chemistry
+from chemage.scene import _ROLE_OF, FitWindow, Hold
+from chemage.spec import ROLES, Spec
+
+
+def scene_schema() -> dict[str, Any]:
+    """JSON Schema (2020-12) of a scene, for editors that complete and check TOML."""
+    plugins = registry.current()
+    choices = {role: [plugins.choice(role, kind) for kind in plugins.kinds(role)] for role in ROLES}
+    models: list[Any] = [cls for classes in choices.values() for cls in classes]
+    refs, top = models_json_schema([(model, "validation") for model in [*models, Hold, FitWindow]])
+    definitions = top.get("$defs", {})
+
+    def target(model: Any) -> str:
+        return refs[model, "validation"]["$ref"].removeprefix("#/$defs/")
+
+    for model in models:
+        part = definitions[target(model)]
+        part["properties"] = {"kind": {"const": model.kind}, **part.get("properties", {})}
+        part["required"] = ["kind", *part.get("required", [])]
+    by_role = {
+        role: {"oneOf": [{"$ref": f"#/$defs/{target(cls)}"} for cls in classes]}
+        for role, classes in choices.items()
+        if classes
+    }
+    properties: dict[str, Any] = {"name": {"type": "string"}, "title": {"type": "string"}}
+    for section, role in _ROLE_OF.items():
+        properties[section] = by_role.get(role, {"type": "object"})
+    for section, extra in (("surface", _SURFACE_EXTRA), ("contact", _CONTACT_EXTRA)):
+        for cls in choices[section]:
+            definitions[target(cls)]["properties"].update(extra)
+            if section == "contact":
+                definitions[target(cls)]["required"].append("load")
+    properties["chemistry"] = _chemistry_section()
+    properties["hold"] = refs[Hold, "validation"]
+    properties["fit"] = refs[FitWindow, "validation"]
+    properties["observe"] = {"type": "array", "items": by_role.get("observable", {"type": "object"})}
+    properties["sweep"] = {"type": "object", "description": "fields to vary: dotted path = list of values"}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "chemage scene",
+        "type": "object",
+        "required": ["surface", "contact"],
+        "additionalProperties": False,
+        "properties": properties,
+        "$defs": definitions,
+    }
+
+
+_SURFACE_EXTRA = {"seed": {"type": "integer", "minimum": 0, "default": 0, "description": "of the surface"}}
+_CONTACT_EXTRA = {
+    "load": {
+        "anyOf": [{"type": "number", "minimum": 0}, {"type": "string"}],
+        "description": "normal force",
+        "unit": "nN",
+    }
+}
+
+
+def _chemistry_section() -> dict[str, Any]:
+    whole = Chemistry.model_json_schema()
+    properties = {
+        name: part for name, part in whole["properties"].items() if name not in ("forming", "breaking", "interaction")
+    }
+    return {
+        "type": "object",
+        "additionalProperties": False,
+        "properties": properties,
+        "description": "what turns a contact into reactive sites",
+    }
+
+
+def options_of(cls: type[Spec]) -> list[dict[str, str]]:
+    """Name, unit, default and meaning of each option of a choice, as text."""
+    rows = []
+    properties = cls.model_json_schema().get("properties", {})
+    for name, info in cls.model_fields.items():
+        part = properties.get(name, {})
+        rows.append(
+            {
+                "name": name,
+                "unit": part.get("unit", ""),
+                "default": "required" if info.is_required() else str(info.get_default(call_default_factory=True)),
+                "meaning": " ".join((info.description or "").split()),
+            }
+        )
+    return rows
