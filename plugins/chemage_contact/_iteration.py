@@ -154,7 +154,9 @@ class Result:
 class _Grid:
     """The iteration on one grid."""
 
-    def __init__(self, body: Substrate, heights: Array, stiffness: float, offset: float | None, settings: Settings, team: Team):
+    def __init__(
+        self, body: Substrate, heights: Array, stiffness: float, offset: float | None, settings: Settings, team: Team
+    ):
         self.body, self.settings, self.team, self.offset_fixed = body, settings, team, offset
         self.state, self.work = PRECISIONS[settings.precision]
         self.h = heights
@@ -184,7 +186,9 @@ class _Grid:
     def _sum(self, table: Array, columns: int) -> list[float]:
         return [float(x) for x in table[:, :columns].sum(axis=0)]
 
-    def solve(self, p: Array, tolerance: float, limit: int) -> tuple[Array, Array, float, float, float, bool, int, list[str]]:
+    def solve(
+        self, p: Array, tolerance: float, limit: int
+    ) -> tuple[Array, Array, float, float, float, bool, int, list[str]]:
         """Iterate from p (nx, ny, state precision, changed in place) until both errors are below tolerance."""
         team, blocks, part, active = self.team, self.blocks, self.part, self.active
         load = float(p.size)
@@ -201,7 +205,9 @@ class _Grid:
         best_at = iteration = 0
         while True:
             total, count, _ = self._sum(part, 3)
-            offset = self.offset_fixed if self.offset_fixed is not None else (-total / count if count else -float(r.min()))
+            offset = (
+                self.offset_fixed if self.offset_fixed is not None else (-total / count if count else -float(r.min()))
+            )
             team.run(kernels.residual, blocks, flat, r.ravel(), offset, v.ravel(), active)
             squares, _, size, sum_v = self._sum(active, 4)
             rms = math.sqrt(squares / count) if count else 0.0
@@ -215,7 +221,16 @@ class _Grid:
             else:
                 self.history[iteration] = (rms, deepest)
             if not math.isfinite(error):
-                return p, r, offset, rms, deepest, False, iteration, [*notes, "the iteration produced numbers that are not finite"]
+                return (
+                    p,
+                    r,
+                    offset,
+                    rms,
+                    deepest,
+                    False,
+                    iteration,
+                    [*notes, "the iteration produced numbers that are not finite"],
+                )
             if error < tolerance and fresh:
                 return p, r, offset, rms, deepest, True, iteration, notes
             if error < tolerance or error < 1e-5 * refreshed:

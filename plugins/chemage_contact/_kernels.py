@@ -187,7 +187,9 @@ def quadratic_form(lo, hi, spectrum, symbol, ny, part):
         total = 0.0
         for k in range(columns):
             value = spectrum[i, k]
-            total += (float(value.real) * float(value.real) + float(value.imag) * float(value.imag)) * float(symbol[j, k])
+            total += (float(value.real) * float(value.real) + float(value.imag) * float(value.imag)) * float(
+                symbol[j, k]
+            )
         edge = spectrum[i, 0]
         first = (float(edge.real) ** 2 + float(edge.imag) ** 2) * float(symbol[j, 0])
         total = 2.0 * total - first

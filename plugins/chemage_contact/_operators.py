@@ -123,7 +123,9 @@ class PeriodicLayer:
         factor = ((3.0 - 4.0 * nu) * np.tanh(x) - x * sech) / ((constant + 0.5 * x * x) * sech + (3.0 - 4.0 * nu))
         small = x < 1e-3
         xs = x[small]
-        factor[small] = ((2.0 - 4.0 * nu) * xs + (3.0 - 4.0 * nu) * xs**3 / 6.0) / (8.0 * (1.0 - nu) ** 2 + (2.0 - 2.0 * nu) * xs**2)
+        factor[small] = ((2.0 - 4.0 * nu) * xs + (3.0 - 4.0 * nu) * xs**3 / 6.0) / (
+            8.0 * (1.0 - nu) ** 2 + (2.0 - 2.0 * nu) * xs**2
+        )
         values = 2.0 / q * factor
         values[0, 0] = self.thickness * (1.0 - 2.0 * nu) / (1.0 - nu) ** 2
         return values

@@ -1,0 +1,312 @@
+"""Any surface on an elastic half-space, by the boundary element method with Fourier transforms."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from chemage.errors import ConvergenceError, InputError
+from chemage.objects import ContactSolution, Surface
+from chemage.spec import ContactSolver, force
+from chemage.units import Length, Pressure, convert, quantity
+from chemage_contact import _iteration as iteration
+from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate
+
+#: What single precision can reach, relative to the rms height, with a margin.
+SINGLE_LIMIT = 1e-6
+
+
+class FFTBEM(ContactSolver):
+    """Frictionless, non-adhesive hard-wall contact of a rigid surface with a flat elastic body, at a given load.
+
+    Finds the pressure with p ≥ 0, gap ≥ 0, p·gap = 0 on every pixel. Converged means that both errors are below
+    ``tolerance``: the rms gap over the contact and the largest penetration outside it, relative to the rms height.
+    The iteration is described in ``chemage_contact._iteration``; its speed and accuracy in ``docs/contact.md``.
+    """
+
+    kind = "fft-bem"
+    implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "gap", "displacement")
+    cite: ClassVar[tuple[str, ...]] = (
+        "I. A. Polonsky, L. M. Keer, Wear 231, 206 (1999)",
+        "L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018)",
+        "E. A. H. Vollebregt, J. Optim. Theory Appl. 162, 862 (2014)",
+    )
+
+    modulus: Pressure
+    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa"""
+    tolerance: float = Field(default=1e-5, gt=0, lt=1, allow_inf_nan=False)
+    """largest error of the gap, relative to the rms height"""
+    precision: Literal["single", "double", "mixed"] = "mixed"
+    """mixed: iterate in single, keep pressure and gap in double (as accurate as double); single: half the memory"""
+    boundary: Literal["auto", "periodic", "free"] = "auto"
+    """auto: as the surface is; free: an isolated contact on an infinite half-space"""
+    levels: int | None = Field(default=None, ge=1)
+    """grids from fine to coarse to start from; 1: the given grid only; absent: as many as help"""
+    max_iterations: int = Field(default=500, ge=0)
+    """on the given grid"""
+    on_failure: Literal["raise", "return"] = "raise"
+    """what to do short of the tolerance: raise ConvergenceError, or return a solution with ``converged`` False"""
+    gap: bool = False
+    """whether the solution carries the gap (memory and file size double)"""
+    thickness: Length | None = None
+    """of the elastic body if it is a layer bonded to a rigid base, nm (periodic only); absent: half-space"""
+    poisson_ratio: quantity("", ge=0, le=0.5) = 0.25
+    """of the layer; unused for a half-space"""
+    fft: Literal["scipy", "ducc0", "pyfftw", "mkl_fft"] = "scipy"
+    """Fourier transform library; all but scipy must be installed by the user (mind their licences)"""
+    threads: int | None = Field(default=None, ge=1)
+    """absent: all processors this process may use"""
+
+    @model_validator(mode="after")
+    def _check(self) -> FFTBEM:
+        if self.precision == "single" and self.tolerance < SINGLE_LIMIT:
+            raise ValueError(
+                f"tolerance = {self.tolerance:g}: single precision stalls above this; "
+                f"use precision = 'mixed', or a tolerance of at least {SINGLE_LIMIT:g}"
+            )
+        if self.tolerance < 1e-13:
+            raise ValueError(
+                f"tolerance = {self.tolerance:g}: below the rounding of double precision; use 1e-12 or more"
+            )
+        if self.thickness is not None and self.boundary == "free":
+            raise ValueError("thickness: a layer needs boundary = 'periodic'; leave one of the two out")
+        return self
+
+    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+        if load == 0:
+            return self._untouched(surface, 0.0)
+        scaled, unit = _dimensionless(surface, load / surface.nominal_area / self.modulus, self.precision)
+        pressure = load / surface.nominal_area
+        if not (0.0 < pressure and math.isfinite(pressure)):
+            raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
+        initial = None
+        if start is not None:
+            initial = _usable(start, surface)
+        result = iteration.solve(
+            self._body(surface),
+            scaled,
+            stiffness=pressure / self.modulus * (surface.pixel_size / unit),
+            start=initial,
+            settings=self._settings(),
+        )
+        return self._finish(surface, result, unit, pressure, load)
+
+    def sweep(self, surface: Surface, loads: Sequence[float | str]) -> list[ContactSolution]:
+        """Contacts of ``surface`` under each of ``loads`` (nN, or strings), in the order given.
+
+        Solved from the smallest load to the largest, each from its neighbour. This is the area–load curve:
+        ``[(c.load, c.area) for c in solver.sweep(surface, loads)]``.
+        """
+        values = [force(load) for load in loads]
+        found: dict[int, ContactSolution] = {}
+        start: ContactSolution | None = None
+        for i in sorted(range(len(values)), key=values.__getitem__):
+            start = found[i] = self.solve(surface, values[i], start=start)
+        return [found[i] for i in range(len(values))]
+
+    def solve_displacement(self, surface: Surface, displacement: float | str) -> ContactSolution:
+        """The contact at a given approach: ``displacement`` in nm since first touch, of the mean plane of the elastic
+        body (periodic) or of points far away (free). The load follows.
+
+        Raises
+        ------
+        InputError
+            The approach is not finite, or not below that of full contact (where the load is undetermined).
+        ConvergenceError
+            As for :meth:`solve`.
+        """
+        approach = convert(displacement, "nm")
+        if not math.isfinite(approach):
+            raise InputError.of("displacement", displacement, "must be finite", "give a length such as 1 nm")
+        heights = surface.heights
+        if approach <= 0:
+            return self._untouched(surface, approach)
+        body = self._body(surface)
+        if isinstance(body, PeriodicHalfSpace):
+            limit = float(heights.max()) - float(heights.mean(dtype=np.float64))
+            if approach >= limit:
+                raise InputError.of(
+                    "displacement",
+                    displacement,
+                    f"the surface is flat after {limit:.6g} nm and the mean plane goes no further",
+                    "give a smaller approach, or a load",
+                )
+        scaled, unit = _dimensionless(surface, approach / max(surface.shape) / surface.pixel_size, self.precision)
+        pressure = self.modulus * (unit / surface.pixel_size)
+        result = iteration.solve(body, scaled, stiffness=1.0, offset=-approach / unit, settings=self._settings())
+        load = float(result.pressure.sum(dtype=np.float64)) * pressure * surface.pixel_size**2
+        return self._finish(surface, result, unit, pressure, load)
+
+    def _periodic(self, surface: Surface) -> bool:
+        return surface.periodic if self.boundary == "auto" else self.boundary == "periodic"
+
+    def _body(self, surface: Surface) -> Substrate:
+        pixel = (surface.pixel_size, surface.pixel_size)
+        if self.thickness is not None:
+            if not self._periodic(surface):
+                raise InputError(
+                    "thickness: a layer needs a periodic surface; leave thickness out, or give boundary = 'periodic'"
+                )
+            return PeriodicLayer(surface.shape, pixel, self.thickness, self.poisson_ratio)
+        if self._periodic(surface):
+            return PeriodicHalfSpace(surface.shape, pixel)
+        return FreeHalfSpace(surface.shape, pixel)
+
+    def _settings(self) -> iteration.Settings:
+        return iteration.Settings(
+            tolerance=self.tolerance,
+            precision=self.precision,
+            max_iterations=self.max_iterations,
+            levels=self.levels,
+            library=self.fft,
+            threads=self.threads or len(os.sched_getaffinity(0)),
+        )
+
+    def _provenance(self, surface: Surface) -> dict[str, Any]:
+        options = self.todict()
+        return {"kind": options.pop("kind"), "options": options, "surface": surface.provenance}
+
+    def _untouched(self, surface: Surface, approach: float) -> ContactSolution:
+        """No contact: a load of zero, or an approach of zero or less."""
+        pressure = np.zeros(surface.shape, dtype=iteration.PRECISIONS[self.precision][0])
+        pressure.setflags(write=False)
+        gap = None
+        if self.gap:
+            gap = float(surface.heights.max()) - approach - surface.heights
+        return ContactSolution(
+            pressure=pressure,
+            gap=gap,
+            load=0.0,
+            pixel_size=surface.pixel_size,
+            modulus=self.modulus,
+            periodic=self._periodic(surface),
+            rms_slope=surface.rms_slope,
+            rms_height=surface.rms_height,
+            displacement=approach,
+            convergence=_report(self, 0.0, 0.0, 0.0, 0.0, 0, [], []),
+            notes=("no load: the bodies just touch and no pixel carries pressure",) if approach == 0 else (),
+            provenance=self._provenance(surface),
+        )
+
+    def _finish(
+        self, surface: Surface, result: iteration.Result, unit: float, pressure: float, load: float
+    ) -> ContactSolution:
+        values = result.pressure
+        total = float(values.sum(dtype=np.float64)) * pressure * surface.pixel_size**2
+        force_error = abs(total / load - 1.0) if load > 0 else 0.0
+        weighted = float(np.vdot(values, np.abs(result.gap)))
+        complementarity = weighted / float(values.sum(dtype=np.float64)) if weighted else 0.0
+        notes = list(result.notes)
+        if not result.converged:
+            message = self._failure(result)
+            if self.on_failure == "raise":
+                raise ConvergenceError(
+                    message,
+                    history=[max(pair) for pair in result.history],
+                    residual=result.error,
+                    tolerance=self.tolerance,
+                )
+            notes.append(message)
+        values *= pressure
+        if not np.isfinite(values.max()):
+            raise InputError.of("load", load, "the pressure leaves the range of numbers", "use precision = 'double'")
+        values.setflags(write=False)
+        gap = None
+        if self.gap:
+            gap = np.maximum(result.gap, 0.0)
+            gap *= unit
+            gap.setflags(write=False)
+        return ContactSolution(
+            pressure=values,
+            gap=gap,
+            load=load,
+            pixel_size=surface.pixel_size,
+            modulus=self.modulus,
+            periodic=self._periodic(surface),
+            rms_slope=surface.rms_slope,
+            rms_height=surface.rms_height,
+            displacement=-result.offset * unit,
+            converged=result.converged,
+            residual=result.error,
+            iterations=result.iterations,
+            convergence=_report(
+                self,
+                result.rms_gap,
+                result.penetration,
+                force_error,
+                complementarity,
+                result.transforms,
+                result.history,
+                result.levels,
+            ),
+            notes=tuple(notes),
+            provenance=self._provenance(surface),
+        )
+
+    def _failure(self, result: iteration.Result) -> str:
+        if result.iterations >= self.max_iterations:
+            why, remedy = "the iteration limit was reached", "raise max_iterations, or accept a larger tolerance"
+        elif self.precision == "single":
+            why, remedy = "single precision cannot do better", "use precision = 'mixed', or a larger tolerance"
+        else:
+            why, remedy = "the error stopped falling", "accept a larger tolerance, or use precision = 'double'"
+        return (
+            f"fft-bem: {why} after {result.iterations} iterations at a relative gap error of {result.error:.3g} "
+            f"(rms gap {result.rms_gap:.3g}, penetration {result.penetration:.3g}; tolerance {self.tolerance:g}): {remedy}"
+        )
+
+
+def _report(
+    solver: FFTBEM,
+    rms_gap: float,
+    penetration: float,
+    force_error: float,
+    complementarity: float,
+    transforms: int,
+    history: list[tuple[float, float]],
+    levels: list[tuple[tuple[int, int], int]],
+) -> dict[str, Any]:
+    """What the solution says of its own error; gaps relative to the rms height, pressures to their sum."""
+    return {
+        "tolerance": solver.tolerance,
+        "rms_gap": rms_gap,
+        "penetration": penetration,
+        "force_error": force_error,
+        "complementarity": complementarity,
+        "precision": solver.precision,
+        "transforms": transforms,
+        "history": [[float(rms), float(deepest)] for rms, deepest in history],
+        "levels": [{"pixels": list(shape), "iterations": count} for shape, count in levels],
+    }
+
+
+def _dimensionless(surface: Surface, strain: float, precision: str) -> tuple[np.ndarray, float]:
+    """Heights below the highest point in units of their rms value, and that unit in nm.
+
+    A flat surface has none; the displacement under a mean ``strain`` (pressure over modulus) serves instead.
+    """
+    state = iteration.PRECISIONS[precision][0]
+    top = float(surface.heights.max())
+    scaled = np.subtract(surface.heights, top, dtype=np.float64)
+    unit = float(np.abs(scaled).max())
+    if unit > 0.0:
+        # Through the largest value, so that squares of 1e-200 nm do not vanish.
+        scaled *= 1.0 / unit if unit > 1e-300 else 0.0
+        spread = float(scaled.std())
+        scaled *= 1.0 / spread
+        unit *= spread
+    else:
+        unit = strain * max(surface.shape) * surface.pixel_size
+    return scaled.astype(state, copy=False), unit
+
+
+def _usable(start: ContactSolution, surface: Surface) -> np.ndarray | None:
+    """The pressure of a neighbouring solution if it can serve as a start: same grid, some contact."""
+    if start.shape != surface.shape or start.load <= 0 or not (start.pressure > 0).any():
+        return None
+    return start.pressure

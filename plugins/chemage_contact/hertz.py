@@ -1,0 +1,122 @@
+"""The closed form of a sphere on an elastic half-space, sampled on the pixels of the surface."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+
+from chemage.errors import InputError
+from chemage.objects import ContactSolution, Surface
+from chemage.spec import ContactSolver
+from chemage.units import Pressure
+
+
+class Hertz(ContactSolver):
+    """Sphere of radius R on an elastic half-space: a = (3FR/4E*)^(1/3), p(r) = p0 sqrt(1 − r²/a²), p0 = 3F/(2πa²).
+
+    Each pixel carries the exact mean of p over its square, so that the pixels add up to the load. The radius is the one
+    the surface was made with, ``surface.provenance["radius"]`` in nm; its apex is the middle of the grid.
+    """
+
+    kind = "hertz"
+    implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "displacement")
+    cite: ClassVar[tuple[str, ...]] = (
+        "H. Hertz, J. reine angew. Math. 92, 156 (1881)",
+        "K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",
+    )
+
+    modulus: Pressure
+    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa"""
+
+    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+        radius = _radius(surface)
+        edge, size = (1.0 * load * radius / self.modulus * 0.75) ** (1.0 / 3.0), surface.pixel_size
+        room = 0.5 * min(surface.shape) * size
+        if edge > room:
+            raise InputError.of(
+                "load",
+                load,
+                f"the contact has a radius of {edge:.4g} nm, but the surface reaches only {room:.4g} nm from the apex",
+                "give the surface more pixels, or press less",
+            )
+        pressure = np.zeros(surface.shape)
+        if load > 0:
+            # Forces through a quarter of the grid, mirrored: p is even about the apex.
+            volumes = [_edges(n, size) for n in surface.shape]
+            pressure = _pixel_means(volumes[0], volumes[1], edge, load) / size**2
+        total = float(pressure.sum()) * size**2
+        pressure.setflags(write=False)
+        return ContactSolution(
+            pressure=pressure,
+            load=load,
+            pixel_size=size,
+            modulus=self.modulus,
+            periodic=False,
+            rms_slope=surface.rms_slope,
+            rms_height=surface.rms_height,
+            displacement=edge * edge / radius,
+            convergence={"force_error": abs(total / load - 1.0) if load > 0 else 0.0},
+            notes=() if load > 0 else ("no load: the bodies just touch and no pixel carries pressure",),
+            provenance=self._provenance(surface),
+        )
+
+    def _provenance(self, surface: Surface) -> dict[str, Any]:
+        options = self.todict()
+        return {"kind": options.pop("kind"), "options": options, "surface": surface.provenance}
+
+
+def _radius(surface: Surface) -> float:
+    radius = surface.provenance.get("radius")
+    if isinstance(radius, bool) or not isinstance(radius, int | float) or not (0 < radius < math.inf):
+        raise InputError(
+            f"contact 'hertz' needs a sphere, but this surface has no radius (provenance['radius'] = {radius!r}); "
+            "make one with surface kind 'sphere', or use contact 'fft-bem'"
+        )
+    return float(radius)
+
+
+def _edges(n: int, size: float) -> np.ndarray:
+    """The n + 1 pixel edges along one side, measured from the middle of the grid, nm."""
+    return (np.arange(n + 1) - 0.5 * n) * size
+
+
+def _corner_force(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """∫₀ˣ∫₀ʸ sqrt(1 − s² − t²) over the part of the rectangle inside the unit circle, for x, y ≥ 0; broadcast.
+
+    Inside the circle: (1/3) x y w + ½ (x − x³/3) atan(y/w) + ½ (y − y³/3) atan(x/w) − (1/3) atan(x y/w), w the root.
+    Outside, the corner is moved onto the circle along y and the rest of the strip, which is a full half-ellipse,
+    is added.
+    """
+    x = np.minimum(x, 1.0)
+    y = np.minimum(y, 1.0)
+    x, y = np.broadcast_arrays(x, y)
+    w2 = 1.0 - x * x - y * y
+    inside = w2 > 0.0
+
+    def smooth(a: np.ndarray, b: np.ndarray, w: np.ndarray) -> np.ndarray:
+        return (
+            a * b * w / 3.0
+            + 0.5 * (a - a**3 / 3.0) * np.arctan2(b, w)
+            + 0.5 * (b - b**3 / 3.0) * np.arctan2(a, w)
+            - np.arctan2(a * b, w) / 3.0
+        )
+
+    w = np.sqrt(np.where(inside, w2, 0.0))
+    full = smooth(np.where(inside, x, 0.0), np.where(inside, y, 0.0), w)
+    # Strips s in (c, x) where t runs to the circle: ∫ π/4 (1 − s²) ds; up to c = sqrt(1 − y²) the rectangle is inside.
+    c = np.sqrt(np.maximum(1.0 - y * y, 0.0))
+    beyond = smooth(c, y, np.zeros_like(c)) + 0.25 * math.pi * ((x - x**3 / 3.0) - (c - c**3 / 3.0))
+    return np.where(inside, full, beyond)
+
+
+def _pixel_means(x: np.ndarray, y: np.ndarray, edge: float, load: float) -> np.ndarray:
+    """Force in nN on each pixel between the given pixel edges (nm from the apex); (x.size − 1, y.size − 1)."""
+    # p0·edge² = 3F/2π
+    signed = (np.sign(x)[:, None] * np.sign(y)) * _corner_force(np.abs(x)[:, None] / edge, np.abs(y)[None, :] / edge)
+    force = np.diff(np.diff(signed, axis=0), axis=1) * (1.5 * load / math.pi)
+    # Differences of the integral leave rounding where there is no contact.
+    near_x, near_y = (np.where(e[:-1] * e[1:] < 0, 0.0, np.minimum(np.abs(e[:-1]), np.abs(e[1:]))) for e in (x, y))
+    touched = np.hypot(near_x[:, None], near_y) < edge
+    return np.where(touched, np.maximum(force, 0.0), 0.0)
