@@ -13,7 +13,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any
 
 import ase.units
-from pydantic import BeforeValidator, Field
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import core_schema
 
 from chemage.errors import UnitError
 
@@ -98,23 +99,54 @@ def _parse(text: str, unit: str) -> float:
         raise UnitError(f'"{text}" cannot be read as a quantity in {unit or "pure numbers"} ({error})') from None
 
 
-def quantity(unit: str, **bounds: Any) -> Any:
-    """The annotation of a field in ``unit``: numbers are taken as they are, strings are converted.
+class Unit:
+    """Marks a field as a quantity: ``Annotated[float, Unit("nm", gt=0)]``.
 
-    ``bounds`` are pydantic's ``gt``, ``ge``, ``lt``, ``le``. Infinite values and NaN are refused.
+    Numbers are taken as they are (they are in ``unit``), strings are converted; infinite values and NaN are refused.
+    Bounds are ``gt``, ``ge``, ``lt``, ``le``. The unit appears in the JSON Schema.
     """
-    return Annotated[
-        float,
-        Field(allow_inf_nan=False, json_schema_extra={"unit": unit}, **bounds),
-        BeforeValidator(lambda value: convert(value, unit), json_schema_input_type=float | str),
-    ]
+
+    def __init__(
+        self,
+        unit: str,
+        *,
+        gt: float | None = None,
+        ge: float | None = None,
+        lt: float | None = None,
+        le: float | None = None,
+    ) -> None:
+        self.unit = unit
+        self._bounds: dict[str, Any] = {
+            name: bound for name, bound in (("gt", gt), ("ge", ge), ("lt", lt), ("le", le)) if bound is not None
+        }
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        number = core_schema.float_schema(allow_inf_nan=False, **self._bounds)
+        return core_schema.no_info_before_validator_function(
+            lambda value: convert(value, self.unit),
+            number,
+            json_schema_input_schema=core_schema.union_schema([number, core_schema.str_schema()]),
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        return {**handler(schema), "unit": self.unit}
+
+    def __repr__(self) -> str:
+        return f"Unit({self.unit!r})"
 
 
-Length = quantity("nm", gt=0)
-Force = quantity("nN", ge=0)
-Pressure = quantity("GPa", gt=0)
-Energy = quantity("eV")
-Volume = quantity("nm**3")
-Time = quantity("s", ge=0)
-Temperature = quantity("K", gt=0)
-Frequency = quantity("Hz", gt=0)
+def quantity(unit: str, **bounds: Any) -> Any:
+    """``Annotated[float, Unit(unit, ...)]``."""
+    return Annotated[float, Unit(unit, **bounds)]
+
+
+Length = Annotated[float, Unit("nm", gt=0)]
+Force = Annotated[float, Unit("nN", ge=0)]
+Pressure = Annotated[float, Unit("GPa", gt=0)]
+Energy = Annotated[float, Unit("eV")]
+Volume = Annotated[float, Unit("nm**3")]
+Time = Annotated[float, Unit("s", ge=0)]
+Temperature = Annotated[float, Unit("K", gt=0)]
+Frequency = Annotated[float, Unit("Hz", gt=0)]
