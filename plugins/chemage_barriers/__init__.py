@@ -1,0 +1,45 @@
+"""Distributions of energy barriers: ``gaussian``, ``uniform``, ``tabulated``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from chemage.hookspecs import hookimpl
+
+if TYPE_CHECKING:
+    from chemage_barriers.gaussian import Gaussian as Gaussian
+    from chemage_barriers.piecewise import EmpiricalQuantile as EmpiricalQuantile
+    from chemage_barriers.piecewise import PiecewiseLinearDensity as PiecewiseLinearDensity
+    from chemage_barriers.tabulated import Tabulated as Tabulated
+    from chemage_barriers.tabulated import parse_columns as parse_columns
+    from chemage_barriers.uniform import Uniform as Uniform
+
+_HOME = {
+    "EmpiricalQuantile": "piecewise",
+    "Gaussian": "gaussian",
+    "PiecewiseLinearDensity": "piecewise",
+    "Tabulated": "tabulated",
+    "Uniform": "uniform",
+    "parse_columns": "tabulated",
+}
+
+__all__ = ["EmpiricalQuantile", "Gaussian", "PiecewiseLinearDensity", "Tabulated", "Uniform", "parse_columns"]
+
+
+@hookimpl
+def chemage_register() -> dict[str, dict[str, str]]:
+    return {
+        "barriers": {
+            "gaussian": "chemage_barriers.gaussian:Gaussian",
+            "uniform": "chemage_barriers.uniform:Uniform",
+            "tabulated": "chemage_barriers.tabulated:Tabulated",
+        }
+    }
+
+
+def __getattr__(name: str) -> Any:
+    from importlib import import_module
+
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

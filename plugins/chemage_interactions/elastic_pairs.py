@@ -1,0 +1,77 @@
+"""The elastic interaction of bonded neighbours."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from chemage.errors import InputError
+from chemage.spec import Interaction, Seed
+from chemage.units import quantity
+
+if TYPE_CHECKING:
+    Strength = float
+else:
+    Strength = quantity("eV", ge=0)
+
+
+class ElasticPairs(Interaction):
+    """A bond changes the forming barriers of its eight nearest neighbours, each by ΔE_in = I_b (φ_in − ε).
+
+    φ_in is uniform on (0, 1), one number for each pair of neighbouring pixels, drawn once. It is a function of the seed
+    and the two pixels alone: a pair keeps it when load, contact or strength change. Li, Pastewka & Szlufarska,
+    Phys. Rev. E 98, 023001 (2018), eqs. 4 and 5.
+    """
+
+    kind = "elastic-pairs"
+    cite: ClassVar[tuple[str, ...]] = ("Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)",)
+
+    strength: Strength
+    """I_b, eV"""
+    bias: float = Field(default=0.1, allow_inf_nan=False)
+    """ε: the share of pairs where a bond helps its neighbour to form"""
+
+    def neighbours(self, pixels: tuple[int, int], periodic: bool, sites: np.ndarray) -> np.ndarray:
+        """The eight nearest pixels that are sites: (n, 8) int32, -1 where there is none.
+
+        Columns 0…7 are the steps (−1,−1), (−1,0), (−1,1), (0,−1), (0,1), (1,−1), (1,0), (1,1). On a periodic grid one
+        or two pixels wide, steps that lead to the same pixel count once, and no site is its own neighbour.
+
+        Raises
+        ------
+        InputError
+            ``sites`` are not ascending pixel indices of the grid.
+        """
+        from chemage_interactions import _kernels
+
+        nx, ny = pixels
+        sites = np.ascontiguousarray(sites, dtype=np.int64)
+        starts = _kernels.row_starts(sites, nx, ny)
+        if starts.size == 0 or sites.size > np.iinfo(np.int32).max:
+            raise InputError(f"sites: not ascending pixel indices, or outside the grid of {nx} x {ny} pixels")
+        out = np.empty((sites.size, len(_kernels.SLOTS)), dtype=np.int32)
+        _kernels.eight_neighbours(sites, starts, nx, ny, periodic, out)
+        out.setflags(write=False)
+        return out
+
+    def coupling(self, sites: np.ndarray, neighbours: np.ndarray, seed: Seed) -> np.ndarray:
+        """ΔE_in of each neighbour, (n, k) float64 eV, symmetric bit for bit; 0 where there is none."""
+        from chemage import random
+        from chemage_interactions import _kernels
+
+        out = np.empty(neighbours.shape)
+        key = random.key(seed)
+        _kernels.pair_couplings(
+            np.ascontiguousarray(sites, dtype=np.int64),
+            neighbours,
+            key[0],
+            key[1],
+            random.PAIR,
+            self.strength,
+            self.bias,
+            out,
+        )
+        out.setflags(write=False)
+        return out

@@ -1,0 +1,37 @@
+"""The material of the paper: silica surfaces with silanol groups that form siloxane bridges.
+
+Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018): the barrier distribution ``md-silica``, and the scenes
+``silica-rough`` and ``silica-tip``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from chemage.hookspecs import hookimpl
+
+if TYPE_CHECKING:
+    from chemage_silica.barriers import MDSilica as MDSilica
+
+__all__ = ["MDSilica"]
+
+
+@hookimpl
+def chemage_register() -> dict[str, dict[str, str]]:
+    return {"barriers": {"md-silica": "chemage_silica.barriers:MDSilica"}}
+
+
+@hookimpl
+def chemage_scenes() -> dict[str, str]:
+    return {
+        "silica-rough": "chemage_silica.scenes:silica-rough.toml",
+        "silica-tip": "chemage_silica.scenes:silica-tip.toml",
+    }
+
+
+def __getattr__(name: str) -> Any:
+    if name == "MDSilica":
+        from chemage_silica.barriers import MDSilica
+
+        return MDSilica
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

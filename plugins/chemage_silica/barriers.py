@@ -1,0 +1,41 @@
+"""The barriers of silica."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from importlib import resources
+from typing import ClassVar
+
+import numpy as np
+
+from chemage.spec import Barriers
+from chemage_barriers import PiecewiseLinearDensity, parse_columns
+
+
+@lru_cache(maxsize=1)
+def _table() -> PiecewiseLinearDensity:
+    name = "md_silica_barriers.csv"
+    text = resources.files("chemage_silica").joinpath(name).read_text(encoding="utf-8")
+    energies, density = parse_columns(text, name).T
+    return PiecewiseLinearDensity(energies, density)
+
+
+class MDSilica(Barriers):
+    """Barriers to forming a siloxane bridge: symmetric triangular density from 0.8 to 1.4 eV.
+
+    The published distribution is not tabulated; this shape reproduces the published ageing rates within a few per cent
+    at an activation volume of 6.4 Å³. The table and its provenance are in ``md_silica_barriers.csv`` beside this file;
+    ``tabulated`` takes a table or samples of your own.
+    """
+
+    kind = "md-silica"
+    cite: ClassVar[tuple[str, ...]] = (
+        "Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)",
+        "Y. Liu, I. Szlufarska, Phys. Rev. Lett. 109, 186102 (2012)",
+    )
+
+    def quantile(self, uniform: np.ndarray) -> np.ndarray:
+        return _table().quantile(uniform)
+
+    def density(self, energy: np.ndarray) -> np.ndarray:
+        return _table().density(energy)

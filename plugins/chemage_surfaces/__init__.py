@@ -1,0 +1,50 @@
+"""Surfaces and the readers of height maps: ``self-affine``, ``sphere``, ``from-file``; ``npy``, ``text``, ``hdf5``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from chemage.hookspecs import hookimpl
+
+if TYPE_CHECKING:
+    from chemage_surfaces.from_file import FromFile as FromFile
+    from chemage_surfaces.readers import Hdf5 as Hdf5
+    from chemage_surfaces.readers import Npy as Npy
+    from chemage_surfaces.readers import Text as Text
+    from chemage_surfaces.self_affine import SelfAffine as SelfAffine
+    from chemage_surfaces.sphere import Sphere as Sphere
+
+_HOME = {
+    "FromFile": "from_file",
+    "Hdf5": "readers",
+    "Npy": "readers",
+    "SelfAffine": "self_affine",
+    "Sphere": "sphere",
+    "Text": "readers",
+}
+
+__all__ = ["FromFile", "Hdf5", "Npy", "SelfAffine", "Sphere", "Text"]
+
+
+@hookimpl
+def chemage_register() -> dict[str, dict[str, str]]:
+    return {
+        "surface": {
+            "self-affine": "chemage_surfaces.self_affine:SelfAffine",
+            "sphere": "chemage_surfaces.sphere:Sphere",
+            "from-file": "chemage_surfaces.from_file:FromFile",
+        },
+        "reader": {
+            "npy": "chemage_surfaces.readers:Npy",
+            "text": "chemage_surfaces.readers:Text",
+            "hdf5": "chemage_surfaces.readers:Hdf5",
+        },
+    }
+
+
+def __getattr__(name: str) -> Any:
+    from importlib import import_module
+
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

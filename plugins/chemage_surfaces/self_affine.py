@@ -1,0 +1,93 @@
+"""The randomly rough surface of the paper."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from chemage.objects import Surface
+from chemage.pipeline import checked_seed
+from chemage.spec import Seed, SurfaceMaker
+from chemage.units import Length, quantity
+from chemage_surfaces._options import Pixels, provenance
+
+if TYPE_CHECKING:
+    Height = float
+else:
+    Height = quantity("nm", ge=0)
+
+
+class SelfAffine(SurfaceMaker):
+    """Periodic, isotropic, Gaussian self-affine surface, by Fourier filtering of white noise.
+
+    With q_L = 2π/λ_L, λ_L the longer side, the power spectral density is constant for q_L ≤ q < ``eta`` q_L, falls as
+    q^(−2−2H) for ``eta`` q_L ≤ q ≤ ``zeta`` q_L, and is zero elsewhere. Li, Pastewka & Szlufarska, Phys. Rev. E 98,
+    023001 (2018), eq. 1. A seed stands for one surface: a finer grid of the same size samples the same heights, and a
+    larger ``zeta`` adds shorter waves.
+    """
+
+    kind = "self-affine"
+    cite: ClassVar[tuple[str, ...]] = (
+        "Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)",
+        "T. D. B. Jacobs, T. Junge, L. Pastewka, Surf. Topogr.: Metrol. Prop. 5, 013001 (2017)",
+    )
+
+    pixels: Pixels
+    """grid: one number for a square, or [nx, ny]"""
+    pixel_size: Length
+    """edge of a pixel, nm"""
+    hurst: float = Field(ge=0, le=1, allow_inf_nan=False)
+    """Hurst exponent H"""
+    zeta: float = Field(ge=1, allow_inf_nan=False)
+    """short cut-off q_s/q_L; at most half the pixels of the longer side (Nyquist)"""
+    eta: float = Field(default=1.0, ge=1, allow_inf_nan=False)
+    """roll-off q_r/q_L, 1 ≤ eta ≤ zeta; 1: no plateau"""
+    rms_slope: float | None = Field(default=None, ge=0, allow_inf_nan=False)
+    """root mean square slope (spectral), met exactly; give this or rms_height"""
+    rms_height: Height | None = None
+    """root mean square height, nm, met exactly; give this or rms_slope"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.rms_slope is None) == (self.rms_height is None):
+            given = "neither" if self.rms_slope is None else "both"
+            raise ValueError(f"rms_slope, rms_height: {given} given; give exactly one of them")
+        if self.eta > self.zeta:
+            raise ValueError(
+                f"eta = {self.eta:g}: above zeta = {self.zeta:g}; the roll-off must come before the cut-off"
+            )
+        longest = max(self.pixels)
+        if self.zeta > longest / 2:
+            raise ValueError(
+                f"zeta = {self.zeta:g}: above the Nyquist limit {longest / 2:g} of {longest} pixels; "
+                "use more pixels or a smaller zeta"
+            )
+        return self
+
+    def make(self, seed: Seed = 0) -> Surface:
+        """The surface of ``seed``: heights (nx, ny) float64 nm with zero mean; the same seed gives the same bytes.
+
+        Raises
+        ------
+        InputError
+            The seed is not a whole number ≥ 0 (or a ``numpy.random.SeedSequence``).
+        """
+        from chemage_surfaces import _spectral
+
+        if not isinstance(seed, np.random.SeedSequence):
+            seed = checked_seed(seed)
+        heights = _spectral.self_affine(
+            self.pixels,
+            self.pixel_size,
+            hurst=self.hurst,
+            zeta=self.zeta,
+            eta=self.eta,
+            rms_slope=self.rms_slope,
+            rms_height=self.rms_height,
+            seed=seed,
+            workers=-1,
+        )
+        heights.setflags(write=False)
+        return Surface(heights=heights, pixel_size=self.pixel_size, periodic=True, provenance=provenance(self, seed))
