@@ -208,10 +208,11 @@ def _roles() -> list[str]:
 
 
 def _check_hook_names(plugin: Any) -> None:
-    """Refuse what pluggy would silently ignore: a misspelled hook, and a hook without ``@chemage.hookimpl``."""
+    """Refuse what pluggy would silently ignore: a misspelled hook, a hook without ``@chemage.hookimpl``, no hook."""
     from chemage.spec import nearest
 
     known = [name for name in dir(hookspecs) if name.startswith("chemage_")]
+    found = 0
     for name in dir(plugin):
         function = getattr(plugin, name)
         marked = getattr(function, "chemage_impl", None)
@@ -224,6 +225,9 @@ def _check_hook_names(plugin: Any) -> None:
             )
         if marked is None:
             raise PluginError(f"{name} is not marked as a hook; write @chemage.hookimpl above it")
+        found += 1
+    if not found:
+        raise PluginError(f"implements no hook; the hooks are {', '.join(known)}")
 
 
 def _clash(role: str, kind: str, offers: list[PluginRecord]) -> str:

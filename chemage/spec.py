@@ -81,6 +81,15 @@ class Spec(BaseModel):
         # a choice inside a choice must keep its kind too: without it two chemistries would have one digest
         return {"kind": self.kind, **handler(self)} if self.kind else handler(self)
 
+    def __eq__(self, other: object) -> bool:
+        # by options alone: pydantic would compare what a class keeps in private attributes as well
+        return type(other) is type(self) and all(
+            getattr(self, name) == getattr(other, name) for name in type(self).model_fields
+        )
+
+    def __hash__(self) -> int:
+        return hash((type(self), *(getattr(self, name) for name in type(self).model_fields)))
+
     def todict(self) -> dict[str, Any]:
         """``{"kind": ..., option: value}`` of plain JSON values; :meth:`fromdict` reads it back."""
         return self.model_dump(mode="json")
