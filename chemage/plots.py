@@ -79,12 +79,13 @@ def pressure_figure(contact: ContactSolution) -> Figure:
     pressure = contact.pressure
     top = float(pressure.max()) or 1.0
     style: dict[str, Any] = {"cmap": "inferno_r", "vmin": 0.0, "vmax": top}
-    _map(axes[0], pooled(pressure, np.max), (0.0, nx * a, 0.0, ny * a), "pressure (GPa)", **style)
+    shown = np.ma.masked_equal(pooled(pressure, np.max), 0.0)
+    _map(axes[0], shown, (0.0, nx * a, 0.0, ny * a), "pressure (GPa)", **style)
     axes[0].set_title(f"{contact.patches} patches, A/A$_0$ = {contact.area_fraction:.3g}")
     (x0, x1), (y0, y1) = _around_largest_patch(contact)
     part = pressure[x0:x1, y0:y1]
     extent = (x0 * a, x1 * a, y0 * a, y1 * a)
-    _map(axes[1], part, extent, "pressure (GPa)", **style)
+    _map(axes[1], np.ma.masked_equal(part, 0.0), extent, "pressure (GPa)", **style)
     touching = (part > 0).astype(float)
     if min(part.shape) > 1 and 0 < touching.mean() < 1:
         axes[1].contour(

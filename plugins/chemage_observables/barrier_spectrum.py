@@ -22,10 +22,10 @@ class BarrierSpectrum(Observable):
     kind = "barrier-spectrum"
 
     lower: Energy = 0.0
-    """lower edge of the histogram; what lies below is counted in the first bin"""
-    upper: Energy = 2.0
-    """upper edge; what lies above is counted in the last bin"""
-    bins: int = Field(default=100, ge=1, le=100_000)
+    """lower edge of the histogram"""
+    upper: Energy = 2.5
+    """upper edge; what lies outside is not counted, so a density integrates to the share of sites inside"""
+    bins: int = Field(default=125, ge=1, le=100_000)
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -45,7 +45,7 @@ class BarrierSpectrum(Observable):
             now += np.sum(lattice.coupling, axis=1, where=taken, dtype=np.float64)
 
         def density(values: np.ndarray) -> np.ndarray:
-            counts, _ = np.histogram(np.clip(values, self.lower, self.upper), bins=edges)
+            counts, _ = np.histogram(values, bins=edges)
             return counts / (max(forming.size, 1) * np.diff(edges))
 
         return {
