@@ -204,8 +204,11 @@ class Surface(Record):
         return measures.rms_slope(self.heights, self.pixel_size, self.periodic)
 
     def psd(self, bins: int = 60) -> tuple[np.ndarray, np.ndarray]:
-        """Radially averaged power spectral density: wavenumbers (1/nm) and C(q) (nm⁴)."""
-        return measures.psd(self.heights, self.pixel_size, bins)
+        """Radially averaged power spectral density, mean square height = ∫C d²q/(2π)²: q (1/nm) and C(q) (nm⁴).
+
+        See :func:`chemage.measures.psd`; a surface that is not periodic is tapered with a Hann window.
+        """
+        return measures.psd(self.heights, self.pixel_size, self.periodic, bins)
 
     def __repr__(self) -> str:
         nx, ny = self.shape

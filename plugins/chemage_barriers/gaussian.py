@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Self
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from chemage.spec import Barriers
-from chemage.units import Energy, quantity
-
-if TYPE_CHECKING:
-    Width = float
-else:
-    Width = quantity("eV", ge=0)
+from chemage.units import Energy, Unit
 
 
 class Gaussian(Barriers):
@@ -28,7 +23,7 @@ class Gaussian(Barriers):
 
     mean: Energy
     """mean of the whole normal distribution, eV"""
-    std: Width
+    std: Annotated[float, Unit("eV", ge=0)]
     """its standard deviation, eV; 0: all barriers are equal"""
     lower: Energy | None = None
     """no barrier lies below, eV; None: not cut off"""

@@ -31,8 +31,8 @@ class PiecewiseLinearDensity:
     ----------
     energies
         (m,) strictly increasing, m ≥ 2; any unit, the same that :meth:`quantile` answers in.
-    density
-        (m,) ≥ 0, at least one positive; normalised here.
+    weights
+        density at each energy, (m,) ≥ 0, at least one positive; normalised here.
 
     Raises
     ------
@@ -40,21 +40,21 @@ class PiecewiseLinearDensity:
         Naming the entry that is wrong.
     """
 
-    def __init__(self, energies: ArrayLike | Sequence[float], density: ArrayLike | Sequence[float]) -> None:
+    def __init__(self, energies: ArrayLike | Sequence[float], weights: ArrayLike | Sequence[float]) -> None:
         x = np.array(energies, dtype=np.float64)
-        p = np.array(density, dtype=np.float64)
+        p = np.array(weights, dtype=np.float64)
         if x.ndim != 1 or p.shape != x.shape or x.size < 2:
             raise ValueError(
-                f"energies {x.shape} and density {p.shape}: give two lists of equal length, at least two points"
+                f"energies {x.shape} and weights {p.shape}: give two lists of equal length, at least two points"
             )
         _finite("energies", x)
-        _finite("density", p)
+        _finite("weights", p)
         _increasing("energies", x, strictly=True)
         if np.any(p < 0):
             at = int(np.flatnonzero(p < 0)[0])
-            raise ValueError(f"density[{at}] = {p[at]:g} is negative; a probability density is not")
+            raise ValueError(f"weights[{at}] = {p[at]:g} is negative; a probability density is not")
         if not np.any(p > 0):
-            raise ValueError("density: zero everywhere; at least one value must be positive")
+            raise ValueError("weights: zero everywhere; at least one value must be positive")
         # scaled before it is summed, so that neither 1e308 nor 1e-308 spoils the normalisation
         p /= p.max()
         span = x[-1] - x[0]

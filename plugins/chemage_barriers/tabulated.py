@@ -5,25 +5,27 @@ from __future__ import annotations
 import hashlib
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, PrivateAttr, model_validator
 
 from chemage.errors import StoreError
 from chemage.spec import Barriers
-from chemage.units import quantity
+from chemage.units import Unit
 from chemage_barriers.piecewise import EmpiricalQuantile, PiecewiseLinearDensity
-
-if TYPE_CHECKING:
-    Scale = float
-else:
-    Scale = quantity("eV", gt=0)
 
 
 def _listed(value: Any) -> Any:
     return np.asarray(value).ravel().tolist() if isinstance(value, np.ndarray) else value
+
+
+def _named_unit(value: Any) -> Any:
+    """A unit by its name alone, "meV", is one of it."""
+    return f"1 {value}" if isinstance(value, str) and value[:1].isalpha() else value
 
 
 Numbers = Annotated[tuple[float, ...], BeforeValidator(_listed)]
@@ -107,7 +109,7 @@ class Tabulated(Barriers):
     """barriers in ``energy_unit``, in any order, for example from molecular dynamics"""
     path: FilePath | None = None
     """text file with two columns (energies, weights) or one (samples)"""
-    energy_unit: Scale = 1.0
+    energy_unit: Annotated[float, Unit("eV", gt=0), BeforeValidator(_named_unit)] = 1.0
     """unit of the energies given, eV: "meV", or a number"""
 
     _distribution: PiecewiseLinearDensity | EmpiricalQuantile = PrivateAttr()
@@ -122,20 +124,28 @@ class Tabulated(Barriers):
             raise ValueError(
                 f"{' and '.join(ways) or 'nothing'} given; give exactly one of energies with weights, samples, or path"
             )
-        columns = [column for column in (self.energies, self.weights, self.samples) if column is not None]
-        if self.path is not None:
-            content, table = read_columns(self.path)
-            # the digest follows the content, so that an edited file is another distribution
-            self._content = hashlib.blake2b(content, digest_size=16).hexdigest()
-            columns = list(table.T)
+        columns: list[ArrayLike] = [
+            column for column in (self.energies, self.weights, self.samples) if column is not None
+        ]
+        if self.path is None:
+            self._distribution = self._of(columns)
+            return self
+        content, table = read_columns(self.path)
+        # the digest follows the content, so that an edited file is another distribution
+        self._content = hashlib.blake2b(content, digest_size=16).hexdigest()
+        try:
+            self._distribution = self._of(list(table.T))
+        except ValueError as error:
+            raise ValueError(f"path: {self.path}: {error}") from None
+        return self
+
+    def _of(self, columns: Sequence[ArrayLike]) -> PiecewiseLinearDensity | EmpiricalQuantile:
         first = np.array(columns[0], dtype=np.float64) * self.energy_unit
         if len(columns) == 1:
-            self._distribution = EmpiricalQuantile(first)
-        elif len(columns) == 2:
-            self._distribution = PiecewiseLinearDensity(first, columns[1])
-        else:
-            raise ValueError(f"path: {self.path} has {len(columns)} columns; give one (samples) or two")
-        return self
+            return EmpiricalQuantile(first)
+        if len(columns) == 2:
+            return PiecewiseLinearDensity(first, columns[1])
+        raise ValueError(f"{len(columns)} columns; give one (samples) or two (energies, weights)")
 
     def digest(self) -> str:
         if not self._content:

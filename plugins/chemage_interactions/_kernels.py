@@ -36,7 +36,7 @@ def row_starts(sites, nx, ny):
 
 @nb.njit(cache=True, nogil=True)
 def eight_neighbours(sites, starts, nx, ny, periodic, out):
-    """Fills ``out`` (n, 8) int32 with the positions of the eight nearest neighbours in the list, -1 where there is none.
+    """Fills ``out`` (n, 8) int32 with the positions of the eight nearest neighbours in the list, or -1.
 
     Rows are merged: one pointer runs along the row of each step, so a site costs a handful of reads that are nearly all
     in the cache, and one write of 32 bytes. On a periodic grid one or two pixels wide, steps that lead to the same

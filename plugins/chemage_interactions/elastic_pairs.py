@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
-from pydantic import Field
 
 from chemage.errors import InputError
 from chemage.spec import Interaction, Seed
-from chemage.units import quantity
-
-if TYPE_CHECKING:
-    Strength = float
-else:
-    Strength = quantity("eV", ge=0)
+from chemage.units import Unit
 
 
 class ElasticPairs(Interaction):
@@ -28,9 +22,9 @@ class ElasticPairs(Interaction):
     kind = "elastic-pairs"
     cite: ClassVar[tuple[str, ...]] = ("Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)",)
 
-    strength: Strength
+    strength: Annotated[float, Unit("eV", ge=0)]
     """I_b, eV"""
-    bias: float = Field(default=0.1, allow_inf_nan=False)
+    bias: Annotated[float, Unit("")] = 0.1
     """ε: the share of pairs where a bond helps its neighbour to form"""
 
     def neighbours(self, pixels: tuple[int, int], periodic: bool, sites: np.ndarray) -> np.ndarray:

@@ -11,24 +11,31 @@ from pydantic import BeforeValidator
 import chemage
 from chemage.spec import Seed, SurfaceMaker
 
-#: pixels of the longest grid this accepts; a square one of that size has 2**34 pixels, 128 GiB of heights
-LONGEST = 2**17
+#: pixels of the largest grid; its heights alone take 128 GiB
+MOST_PIXELS = 2**34
+
+
+def _count(side: Any) -> int:
+    if isinstance(side, bool):
+        raise TypeError
+    # a grid is sometimes written 2.5e3
+    if isinstance(side, float) and side.is_integer():
+        return int(side)
+    return operator.index(side)
 
 
 def _grid(value: Any) -> tuple[int, int]:
-    sides: tuple[Any, ...] = tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
+    sides = tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
     try:
-        if any(isinstance(side, bool) for side in sides):
-            raise TypeError
-        counts = [
-            int(side) if isinstance(side, float) and side.is_integer() else operator.index(side) for side in sides
-        ]
+        counts = [_count(side) for side in sides]
     except TypeError:
         raise ValueError("give a whole number of pixels, or two: [nx, ny]") from None
     if len(counts) != 2:
-        raise ValueError(f"{value!r}: give one whole number, or two: [nx, ny]")
-    if min(counts) < 1 or max(counts) > LONGEST:
-        raise ValueError(f"a grid of {counts[0]} x {counts[1]} pixels; give 1 to {LONGEST} on a side")
+        raise ValueError(f"{len(counts)} numbers; give one whole number of pixels, or two: [nx, ny]")
+    if min(counts) < 1:
+        raise ValueError(f"a grid of {counts[0]} x {counts[1]} pixels has none; give at least 1")
+    if counts[0] * counts[1] > MOST_PIXELS:
+        raise ValueError(f"a grid of {counts[0]} x {counts[1]} pixels is beyond any memory; give at most {MOST_PIXELS}")
     return counts[0], counts[1]
 
 

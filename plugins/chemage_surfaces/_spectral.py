@@ -1,12 +1,11 @@
-"""Random self-affine surfaces by Fourier filtering, and the spectral measures that go with them.
+"""Random self-affine surfaces by Fourier filtering.
 
 Plain functions on plain arrays. Each wave vector owns its place in the random stream, ordered in shells of growing
 wave number, so a seed stands for one *surface*: a finer pixel grid samples the same surface, and a larger ``zeta``
 adds shorter waves to it. This is what makes a convergence study in the pixel size possible without averaging over
 realisations.
 
-Sources: Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018), Eq. 1; T. D. B. Jacobs, T. Junge,
-L. Pastewka, Surf. Topogr.: Metrol. Prop. 5, 013001 (2017) for the conventions of power spectra.
+Source: Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018), Eq. 1.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from scipy import fft as sfft
 
 Floats = NDArray[np.float64]
 
-__all__ = ["radial_psd", "rms_slope", "self_affine", "spectral_density"]
+__all__ = ["self_affine", "spectral_density"]
 
 
 def spectral_density(q: Floats, *, hurst: float, q_roll: float, q_long: float, q_short: float) -> Floats:
@@ -147,40 +146,3 @@ def _make_hermitian(column: NDArray[np.complex128]) -> None:
     column[n - positive.size :] = positive[::-1].conj()
     for i in (0, n // 2) if n % 2 == 0 else (0,):
         column[i] = math.sqrt(2.0) * column[i].real
-
-
-def rms_slope(heights: NDArray[np.floating], pixel_size: float, *, workers: int = 1) -> float:
-    """Spectral rms slope sqrt(<|∇h|²>) of periodic heights (nx, ny), dimensionless; 0 for a flat surface."""
-    nx, ny = heights.shape
-    scale = float(np.max(np.abs(heights), initial=0.0))
-    if scale == 0.0 or not math.isfinite(scale):
-        return scale
-    spectrum = np.asarray(sfft.rfft2(np.asarray(heights, np.float64) / scale, overwrite_x=True, workers=workers))
-    power = (spectrum.real**2 + spectrum.imag**2) * _multiplicity(ny)
-    qx = 2.0 * math.pi / nx * _frequencies(nx)
-    qy = 2.0 * math.pi / ny * np.arange(ny // 2 + 1)
-    squared = float(qx**2 @ power.sum(axis=1)) + float(power.sum(axis=0) @ qy**2)
-    return math.sqrt(squared) / (nx * ny) * (scale / pixel_size)
-
-
-def radial_psd(heights: NDArray[np.floating], pixel_size: float, *, workers: int = 1) -> tuple[Floats, Floats]:
-    """Radially averaged power spectral density of periodic heights (nx, ny).
-
-    Returns ``q`` (1/nm) and ``C(q)`` (nm⁴), one entry per ring of width 2π/λ_L that holds wave vectors, zero
-    excluded. Convention of Jacobs et al.: C(q) = |a² Σ h exp(-iq·r)|²/A0, so that the mean square height is
-    ∫C d²q/(2π)².
-    """
-    nx, ny = heights.shape
-    longest = max(nx, ny)
-    spectrum = np.asarray(sfft.rfft2(np.asarray(heights, dtype=np.float64), workers=workers))
-    power = (spectrum.real**2 + spectrum.imag**2) * _multiplicity(ny)
-    q = np.hypot(_frequencies(nx)[:, None] * (longest / nx), np.arange(ny // 2 + 1) * (longest / ny))
-    ring = np.rint(q).astype(np.int64).ravel()
-    weight = np.broadcast_to(_multiplicity(ny), q.shape).ravel()
-    count = np.bincount(ring, weights=weight)
-    total = np.bincount(ring, weights=power.ravel())
-    radius = np.bincount(ring, weights=weight * q.ravel())
-    keep = count > 0
-    keep[0] = False
-    unit = 2.0 * math.pi / (longest * pixel_size)
-    return radius[keep] / count[keep] * unit, total[keep] / count[keep] * (pixel_size**2 / (nx * ny))

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from chemage.objects import Surface
 from chemage.pipeline import checked_seed
 from chemage.spec import Seed, SurfaceMaker
-from chemage.units import Length, quantity
+from chemage.units import Length, Unit
 from chemage_surfaces._options import Pixels, provenance
-
-if TYPE_CHECKING:
-    Height = float
-else:
-    Height = quantity("nm", ge=0)
 
 
 class SelfAffine(SurfaceMaker):
@@ -38,15 +33,15 @@ class SelfAffine(SurfaceMaker):
     """grid: one number for a square, or [nx, ny]"""
     pixel_size: Length
     """edge of a pixel, nm"""
-    hurst: float = Field(ge=0, le=1, allow_inf_nan=False)
+    hurst: Annotated[float, Unit("", ge=0, le=1)]
     """Hurst exponent H"""
-    zeta: float = Field(ge=1, allow_inf_nan=False)
+    zeta: Annotated[float, Unit("", ge=1)]
     """short cut-off q_s/q_L; at most half the pixels of the longer side (Nyquist)"""
-    eta: float = Field(default=1.0, ge=1, allow_inf_nan=False)
+    eta: Annotated[float, Unit("", ge=1)] = 1.0
     """roll-off q_r/q_L, 1 ≤ eta ≤ zeta; 1: no plateau"""
-    rms_slope: float | None = Field(default=None, ge=0, allow_inf_nan=False)
+    rms_slope: Annotated[float, Unit("", ge=0)] | None = None
     """root mean square slope (spectral), met exactly; give this or rms_height"""
-    rms_height: Height | None = None
+    rms_height: Annotated[float, Unit("nm", ge=0)] | None = None
     """root mean square height, nm, met exactly; give this or rms_slope"""
 
     @model_validator(mode="after")

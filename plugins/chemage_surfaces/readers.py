@@ -1,0 +1,234 @@
+"""Readers of height maps: numpy files, text tables, HDF5.
+
+Each takes heights in nm as they stand in the file. The pixel size is the option's, or else what the file states.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from chemage.errors import InputError, StoreError
+from chemage.objects import Surface
+from chemage.spec import Reader
+from chemage.units import Length, convert
+
+if TYPE_CHECKING:
+    import h5py
+
+
+def _open_error(path: str | PathLike[str], error: OSError) -> StoreError:
+    return StoreError(f"{path}: {error.strerror or error}")
+
+
+def as_surface(
+    heights: Any, source: str, *, pixel_size: float | None, stated: object = None, periodic: bool = False
+) -> Surface:
+    """A Surface of ``heights`` found in ``source``, once they are known to be a map of finite real numbers.
+
+    ``pixel_size`` (nm) is what the user gave, ``stated`` (a number in nm, or a string with its unit) what the file
+    says; the user's comes first.
+
+    Raises
+    ------
+    StoreError
+        The array is not two-dimensional, or not of real numbers.
+    InputError
+        Heights are missing (NaN) or infinite, or the pixel size is unknown.
+    """
+    heights = np.asarray(heights)
+    if heights.dtype.kind not in "fiub":
+        raise StoreError(f"{source} holds {heights.dtype} values; heights are real numbers")
+    if heights.ndim != 2 or heights.size == 0:
+        raise StoreError(f"{source} holds an array of shape {heights.shape}; a height map has two dimensions (nx, ny)")
+    if heights.dtype.kind != "f" or heights.dtype.itemsize not in (4, 8):
+        heights = heights.astype(np.float64)
+    bad = np.argwhere(~np.isfinite(heights))
+    if bad.size:
+        raise InputError(
+            f"{source}: {len(bad)} of {heights.size} heights are missing or infinite, the first at pixel "
+            f"({bad[0, 0]}, {bad[0, 1]}); fill or crop missing data first"
+        )
+    if pixel_size is None:
+        if stated is None:
+            raise InputError(f'pixel_size: {source} does not state one; give it, such as pixel_size = "0.45 nm"')
+        pixel_size = convert(stated, "nm")
+        if not (math.isfinite(pixel_size) and pixel_size > 0):
+            raise StoreError(f"{source} states a pixel size of {stated!r}; give pixel_size")
+    # a copy in this machine's byte order, whatever the file's
+    heights = np.array(heights, dtype=np.float32 if heights.dtype.itemsize == 4 else np.float64, order="C")
+    heights.setflags(write=False)
+    return Surface(heights=heights, pixel_size=pixel_size, periodic=periodic)
+
+
+class Npy(Reader):
+    """A two-dimensional array saved with ``numpy.save``. The file states no pixel size."""
+
+    kind = "npy"
+    suffixes: ClassVar[tuple[str, ...]] = (".npy",)
+
+    pixel_size: Length | None = None
+    """edge of a pixel, nm"""
+
+    def read(self, path: str | PathLike[str]) -> Surface:
+        """The surface in the file (heights in nm, not periodic).
+
+        Raises
+        ------
+        StoreError
+            The file is missing, truncated, or not a numpy array of real numbers.
+        InputError
+            The pixel size is unknown, or heights are not finite.
+        """
+        try:
+            with open(path, "rb") as file:
+                if file.read(6) != b"\x93NUMPY":
+                    raise StoreError(f"{path} is not a numpy (.npy) file")
+                file.seek(0)
+                heights = np.load(file, allow_pickle=False)
+        except OSError as error:
+            if isinstance(error, StoreError):
+                raise
+            raise _open_error(path, error) from None
+        except (ValueError, EOFError, SyntaxError) as error:
+            raise StoreError(f"{path} is truncated or not a plain array of numbers ({error})") from None
+        return as_surface(heights, str(path), pixel_size=self.pixel_size)
+
+
+#: what a text file may say of itself in a comment line
+_STATED = re.compile(r"pixel[ _]size\s*[:=]\s*(?P<value>[^,;]+?)\s*$", re.IGNORECASE)
+
+
+class Text(Reader):
+    """A table of heights, one row of pixels a line; line i, column j is pixel (i, j).
+
+    Columns are separated by commas, semicolons, tabs or blanks. Lines that begin with ``#`` or ``%`` are comments; one
+    of the form ``# pixel_size = 0.45 nm`` states the pixel size.
+    """
+
+    kind = "text"
+    suffixes: ClassVar[tuple[str, ...]] = (".txt", ".dat", ".csv", ".tsv", ".asc")
+
+    pixel_size: Length | None = None
+    """edge of a pixel, nm"""
+    delimiter: str | None = None
+    """what separates columns; None: found from the first row of numbers (comma, semicolon, tab, else blanks)"""
+    comments: str = "#%"
+    """characters that begin a comment"""
+
+    def read(self, path: str | PathLike[str]) -> Surface:
+        """The surface in the file (heights in nm, not periodic).
+
+        Raises
+        ------
+        StoreError
+            The file is missing, or not a table of numbers with rows of equal length.
+        InputError
+            The pixel size is unknown, or heights are not finite.
+        """
+        try:
+            lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
+        except UnicodeDecodeError:
+            raise StoreError(f"{path} is not a text file") from None
+        except OSError as error:
+            raise _open_error(path, error) from None
+        stated, first = None, ""
+        for line in lines:
+            if line.strip()[:1] in tuple(self.comments) and (said := _STATED.search(line)):
+                stated = said["value"]
+            elif line.strip() and line.strip()[0] not in self.comments:
+                first = line
+                break
+        delimiter = self.delimiter or next((mark for mark in ",;\t" if mark in first), None)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "loadtxt: input contained no data")
+            try:
+                heights = np.loadtxt(lines, delimiter=delimiter, comments=list(self.comments), ndmin=2)
+            except ValueError as error:
+                # numpy adds advice on its own options after the semicolon
+                raise StoreError(f"{path} is not a table of numbers: {str(error).partition(';')[0]}") from None
+        if heights.size == 0:
+            raise StoreError(f"{path} holds no numbers")
+        return as_surface(heights, str(path), pixel_size=self.pixel_size, stated=stated)
+
+
+class Hdf5(Reader):
+    """A two-dimensional dataset of an HDF5 (or NetCDF-4) file.
+
+    Attributes ``pixel_size`` (nm, or a string with its unit) and ``periodic`` of the dataset, of its group or of the
+    file are taken where present, the nearest first.
+    """
+
+    kind = "hdf5"
+    suffixes: ClassVar[tuple[str, ...]] = (".h5", ".hdf5", ".hdf", ".nc")
+
+    pixel_size: Length | None = None
+    """edge of a pixel, nm"""
+    dataset: str | None = None
+    """name of the dataset, such as "surface/heights"; None: the only two-dimensional one of numbers"""
+
+    def read(self, path: str | PathLike[str]) -> Surface:
+        """The surface in the file (heights in nm).
+
+        Raises
+        ------
+        StoreError
+            The file is missing, truncated, or not HDF5; the dataset is missing or not a map of numbers.
+        InputError
+            The pixel size is unknown, heights are not finite, or it is unclear which dataset is meant.
+        """
+        import h5py
+
+        try:
+            # h5py's own message for a missing file is a paragraph
+            with open(path, "rb"):
+                pass
+            with h5py.File(path, "r") as file:
+                node = self._find(file, path)
+                said = {}
+                for holder in (file, node.parent, node):
+                    said.update(
+                        {name: holder.attrs[name] for name in ("pixel_size", "periodic") if name in holder.attrs}
+                    )
+                heights, name = node[()], f"{path}:{node.name}"
+        except (StoreError, InputError):
+            raise
+        except OSError as error:
+            if error.strerror and "unable to" not in str(error).lower():
+                raise _open_error(path, error) from None
+            raise StoreError(f"{path} is not an HDF5 file, or is truncated") from None
+        stated = said.get("pixel_size")
+        if isinstance(stated, np.ndarray) and stated.size == 1:
+            stated = stated.item()
+        return as_surface(
+            heights, name, pixel_size=self.pixel_size, stated=stated, periodic=bool(said.get("periodic", False))
+        )
+
+    def _find(self, file: h5py.File, path: str | PathLike[str]) -> h5py.Dataset:
+        import h5py
+
+        maps: list[str] = []
+
+        def visit(name: str, node: Any) -> None:
+            if isinstance(node, h5py.Dataset) and node.ndim == 2 and node.dtype.kind in "fiu":
+                maps.append(name)
+
+        if self.dataset is not None:
+            node = file.get(self.dataset)
+            if isinstance(node, h5py.Dataset):
+                return node
+            problem = f"{path} has no dataset {self.dataset!r}"
+        else:
+            problem = f"{path}: which dataset holds the heights?"
+        file.visititems(visit)
+        if self.dataset is None and len(maps) == 1:
+            return file[maps[0]]  # pyright: ignore[reportReturnType]
+        known = ", ".join(maps) or "none"
+        error = InputError if self.dataset is None and maps else StoreError
+        raise error(f"{problem}; two-dimensional datasets of numbers in it: {known}")
