@@ -93,22 +93,23 @@ def _promise(role: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     return mark
 
 
-def checks_for(choice: Spec, **inputs: Any) -> list[Check]:
-    """The checks of a choice's role.
+def checks_for(choice: Spec | type[Spec], **inputs: Any) -> list[Check]:
+    """The checks of a choice's role, or of a role's class.
 
     ``inputs`` are what a role's checks need from outside: ``surfaces`` and ``force_tolerance`` (contact), ``path``
     (reader).
     """
-    if type(choice).role not in ROLES:
+    role = choice.role
+    if role not in ROLES:
         raise InputError.of("choice", choice, "is of no role", f"the roles are {', '.join(ROLES)}")
     found = []
-    for function in (*_CHECKS[""], *_CHECKS[choice.role]):
+    for function in (*_CHECKS[""], *_CHECKS[role]):
         code = function.__code__
         wanted = code.co_varnames[1 : code.co_argcount]
         found.append(Check(function.__name__.lstrip("_"), function, {k: v for k, v in inputs.items() if k in wanted}))
     unused = set(inputs).difference(*(check.inputs for check in found))
     if unused:
-        raise InputError(f"{choice.role} checks take no {', '.join(sorted(unused))}")
+        raise InputError(f"{role} checks take no {', '.join(sorted(unused))}")
     return found
 
 

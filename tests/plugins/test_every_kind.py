@@ -1,0 +1,117 @@
+"""Every installed kind of every role keeps the promises of its role."""
+
+from __future__ import annotations
+
+import atexit
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from chemage import registry
+from chemage.spec import ROLES
+from chemage.testing import checks_for, rough_surface
+
+FILES = Path(tempfile.mkdtemp(prefix="chemage-readers-"))
+atexit.register(shutil.rmtree, FILES, ignore_errors=True)
+np.save(FILES / "map.npy", rough_surface((9, 7)).heights)
+np.savetxt(FILES / "map.txt", rough_surface((9, 7)).heights, header="pixel_size = 0.5 nm")
+with h5py.File(FILES / "map.h5", "w") as file:
+    file["heights"] = rough_surface((9, 7)).heights
+    file["heights"].attrs["pixel_size"] = 0.5
+
+#: (role, kind) -> options of the choices to check, and what their checks need from outside
+CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
+    ("surface", "self-affine"): [
+        {"pixels": 48, "pixel_size": "0.5 nm", "rms_slope": 0.1, "hurst": 0.8, "zeta": 12, "eta": 3},
+        {"pixels": [33, 21], "pixel_size": 0.5, "rms_height": "1 nm", "hurst": 0.5, "zeta": 8, "eta": 1},
+    ],
+    ("surface", "sphere"): [{"radius": "30 nm", "pixels": 48, "pixel_size": 0.5}],
+    ("surface", "from-file"): [
+        {"path": str(FILES / "map.txt")},
+        {"path": str(FILES / "map.npy"), "pixel_size": 0.5, "reader": "npy", "detrend": "plane"},
+    ],
+    ("contact", "fft-bem"): [{"modulus": "35.3 GPa"}, {"modulus": 35.3, "tolerance": 1e-7, "gap": True}],
+    ("contact", "hertz"): [{"modulus": "35.3 GPa"}],
+    ("barriers", "gaussian"): [
+        {"mean": "1.1 eV", "std": "0.02 eV"},
+        {"mean": 1.1, "std": 0.1, "lower": 1.0, "upper": 1.15},
+        {"mean": 1.1, "std": 0},
+    ],
+    ("barriers", "uniform"): [{"lower": "0.8 eV", "upper": 1.4}],
+    ("barriers", "md-silica"): [{}],
+    ("barriers", "tabulated"): [
+        {"energies": [0.8, 1.0, 1.1, 1.4], "weights": [0, 2, 3, 0]},
+        {"samples": [0.85, 0.9, 1.0, 1.04, 1.3]},
+    ],
+    ("interaction", "elastic-pairs"): [{"strength": "0.5 eV", "bias": 0.1}],
+    ("engine", "rejection-free"): [{}],
+    ("engine", "bkl"): [{}],
+    ("engine", "next-reaction"): [{}],
+    ("engine", "independent"): [{}],
+    ("engine", "auto"): [{}],
+    ("observable", "barrier-spectrum"): [{}],
+    ("reader", "npy"): [{"pixel_size": 0.5}],
+    ("reader", "text"): [{}],
+    ("reader", "hdf5"): [{}],
+}
+
+INPUTS: dict[tuple[str, str], dict[str, Any]] = {
+    ("reader", "npy"): {"path": FILES / "map.npy"},
+    ("reader", "text"): {"path": FILES / "map.txt"},
+    ("reader", "hdf5"): {"path": FILES / "map.h5"},
+}
+
+#: (role, kind, check) -> why it cannot hold
+EXPECTED_FAILURES: dict[tuple[str, str, str], str] = {}
+
+
+def own_kinds() -> set[tuple[str, str]]:
+    """(role, kind) of the distribution chemage; what else is installed here is not this project's to test."""
+    return {
+        (role, kind)
+        for record in registry.current().records
+        if record.distribution == "chemage"
+        for role, kinds in record.kinds.items()
+        for kind in kinds
+    }
+
+
+def cases() -> list[Any]:
+    found = []
+    for (role, kind), alternatives in CASES.items():
+        for number, options in enumerate(alternatives):
+            for check in checks_for(ROLES[role], **INPUTS.get((role, kind), {})):
+                reason = EXPECTED_FAILURES.get((role, kind, check.name))
+                marks = [pytest.mark.xfail(reason=reason, raises=AssertionError)] if reason else []
+                name = f"{role}-{kind}-{number}-{check.name}"
+                found.append(pytest.param(role, kind, options, check, id=name, marks=marks))
+    return found
+
+
+@pytest.mark.parametrize(("role", "kind", "options", "check"), cases())
+def test_keeps_the_promise(role, kind, options, check):
+    check(registry.current().make(role, kind, options))
+
+
+def test_every_installed_kind_is_checked():
+    assert own_kinds() == set(CASES)
+
+
+def test_every_role_has_a_kind():
+    for role in ROLES:
+        assert registry.current().kinds(role), f"no {role} is installed"
+
+
+def test_nothing_is_broken():
+    assert registry.current().check() == []
+
+
+def test_expected_failures_name_checks_that_exist():
+    for role, kind, check in EXPECTED_FAILURES:
+        assert (role, kind) in CASES
+        assert check in {one.name for one in checks_for(ROLES[role])}
