@@ -6,7 +6,7 @@ Lengths in nm, pressures in GPa. Contact is where the pressure is positive.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,7 +47,7 @@ def _power(heights: np.ndarray) -> np.ndarray:
     """|h_q|² of the half spectrum, each mode counted with its conjugate: the sum is the mean square."""
     from scipy import fft
 
-    spectrum = np.asarray(fft.rfft2(heights, workers=-1))
+    spectrum: Any = fft.rfft2(heights, workers=-1)
     power = np.square(spectrum.real)
     power += np.square(spectrum.imag)
     power *= _multiplicity(heights.shape[1]) / float(heights.size) ** 2

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import re
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, PrivateAttr, model_validator
 
 from chemage.errors import StoreError
@@ -31,15 +28,8 @@ def _named_unit(value: Any) -> Any:
 Numbers = Annotated[tuple[float, ...], BeforeValidator(_listed)]
 
 
-def _path(value: Any) -> Any:
-    return str(value) if isinstance(value, Path) else value
-
-
-FilePath = Annotated[str, BeforeValidator(_path)]
-
-
-def read_columns(path: str | Path) -> tuple[bytes, np.ndarray]:
-    """A text table: the bytes of the file, and its numbers (rows, columns); see :func:`parse_columns`.
+def read_columns(path: str | Path) -> np.ndarray:
+    """The numbers of a text file, (rows, columns); see :func:`parse_columns`.
 
     Raises
     ------
@@ -47,13 +37,13 @@ def read_columns(path: str | Path) -> tuple[bytes, np.ndarray]:
         The file is missing, cannot be read, or is not such a table.
     """
     try:
-        content = Path(path).read_bytes()
-    except OSError as error:
-        raise StoreError(f"{path}: {error.strerror or error}") from None
-    try:
-        return content, parse_columns(content.decode("utf-8-sig"), str(path))
+        return parse_columns(Path(path).read_text(encoding="utf-8-sig"), str(path))
     except UnicodeDecodeError:
         raise StoreError(f"{path} is not a text file") from None
+    except StoreError:
+        raise
+    except OSError as error:
+        raise StoreError(f"{path}: {error.strerror or error}") from None
 
 
 def parse_columns(text: str, source: str) -> np.ndarray:
@@ -94,8 +84,9 @@ def parse_columns(text: str, source: str) -> np.ndarray:
 class Tabulated(Barriers):
     """A density given at points and joined by straight lines, or the distribution of samples.
 
-    Give ``energies`` with ``weights``, or ``samples``, or a ``path`` to a text file: two columns are energies and
-    weights, one column is samples. Samples are not smoothed: their ordered values are joined by straight lines at the
+    Give ``energies`` with ``weights``, or ``samples``, or a ``path`` to a text file with two columns (energies and
+    weights) or one (samples). The file is read at once and its numbers become the options, so that a stored result holds the
+    distribution itself. Samples are not smoothed: their ordered values are joined by straight lines at the
     probabilities i/(n − 1), so barriers lie between the smallest and the largest.
     """
 
@@ -107,50 +98,37 @@ class Tabulated(Barriers):
     """probability density at ``energies``, ≥ 0, in any unit: it is normalised"""
     samples: Numbers | None = None
     """barriers in ``energy_unit``, in any order, for example from molecular dynamics"""
-    path: FilePath | None = None
-    """text file with two columns (energies, weights) or one (samples)"""
+    path: str | None = None
+    """text file to take ``energies`` and ``weights``, or ``samples``, from"""
     energy_unit: Annotated[float, Unit("eV", gt=0), BeforeValidator(_named_unit)] = 1.0
     """unit of the energies given, eV: "meV", or a number"""
 
     _distribution: PiecewiseLinearDensity | EmpiricalQuantile = PrivateAttr()
-    _content: str = PrivateAttr(default="")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, options: Any) -> Any:
+        if not isinstance(options, dict) or not isinstance(path := options.get("path"), str | Path):
+            return options
+        if any(options.get(name) is not None for name in ("energies", "weights", "samples")):
+            return options  # refused below
+        columns = read_columns(path).T
+        if len(columns) > 2:
+            raise ValueError(f"path: {path} has {len(columns)} columns; give one (samples) or two (energies, weights)")
+        names = ("samples",) if len(columns) == 1 else ("energies", "weights")
+        rest = {name: value for name, value in options.items() if name != "path"}
+        return rest | dict(zip(names, columns, strict=True))
 
     @model_validator(mode="after")
-    def _load(self) -> Self:
-        if (self.energies is None) != (self.weights is None):
-            raise ValueError("energies, weights: give both, or neither")
-        ways = [name for name in ("energies", "samples", "path") if getattr(self, name) is not None]
-        if len(ways) != 1:
-            raise ValueError(
-                f"{' and '.join(ways) or 'nothing'} given; give exactly one of energies with weights, samples, or path"
-            )
-        columns: list[ArrayLike] = [
-            column for column in (self.energies, self.weights, self.samples) if column is not None
-        ]
-        if self.path is None:
-            self._distribution = self._of(columns)
-            return self
-        content, table = read_columns(self.path)
-        # the digest follows the content, so that an edited file is another distribution
-        self._content = hashlib.blake2b(content, digest_size=16).hexdigest()
-        try:
-            self._distribution = self._of(list(table.T))
-        except ValueError as error:
-            raise ValueError(f"path: {self.path}: {error}") from None
+    def _build(self) -> Self:
+        if self.samples is not None and self.energies is self.weights is self.path is None:
+            self._distribution = EmpiricalQuantile(np.array(self.samples) * self.energy_unit)
+        elif self.energies is not None and self.weights is not None and self.samples is self.path is None:
+            self._distribution = PiecewiseLinearDensity(np.array(self.energies) * self.energy_unit, self.weights)
+        else:
+            given = [name for name in ("energies", "weights", "samples", "path") if getattr(self, name) is not None]
+            raise ValueError(f"{', '.join(given) or 'nothing'} given; give energies and weights, or samples, or a path")
         return self
-
-    def _of(self, columns: Sequence[ArrayLike]) -> PiecewiseLinearDensity | EmpiricalQuantile:
-        first = np.array(columns[0], dtype=np.float64) * self.energy_unit
-        if len(columns) == 1:
-            return EmpiricalQuantile(first)
-        if len(columns) == 2:
-            return PiecewiseLinearDensity(first, columns[1])
-        raise ValueError(f"{len(columns)} columns; give one (samples) or two (energies, weights)")
-
-    def digest(self) -> str:
-        if not self._content:
-            return super().digest()
-        return hashlib.blake2b((super().digest() + self._content).encode(), digest_size=16).hexdigest()
 
     def quantile(self, uniform: np.ndarray) -> np.ndarray:
         return self._distribution.quantile(uniform)

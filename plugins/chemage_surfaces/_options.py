@@ -19,7 +19,9 @@ def _count(side: Any) -> int:
     if isinstance(side, bool):
         raise TypeError
     # a grid is sometimes written 2.5e3
-    if isinstance(side, float) and side.is_integer():
+    if isinstance(side, float):
+        if not side.is_integer():
+            raise TypeError
         return int(side)
     return operator.index(side)
 

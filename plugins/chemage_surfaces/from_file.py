@@ -59,15 +59,20 @@ class FromFile(SurfaceMaker):
             return registry.fromdict("reader", value)
         return value
 
-    def digest(self) -> str:
-        """Content hash of kind, options and the file's bytes: an edited file is another surface.
+    def identity(self) -> dict[str, Any]:
+        """Kind, options, and a hash of the file's bytes: an edited file is another surface.
 
         Raises
         ------
         StoreError
             The file cannot be read.
         """
-        return hashlib.blake2b((super().digest() + self._file_hash()).encode(), digest_size=16).hexdigest()
+        return {**super().identity(), "file_blake2b": self._file_hash()}
+
+    def expected(self) -> dict[str, float]:
+        found = self.make()
+        nx, ny = found.shape
+        return {"nx": nx, "ny": ny, "pixel_size": found.pixel_size}
 
     def _file_hash(self) -> str:
         try:

@@ -61,6 +61,16 @@ class SelfAffine(SurfaceMaker):
             )
         return self
 
+    def expected(self) -> dict[str, float]:
+        nx, ny = self.pixels
+        known = {
+            "nx": nx,
+            "ny": ny,
+            "pixel_size": self.pixel_size,
+            "shortest_wavelength": max(nx, ny) * self.pixel_size / self.zeta,
+        }
+        return known if self.rms_slope is None else {**known, "rms_slope": self.rms_slope}
+
     def make(self, seed: Seed = 0) -> Surface:
         """The surface of ``seed``: heights (nx, ny) float64 nm with zero mean; the same seed gives the same bytes.
 

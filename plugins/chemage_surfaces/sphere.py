@@ -33,6 +33,10 @@ class Sphere(SurfaceMaker):
     pixel_size: Length
     """edge of a pixel, nm"""
 
+    def expected(self) -> dict[str, float]:
+        nx, ny = self.pixels
+        return {"nx": nx, "ny": ny, "pixel_size": self.pixel_size}
+
     def make(self, seed: Seed = 0) -> Surface:
         """The surface: heights (nx, ny) float64 nm, highest 0 at the apex. ``seed`` is ignored.
 
