@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
 from typing import Any, Self
@@ -21,7 +21,7 @@ from chemage import registry
 from chemage.errors import ChemageError, InputError, PluginError, SceneError, StoreError
 from chemage.objects import hold_times
 from chemage.reactions import Chemistry
-from chemage.spec import ContactSolver, Engine, Observable, SurfaceMaker, check_times, explain, force, nearest
+from chemage.spec import ContactSolver, Engine, Observable, Spec, SurfaceMaker, check_times, explain, force, nearest
 from chemage.units import Temperature, Time, convert
 
 
@@ -110,35 +110,42 @@ class Scene(_Section):
         data: dict[str, Any] = {"name": self.name}
         if self.title:
             data["title"] = self.title
-        data["surface"] = {**self.surface.todict(), "seed": self.surface_seed}
-        data["contact"] = {**self.contact.todict(), "load": self.load}
+        return {**data, **self._sections(lambda choice: choice.todict())}
+
+    def _sections(self, told: Callable[[Spec], dict[str, Any]]) -> dict[str, Any]:
+        """Every section that is there; ``told`` says what is to be told of a choice."""
+        data: dict[str, Any] = {
+            "surface": {**told(self.surface), "seed": self.surface_seed},
+            "contact": {**told(self.contact), "load": self.load},
+        }
         if self.chemistry is not None:
             parts = self.chemistry
-            data["forming"] = parts.forming.todict()
+            data["forming"] = told(parts.forming)
             if parts.breaking is not None:
-                data["breaking"] = parts.breaking.todict()
+                data["breaking"] = told(parts.breaking)
             if parts.interaction is not None:
-                data["interaction"] = parts.interaction.todict()
+                data["interaction"] = told(parts.interaction)
             data["chemistry"] = {name: getattr(parts, name) for name in _CHEMISTRY_OPTIONS}
         if self.hold is not None and self.engine is not None:
-            data["engine"] = self.engine.todict()
+            data["engine"] = told(self.engine)
             data["hold"] = self.hold.model_dump(mode="json", exclude_none=True)
             data["fit"] = self.fit.model_dump(mode="json")
         if self.observe:
-            data["observe"] = [one.todict() for one in self.observe]
+            data["observe"] = [told(one) for one in self.observe]
         return _without_none(data)
 
     def keys(self) -> dict[str, str]:
-        """Content hash of each stage: of its own options and of the stages it rests on, and of nothing else."""
-        data = self.todict()
+        """Content hash of each stage: of its own options and of the stages it rests on, and of nothing else.
+
+        ``surface``, ``contact``, ``aging``, and ``result``, which is ageing and the fit to it. Options that only change
+        the speed, and the scene's name, are in none of them.
+        """
+        data = self._sections(lambda choice: choice.identity())
         surface = _hash(data["surface"])
         contact = _hash([surface, data["contact"]])
         kinetic = [data.get(name) for name in ("forming", "breaking", "interaction", "chemistry", "engine", "hold")]
-        return {
-            "surface": surface,
-            "contact": contact,
-            "aging": _hash([contact, *kinetic, data.get("observe")]),
-        }
+        aging = _hash([contact, *kinetic, data.get("observe")])
+        return {"surface": surface, "contact": contact, "aging": aging, "result": _hash([aging, data.get("fit")])}
 
     def digest(self) -> str:
         """Content hash of the whole scene."""

@@ -14,7 +14,14 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, SerializerFunctionWrapHandler, ValidationError, model_serializer
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    SerializationInfo,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+)
 
 from chemage.errors import InputError
 
@@ -24,6 +31,7 @@ if TYPE_CHECKING:
     from chemage.objects import BondHistory, ContactSolution, ReactionLattice, Surface
 
 Seed = int | np.random.SeedSequence
+_IDENTITY = {"chemage": "identity"}
 
 
 def explain(error: ValidationError, prefix: str = "") -> list[tuple[str, str]]:
@@ -61,6 +69,9 @@ class Spec(BaseModel):
     kind: ClassVar[str] = ""
     #: what to cite when a result used this choice
     cite: ClassVar[tuple[str, ...]] = ()
+    #: options that change how fast an answer comes and never the answer, such as a number of threads: no part of
+    #: :meth:`digest`, nor of the keys by which a sweep knows what it has computed
+    speed_only: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, **options: Any) -> None:
         try:
@@ -77,9 +88,12 @@ class Spec(BaseModel):
             raise InputError(f"{name}: " + "; ".join(lines), problems) from None
 
     @model_serializer(mode="wrap")
-    def _with_kind(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _with_kind(self, handler: SerializerFunctionWrapHandler, info: SerializationInfo) -> dict[str, Any]:
+        fields = handler(self)
+        if self.speed_only and info.context is _IDENTITY:
+            fields = {name: value for name, value in fields.items() if name not in self.speed_only}
         # a choice inside a choice must keep its kind too: without it two chemistries would have one digest
-        return {"kind": self.kind, **handler(self)} if self.kind else handler(self)
+        return {"kind": self.kind, **fields} if self.kind else fields
 
     def __eq__(self, other: object) -> bool:
         # by options alone: pydantic would compare what a class keeps in private attributes as well
@@ -94,6 +108,10 @@ class Spec(BaseModel):
         """``{"kind": ..., option: value}`` of plain JSON values; :meth:`fromdict` reads it back."""
         return self.model_dump(mode="json")
 
+    def identity(self) -> dict[str, Any]:
+        """What decides the answer: :meth:`todict` without the options that only change the speed."""
+        return self.model_dump(mode="json", context=_IDENTITY)
+
     @classmethod
     def fromdict(cls, fields: Mapping[str, Any]) -> Self:
         """The inverse of :meth:`todict`; :func:`chemage.fromdict` finds the class by its kind as well."""
@@ -104,8 +122,8 @@ class Spec(BaseModel):
         return cls(**options)
 
     def digest(self) -> str:
-        """Content hash of kind and options, the same in every process."""
-        text = json.dumps({"role": self.role, **self.todict()}, sort_keys=True)
+        """Content hash of kind and options (see :attr:`speed_only`), the same in every process."""
+        text = json.dumps({"role": self.role, **self.identity()}, sort_keys=True)
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
     def replace(self, **changes: Any) -> Self:
