@@ -204,13 +204,15 @@ def _plain(value: Any, what: str) -> None:
     _require(again == value, f"{what} does not survive JSON (a tuple, or a key that is not a string?): {value!r}")
 
 
-def _seeds_are_harmless(draw: Callable[[Any], Any], what: str) -> None:
-    """``draw(seed)``: the same seed the same answer, no side effects; all seeds alike, or every one another answer."""
+def _seeds_are_harmless(draw: Callable[[Any], Any], what: str, *, chance: bool = False) -> None:
+    """``draw(seed)``: the same seed the same answer, no side effects, and every seed another answer; unless there must
+    be ``chance`` in it, all seeds may give the same."""
     before = np.random.get_state()[1].copy()  # noqa: NPY002  # pyright: ignore
     answers = [draw(seed) for seed in range(4)]
     _require(draw(1) == answers[1], f"{what}: the same seed gave two results")
     distinct = sum(all(one != other for other in answers[:i]) for i, one in enumerate(answers))
-    _require(distinct in (1, 4), f"{what}: four seeds gave {distinct} different results; expected 4 (or 1, no chance)")
+    right = (4,) if chance else (1, 4)
+    _require(distinct in right, f"{what}: four seeds gave {distinct} different results; expected 4")
     sequence = np.random.SeedSequence(5, spawn_key=(2,))
     first = draw(sequence)
     _require(sequence.n_children_spawned == 0, f"{what}: spawned from the SeedSequence it was given")
@@ -282,14 +284,20 @@ def _options_go_round(choice: Spec) -> None:
     fields = choice.todict()
     _plain(fields, "todict()")
     _require(fields.get("kind") == choice.kind, f"todict() has kind {fields.get('kind')!r}, not {choice.kind!r}")
-    for way, again in (
-        ("fromdict(todict())", type(choice).fromdict(json.loads(json.dumps(fields)))),
-        ("pickle", pickle.loads(pickle.dumps(choice))),
-        ("replace()", choice.replace()),
-    ):
+    ways: dict[str, Callable[[], Spec]] = {
+        "fromdict(todict())": lambda: type(choice).fromdict(json.loads(json.dumps(fields))),
+        "pickle": lambda: pickle.loads(pickle.dumps(choice)),
+        "replace()": choice.replace,
+    }
+    for way, make in ways.items():
+        try:
+            again = make()
+            same_hash, same_digest = hash(again) == hash(choice), again.digest() == choice.digest()
+        except Exception as error:
+            raise AssertionError(f"{way}: {type(error).__name__}: {error}") from error
         _require(again == choice, f"{way} gave {again!r}, not {choice!r}")
-        _require(hash(again) == hash(choice), f"{way}: another hash; options must be hashable and compare by value")
-        _require(again.digest() == choice.digest(), f"{way}: another digest")
+        _require(same_hash, f"{way}: another hash; options must be hashable and compare by value")
+        _require(same_digest, f"{way}: another digest")
 
 
 @_promise("")
@@ -365,6 +373,7 @@ def _solvable(choice: ContactSolver, surfaces: Sequence[Surface]) -> list[tuple[
             light = choice.solve(surface, 1e-3 * surface.nominal_area)
         except InputError:
             continue
+        _require(isinstance(light, ContactSolution), f"solve() gave {type(light).__name__}, not a ContactSolution")
         taken.append((surface, 0.02 * light.modulus * surface.rms_slope * surface.nominal_area))
     _require(taken, "refused a rough periodic surface and a paraboloid; give surfaces=[...] that it can treat")
     return taken
@@ -374,7 +383,6 @@ def _solvable(choice: ContactSolver, surfaces: Sequence[Surface]) -> list[tuple[
 def _contact_carries_the_load(choice: ContactSolver, surfaces: Sequence[Surface] = (), force_tolerance=1e-6) -> None:
     for surface, load in _solvable(choice, surfaces):
         solution = choice.solve(surface, load)
-        _require(isinstance(solution, ContactSolution), f"solve() gave {type(solution).__name__}")
         _require(solution.load == load, f"asked for {load} nN, the solution says {solution.load}")
         force = float(solution.pressure.sum(dtype=np.float64)) * solution.pixel_size**2
         _require(
@@ -688,7 +696,11 @@ def _history_adds_up(choice: Engine) -> None:
 @_promise("engine")
 def _run_follows_its_seed(choice: Engine) -> None:
     lattice = _disordered(choice.interacting, 400)
-    _seeds_are_harmless(lambda seed: _trace(choice.run(lattice, [0.1, 1, 10], temperature=300, seed=seed)), "run")
+
+    def draw(seed: Any) -> tuple[bytes, ...]:
+        return _trace(choice.run(lattice, [0.1, 1, 10], temperature=300, seed=seed))
+
+    _seeds_are_harmless(draw, "run", chance=True)
 
 
 @_promise("engine")
