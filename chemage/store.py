@@ -8,9 +8,11 @@ holds what the run was: scene, hashes, versions, seeds, timings.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import shutil
+import socket
 import typing
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -32,51 +34,76 @@ GROUPS: dict[str, type[Record]] = {
 FORMAT = 1
 
 
-def preflight(path: str | os.PathLike[str], *, force: bool = False) -> Path:
-    """Check, before anything is computed, that a result can be written to ``path``.
+def preflight(path: str | os.PathLike[str], *, force: bool = False, size: float = 0) -> Path:
+    """Check, before anything is computed, that a result of about ``size`` bytes can be written to ``path``.
 
     Raises
     ------
     StoreError
-        It exists and ``force`` is false, or its folder is missing or cannot be written to.
+        It exists and ``force`` is false, it is no ordinary file, or its folder is missing, full or read-only.
     """
     target = Path(path)
-    if target.is_dir():
-        raise StoreError(f"{target} is a folder; name a file")
-    if target.exists() and not force:
-        raise StoreError(f"{target} is already there; choose another name, or overwrite it with force (--force)")
-    folder = target.parent
-    if not folder.is_dir():
-        raise StoreError(f"the folder {folder} does not exist; create it first")
-    probe = folder / f".{target.name}.{os.getpid()}.probe"
     try:
+        if target.is_dir():
+            raise StoreError(f"{target} is a folder; name a file")
+        if os.path.lexists(target):
+            if not (target.is_file() or target.is_symlink()):
+                raise StoreError(f"{target} is a device or a pipe; name a file")
+            if not force:
+                raise StoreError(
+                    f"{target} is already there; choose another name, or overwrite it with force (--force)"
+                )
+        folder = target.parent
+        if not folder.is_dir():
+            raise StoreError(f"the folder {folder} does not exist; create it first")
+        room = shutil.disk_usage(folder).free
+        if size > room:
+            raise StoreError(
+                f"{target} needs {size / 1e6:.0f} MB, but {folder} has {room / 1e6:.0f} MB left; "
+                "free some room or choose another folder"
+            )
+        probe = _beside(target)
         probe.touch()
+        probe.unlink(missing_ok=True)
+    except StoreError:
+        raise
+    except ValueError as error:  # a null byte in the name
+        raise StoreError(f"cannot write {str(target)!r}: {error}") from error
     except OSError as error:
-        raise StoreError(f"cannot write into {folder}: {error.strerror}; choose another folder") from error
-    probe.unlink(missing_ok=True)
+        raise StoreError(f"cannot write {target}: {error.strerror}; choose another folder or name") from error
     return target
 
 
+_HOST = socket.gethostname().partition(".")[0]
+_NUMBER = itertools.count()
+
+
+def _beside(target: Path) -> Path:
+    """A temporary name in the same folder; no two threads, processes or hosts get the same."""
+    return target.parent / f".{target.name}.{_HOST}.{os.getpid()}.{next(_NUMBER)}.part"
+
+
+def _remove_stale(target: Path) -> None:
+    """Remove what processes of this host, now dead, left under temporary names of ``target``."""
+    start = f".{target.name}.{_HOST}."
+    for entry in os.scandir(target.parent):
+        if entry.name.startswith(start) and entry.name.endswith(".part"):
+            owner = entry.name[len(start) :].partition(".")[0]
+            if owner.isdigit() and not _alive(int(owner)):
+                Path(entry.path).unlink(missing_ok=True)
+
+
 @contextlib.contextmanager
-def fresh_file(path: str | os.PathLike[str], *, force: bool = False, size: int = 0) -> Iterator[Path]:
+def fresh_file(path: str | os.PathLike[str], *, force: bool = False, size: float = 0) -> Iterator[Path]:
     """A temporary name beside ``path`` that takes its place when the block ends well, and vanishes otherwise.
 
     ``size`` in bytes is what is about to be written, checked against the room there is. What a killed process of ours
     left behind under a temporary name of the same target is removed.
     """
-    target = preflight(path, force=force)
-    for stale in target.parent.glob(f".{target.name}.*.part"):
-        owner = stale.name.removesuffix(".part").rpartition(".")[2]
-        if owner.isdigit() and not _alive(int(owner)):
-            stale.unlink(missing_ok=True)
-    room = shutil.disk_usage(target.parent).free
-    if size > room:
-        raise StoreError(
-            f"{target} needs {size / 1e6:.0f} MB, but {target.parent} has {room / 1e6:.0f} MB left; "
-            "free some room or choose another folder"
-        )
-    part = target.parent / f".{target.name}.{os.getpid()}.part"
+    target = preflight(path, force=force, size=size)
+    part = _beside(target)
     try:
+        _remove_stale(target)
         yield part
         _place(part, target, force)
     except StoreError:
@@ -144,8 +171,9 @@ def write_parts(
 
     import chemage
 
-    size = sum(value.nbytes for part in parts.values() for value in part.todict().values() if hasattr(value, "nbytes"))
-    with fresh_file(path, force=force, size=size // 8) as part_path, h5netcdf.File(part_path, "w") as file:
+    arrays = [v for part in parts.values() for v in part.todict().values() if isinstance(v, np.ndarray)]
+    size = sum(0.02 * array.nbytes if _compresses(array) else array.nbytes for array in arrays)
+    with fresh_file(path, force=force, size=size) as part_path, h5netcdf.File(part_path, "w") as file:
         file.attrs["chemage"] = chemage.__version__
         file.attrs["chemage_format"] = FORMAT
         file.attrs["Conventions"] = "CF-1.8"
@@ -169,11 +197,16 @@ def _write_record(group: Any, record: Record) -> None:
             for key, array in value.items():
                 _write_array(folder, key, array, tuple(f"{key}_{axis}" for axis in range(array.ndim)), {})
         elif isinstance(value, dict | tuple):
-            group.attrs[name] = json.dumps(value)
+            group.attrs[name] = json.dumps(value, default=_as_json)
         else:
             group.attrs[name] = int(value) if isinstance(value, bool) else value
     if isinstance(record, Surface | ContactSolution):
         _write_grid(group, record)
+
+
+def _as_json(value: Any) -> Any:
+    """What a plugin put among plain values: a number or list where numpy's, else its text."""
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
 
 
 def _write_grid(group: Any, record: Surface | ContactSolution) -> None:
@@ -189,12 +222,16 @@ def _write_array(group: Any, name: str, values: np.ndarray, dims: tuple[str, ...
     if values.dtype == np.bool_:
         values, attributes = values.astype(np.int8), {**attributes, "dtype": "bool"}
     options: dict[str, Any] = {}
-    # noise does not compress and costs seconds; a pressure map is mostly zeros and shrinks a hundredfold
-    if values.nbytes > 1 << 20 and np.count_nonzero(values) < values.size // 2:
+    if _compresses(values):
         options = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
     variable = group.create_variable(name, dims, values.dtype, data=values, **options)
     for key, value in attributes.items():
         variable.attrs[key] = value
+
+
+def _compresses(values: np.ndarray) -> bool:
+    # noise does not compress and costs seconds; a pressure map is mostly zeros and shrinks a hundredfold
+    return values.nbytes > 1 << 20 and np.count_nonzero(values) < values.size // 2
 
 
 # -- reading ----------------------------------------------------------------------------------------------------------
@@ -230,9 +267,12 @@ def is_ours(path: Path) -> bool:
     """Whether ``path`` is a chemage file; a damaged HDF5 file is an error."""
     import h5py
 
-    with open(path, "rb") as stream:
-        if stream.read(8) != b"\x89HDF\r\n\x1a\n":
-            return False
+    try:
+        with open(path, "rb") as stream:
+            if stream.read(8) != b"\x89HDF\r\n\x1a\n":
+                return False
+    except OSError as error:
+        raise StoreError(f"{path} cannot be read: {error.strerror}") from error
     with _opened(path) as file:
         return isinstance(file, h5py.File) and "chemage_format" in file.attrs
 
@@ -257,17 +297,22 @@ def read_parts(path: str | os.PathLike[str], only: set[str] | None = None) -> tu
     with _opened(source) as file:
         if "chemage_format" not in file.attrs:
             raise StoreError(f"{source} is an HDF5 file, but not one of chemage's")
-        if int(file.attrs["chemage_format"]) > FORMAT:
-            raise StoreError(f"{source} was written by chemage {file.attrs['chemage']}; update chemage to read it")
         try:
+            attributes = {name: _plain(value) for name, value in file.attrs.items() if not name.startswith("_")}
+            if int(attributes["chemage_format"]) > FORMAT:
+                raise StoreError(
+                    f"{source} was written by chemage {attributes.get('chemage')}; update chemage to read it"
+                )
             parts = {
                 name: _read_record(file[name], cls)
                 for name, cls in GROUPS.items()
                 if name in file and (only is None or name in only)
             }
-        except (OSError, KeyError, InputError) as error:
+        except StoreError:
+            raise
+        except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+            # what h5py raises on a damaged file depends on which byte is wrong
             raise StoreError(f"{source} is damaged: {error}") from error
-        attributes = {name: _plain(value) for name, value in file.attrs.items() if not name.startswith("_")}
     return parts, attributes
 
 
