@@ -108,10 +108,12 @@ class Registry:
         _check_hook_names(plugin)
         try:
             self.manager.register(plugin, name)
-            offer = getattr(plugin, "chemage_register", None)
-            record.kinds = _checked_kinds(offer() if offer is not None else {})
-            scenes = getattr(plugin, "chemage_scenes", None)
-            record.scenes = {str(key): str(value) for key, value in (scenes() if scenes is not None else {}).items()}
+            for hook in self.manager.get_hookcallers(plugin) or ():
+                for impl in hook.get_hookimpls():
+                    if impl.plugin is plugin and hook.name == "chemage_register":
+                        record.kinds = _checked_kinds(impl.function())
+                    elif impl.plugin is plugin and hook.name == "chemage_scenes":
+                        record.scenes = _checked_targets("chemage_scenes", impl.function())
         except (Exception, SystemExit):
             # older pluggy keeps the hooks that come before the one at fault
             if self.manager.is_registered(plugin):
@@ -239,14 +241,22 @@ def _clash(role: str, kind: str, offers: list[PluginRecord]) -> str:
 
 def _checked_kinds(offer: Any) -> dict[str, dict[str, str]]:
     kinds: dict[str, dict[str, str]] = {}
-    for role, targets in dict(offer).items():
+    if not isinstance(offer, Mapping):
+        raise PluginError(f"chemage_register gave {offer!r}; expected {{role: {{kind: 'module:Class'}}}}")
+    for role, targets in offer.items():
         if role not in _roles():
             raise PluginError(f"chemage_register names the role {role!r}; the roles are {', '.join(_roles())}")
-        for kind, target in dict(targets).items():
-            if not isinstance(target, str) or target.count(":") != 1:
-                raise PluginError(f"chemage_register: {role} {kind!r}: expected 'module:Class', got {target!r}")
-            kinds.setdefault(role, {})[kind] = target
+        kinds[role] = _checked_targets(f"chemage_register: {role}", targets)
     return kinds
+
+
+def _checked_targets(where: str, targets: Any) -> dict[str, str]:
+    if not isinstance(targets, Mapping):
+        raise PluginError(f"{where}: expected {{name: 'module:thing'}}, got {targets!r}")
+    for name, target in targets.items():
+        if not isinstance(name, str) or not isinstance(target, str) or target.count(":") != 1:
+            raise PluginError(f"{where} {name!r}: expected 'module:thing', got {target!r}")
+    return dict(targets)
 
 
 def _import(role: str, kind: str, record: PluginRecord) -> type:

@@ -267,6 +267,12 @@ def _options_are_described(choice: Spec) -> None:
 
 
 @_promise("")
+def _speed_only_names_options(choice: Spec) -> None:
+    unknown = set(type(choice).speed_only) - set(type(choice).model_fields)
+    _require(not unknown, f"speed_only names {', '.join(sorted(unknown))}, which is no option")
+
+
+@_promise("")
 def _options_are_frozen(choice: Spec) -> None:
     before = choice.digest()
     for name in (*type(choice).model_fields, "some_other_name"):

@@ -223,6 +223,7 @@ class Rejecting(Flat):
         (broken(Flat, cite="Hertz (1881)")(), "citations_are_strings", "is a str"),
         (broken(Flat, cite=(1881,))(), "citations_are_strings", "non-empty str"),
         (Bare(), "options_are_described", "'note' has no description"),
+        (broken(Flat, speed_only=("threads",))(), "speed_only_names_options", "names threads"),
         (Thawed(), "options_are_frozen", "can be set"),
         (Bare(), "wrong_options_are_refused", "loose = nan"),
         (Rejecting(), "wrong_options_are_refused", "does not name it"),
