@@ -1,0 +1,40 @@
+"""The distribution of the contact pressure over the reactive sites."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from pydantic import Field
+
+from chemage.objects import BondHistory, ContactSolution, ReactionLattice
+from chemage.spec import Observable
+from chemage.units import Pressure
+
+
+class PressureSpectrum(Observable):
+    """Histogram of the pressure at the sites, as a density per site (1/GPa): of all sites (``pressures``) and of those
+    that are bonded at the end (``pressures_bonded``, also per site of the lattice)."""
+
+    kind = "pressure-spectrum"
+
+    upper: Pressure = 20.0
+    """upper edge of the histogram, which starts at 0; what lies above is not counted"""
+    bins: int = Field(default=200, ge=1, le=100_000)
+
+    def measure(
+        self, contact: ContactSolution, lattice: ReactionLattice, history: BondHistory
+    ) -> Mapping[str, np.ndarray]:
+        """Bin edges (bins + 1,) GPa and two densities (bins,) 1/GPa."""
+        edges = np.linspace(0.0, self.upper, self.bins + 1)
+        pressure = contact.pressure.ravel()[lattice.sites]
+
+        def density(values: np.ndarray) -> np.ndarray:
+            counts, _ = np.histogram(values, bins=edges)
+            return counts / (max(pressure.size, 1) * np.diff(edges))
+
+        return {
+            "pressure_edges": edges,
+            "pressures": density(pressure),
+            "pressures_bonded": density(pressure[history.state]),
+        }
