@@ -92,7 +92,8 @@ class FitWindow(_Section):
 class Scene(_Section):
     """One validated experiment: every choice made, nothing computed yet."""
 
-    name: str = "scene"
+    name: str = Field(default="scene", min_length=1, max_length=100)
+    """also the name of the result file"""
     title: str = ""
     surface: SerializeAsAny[SurfaceMaker]
     surface_seed: int = Field(default=0, ge=0)
@@ -104,6 +105,13 @@ class Scene(_Section):
     hold: Hold | None = None
     fit: FitWindow = FitWindow()
     observe: tuple[SerializeAsAny[Observable], ...] = ()
+
+    @field_validator("name")
+    @classmethod
+    def _file_name(cls, name: str) -> str:
+        if name.startswith(".") or any(letter in "/\\" or not letter.isprintable() for letter in name):
+            raise ValueError("it names the result file; leave out slashes, a leading dot and invisible characters")
+        return name
 
     def todict(self) -> dict[str, Any]:
         """The scene as plain TOML-like data, every option spelled out; :func:`parse_scene` reads it back."""
@@ -238,7 +246,10 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
         problems.append(("observe", "write each observable as [[observe]] with its kind"))
         items = []
     for number, item in enumerate(items):
-        observe.append(_choice("observable", f"observe.{number}", dict(item), problems))
+        if isinstance(item, Mapping):
+            observe.append(_choice("observable", f"observe.{number}", dict(item), problems))
+        else:
+            problems.append((f"observe.{number}", f"{item!r} is not a section; write [[observe]] with its kind"))
     if not problems:
         try:
             return Scene(
@@ -332,6 +343,15 @@ def installed_scenes() -> dict[str, str]:
     return registry.current().scenes()
 
 
+def installed_text(name: str) -> str:
+    """The text of an installed scene."""
+    target = registry.current().scene_target(name)
+    try:
+        return registry.scene_text(target)
+    except Exception as error:  # whatever importing another's package raises
+        raise PluginError(f"the installed scene {name!r} ({target}) cannot be read: {error}") from error
+
+
 def scene_data(where: str | Path) -> tuple[dict[str, Any], str]:
     """The parsed TOML of a scene file, or of an installed scene by name, and a name for messages.
 
@@ -340,7 +360,7 @@ def scene_data(where: str | Path) -> tuple[dict[str, Any], str]:
     path = Path(where)
     plugins = registry.current()
     if path.suffix != ".toml" and str(where) in plugins.scenes():
-        text, source, folder = registry.scene_text(plugins.scene_target(str(where))), str(where), None
+        text, source, folder = installed_text(str(where)), str(where), None
     else:
         if not path.exists():
             names = list(plugins.scenes())
@@ -349,12 +369,12 @@ def scene_data(where: str | Path) -> tuple[dict[str, Any], str]:
                 f"installed: {', '.join(sorted(names)) or 'none'}"
             )
         try:
-            text, source, folder = path.read_text(encoding="utf-8"), str(path), path.parent
+            text, source, folder = path.read_text(encoding="utf-8-sig"), str(path), path.parent
         except (OSError, UnicodeDecodeError) as error:
             raise StoreError(f"{path} cannot be read as a scene: {error}") from error
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise SceneError(source, [("", f"not valid TOML: {error}")]) from None
     if folder is not None:
         for section in data.values():
