@@ -73,7 +73,7 @@ class Spec(BaseModel):
     #: :meth:`digest`, nor of the keys by which a sweep knows what it has computed
     speed_only: ClassVar[tuple[str, ...]] = ()
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, /, **options: Any) -> None:
         try:
             super().__init__(**options)
         except ValidationError as error:
