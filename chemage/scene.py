@@ -226,7 +226,7 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
         if name not in data:
             problems.append((name, "is required; every scene needs a surface and a contact"))
     surface_seed = sections.get("surface", {}).pop("seed", 0)
-    load = sections.get("contact", {}).pop("load", None)
+    load: Any = sections.get("contact", {}).pop("load", None)
     for name, role in _ROLE_OF.items():
         if name in sections:
             made[name] = _choice(role, name, sections[name], problems)
