@@ -5,6 +5,7 @@ Exit status: 0 done, 1 a check found problems, 2 the user's input is wrong, 130 
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import sys
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from chemage.runs import Progress, Run
+    from chemage.scene import Scene
 
 app = typer.Typer(
     name="chemage",
@@ -57,21 +59,28 @@ def run(
     force: ForceOpt = False,
 ) -> None:
     """Carry a scene from surface to friction; write one result file and its figures."""
-    from chemage import runs, store
+    from chemage import plots, runs, store
+    from chemage.plan import plan
     from chemage.scene import load_scene
 
     one = load_scene(scene, _changes(changes, replicas, seed))
     path = out or Path(f"{one.name}.h5")
+    _spare_inputs(path, scene, one)
+    store.preflight(path, force=force, size=plan(one).numbers.get("file", 0))
     folder = path.with_name(f"{path.stem}-figures")
-    store.preflight(path, force=force)
-    if figures and folder.exists() and not force and any(folder.iterdir()):
-        raise _user_error(f"{folder} is already there; choose another --out, or overwrite with --force")
+    if figures:
+        _preflight_folder(folder, force)
+    pictures: list[Path] = []
     with progress_bars() as tell:
         result = runs.run(one, progress=tell, workers=workers)
         tell("writing", 0, 0)
         store.write(path, result, force=force)
-        pictures = _draw(result, folder, force=True) if figures else []
         tell("writing", 1, 1)
+        with _kept(path):
+            if figures:
+                tell("drawing", 0, 0)
+                pictures = plots.save(result, folder, force=True)
+                tell("drawing", 1, 1)
     if as_json:
         print(json.dumps({**result.summary(), "file": str(path), "figures": [str(p) for p in pictures]}))
         return
@@ -81,10 +90,34 @@ def run(
         print(f"figure   {picture}")
 
 
-def _draw(result: Run, folder: Path, force: bool) -> list[Path]:
-    from chemage import plots
+def _spare_inputs(path: Path, source: str, one: Scene) -> None:
+    """Refuse to write over the scene file, or over a file that the scene reads, even with ``--force``."""
+    read = [part["path"] for part in one.todict().values() if isinstance(part, dict) and "path" in part]
+    for name in (source, *read):
+        if os.path.realpath(name) == os.path.realpath(path):
+            raise _user_error(f"{path} is what this scene is read from; choose another --out")
 
-    return plots.save(result, folder, force=force)
+
+def _preflight_folder(folder: Path, force: bool) -> None:
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise _user_error(f"{folder}, the folder for the figures, is a file; choose another --out, or --no-figures")
+    if not force and any(folder.iterdir()):
+        raise _user_error(f"{folder} is already there; choose another --out, or overwrite with --force")
+
+
+@contextmanager
+def _kept(path: Path) -> Iterator[None]:
+    """What goes wrong in here comes after the result was written, and the user is told so."""
+    from chemage.errors import StoreError
+
+    try:
+        yield
+    except StoreError as error:
+        raise StoreError(f"{error}\nthe result itself is in {path}; `chemage plot {path}` draws its figures") from error
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the result is in {path}, its figures are not all drawn") from None
 
 
 def _changes(texts: list[str] | None, replicas: int | None = None, seed: int | None = None) -> dict[str, Any]:
@@ -113,11 +146,12 @@ def _changes(texts: list[str] | None, replicas: int | None = None, seed: int | N
 def check(scene: SceneArg, changes: SetOpt = None, as_json: JsonOpt = False) -> None:
     """Validate a scene and say what it needs and what it will cost; nothing is computed."""
     from chemage.plan import plan
+    from chemage.runs import jsonable
     from chemage.scene import load_scene
 
     made = plan(load_scene(scene, _changes(changes)))
     if as_json:
-        print(json.dumps(made.todict()))
+        print(json.dumps(jsonable(made.todict())))
         return
     table = _table(f"{scene} is valid")
     for name, text in made.rows():
@@ -179,12 +213,12 @@ def plot(
 
 def _print_run(result: Run) -> None:
     contact, aging, fit = result.contact, result.aging, result.fit()
+    (nx, ny), kind = contact.shape, result.scene["surface"]["kind"]
     table = _table(result.scene.get("title") or result.name)
     rows: list[tuple[str, str]] = [
         (
             "surface",
-            f"{result.scene['surface']['kind']}, {contact.shape[0]} x {contact.shape[1]} pixels of {contact.pixel_size:g} "
-            + f"nm, rms slope {contact.rms_slope:.4g}",
+            f"{kind}, {nx} x {ny} pixels of {contact.pixel_size:g} nm, rms slope {contact.rms_slope:.4g}",
         ),
         (
             "contact",
@@ -251,13 +285,14 @@ def init(
 ) -> None:
     """Write a commented scene file to start from."""
     from chemage import registry, store
+    from chemage.scene import installed_text
     from chemage.spec import nearest
 
     plugins = registry.current()
     if like not in plugins.scenes():
         names = sorted(plugins.scenes())
         raise _user_error(f"no installed scene {like!r}{nearest(like, names)}; installed: {', '.join(names) or 'none'}")
-    text = registry.scene_text(plugins.scene_target(like))
+    text = installed_text(like)
     with store.fresh_file(file, force=force) as part:
         part.write_text(text, encoding="utf-8")
     print(f"{file} is a copy of {like}; change it, then: chemage check {file} && chemage run {file}")
@@ -375,7 +410,8 @@ def _show(table: Table) -> None:
     from rich.console import Console
 
     width = None if sys.stdout.isatty() else 110
-    Console(file=sys.stdout, highlight=False, width=width).print(table)
+    # a title or a file name is text, never markup
+    Console(file=sys.stdout, highlight=False, markup=False, emoji=False, width=width).print(table)
 
 
 @contextmanager
@@ -417,22 +453,49 @@ def progress_bars() -> Iterator[Progress]:
 
 
 def _add_plugin_commands() -> None:
+    """Add the commands of plugins; one that cannot be added is reported and skipped."""
+    import warnings
+
     from chemage import registry
 
-    for commands in registry.current().manager.hook.chemage_cli():
-        for name, function in commands:
-            app.command(name)(function)
+    for hook in registry.current().manager.hook.chemage_cli.get_hookimpls():
+        try:
+            offered: Any = hook.function()
+            for name, function in offered:
+                if name in _command_names():
+                    raise ValueError(f"there is a command {name!r} already")
+                trial = typer.Typer()
+                trial.command(name)(function)
+                typer.main.get_command(trial)  # a signature that typer cannot read shows here
+                app.command(name)(function)
+        except (Exception, SystemExit) as error:
+            if registry.current().strict:
+                raise
+            warnings.warn(
+                f"commands of plugin {hook.plugin_name} were skipped: {type(error).__name__}: {error}",
+                registry.PluginWarning,
+                stacklevel=2,
+            )
+
+
+def _command_names() -> set[str]:
+    return set(typer.main.get_group(app).commands)
 
 
 def main() -> None:
     """Run the command line; every error of ours is one message on stderr."""
     try:
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="backslashreplace")  # a terminal without µ or Δ
         _plain_warnings()
         _add_plugin_commands()
         status = app(standalone_mode=False)
+        sys.stdout.flush()
         sys.exit(status if isinstance(status, int) else 0)
-    except (KeyboardInterrupt, typer.Abort):
-        print("\ninterrupted; nothing was written", file=sys.stderr, flush=True)
+    except (KeyboardInterrupt, typer.Abort) as stop:
+        why = str(stop.__cause__ or stop)
+        print(f"\ninterrupted; {why or 'nothing was written'}", file=sys.stderr, flush=True)
         # worker threads may still be inside a compiled kernel; waiting for them would not help anyone
         os._exit(130)
     except Exception as error:
@@ -458,9 +521,12 @@ def _explain(error: Exception) -> int:
     if display is not None:
         display()
         return int(getattr(error, "exit_code", 2))
-    if isinstance(error, BrokenPipeError):
-        sys.stderr.close()
+    if isinstance(error, BrokenPipeError):  # the reader of a pipe has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    if isinstance(error, OSError):
+        print(f"chemage: {error}", file=sys.stderr)
+        return 2
     if isinstance(error, MemoryError):
         print(f"chemage: not enough memory: {error}; `chemage check` says what a scene needs", file=sys.stderr)
         return 2

@@ -115,8 +115,8 @@ def _notes(scene: Scene, known: dict[str, float], numbers: dict[str, float]) -> 
     wave, pixel = known.get("shortest_wavelength"), known.get("pixel_size")
     if wave and pixel and wave < 8 * pixel:
         notes.append(
-            f"the shortest wavelength is {wave / pixel:.1f} pixels; pixel-scale errors of the contact area and pressure "
-            "grow below about 8, compare with more pixels at the same size"
+            f"the shortest wavelength is {wave / pixel:.1f} pixels; pixel-scale errors of the contact area and "
+            "pressure grow below about 8, compare with more pixels at the same size"
         )
     if numbers.get("sites", math.inf) < 100:
         notes.append(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.errors import InputError
+from chemage.errors import ChemageError
 from chemage.objects import Aging, ContactSolution, Surface
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ def _intrinsic_density(forming: Mapping[str, Any], energy: np.ndarray) -> np.nda
 
     try:
         density = registry.fromdict("barriers", forming).density(energy)
-    except InputError:  # the plugin that made this run is not installed here
+    except ChemageError:  # the plugin that made this run is not installed here
         return None
     return density if np.isfinite(density).all() else None
 
@@ -185,7 +185,9 @@ def friction_figure(run: Run) -> Figure | None:
         one.set(xscale="log", xlabel="hold time (s)")
         one.set_ylim(bottom=0)
     figure.suptitle(
-        f"{run.scene.get('title') or run.name}: {aging.replicas} replicas, {aging.temperature:g} K", fontsize=10
+        f"{run.scene.get('title') or run.name}: {aging.replicas} replicas, {aging.temperature:g} K",
+        fontsize=10,
+        parse_math=False,  # a title is text, whatever dollar signs are in it
     )
     return figure
 
@@ -218,14 +220,13 @@ def save(run: Run, folder: Path, *, force: bool = False, suffix: str = "png") ->
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StoreError(f"cannot make the folder {folder}: {error.strerror}") from error
-    paths = []
-    for name, figure in figures(run).items():
-        path = folder / f"{name}.{suffix}"
+    made = {folder / f"{name}.{suffix}": figure for name, figure in figures(run).items()}
+    for path in made:
         preflight(path, force=force)
+    for path, figure in made.items():
         with fresh_file(path, force=force) as part:
             figure.savefig(part, format=suffix)
-        paths.append(path)
-    return paths
+    return list(made)
 
 
 def compare_figure(aging: Mapping[str, Aging]) -> Figure:

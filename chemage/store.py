@@ -231,7 +231,7 @@ def _write_array(group: Any, name: str, values: np.ndarray, dims: tuple[str, ...
 
 def _compresses(values: np.ndarray) -> bool:
     # noise does not compress and costs seconds; a pressure map is mostly zeros and shrinks a hundredfold
-    return values.nbytes > 1 << 20 and np.count_nonzero(values) < values.size // 2
+    return bool(values.nbytes > 1 << 20 and np.count_nonzero(values) < values.size // 2)
 
 
 # -- reading ----------------------------------------------------------------------------------------------------------
