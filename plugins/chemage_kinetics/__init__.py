@@ -1,0 +1,40 @@
+"""Engines that follow bonds forming and breaking: see docs/kinetics.md for which to take."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from chemage.hookspecs import hookimpl
+
+if TYPE_CHECKING:
+    from chemage_kinetics.auto import Auto
+    from chemage_kinetics.bkl import BKL
+    from chemage_kinetics.independent import Independent
+    from chemage_kinetics.next_reaction import NextReaction
+    from chemage_kinetics.rejection_free import RejectionFree
+
+__all__ = ["BKL", "Auto", "Independent", "NextReaction", "RejectionFree"]
+
+ENGINES = {
+    "auto": "chemage_kinetics.auto:Auto",
+    "rejection-free": "chemage_kinetics.rejection_free:RejectionFree",
+    "bkl": "chemage_kinetics.bkl:BKL",
+    "next-reaction": "chemage_kinetics.next_reaction:NextReaction",
+    "independent": "chemage_kinetics.independent:Independent",
+}
+
+
+@hookimpl
+def chemage_register() -> dict[str, dict[str, str]]:
+    """The engines of this package."""
+    return {"engine": ENGINES}
+
+
+def __getattr__(name: str) -> Any:
+    # Engines bring numba along; it is imported when the first one is wanted.
+    for target in ENGINES.values():
+        module, cls = target.split(":")
+        if cls == name:
+            return getattr(import_module(module), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,160 @@
+"""What the engines do alike around their kernels: arrays in, history out, and how a history is taken up again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from ase.units import kB
+
+from chemage.objects import BondHistory, ReactionLattice
+from chemage.random import key
+from chemage.spec import Seed
+from chemage_kinetics import _common
+
+#: Events between two looks at the keyboard.
+SLICE = 1 << 19
+
+
+def frozen_empty(*shape: int, dtype: type[np.generic] = np.float64) -> np.ndarray:
+    """An array without entries, read-only like those of a lattice, so that kernels need not be compiled twice."""
+    array = np.empty(shape, dtype)
+    array.setflags(write=False)
+    return array
+
+
+def aligned(size: int) -> np.ndarray:
+    """float64 (size,) starting on a cache line of 64 bytes."""
+    room = np.empty(size + 8)
+    offset = (-room.ctypes.data // 8) % 8
+    return room[offset : offset + size]
+
+
+def fingerprint(lattice: ReactionLattice) -> np.ndarray:
+    """uint64 (1,): tells whether a history goes on with the lattice it came from. A hundred times faster than a digest."""
+    value = np.uint64(np.frombuffer(np.float64(lattice.attempt_frequency).tobytes(), np.uint64)[0])
+    for array in (lattice.sites, lattice.forming, lattice.breaking, lattice.neighbours, lattice.coupling):
+        if array is None:
+            value = _common.mix(np.zeros(1, np.uint64), value)
+            continue
+        raw = array.reshape(-1).view(np.uint8)
+        whole = raw.size - raw.size % 8
+        tail = np.zeros(8, np.uint8)
+        tail[: raw.size - whole] = raw[whole:]
+        value = _common.mix(raw[:whole].view(np.uint64), np.uint64(value))
+        value = _common.mix(tail.view(np.uint64), np.uint64(value))
+    return np.array([value], np.uint64)
+
+
+@dataclass
+class Job:
+    """One run as the kernels see it."""
+
+    kind: str
+    lattice: ReactionLattice
+    hold_times: np.ndarray
+    temperature: float
+    seed: Seed
+    start: BondHistory | np.ndarray | None
+    key: np.ndarray = field(init=False)
+    mark: np.ndarray = field(init=False)
+    state: np.ndarray = field(init=False)
+    time: float = field(init=False)
+    resume: dict[str, np.ndarray] | None = field(init=False)
+    tally: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        lattice = self.lattice
+        n = lattice.sites.size
+        self.key = key(self.seed)
+        self.mark = fingerprint(lattice)
+        self.tally = np.zeros((self.hold_times.size, 3), np.int64)
+        self.time = 0.0
+        self.resume = None
+        if self.start is None:
+            self.state = np.zeros(n, np.bool_)
+        elif isinstance(self.start, BondHistory):
+            self.state = np.array(self.start.state)
+            self.time = self.start.time
+            if self._same(self.start):
+                self.resume = self.start.resume
+        else:
+            self.state = np.array(self.start)
+
+    def _same(self, start: BondHistory) -> bool:
+        """Whether the history's pending events still hold: same engine, lattice, temperature and seed."""
+        return (
+            start.engine == self.kind
+            and start.temperature == self.temperature
+            and np.array_equal(start.resume.get("lattice", ()), self.mark)
+            and np.array_equal(start.resume.get("key", ()), self.key)
+        )
+
+    def carried(self, name: str) -> int:
+        """A counter of the history to go on from, whatever engine or lattice it had; 0 without one."""
+        if isinstance(self.start, BondHistory) and name in self.start.resume:
+            return int(self.start.resume[name][0])
+        return 0
+
+    @property
+    def k0(self) -> np.uint64:
+        return np.uint64(self.key[0])
+
+    @property
+    def k1(self) -> np.uint64:
+        return np.uint64(self.key[1])
+
+    @property
+    def neighbours(self) -> np.ndarray:
+        """(n, k) int32; k = 0 where nothing interacts."""
+        found = self.lattice.neighbours
+        return frozen_empty(self.lattice.sites.size, 0, dtype=np.int32) if found is None else found
+
+    @property
+    def coupling(self) -> np.ndarray:
+        """(n, k) eV, float64 or float32."""
+        found = self.lattice.coupling
+        return frozen_empty(self.lattice.sites.size, 0) if found is None else found
+
+    @property
+    def breaking(self) -> np.ndarray:
+        """(n,) eV, or no entries where bonds never break."""
+        return frozen_empty(0) if self.lattice.breaking is None else self.lattice.breaking
+
+    @property
+    def nu(self) -> float:
+        return float(self.lattice.attempt_frequency)
+
+    @property
+    def per_unit(self) -> float:
+        """1/k_B T over one fixed-point unit of energy."""
+        return 1.0 / (kB * self.temperature * _common.UNITS_PER_EV)
+
+    def words(self) -> np.ndarray:
+        """(n,) int64, 2 * energy + bonded; see `_common`."""
+        words = np.empty(self.lattice.sites.size, np.int64)
+        _common.start_words(self.lattice.forming, self.neighbours, self.coupling, self.state, words)
+        return words
+
+    def history(self, state: np.ndarray, **resume: np.ndarray) -> BondHistory:
+        """The finished history. ``resume`` is the engine's own continuation."""
+        earlier = self.start if isinstance(self.start, BondHistory) else None
+        before = np.zeros(2, np.int64) if earlier is None else np.array([earlier.formed[-1], earlier.broken[-1]])
+        # Counts stop at 2**62 (see `_common`), so their sums are taken in floating point first.
+        sums = []
+        for column in range(2):
+            exact = before[column] + np.cumsum(self.tally[:, column])
+            rough = float(before[column]) + np.cumsum(self.tally[:, column].astype(np.float64))
+            sums.append(np.where(rough >= float(_common.MOST), _common.MOST, exact))
+        return BondHistory(
+            hold_times=self.hold_times,
+            bonds=np.count_nonzero(self.state) + np.cumsum(self.tally[:, 2]),
+            formed=sums[0],
+            broken=sums[1],
+            state=state,
+            time=float(self.hold_times[-1]),
+            temperature=self.temperature,
+            engine=self.kind,
+            lattice_hash=f"{int(self.mark[0]):016x}",
+            resume={"key": self.key, "lattice": self.mark, **resume},
+        )
