@@ -85,8 +85,8 @@ class Tabulated(Barriers):
     """A density given at points and joined by straight lines, or the distribution of samples.
 
     Give ``energies`` with ``weights``, or ``samples``, or a ``path`` to a text file with two columns (energies and
-    weights) or one (samples). The file is read at once and its numbers become the options, so that a stored result holds the
-    distribution itself. Samples are not smoothed: their ordered values are joined by straight lines at the
+    weights) or one (samples). The file is read at once and its numbers become the options, so that a stored result
+    holds the distribution itself. Samples are not smoothed: their ordered values are joined by straight lines at the
     probabilities i/(n − 1), so barriers lie between the smallest and the largest.
     """
 

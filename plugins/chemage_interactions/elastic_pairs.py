@@ -11,6 +11,13 @@ from chemage.spec import Interaction, Seed
 from chemage.units import Unit
 
 
+def _read_only(array: np.ndarray, dtype: type[np.generic]) -> np.ndarray:
+    """A read-only view: numba compiles a kernel anew for writable arrays, so all are given in one way."""
+    view = np.ascontiguousarray(array, dtype=dtype).view()
+    view.setflags(write=False)
+    return view
+
+
 class ElasticPairs(Interaction):
     """A bond changes the forming barriers of its eight nearest neighbours, each by ΔE_in = I_b (φ_in − ε).
 
@@ -41,12 +48,12 @@ class ElasticPairs(Interaction):
         from chemage_interactions import _kernels
 
         nx, ny = pixels
-        sites = np.ascontiguousarray(sites, dtype=np.int64)
+        sites = _read_only(sites, np.int64)
         starts = _kernels.row_starts(sites, nx, ny)
         if starts.size == 0 or sites.size > np.iinfo(np.int32).max:
             raise InputError(f"sites: not ascending pixel indices, or outside the grid of {nx} x {ny} pixels")
         out = np.empty((sites.size, len(_kernels.SLOTS)), dtype=np.int32)
-        _kernels.eight_neighbours(sites, starts, nx, ny, periodic, out)
+        _kernels.eight_neighbours(sites, starts, nx, ny, bool(periodic), out)
         out.setflags(write=False)
         return out
 
@@ -58,8 +65,8 @@ class ElasticPairs(Interaction):
         out = np.empty(neighbours.shape)
         key = random.key(seed)
         _kernels.pair_couplings(
-            np.ascontiguousarray(sites, dtype=np.int64),
-            neighbours,
+            _read_only(sites, np.int64),
+            _read_only(neighbours, np.int32),
             key[0],
             key[1],
             random.PAIR,
