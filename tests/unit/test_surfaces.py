@@ -275,7 +275,7 @@ def test_a_truncated_file_is_refused_wherever_it_ends(folder, name):
     whole = Path(name).read_bytes()
     for size in [3, 8, 50, 100, len(whole) // 2, len(whole) - 8]:
         write("part" + Path(name).suffix, whole[:size])
-        with pytest.raises(StoreError, match="truncated|not a numpy"):
+        with pytest.raises(StoreError, match=r"truncated|not a numpy"):
             from_file("part" + Path(name).suffix, pixel_size=1).make()
 
 
