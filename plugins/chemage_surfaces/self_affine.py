@@ -8,8 +8,7 @@ import numpy as np
 from pydantic import model_validator
 
 from chemage.objects import Surface
-from chemage.pipeline import checked_seed
-from chemage.spec import Seed, SurfaceMaker
+from chemage.spec import Seed, SurfaceMaker, checked_seed
 from chemage.units import Length, Unit
 from chemage_surfaces._options import Pixels, provenance
 
