@@ -39,6 +39,9 @@ if TYPE_CHECKING:
     from chemage.scene import load_scene as load_scene
     from chemage.store import read as read
     from chemage.store import write as write
+    from chemage.sweeps import SweepResult as SweepResult
+    from chemage.sweeps import load_sweep as load_sweep
+    from chemage.sweeps import sweep as sweep
 
 _HOME = {
     **dict.fromkeys(("Chemistry", "chemistry"), "reactions"),
@@ -51,6 +54,7 @@ _HOME = {
     **dict.fromkeys(("Run", "run"), "runs"),
     **dict.fromkeys(("Scene", "load_scene"), "scene"),
     **dict.fromkeys(("read", "write"), "store"),
+    **dict.fromkeys(("SweepResult", "load_sweep", "sweep"), "sweeps"),
 }
 
 __all__ = ["__version__", *sorted(_HOME)]  # pyright: ignore[reportUnsupportedDunderAll]

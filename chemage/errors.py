@@ -7,7 +7,9 @@ ChemageError
 │   └── SceneError       a scene file is wrong; carries the path of the field in the file
 ├── PluginError          a plugin is broken, or two plugins claim one kind
 ├── ConvergenceError     a contact solver stopped short of its tolerance; carries the residual history
-└── StoreError           a file is missing, truncated, foreign, or already there
+├── StoreError           a file is missing, truncated, foreign, or already there
+└── ExecutorError        the workers of a sweep cannot be started, or do not answer
+    └── WorkerLost       a worker died with a task, again and again
 """
 
 from __future__ import annotations
@@ -81,3 +83,11 @@ class ConvergenceError(ChemageError):
 
 class StoreError(ChemageError, OSError):
     """A file is missing, truncated, not one of ours, or already there."""
+
+
+class ExecutorError(ChemageError):
+    """The workers of a sweep cannot be started, or do not answer."""
+
+
+class WorkerLost(ExecutorError):
+    """A worker died while it worked on a task, as often as it was tried."""

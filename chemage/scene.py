@@ -177,6 +177,8 @@ _ROLE_OF = {
     "engine": "engine",
 }
 SECTIONS = ["name", "title", *_ROLE_OF, "chemistry", "hold", "fit", "observe", "sweep"]
+#: sections that no scene can do without
+REQUIRED = ("surface", "contact")
 
 
 def _hash(data: Any) -> str:
@@ -222,7 +224,7 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
                 sections[name] = dict(data[name])
             else:
                 problems.append((name, f"{data[name]!r} is not a section; write [{name}] with options below it"))
-    for name in ("surface", "contact"):
+    for name in REQUIRED:
         if name not in data:
             problems.append((name, "is required; every scene needs a surface and a contact"))
     surface_seed = sections.get("surface", {}).pop("seed", 0)
@@ -377,11 +379,26 @@ def scene_data(where: str | Path) -> tuple[dict[str, Any], str]:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise SceneError(source, [("", f"not valid TOML: {error}")]) from None
     if folder is not None:
-        for section in data.values():
-            if isinstance(section, dict) and isinstance(section.get("path"), str):
-                section["path"] = str(folder / section["path"])
+        data = located(data, folder)
     data.setdefault("name", path.stem)
     return data, source
+
+
+def located(data: Any, folder: Path) -> Any:
+    """A copy of scene data in which every relative ``path``, also one that is swept, starts from ``folder``."""
+    if isinstance(data, list):
+        return [located(item, folder) for item in data]
+    if not isinstance(data, Mapping):
+        return data
+    made: dict[str, Any] = {}
+    for name, value in data.items():
+        if name.rpartition(".")[2] != "path":
+            made[name] = located(value, folder)
+        elif isinstance(value, list):
+            made[name] = [str(folder / item) if isinstance(item, str) else item for item in value]
+        else:
+            made[name] = str(folder / value) if isinstance(value, str) else value
+    return made
 
 
 def override(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -389,16 +406,26 @@ def override(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, A
     copy = deepcopy(dict(data))
     for path, value in changes.items():
         *parents, last = path.split(".")
-        place = copy
+        place: Any = copy
         for name in parents:
-            place = place.setdefault(name, {})
-            if not isinstance(place, dict):
-                raise InputError.of(path, value, f"{name!r} is a value, not a section")
-        if value is None:
+            place = place[_position(path, name, place)] if isinstance(place, list) else place.setdefault(name, {})
+            if not isinstance(place, dict | list):
+                raise InputError(f"{path}: {name!r} is a value, not a section", [(path, f"{name!r} is a value")])
+        if isinstance(place, list):
+            number = _position(path, last, place)
+            place[number : number + 1] = [] if value is None else [deepcopy(value)]
+        elif value is None:
             place.pop(last, None)
         else:
-            place[last] = value
+            place[last] = deepcopy(value)
     return copy
+
+
+def _position(path: str, name: str, items: list[Any]) -> int:
+    if name.isdigit() and int(name) < len(items):
+        return int(name)
+    problem = f"{name!r} is no position in a list of {len(items)}"
+    raise InputError(f"{path}: {problem}", [(path, problem)])
 
 
 def load_scene(where: str | Path, changes: Mapping[str, Any] | None = None) -> Scene:

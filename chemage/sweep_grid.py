@@ -1,0 +1,397 @@
+"""The points of a sweep: ``[sweep]`` read, and every point validated before the first is computed.
+
+Every line of ``[sweep]`` is one axis of a grid; each ``[[sweep.zip]]`` holds lines that move together and make one
+axis. The last axis moves fastest. A value replaces what the scene has at that path: a number, a string with its unit, a
+whole section given as an inline table, or ``false`` for a section that is to be left out.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from chemage import registry
+from chemage.errors import ChemageError, InputError, PluginError, SceneError
+from chemage.scene import REQUIRED, SECTIONS, Scene, override, parse_scene
+
+_ARROWS = ("chemage_make_surface", "chemage_solve_contact", "chemage_build_lattice", "chemage_run_kinetics")
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Fields that move together, and the values they take."""
+
+    #: dotted paths into the scene
+    paths: tuple[str, ...]
+    #: for each position, one value a path
+    values: tuple[tuple[Any, ...], ...]
+
+    @property
+    def name(self) -> str:
+        """The paths in one word."""
+        return " & ".join(self.paths)
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A scene and the axes along which it varies."""
+
+    base: dict[str, Any]
+    axes: tuple[Axis, ...]
+    source: str = "the scene"
+
+    @classmethod
+    def read(cls, data: Mapping[str, Any], source: str = "the scene") -> Grid:
+        """From scene data with ``[sweep]`` in it.
+
+        Raises
+        ------
+        SceneError
+            Listing everything that is wrong with ``[sweep]`` itself.
+        """
+        base = {name: section for name, section in data.items() if name != "sweep"}
+        problems: list[tuple[str, str]] = []
+        axes = _axes(data.get("sweep", {}), problems)
+        seen: set[str] = set()
+        for path in (path for axis in axes for path in axis.paths):
+            if path in seen:
+                problems.append((f"sweep.{path}", "is swept twice; keep one of the two"))
+            seen.add(path)
+        if not axes and not problems:
+            problems.append(("sweep", 'names no field; give lists, such as "surface.rms_slope" = [0.05, 0.1]'))
+        if problems:
+            raise SceneError(source, problems)
+        return cls(base, tuple(axes), source)
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return math.prod(len(axis) for axis in self.axes)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Length of each axis."""
+        return tuple(len(axis) for axis in self.axes)
+
+    def positions(self, point: int) -> tuple[int, ...]:
+        """Where ``point`` lies on each axis."""
+        places = []
+        for axis in reversed(self.axes):
+            point, place = divmod(point, len(axis))
+            places.append(place)
+        return tuple(reversed(places))
+
+    def changes(self, point: int) -> dict[str, Any]:
+        """Dotted path -> value of what makes ``point`` differ from the base."""
+        return {
+            path: value
+            for axis, place in zip(self.axes, self.positions(point), strict=True)
+            for path, value in zip(axis.paths, axis.values[place], strict=True)
+        }
+
+    def data(self, point: int) -> dict[str, Any]:
+        """Scene data of ``point``."""
+        # a whole section goes in before what is set inside it
+        changes = sorted(self.changes(point).items(), key=lambda item: item[0].count("."))
+        return override(self.base, {path: _without_false(path, value) for path, value in changes})
+
+    def scene(self, point: int) -> Scene:
+        """The validated scene of ``point``."""
+        return parse_scene(self.data(point), self.source)
+
+    def todict(self) -> dict[str, Any]:
+        """Plain JSON; :meth:`fromdict` reads it back."""
+        axes = [{"paths": list(axis.paths), "values": [list(values) for values in axis.values]} for axis in self.axes]
+        return {"base": self.base, "axes": axes, "source": self.source}
+
+    @classmethod
+    def fromdict(cls, fields: Mapping[str, Any]) -> Grid:
+        """The inverse of :meth:`todict`."""
+        axes = tuple(
+            Axis(tuple(one["paths"]), tuple(tuple(values) for values in one["values"])) for one in fields["axes"]
+        )
+        return cls(dict(fields["base"]), axes, fields["source"])
+
+
+def _axes(sweep: Any, problems: list[tuple[str, str]]) -> list[Axis]:
+    if not isinstance(sweep, Mapping):
+        problems.append(("sweep", f"{sweep!r} is not a section; write [sweep] with one list a line"))
+        return []
+    axes = [Axis((path,), tuple((value,) for value in values)) for path, values in _lines(sweep, "sweep", problems)]
+    zips = sweep.get("zip", [])
+    if not isinstance(zips, list) or not all(isinstance(one, Mapping) for one in zips):
+        problems.append(("sweep.zip", "write each group of lines that move together as [[sweep.zip]], in two brackets"))
+        return axes
+    for number, group in enumerate(zips):
+        where = f"sweep.zip.{number}"
+        lines = _lines(group, where, problems)
+        lengths = {path: len(values) for path, values in lines}
+        if len(set(lengths.values())) > 1:
+            told = ", ".join(f"{path} has {length}" for path, length in lengths.items())
+            problems.append((where, f"lines that move together must be of equal length: {told}"))
+        elif lines:
+            axes.append(Axis(tuple(lengths), tuple(zip(*(values for _, values in lines), strict=True))))
+        elif not group:
+            problems.append((where, "names no field"))
+    return axes
+
+
+def _lines(table: Mapping[str, Any], where: str, problems: list[tuple[str, str]]) -> list[tuple[str, list[Any]]]:
+    """(path, values) of every list in ``table``, nested or dotted."""
+    lines: list[tuple[str, list[Any]]] = []
+
+    def visit(part: Mapping[str, Any], parents: tuple[str, ...]) -> None:
+        for name, value in part.items():
+            path = ".".join((*parents, name))
+            if path == "zip" and where == "sweep":
+                continue
+            if isinstance(value, Mapping):
+                visit(value, (*parents, name))
+            elif not isinstance(value, list):
+                problems.append((f"{where}.{path}", f"{value!r} is one value; give a list, such as [{value!r}]"))
+            elif not value:
+                problems.append((f"{where}.{path}", "is an empty list; an axis needs at least one value"))
+            elif (wrong := _wrong_path(path)) is not None:
+                problems.append((f"{where}.{path}", wrong))
+            else:
+                lines.append((path, value))
+
+    visit(table, ())
+    return lines
+
+
+def _wrong_path(path: str) -> str | None:
+    from chemage.spec import nearest
+
+    root, _, rest = path.partition(".")
+    known = [name for name in SECTIONS if name != "sweep"]
+    if root not in known:
+        return f"no such section{nearest(root, known)}; the sections are {', '.join(known)}"
+    if rest and ("" in rest.split(".") or root in ("name", "title")):
+        return "no such field"
+    return None
+
+
+def _without_false(path: str, value: Any) -> Any:
+    return None if value is False and path in SECTIONS and path not in REQUIRED else value
+
+
+# -- all points, before the first -------------------------------------------------------------------------------------
+
+
+@dataclass
+class Contact:
+    """One contact to solve, which many points may share."""
+
+    key: str
+    surface: str
+    #: a point that needs it
+    point: int
+    cpu_seconds: float | None
+    bytes: float
+
+
+@dataclass
+class Survey:
+    """Every point of a grid, validated; what they share, and what they will cost. Estimates are not promises."""
+
+    grid: Grid
+    #: of each point: its own key, that of its ageing, and the number of its contact
+    keys: list[str] = field(default_factory=list)
+    agings: list[str] = field(default_factory=list)
+    contact_of: list[int] = field(default_factory=list)
+    contacts: list[Contact] = field(default_factory=list)
+    #: CPU seconds of each point without its contact; None where its engine cannot tell
+    cpu_seconds: list[float | None] = field(default_factory=list)
+    #: of results on disk
+    bytes: float = 0.0
+    #: of one task, at most
+    memory: float | None = 0.0
+    #: for each axis, position and path: the value as the scene understood it
+    resolved: list[list[list[Any]]] = field(default_factory=list)
+    units: dict[str, str] = field(default_factory=dict)
+    #: plugins that answer or wrap an arrow
+    hooks: list[str] = field(default_factory=list)
+    digest: str = ""
+
+    @property
+    def surfaces(self) -> int:
+        """Distinct surfaces."""
+        return len({contact.surface for contact in self.contacts})
+
+    @property
+    def total_cpu_seconds(self) -> float | None:
+        """Of contacts and kinetics together; None where some choice cannot tell."""
+        distinct = dict(zip(self.agings, self.cpu_seconds, strict=True)).values()
+        costs = [contact.cpu_seconds for contact in self.contacts] + list(distinct)
+        return None if any(cost is None for cost in costs) else float(sum(cost for cost in costs if cost is not None))
+
+    @property
+    def total_bytes(self) -> float:
+        """Of everything in the folder."""
+        return self.bytes + sum(contact.bytes for contact in self.contacts)
+
+
+def survey(grid: Grid, tell: Callable[[int, int], None] | None = None) -> Survey:
+    """Validate every point of ``grid``; ``tell`` is called with (points seen, points in all).
+
+    Raises
+    ------
+    SceneError
+        Naming each thing that is wrong with its path, the first point where it is, and that point's values.
+    """
+    result = Survey(grid, hooks=_wrapping_plugins())
+    result.resolved = [[[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes]
+    known: dict[str, int] = {}
+    wrong: dict[tuple[str, str], list[int]] = {}
+    unresolved = [set(range(len(axis))) for axis in grid.axes]
+    for point in range(grid.size):
+        try:
+            scene = grid.scene(point)
+        except PluginError:
+            raise
+        except ChemageError as error:
+            for problem in getattr(error, "problems", None) or [("", str(error))]:
+                first = wrong.setdefault(problem, [point, 0])
+                first[1] += 1
+            continue
+        finally:
+            if tell is not None:
+                tell(point + 1, grid.size)
+        if wrong:
+            continue
+        _add(result, point, scene, known)
+        for axis, place in enumerate(grid.positions(point)):
+            if place in unresolved[axis]:
+                unresolved[axis].discard(place)
+                _resolve(result, axis, place, scene)
+    if wrong:
+        raise SceneError(grid.source, [_told(grid, problem, *where) for problem, where in wrong.items()])
+    digest = hashlib.blake2b(json.dumps([[axis.paths for axis in grid.axes], result.hooks]).encode(), digest_size=16)
+    for key in result.keys:
+        digest.update(key.encode())
+    result.digest = digest.hexdigest()
+    return result
+
+
+def _told(grid: Grid, problem: tuple[str, str], point: int, count: int) -> tuple[str, str]:
+    path, message = problem
+    values = ", ".join(f"{name} = {shown(value)}" for name, value in grid.changes(point).items())
+    others = f" and at {count - 1} more of {grid.size}" if count > 1 else ""
+    return path, f"{message} [at point {point}: {values}{others}]"
+
+
+def shown(value: Any) -> str:
+    """A swept value in a line of text."""
+    if isinstance(value, Mapping):
+        rest = {name: item for name, item in value.items() if name != "kind"}
+        return " ".join([str(value.get("kind", "")), *(f"{name}={shown(item)}" for name, item in rest.items())]).strip()
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _add(result: Survey, point: int, scene: Scene, known: dict[str, int]) -> None:
+    keys = scene.keys()
+    result.keys.append(keys["result"])
+    result.agings.append(keys["aging"])
+    surface = scene.surface.expected()
+    if keys["contact"] not in known:
+        known[keys["contact"]] = len(result.contacts)
+        solve = scene.contact.expected(surface, scene.load)
+        pixels = surface.get("nx", 0.0) * surface.get("ny", 0.0)
+        stored = 12 * pixels * solve.get("area_fraction", 1.0) + (
+            8 * pixels if getattr(scene.contact, "gap", False) else 0
+        )
+        result.contacts.append(
+            Contact(keys["contact"], keys["surface"], point, solve.get("cpu_seconds"), 3000 + stored)
+        )
+        _note_memory(result, solve)
+    result.contact_of.append(known[keys["contact"]])
+    hold, engine, chemistry = scene.hold, scene.engine, scene.chemistry
+    result.bytes += 5000
+    if hold is None or engine is None or chemistry is None:
+        result.cpu_seconds.append(0.0)
+        return
+    times = hold.hold_times.size
+    result.bytes += times * (90 + 11 * hold.replicas)
+    contact = scene.contact.expected(surface, scene.load)
+    if "area_fraction" not in contact or "nx" not in surface or "ny" not in surface:
+        result.cpu_seconds.append(None)
+        result.memory = None
+        return
+    sites = contact["area_fraction"] * surface["nx"] * surface["ny"] * chemistry.hydroxylation
+    one = engine.expected(sites, chemistry.interaction is not None)
+    result.cpu_seconds.append(one["cpu_seconds"] * hold.replicas if "cpu_seconds" in one else None)
+    _note_memory(result, one)
+
+
+def _note_memory(result: Survey, cost: Mapping[str, float]) -> None:
+    if "bytes" not in cost:
+        result.memory = None
+    elif result.memory is not None:
+        result.memory = max(result.memory, cost["bytes"])
+
+
+def _resolve(result: Survey, axis: int, place: int, scene: Scene) -> None:
+    """Keep the values of one position as the scene understood them: "20 uN" is 20000.0 nN."""
+    data = scene.todict()
+    for number, path in enumerate(result.grid.axes[axis].paths):
+        given = result.grid.axes[axis].values[place][number]
+        value: Any = data
+        for name in path.split("."):
+            value = value.get(name) if isinstance(value, Mapping) else None
+        if isinstance(given, Mapping) or value is None or isinstance(value, Mapping | list):
+            value = given
+        result.resolved[axis][place][number] = value
+        if path not in result.units:
+            result.units[path] = _unit(path, scene)
+
+
+def _unit(path: str, scene: Scene) -> str:
+    section, _, name = path.partition(".")
+    if path == "contact.load":
+        return "nN"
+    owner: Any = getattr(scene, section, None)
+    if section in ("forming", "breaking", "interaction") and scene.chemistry is not None:
+        owner = getattr(scene.chemistry, section)
+    info = type(owner).model_fields.get(name) if owner is not None else None
+    for part in info.metadata if info is not None else ():
+        if isinstance(extra := getattr(part, "json_schema_extra", None), Mapping):
+            return str(extra.get("unit", ""))
+    extra = info.json_schema_extra if info is not None else None
+    return str(extra.get("unit", "")) if isinstance(extra, Mapping) else ""
+
+
+def _wrapping_plugins() -> list[str]:
+    manager = registry.current().manager
+    found = {
+        implementation.plugin_name.split(" (")[0]
+        for name in _ARROWS
+        for implementation in getattr(manager.hook, name).get_hookimpls()
+    }
+    return sorted(found - {"chemage"})
+
+
+def order_of(contacts: list[Contact]) -> list[int]:
+    """Numbers of ``contacts`` such that those of one surface follow each other."""
+    first: dict[str, int] = {}
+    for number, contact in enumerate(contacts):
+        first.setdefault(contact.surface, number)
+    ranks = np.array([first[contact.surface] for contact in contacts], dtype=np.int64)
+    return [int(number) for number in np.argsort(ranks, kind="stable")]
+
+
+def check_base(data: Any, source: str) -> dict[str, Any]:
+    """``data`` as plain JSON values, or an error that says it is not."""
+    try:
+        return json.loads(json.dumps(data))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{source}: a scene is numbers, strings, lists and tables only: {error}") from None

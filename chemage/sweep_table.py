@@ -1,0 +1,249 @@
+"""The table of a sweep: one row a point, in memory, as CSV, as HDF5, and for pandas and xarray on request."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from chemage.store import fresh_file
+from chemage.sweep_grid import shown
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+#: numbers of a point: name in the summary -> (unit, meaning)
+SCALARS = {
+    "area_fraction": ("1", "contact area over nominal area"),
+    "area": ("nm2", "contact area"),
+    "corrected_area": ("nm2", "contact area less the excess of pixels at its rim"),
+    "kappa": ("1", "area-load coefficient A h'_rms E* / F_N"),
+    "patches": ("1", "contact patches"),
+    "perimeter_to_area": ("1/nm", "contact perimeter over contact area"),
+    "mean_contact_pressure": ("GPa", "mean pressure over the contact"),
+    "max_pressure": ("GPa", "largest pressure"),
+    "nominal_pressure": ("GPa", "load over nominal area"),
+    "load": ("nN", "normal force"),
+    "rms_slope": ("1", "rms slope of the surface"),
+    "rms_height": ("nm", "rms height of the surface"),
+    "sites": ("1", "reactive sites, mean over replicas"),
+    "replicas": ("1", "replicas"),
+    "events": ("1", "bonds formed and broken, all replicas"),
+    "beta": ("1", "slope of the friction coefficient drop per decade of hold time"),
+    "beta_stderr": ("1", "standard error of beta"),
+    "cutoff_time": ("s", "cut-off time"),
+    "cutoff_time_stderr": ("s", "standard error of the cut-off time"),
+}
+#: numbers at each hold time
+CURVES = {
+    "friction_drop": ("nN", "friction drop, mean over replicas"),
+    "friction_drop_stderr": ("nN", "its standard error"),
+    "friction_coefficient_drop": ("1", "friction coefficient drop, mean over replicas"),
+    "friction_coefficient_drop_stderr": ("1", "its standard error"),
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a sweep; nan and -1 stand where a point has nothing."""
+
+    #: path -> one value a point, as the scene understood it (numbers in internal units, the rest as text)
+    swept: dict[str, np.ndarray]
+    units: dict[str, str]
+    #: ``done``, ``failed`` or ``missing`` for each point
+    status: list[str]
+    error: list[str]
+    #: (points,) each
+    scalars: dict[str, np.ndarray]
+    #: (times,) s if all points share them, else (points, times)
+    hold_times: np.ndarray
+    #: (points, times) each
+    curves: dict[str, np.ndarray]
+    #: (points, replicas, times), -1 where there is none
+    bonds: np.ndarray
+
+    @classmethod
+    def collect(
+        cls, swept: Mapping[str, Sequence[Any]], units: Mapping[str, str], points: Iterable[Mapping[str, Any] | None]
+    ) -> Table:
+        """From what the folder has of each point, read one after the other."""
+        count = len(next(iter(swept.values())))
+        status, error = ["missing"] * count, [""] * count
+        scalars = {name: np.full(count, np.nan) for name in SCALARS}
+        rows: dict[int, tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = {}
+        for number, point in enumerate(points):
+            if point is None:
+                continue
+            status[number] = point["status"]
+            if point["status"] != "done":
+                told = point["error"]
+                error[number] = f"{told['stage']}: {told['type']}: {told['message']}"
+                continue
+            summary = point["summary"]
+            for name, column in scalars.items():
+                if (value := summary.get(name)) is not None:
+                    column[number] = value
+            curves = {name: np.array(summary[name], dtype=np.float64) for name in CURVES}
+            bonds = np.array(point["aging"]["bonds"] if point["aging"] else [], dtype=np.int32, ndmin=2)
+            rows[number] = (np.array(summary["hold_times"], dtype=np.float64), curves, bonds)
+        return cls(
+            swept={path: _column(values) for path, values in swept.items()},
+            units=dict(units),
+            status=status,
+            error=error,
+            scalars=scalars,
+            **_padded(count, rows),
+        )
+
+    @property
+    def points(self) -> int:
+        """Rows."""
+        return len(self.status)
+
+    def write_csv(self, path: Path) -> None:
+        """One line a point: what was swept, the numbers, the last hold time; units in the heading."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        names = [
+            f"{path} ({unit})" if unit else path for path, unit in ((p, self.units.get(p, "")) for p in self.swept)
+        ]
+        scalars = [f"{name} ({unit})" if unit != "1" else name for name, (unit, _) in SCALARS.items()]
+        last = {name: _last(values) for name, values in (("hold_time", self.hold_times), *self.curves.items())}
+        lasts = ["last hold_time (s)"] + [f"last {name}{_in(unit)}" for name, (unit, _) in CURVES.items()]
+        writer.writerow(["point", "status", *names, *scalars, *lasts, "error"])
+        for row in range(self.points):
+            done = self.status[row] == "done"
+            times = last["hold_time"] if self.hold_times.ndim == 2 else np.broadcast_to(last["hold_time"], self.points)
+            numbers = [values[row] for values in self.scalars.values()]
+            numbers += [times[row] if done else math.nan, *(last[name][row] for name in CURVES)]
+            writer.writerow(
+                [
+                    row,
+                    self.status[row],
+                    *(_cell(values[row]) for values in self.swept.values()),
+                    *(_cell(number) for number in numbers),
+                    self.error[row].replace("\n", " "),
+                ]
+            )
+        with fresh_file(path, force=True) as part:
+            part.write_text(text.getvalue(), encoding="utf-8")
+
+    def write_hdf5(self, path: Path, attributes: Mapping[str, Any]) -> None:
+        """NetCDF4 layout with dimensions point, hold_time and replica: ``xarray.open_dataset(path)`` reads it."""
+        import h5netcdf
+        import h5py
+
+        text = h5py.string_dtype()
+        with fresh_file(path, force=True) as part, h5netcdf.File(os.fspath(part), "w") as file:
+            for name, value in attributes.items():
+                file.attrs[name] = value
+            file.dimensions = {
+                "point": self.points,
+                "hold_time": self.hold_times.shape[-1],
+                "replica": self.bonds.shape[1],
+            }
+            for name, (dims, values, told) in self._variables().items():
+                kind = text if values.dtype == object else values.dtype
+                empty = 0 in values.shape
+                variable = file.create_variable(name, dims, kind, data=None if empty else values)
+                for key, note in told.items():
+                    variable.attrs[key] = note
+
+    def _variables(self) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]:
+        """name -> (dimensions, values, attributes)."""
+        found: dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]] = {
+            "point": (("point",), np.arange(self.points), {"long_name": "number of the point"}),
+            "status": (("point",), np.array(self.status, dtype=object), {"long_name": "done, failed or missing"}),
+            "error": (("point",), np.array(self.error, dtype=object), {"long_name": "why it failed"}),
+        }
+        times = ("hold_time",) if self.hold_times.ndim == 1 else ("point", "hold_time")
+        name = "hold_time" if self.hold_times.ndim == 1 else "hold_times"
+        found[name] = (times, self.hold_times, {"units": "s", "long_name": "time since the contact was made"})
+        for path, values in self.swept.items():
+            found[path] = (("point",), values, {"units": self.units.get(path) or "1", "long_name": "swept"})
+        for group, dims in ((SCALARS, ("point",)), (CURVES, ("point", "hold_time"))):
+            for name, (unit, meaning) in group.items():
+                values = self.scalars[name] if group is SCALARS else self.curves[name]
+                found[name] = (dims, values, {"units": unit, "long_name": meaning})
+        found["bonds"] = (("point", "replica", "hold_time"), self.bonds, {"units": "1", "long_name": "bonds"})
+        return found
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """A data frame with one row a point, indexed by its number; curves are left out, see :meth:`to_xarray`."""
+        import pandas
+
+        columns: dict[str, Any] = {"status": self.status, **self.swept, **self.scalars, "error": self.error}
+        return pandas.DataFrame(columns, index=pandas.RangeIndex(self.points, name="point"))
+
+    def to_xarray(self) -> xarray.Dataset:
+        """A dataset with dimensions point, hold_time and replica; what was swept are coordinates along point."""
+        import xarray
+
+        variables = {name: (dims, values, told) for name, (dims, values, told) in self._variables().items()}
+        coordinates = ["point", *self.swept, *(name for name in ("hold_time", "hold_times") if name in variables)]
+        return xarray.Dataset(variables).set_coords(coordinates)
+
+
+def _column(values: Sequence[Any]) -> np.ndarray:
+    if all(isinstance(value, bool) for value in values):
+        return np.array([int(value) for value in values])
+    if all(isinstance(value, int) and not isinstance(value, bool) for value in values):
+        with_limits = np.iinfo(np.int64)
+        if all(with_limits.min <= value <= with_limits.max for value in values):
+            return np.array(values, dtype=np.int64)
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        return np.array(values, dtype=np.float64)
+    return np.array([shown(value) for value in values], dtype=object)
+
+
+def _padded(count: int, rows: Mapping[int, tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]]) -> dict[str, Any]:
+    longest = max((times.size for times, _, _ in rows.values()), default=0)
+    replicas = max((bonds.shape[0] for _, _, bonds in rows.values() if bonds.size), default=0)
+    curves = {name: np.full((count, longest), np.nan) for name in CURVES}
+    times, bonds = np.full((count, longest), np.nan), np.full((count, replicas, longest), -1, dtype=np.int32)
+    for number, (own, values, counts) in rows.items():
+        times[number, : own.size] = own
+        for name, curve in values.items():
+            curves[name][number, : curve.size] = curve
+        if counts.size:
+            bonds[number, : counts.shape[0], : counts.shape[1]] = counts
+    known = list(rows)
+    if known and all(np.array_equal(times[number], times[known[0]]) for number in known):
+        times = times[known[0]]
+    elif not known:
+        times = times[0]
+    return {"hold_times": times, "curves": curves, "bonds": bonds}
+
+
+def _last(values: np.ndarray) -> np.ndarray:
+    """The last number of each row that is one."""
+    if values.shape[-1] == 0:
+        return np.full(values.shape[:-1], np.nan)
+    rows = np.atleast_2d(values)
+    found = np.full(rows.shape[0], np.nan)
+    for number, row in enumerate(rows):
+        there = row[np.isfinite(row)]
+        if there.size:
+            found[number] = there[-1]
+    return found if values.ndim == 2 else found[0]
+
+
+def _in(unit: str) -> str:
+    return "" if unit == "1" else f" ({unit})"
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        return "" if math.isnan(value) else repr(value)
+    return value if isinstance(value, str | int) else json.dumps(value)

@@ -1,0 +1,35 @@
+"""How many threads one computation may use, asked by everything that starts some."""
+
+from __future__ import annotations
+
+import os
+
+_limit: int | None = None
+
+
+def available() -> int:
+    """Threads this process may use now: what :func:`limit` or ``CHEMAGE_THREADS`` says, else one a processor."""
+    if _limit is not None:
+        return _limit
+    text = os.environ.get("CHEMAGE_THREADS", "")
+    return int(text) if text.isdigit() and int(text) > 0 else processors()
+
+
+def processors() -> int:
+    """Processors this process may run on."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # no such call on this system
+        return os.cpu_count() or 1
+
+
+def limit(threads: int | None) -> None:
+    """Let computations in this process use ``threads`` threads; None takes the limit away."""
+    global _limit
+    _limit = threads
+
+
+def environment(threads: int) -> dict[str, str]:
+    """Environment variables that hold a new process, and the libraries in it, to ``threads`` threads."""
+    names = ("CHEMAGE_THREADS", "NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    return dict.fromkeys(names, str(threads))
