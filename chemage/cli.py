@@ -250,7 +250,7 @@ def _print_run(result: Run) -> None:
     for name, text in rows:
         table.add_row(name, text)
     _show(table)
-    for note in contact.notes:
+    for note in result.notes:
         print(f"note: {note}")
 
 
@@ -515,7 +515,7 @@ def _explain(error: Exception) -> int:
     from chemage.errors import ChemageError
 
     if isinstance(error, ChemageError):
-        print(f"chemage: {error}", file=sys.stderr)
+        print("\n".join([f"chemage: {error}", *getattr(error, "__notes__", ())]), file=sys.stderr)
         return 2
     display = getattr(error, "show", None)  # a usage error of the command line itself
     if display is not None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from chemage.errors import ChemageError
 from chemage.scene import Scene
 from chemage.units import EV_PER_GPA_NM3, KB
 
@@ -53,7 +54,11 @@ class Plan:
 
 def plan(scene: Scene) -> Plan:
     """Estimate what ``scene`` needs from what its choices can tell of themselves."""
-    known: dict[str, float] = dict(scene.surface.expected())
+    try:
+        known: dict[str, float] = dict(scene.surface.expected())
+    except ChemageError as error:
+        error.add_note(f"in [surface] of scene {scene.name!r}")
+        raise
     stages = _stages(scene, known)
     notes: list[str] = []
     solve = scene.contact.expected(known, scene.load)
@@ -134,7 +139,7 @@ def _notes(scene: Scene, known: dict[str, float], numbers: dict[str, float]) -> 
             )
         nu = scene.chemistry.attempt_frequency
         lowest, highest = scene.chemistry.forming.quantile(np.array([0.05, 0.95]))
-        active = KB * hold.temperature * np.log(nu * times[-1])
+        active = KB * hold.temperature * np.log(max(nu * times[-1], 1.0))
         if active < lowest:
             notes.append(
                 f"by {times[-1]:g} s only barriers up to {active:.2f} eV react, below 95 % of the forming barriers"

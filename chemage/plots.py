@@ -45,8 +45,10 @@ def pooled(values: np.ndarray, pool: Callable[..., np.ndarray], most: int = _MAP
 
 
 def _map(axes: Axes, values: np.ndarray, extent: tuple[float, float, float, float], label: str, **style: Any) -> None:
-    # x of the arrays runs to the right, y upwards
-    image = axes.imshow(values.T, origin="lower", extent=extent, interpolation="nearest", **style)
+    # x of the arrays runs to the right, y upwards; a strip is stretched until it can be seen
+    width, height = extent[1] - extent[0], extent[3] - extent[2]
+    aspect = "equal" if max(width, height) < 6 * min(width, height) else "auto"
+    image = axes.imshow(values.T, origin="lower", extent=extent, interpolation="nearest", aspect=aspect, **style)
     axes.set(xlabel="x (nm)", ylabel="y (nm)")
     bar = axes.figure.colorbar(image, ax=axes, shrink=0.85)
     bar.set_label(label)
@@ -64,9 +66,10 @@ def surface_figure(surface: Surface) -> Figure:
         shown = density > density.max() * 1e-14
         axes[1].loglog(q[shown], density[shown], color=BLUE, marker=".", ms=3, lw=1)
         axes[1].set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C(q) (nm$^4$)")
+        axes[1].tick_params(axis="x", which="minor", labelsize=6)
     else:
         x = (np.arange(nx) + 0.5) * surface.pixel_size
-        axes[1].plot(x, surface.heights[:, ny // 2], color=BLUE)
+        axes[1].plot(x, surface.heights[:, ny // 2], color=BLUE, marker="." if nx < 3 else None)
         axes[1].set(xlabel="x (nm)", ylabel="height (nm)", title="through the middle")
     return figure
 
@@ -77,27 +80,34 @@ def pressure_figure(contact: ContactSolution) -> Figure:
     a = contact.pixel_size
     nx, ny = contact.shape
     pressure = contact.pressure
-    top = float(pressure.max()) or 1.0
-    style: dict[str, Any] = {"cmap": "inferno_r", "vmin": 0.0, "vmax": top}
+    low, top = float(pressure.min()), float(pressure.max()) or 1.0
+    style: dict[str, Any] = {"cmap": "inferno_r", "vmin": low if low < top else 0.0, "vmax": top}
     shown = np.ma.masked_equal(pooled(pressure, np.max), 0.0)
     _map(axes[0], shown, (0.0, nx * a, 0.0, ny * a), "pressure (GPa)", **style)
-    axes[0].set_title(f"{contact.patches} patches, A/A$_0$ = {contact.area_fraction:.3g}")
+    axes[0].set_title(f"{_count(contact.patches, 'patch', 'patches')}, A/A$_0$ = {contact.area_fraction:.3g}")
     (x0, x1), (y0, y1) = _around_largest_patch(contact)
     part = pressure[x0:x1, y0:y1]
     extent = (x0 * a, x1 * a, y0 * a, y1 * a)
     _map(axes[1], np.ma.masked_equal(part, 0.0), extent, "pressure (GPa)", **style)
-    touching = (part > 0).astype(float)
-    if min(part.shape) > 1 and 0 < touching.mean() < 1:
-        axes[1].contour(
-            (np.arange(x0, x1) + 0.5) * a,
-            (np.arange(y0, y1) + 0.5) * a,
-            touching.T,
-            levels=[0.5],
-            colors=[GREEN],
-            linewidths=0.8,
-        )
+    axes[1].add_collection(_outlines(part > 0, x0, y0, a))
     axes[1].set_title("around the largest patch" if contact.patches else "no contact")
     return figure
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
+
+
+def _outlines(contact: np.ndarray, x0: int, y0: int, pixel: float) -> Any:
+    """The pixel edges between contact and non-contact of a (nx, ny) map whose corner is pixel (x0, y0)."""
+    from matplotlib.collections import LineCollection
+
+    i, j = np.nonzero(np.diff(contact, axis=0))
+    upright = np.stack([np.stack([i + 1, j], -1), np.stack([i + 1, j + 1], -1)], 1)
+    i, j = np.nonzero(np.diff(contact, axis=1))
+    level = np.stack([np.stack([i, j + 1], -1), np.stack([i + 1, j + 1], -1)], 1)
+    edges = (np.concatenate([upright, level]) + np.array([x0, y0])) * pixel
+    return LineCollection(list(edges), colors=GREEN, linewidths=0.8, capstyle="round")
 
 
 def _around_largest_patch(contact: ContactSolution) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -130,8 +140,9 @@ def barriers_figure(run: Run) -> Figure | None:
     if intrinsic is not None:
         axes.plot(energy, intrinsic, color=GREY, lw=1.2, label="intrinsic")
     last = run.aging.hold_times[-1]
+    lowered = run.scene.get("chemistry", {}).get("activation_volume")
     for name, colour, label in (
-        ("barriers_start", BLUE, "lowered by pressure"),
+        ("barriers_start", BLUE, "lowered by pressure" if lowered else "of the sites"),
         ("barriers_open", ORANGE, f"still open after {_seconds(last)}"),
         ("barriers_bonded", GREEN, f"bonded after {_seconds(last)} (start barrier)"),
     ):
@@ -169,7 +180,11 @@ def friction_figure(run: Run) -> Figure | None:
             axes[1], t, aging.mean_friction_coefficient_drop[shown], aging.friction_coefficient_drop_stderr[shown], BLUE
         )
     axes[1].set_ylabel("friction coefficient drop Δμ")
-    if fit is not None and fit.beta == fit.beta:
+    if not t.size:
+        _say(axes[0], "no hold time above 0")
+    if aging.load == 0:
+        _say(axes[1], "undefined: no load")
+    if fit is not None and np.isfinite(fit.beta) and np.isfinite(fit.cutoff_time):
         window = run.scene.get("fit", {})
         line = np.geomspace(window.get("start", 10.0), window.get("stop", 1e4), 50)
         axes[1].plot(
@@ -185,11 +200,16 @@ def friction_figure(run: Run) -> Figure | None:
         one.set(xscale="log", xlabel="hold time (s)")
         one.set_ylim(bottom=0)
     figure.suptitle(
-        f"{run.scene.get('title') or run.name}: {aging.replicas} replicas, {aging.temperature:g} K",
+        f"{run.scene.get('title') or run.name}: {_count(aging.replicas, 'replica', 'replicas')}, "
+        f"{aging.temperature:g} K",
         fontsize=10,
         parse_math=False,  # a title is text, whatever dollar signs are in it
     )
     return figure
+
+
+def _say(axes: Axes, text: str) -> None:
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", color=GREY)
 
 
 def _with_errors(axes: Axes, t: np.ndarray, mean: np.ndarray, error: np.ndarray, colour: str) -> None:

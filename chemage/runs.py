@@ -9,17 +9,18 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import metadata
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from chemage.errors import InputError, StoreError
+from chemage.errors import ChemageError, InputError, StoreError
 from chemage.objects import Aging, ContactSolution, Fit, Record, Surface
 from chemage.pipeline import age, make_surface, solve_contact
 from chemage.scene import Scene
 
 #: called with (stage, done, total); total is 0 where a stage cannot say how far it is
 Progress = Callable[[str, int, int], None]
+_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,17 @@ class Run:
         """The scene's name."""
         return str(self.scene.get("name", "scene"))
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know of this result, in words."""
+        notes = list(self.contact.notes)
+        if self.contact.area_fraction == 1:
+            notes.append(
+                "full contact: every pixel carries pressure, and more load adds pressure but no contact area; "
+                "an elastic model says little about a surface pressed flat"
+            )
+        return tuple(notes)
+
     def fit(self) -> Fit | None:
         """Line of Δμ against log t over the scene's fit window; None without ageing or without times in the window."""
         if self.aging is None:
@@ -63,7 +75,7 @@ class Run:
             "converged": contact.converged,
             "residual": contact.residual,
             "iterations": contact.iterations,
-            "notes": list(contact.notes),
+            "notes": list(self.notes),
             "sites": float(aging.sites.mean()) if aging else contact.sites.size,
             "replicas": aging.replicas if aging else 0,
             "events": int(aging.events.sum()) if aging else 0,
@@ -136,10 +148,14 @@ def run(
     tell = progress or (lambda stage, done, total: None)
     timings: dict[str, float] = {}
 
-    def timed(stage: str, task: Callable[[], Any]) -> Any:
+    def timed(stage: str, task: Callable[[], _Result]) -> _Result:
         tell(stage, 0, 0)
         begin = time.perf_counter()
-        result = task()
+        try:
+            result = task()
+        except ChemageError as error:
+            error.add_note(f"in the stage {stage!r} of scene {scene.name!r}")
+            raise
         timings[stage] = time.perf_counter() - begin
         tell(stage, 1, 1)
         return result

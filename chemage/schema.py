@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
 from chemage import registry
+from chemage.errors import PluginError
 from chemage.reactions import Chemistry
 from chemage.scene import _ROLE_OF, FitWindow, Hold
 from chemage.spec import ROLES, Spec
@@ -15,7 +17,13 @@ from chemage.spec import ROLES, Spec
 def scene_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of a scene, for editors that complete and check TOML."""
     plugins = registry.current()
-    choices = {role: [plugins.choice(role, kind) for kind in plugins.kinds(role)] for role in ROLES}
+    choices: dict[str, list[Any]] = {role: [] for role in ROLES}
+    for role in ROLES:
+        for kind in plugins.kinds(role):
+            try:
+                choices[role].append(plugins.choice(role, kind))
+            except PluginError as error:
+                warnings.warn(f"not in the schema: {error}", registry.PluginWarning, stacklevel=2)
     models: list[Any] = [cls for classes in choices.values() for cls in classes]
     refs, top = models_json_schema([(model, "validation") for model in [*models, Hold, FitWindow]])
     definitions = top.get("$defs", {})
