@@ -40,7 +40,7 @@ class Hold(_Section):
     """last hold time, s"""
     per_decade: int = Field(default=4, ge=1, le=1000)
     """hold times to a decade"""
-    times: tuple[float, ...] | None = None
+    times: tuple[Time, ...] | None = None
     """the hold times themselves, s, instead of start, stop and per_decade"""
     replicas: int = Field(default=10, ge=1)
     """independent draws of the disorder and the kinetic noise"""
