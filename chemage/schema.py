@@ -40,6 +40,10 @@ def scene_schema() -> dict[str, Any]:
         for role, classes in choices.items()
         if classes
     }
+    for role, cls in ROLES.items():
+        # an option that is itself a choice: a table with its kind, or the kind alone where the plugin takes that
+        if cls.__name__ in definitions and role in by_role:
+            definitions[cls.__name__] = {"anyOf": [by_role[role], {"type": "string"}]}
     properties: dict[str, Any] = {"name": {"type": "string"}, "title": {"type": "string"}}
     for section, role in _ROLE_OF.items():
         properties[section] = by_role.get(role, {"type": "object"})
@@ -96,9 +100,15 @@ def options_of(cls: type[Spec]) -> list[dict[str, str]]:
         rows.append(
             {
                 "name": name,
-                "unit": part.get("unit", ""),
+                "unit": _unit(part),
                 "default": "required" if info.is_required() else str(info.get_default(call_default_factory=True)),
                 "meaning": " ".join((info.description or "").split()),
             }
         )
     return rows
+
+
+def _unit(part: dict[str, Any]) -> str:
+    """The unit of a property, also where the quantity may be left out, or is one of a list."""
+    inner = [*part.get("anyOf", []), *([part["items"]] if isinstance(part.get("items"), dict) else [])]
+    return part.get("unit", "") or next((unit for one in inner if (unit := _unit(one))), "")
