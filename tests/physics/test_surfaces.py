@@ -57,6 +57,14 @@ def test_mean_power_of_every_ring_follows_equation_1(pixels, hurst, zeta, eta):
     assert stats.chi2.sf(np.sum(z**2), z.size) > 1e-4
 
 
+def test_waves_at_the_nyquist_limit_carry_their_share():
+    # a flat spectrum up to the limit: the standing waves (8, 0) and (0, 8) as much as any travelling one
+    maker = rough(16, zeta=8, eta=8)
+    power = np.mean([np.abs(np.fft.fft2(maker.make(seed).heights)) ** 2 for seed in range(1200)], axis=0)
+    typical = np.mean(power[1:5, 1:5])
+    np.testing.assert_allclose([power[8, 0] / typical, power[0, 8] / typical], 1, atol=4 * math.sqrt(2 / 1200))
+
+
 def test_power_is_the_same_in_every_direction():
     moments = []
     for seed in range(40):
