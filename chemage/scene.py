@@ -228,15 +228,15 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
         if name not in data:
             problems.append((name, "is required; every scene needs a surface and a contact"))
     surface_seed = sections.get("surface", {}).pop("seed", 0)
-    load: Any = sections.get("contact", {}).pop("load", None)
+    given, load = sections.get("contact", {}).pop("load", None), 0.0
     for name, role in _ROLE_OF.items():
         if name in sections:
             made[name] = _choice(role, name, sections[name], problems)
     if "contact" in sections:
         try:
-            if load is None:
+            if given is None:
                 raise InputError('is required; give the normal force, such as load = "20 uN"')
-            load = force(load)
+            load = force(given)
         except ChemageError as error:
             problems.append(("contact.load", str(error).removeprefix("load = ")))
     chemistry = _chemistry(sections, made, problems)
