@@ -6,7 +6,8 @@ Lengths in nm, pressures in GPa. Contact is where the pressure is positive.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -109,7 +110,8 @@ def psd(heights: np.ndarray, pixel_size: float, periodic: bool = True, bins: int
 # -- contacts ---------------------------------------------------------------------------------------------------------
 
 
-class Patches(NamedTuple):
+@dataclass(frozen=True)
+class Patches:
     """Connected contact patches: how many, the area of each in pixels (largest first)."""
 
     count: int
@@ -122,9 +124,10 @@ def label_patches(contact: np.ndarray, periodic: bool) -> tuple[np.ndarray, int]
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    labels, count = ndimage.label(contact, structure=np.ones((3, 3), dtype=np.int8))  # pyright: ignore[reportGeneralTypeIssues]
+    labels = np.zeros(contact.shape, dtype=np.int32)
+    count = int(ndimage.label(contact, structure=np.ones((3, 3), dtype=np.int8), output=labels))  # pyright: ignore[reportArgumentType]
     if not periodic or count == 0:
-        return labels, int(count)
+        return labels, count
     pairs = []
     for first, second in ((labels[0], labels[-1]), (labels[:, 0], labels[:, -1])):
         for shift in (-1, 0, 1):

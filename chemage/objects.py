@@ -53,7 +53,7 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
         if target.kind in "iu" and given.dtype.kind == "f" and given.size:
             raise ValueError(f"expected whole numbers, not {given.dtype}")
         if target.kind == "i" and given.dtype.kind in "iu" and given.size:
-            limits = np.iinfo(target)
+            limits = np.iinfo(target.name)
             if int(given.min()) < limits.min or int(given.max()) > limits.max:
                 raise ValueError(f"values from {given.min()} to {given.max()} do not fit {target}")
         given = given.astype(target)
@@ -64,15 +64,15 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
     return given
 
 
-def _array(*dtypes: type[np.generic]) -> Any:
-    return Annotated[np.ndarray, BeforeValidator(lambda value: frozen(value, *dtypes))]
+def _array(*dtypes: type[np.generic]) -> BeforeValidator:
+    return BeforeValidator(lambda value: frozen(value, *dtypes))
 
 
-Reals = _array(np.float64, np.float32)
-Doubles = _array(np.float64)
-Indices = _array(np.int64)
-Shorts = _array(np.int32)
-Flags = _array(np.bool_)
+Reals = Annotated[np.ndarray, _array(np.float64, np.float32)]
+Doubles = Annotated[np.ndarray, _array(np.float64)]
+Indices = Annotated[np.ndarray, _array(np.int64)]
+Shorts = Annotated[np.ndarray, _array(np.int32)]
+Flags = Annotated[np.ndarray, _array(np.bool_)]
 Named = Annotated[dict[str, np.ndarray], AfterValidator(lambda value: {n: frozen(a) for n, a in value.items()})]
 
 

@@ -32,7 +32,8 @@ def registry() -> pint.UnitRegistry:
     """The one pint registry, with exact decimals."""
     import pint
 
-    return pint.UnitRegistry(non_int_type=Decimal, autoconvert_offset_to_baseunit=True)
+    exact: Any = Decimal  # pint takes it, its annotation says float
+    return pint.UnitRegistry(non_int_type=exact, autoconvert_offset_to_baseunit=True)
 
 
 def convert(value: object, unit: str) -> float:
