@@ -53,6 +53,14 @@ def test_same_seed_same_bytes_other_seed_other_surface():
     assert np.abs(np.corrcoef(maker.make(seed=7).heights.ravel(), maker.make(seed=8).heights.ravel())[0, 1]) < 0.3
 
 
+def test_bytes_do_not_depend_on_the_number_of_threads():
+    from chemage_surfaces._spectral import self_affine
+
+    options = {"hurst": 0.8, "zeta": 100, "eta": 3, "rms_slope": 0.1, "seed": 2}
+    one, four = (self_affine((300, 251), 0.5, workers=workers, **options) for workers in (1, 4))
+    assert one.tobytes() == four.tobytes()
+
+
 def test_a_seed_sequence_is_a_seed_and_is_not_used_up():
     maker, sequence = ca.surface("self-affine", **ROUGH), np.random.SeedSequence(5)
     assert np.array_equal(maker.make(sequence).heights, maker.make(sequence).heights)
