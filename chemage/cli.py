@@ -19,6 +19,7 @@ import typer
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from chemage.compare import Comparison
     from chemage.runs import Progress, Run
     from chemage.scene import Scene
 
@@ -212,6 +213,8 @@ def plot(
 
 
 def _print_run(result: Run) -> None:
+    from chemage.text import plus_minus
+
     contact, aging, fit = result.contact, result.aging, result.fit()
     (nx, ny), kind = contact.shape, result.scene["surface"]["kind"]
     table = _table(result.scene.get("title") or result.name)
@@ -236,15 +239,15 @@ def _print_run(result: Run) -> None:
         rows += [
             ("sites", f"{aging.sites.mean():.0f}"),
             ("engine", f"{aging.engine}, {aging.replicas} replicas, {aging.events.sum()} events"),
-            (f"friction drop {last}", _pm(aging.mean_friction_drop[-1], aging.friction_drop_stderr[-1], "nN")),
+            (f"friction drop {last}", plus_minus(aging.mean_friction_drop[-1], aging.friction_drop_stderr[-1], "nN")),
             (
                 f"friction coefficient drop {last}",
-                _pm(aging.mean_friction_coefficient_drop[-1], aging.friction_coefficient_drop_stderr[-1]),
+                plus_minus(aging.mean_friction_coefficient_drop[-1], aging.friction_coefficient_drop_stderr[-1]),
             ),
         ]
     if fit is not None:
-        rows.append(("beta", f"{_pm(fit.beta, fit.beta_stderr, 'per decade')}, {fit.points} hold times"))
-        rows.append(("cut-off time", _pm(fit.cutoff_time, fit.cutoff_time_stderr, "s")))
+        rows.append(("beta", f"{plus_minus(fit.beta, fit.beta_stderr, 'per decade')}, {fit.points} hold times"))
+        rows.append(("cut-off time", plus_minus(fit.cutoff_time, fit.cutoff_time_stderr, "s")))
     if result.timings:
         rows.append(("wall time", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in result.timings.items())))
     for name, text in rows:
@@ -254,16 +257,64 @@ def _print_run(result: Run) -> None:
         print(f"note: {note}")
 
 
-def _pm(value: float, error: float, unit: str = "") -> str:
-    """A value with its standard error, both to the error's second digit."""
-    import math
+# -- compare, report --------------------------------------------------------------------------------------------------
 
-    if not math.isfinite(value):
-        return f"{value:g} {unit}".strip()
-    if not (math.isfinite(error) and error > 0):
-        return f"{value:.4g} {unit}".strip()
-    digits = max(0, 1 - math.floor(math.log10(error)))
-    return f"{value:.{digits}f} ± {error:.{digits}f} {unit}".strip()
+
+@app.command()
+def compare(
+    files: Annotated[list[Path], typer.Argument(help="result files (.h5)")],
+    as_json: JsonOpt = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="print CSV, one line a file")] = False,
+    figures: Annotated[Path | None, typer.Option(help="folder to draw the figures into")] = None,
+    fmt: Annotated[str, typer.Option("--format", help="of the figures: png, pdf or svg")] = "png",
+    measured: Annotated[
+        list[Path] | None, typer.Option(help="CSV of hold time and friction drop to hold against them; repeatable")
+    ] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(metavar="TIME", help="hold time to compare at; repeatable; default 1 s and 1e3 s"),
+    ] = None,
+    force: ForceOpt = False,
+) -> None:
+    """Put result files side by side, single asperities and rough contacts alike, with measurements on top."""
+    from chemage import compare as side_by_side
+
+    if as_json and as_csv:
+        raise _user_error("--json and --csv: choose one")
+    if fmt not in ("png", "pdf", "svg"):
+        raise _user_error(f"--format {fmt}: choose png, pdf or svg")
+    made = side_by_side.compare_files(files, measured=measured or (), times=at or side_by_side.TIMES)
+    pictures: list[Path] = []
+    if figures is not None:
+        with progress_bars() as tell:
+            tell("drawing", 0, 0)
+            pictures = made.save(figures, force=force, suffix=fmt)
+            tell("drawing", 1, 1)
+    if as_json:
+        print(json.dumps({**made.todict(), "figures": [str(path) for path in pictures]}))
+    elif as_csv:
+        print(made.csv(), end="")
+    else:
+        _print_comparison(made)
+        for picture in pictures:
+            print(f"figure   {picture}")
+
+
+def _print_comparison(made: Comparison) -> None:
+    table = _table("", ("", *(one.name for one in made.results)))
+    for label, texts in made.table():
+        table.add_row(label, *texts)
+    _show(table)
+    print(made.statement())
+    for different in made.chemistry_differences():
+        told = ("not modelled" if value is None else f"{value}" for value in different.values)
+        print(f"  {different.path}: {' | '.join(told)}")
+    fits = made.fits()
+    if fits:
+        table = _table("Fits, 95 % bootstrap intervals", ("data", "model", "β per decade", "cut-off time"))
+        for name, fit in fits:
+            table.add_row(name, fit.describe(), fit.beta_text(), fit.cutoff_text())
+        _show(table)
 
 
 # -- schema, init, plugins --------------------------------------------------------------------------------------------

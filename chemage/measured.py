@@ -15,7 +15,6 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
@@ -24,6 +23,7 @@ import numpy as np
 
 from chemage.errors import InputError, StoreError, UnitError
 from chemage.objects import Aging
+from chemage.text import with_interval
 from chemage.units import convert
 
 Quantity = Literal["friction_coefficient_drop", "friction_drop"]
@@ -270,6 +270,15 @@ class AgingFit:
     def __call__(self, hold_times: np.ndarray | float) -> np.ndarray:
         """The fitted value at ``hold_times`` (s)."""
         return self.beta * _basis(self.model, np.asarray(hold_times, dtype=np.float64), math.log10(self.cutoff_time))
+
+    def beta_text(self) -> str:
+        """β with its interval and unit."""
+        text = with_interval(self.beta, self.beta_interval.low, self.beta_interval.high)
+        return f"{text} {UNIT[self.quantity]}".strip()
+
+    def cutoff_text(self) -> str:
+        """The cut-off time with its interval."""
+        return f"{with_interval(self.cutoff_time, self.cutoff_interval.low, self.cutoff_interval.high)} s"
 
     def describe(self) -> str:
         """The model, in words."""
@@ -518,29 +527,3 @@ def _cutoff_interval(log_times: np.ndarray, slopes: np.ndarray, ends: tuple[floa
     logs = _interval(log_times, ends)
     with np.errstate(over="ignore"):
         return Interval(float(np.power(10.0, logs.low)), float(np.power(10.0, logs.high)))
-
-
-def summarise(fits: Sequence[tuple[str, AgingFit]]) -> list[dict[str, str]]:
-    """Rows of text for a table of fits: ``data``, ``model``, ``β``, ``t_c``, each with its interval."""
-    return [
-        {
-            "data": name,
-            "model": fit.describe(),
-            "β per decade": f"{span(fit.beta, fit.beta_interval)} {UNIT[fit.quantity]}".strip(),
-            "cut-off time t_c": f"{span(fit.cutoff_time, fit.cutoff_interval)} s",
-        }
-        for name, fit in fits
-    ]
-
-
-def span(value: float, interval: Interval) -> str:
-    """``value [low, high]`` to the digits the interval bears."""
-    width = interval.high - interval.low
-    if not math.isfinite(value):
-        return "undetermined"
-    if not math.isfinite(width) or width <= 0:
-        return f"{value:.4g} [{interval.low:.3g}, {interval.high:.3g}]"
-    if max(abs(interval.low), abs(interval.high), abs(value)) >= 1e4 or width < 1e-4:
-        return f"{value:.3g} [{interval.low:.3g}, {interval.high:.3g}]"
-    digits = max(0, 1 - math.floor(math.log10(width)))
-    return f"{value:.{digits}f} [{interval.low:.{digits}f}, {interval.high:.{digits}f}]"

@@ -5,14 +5,15 @@ Every function returns a matplotlib Figure made without pyplot, so nothing globa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from chemage.errors import ChemageError
-from chemage.objects import Aging, ContactSolution, Surface
+from chemage.objects import ContactSolution, Surface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 #: colour-blind safe (Okabe & Ito 2008)
 BLUE, ORANGE, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#777777"
+BLACK = "#000000"
 _MAP_PIXELS = 900
 
 
@@ -233,6 +235,11 @@ def figures(run: Run) -> dict[str, Figure]:
 
 def save(run: Run, folder: Path, *, force: bool = False, suffix: str = "png") -> list[Path]:
     """Write every figure of ``run`` into ``folder`` (made if need be); existing files are kept unless ``force``."""
+    return save_figures(figures(run), folder, force=force, suffix=suffix)
+
+
+def save_figures(named: Mapping[str, Figure], folder: Path, *, force: bool = False, suffix: str = "png") -> list[Path]:
+    """Write figures as ``folder``/name.suffix; existing files are kept unless ``force``."""
     from chemage.errors import StoreError
     from chemage.store import fresh_file, preflight
 
@@ -240,7 +247,7 @@ def save(run: Run, folder: Path, *, force: bool = False, suffix: str = "png") ->
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StoreError(f"cannot make the folder {folder}: {error.strerror}") from error
-    made = {folder / f"{name}.{suffix}": figure for name, figure in figures(run).items()}
+    made = {folder / f"{name}.{suffix}": figure for name, figure in named.items()}
     for path in made:
         preflight(path, force=force)
     for path, figure in made.items():
@@ -249,24 +256,12 @@ def save(run: Run, folder: Path, *, force: bool = False, suffix: str = "png") ->
     return list(made)
 
 
-def compare_figure(aging: Mapping[str, Aging]) -> Figure:
-    """ΔF and Δμ of several results side by side, by name."""
-    figure, axes = _figure(10.5, 4.2, 2)
-    for (name, one), colour in zip(aging.items(), _cycle(), strict=False):
-        shown = one.hold_times > 0
-        t = one.hold_times[shown]
-        _with_errors(axes[0], t, one.mean_friction_drop[shown], one.friction_drop_stderr[shown], colour)
-        _with_errors(
-            axes[1], t, one.mean_friction_coefficient_drop[shown], one.friction_coefficient_drop_stderr[shown], colour
-        )
-        axes[1].plot([], [], color=colour, marker="o", ms=3.5, label=name)
-    axes[0].set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)", yscale="log")
-    axes[1].set(xscale="log", xlabel="hold time (s)", ylabel="friction coefficient drop Δμ")
-    axes[1].legend(frameon=False, fontsize=8)
-    return figure
+def blank(width: float, height: float) -> tuple[Figure, Axes]:
+    """An empty figure of one plot, ``width`` by ``height`` inches."""
+    figure, (axes,) = _figure(width, height)
+    return figure, axes
 
 
-def _cycle() -> Any:
-    from itertools import cycle
-
-    return cycle((BLUE, ORANGE, GREEN, PURPLE, GREY, "#E69F00", "#56B4E9", "#000000"))
+def colours() -> Iterator[str]:
+    """Colours to tell curves apart, again and again."""
+    return cycle((BLUE, ORANGE, GREEN, PURPLE, GREY, "#E69F00", "#56B4E9", "#8C564B"))
