@@ -7,7 +7,6 @@ and every bit of it, is the same on all of them.
 from __future__ import annotations
 
 import importlib
-import itertools
 import os
 import pickle
 import queue
@@ -394,7 +393,6 @@ class Dask(Executor):
     def __init__(self, client: Any) -> None:
         self._client = client
         self._inner = client.get_executor(pure=False)
-        self._numbers = itertools.count()
         self._known = (0.0, 1)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
@@ -566,8 +564,10 @@ class _Where:
         except ChemageError:
             raise
         except Exception as error:
+            guard = "; a script must ask for it below `if __name__ == '__main__':`"
+            hint = guard if "failed to start" in str(error) else ""
             raise ExecutorError(
-                f"the Dask cluster {self.cluster} did not start: {type(error).__name__}: {error}"
+                f"the Dask cluster {self.cluster} did not start: {type(error).__name__}: {error}{hint}"
             ) from error
         return cluster
 

@@ -428,6 +428,11 @@ def _position(path: str, name: str, items: list[Any]) -> int:
     raise InputError(f"{path}: {problem}", [(path, problem)])
 
 
+def is_sweep(where: str | Path) -> bool:
+    """Whether a scene file or an installed scene has ``[sweep]`` in it."""
+    return "sweep" in scene_data(where)[0]
+
+
 def load_scene(where: str | Path, changes: Mapping[str, Any] | None = None) -> Scene:
     """A validated scene from a TOML file or the name of an installed scene, with dotted-path ``changes`` applied."""
     data, source = scene_data(where)
