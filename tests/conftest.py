@@ -6,6 +6,7 @@ import importlib
 import sys
 from importlib import metadata
 from textwrap import dedent
+from typing import NamedTuple
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -62,3 +63,95 @@ def site(tmp_path, monkeypatch):
         if str(folder) in (getattr(module, "__file__", None) or ""):
             del sys.modules[name]
     importlib.invalidate_caches()
+
+
+#: a whole experiment that takes a tenth of a second
+SMALL = """
+name = "small"
+title = "A small rough contact"
+
+[surface]
+kind = "self-affine"
+pixels = 48
+pixel_size = "0.4518 nm"
+rms_slope = 0.1
+hurst = 0.8
+zeta = 8
+eta = 3
+seed = 1
+
+[contact]
+kind = "fft-bem"
+modulus = "35.3 GPa"
+load = "40 nN"
+
+[forming]
+kind = "md-silica"
+
+[breaking]
+kind = "gaussian"
+mean = "1.1 eV"
+std = "0.02 eV"
+
+[interaction]
+kind = "elastic-pairs"
+strength = "0.5 eV"
+bias = 0.1
+
+[chemistry]
+activation_volume = "6.4 angstrom**3"
+
+[engine]
+kind = "rejection-free"
+
+[hold]
+start = "1 ms"
+stop = "1e5 s"
+per_decade = 2
+replicas = 3
+seed = 5
+
+[[observe]]
+kind = "barrier-spectrum"
+"""
+
+
+@pytest.fixture
+def small(tmp_path, monkeypatch):
+    """The file of a small whole scene, in an empty working folder."""
+    folder = tmp_path / "work"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    file = folder / "small.toml"
+    file.write_text(SMALL, encoding="utf-8")
+    return file
+
+
+class Outcome(NamedTuple):
+    """What a command left behind."""
+
+    status: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def command(monkeypatch, capsys):
+    """``command("run", "scene.toml", ...)``: the command line, in this process."""
+    from chemage import cli
+
+    def leave(status):
+        raise SystemExit(status)
+
+    monkeypatch.setattr(cli.app, "registered_commands", list(cli.app.registered_commands))
+    monkeypatch.setattr(cli.os, "_exit", leave)
+
+    def call(*words):
+        capsys.readouterr()
+        monkeypatch.setattr(sys, "argv", ["chemage", *map(str, words)])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        printed = capsys.readouterr()
+        return Outcome(stop.value.code, printed.out, printed.err)
+
+    return call

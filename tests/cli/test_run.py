@@ -1,0 +1,210 @@
+"""`chemage run`: what it prints, what it writes, what it refuses to touch."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+
+import numpy as np
+import pytest
+
+import chemage
+from chemage import cli, runs
+
+KEYS = (
+    "area_fraction kappa mean_contact_pressure patches perimeter_to_area sites hold_times friction_drop "
+    "friction_coefficient_drop beta beta_stderr timings solver engine"
+).split()
+
+
+def test_the_table_shows_what_the_file_holds(command, small):
+    done = command("run", small)
+    assert done.status == 0
+    assert not re.sub(r"^\w+: done in [\d.]+ s\n", "", done.err, flags=re.MULTILINE)
+    result = chemage.read("small.h5")
+    fit = result.fit()
+    for text in (
+        "A small rough contact",
+        f"{result.contact.area_fraction:.5f}",
+        f"{result.contact.kappa:.3f}",
+        f"{result.contact.mean_contact_pressure:.4g} GPa",
+        f"rejection-free, 3 replicas, {result.aging.events.sum()} events",
+        "small.h5",
+    ):
+        assert text in done.out, text
+    beta = re.search(r"beta +([\d.]+) ± ([\d.]+) per decade, 7 hold times", done.out)
+    assert beta
+    assert float(beta[1]) == pytest.approx(fit.beta, abs=fit.beta_stderr / 5)
+    assert float(beta[2]) == pytest.approx(fit.beta_stderr, rel=0.06)
+    pictures = re.findall(r"^figure +(\S+)$", done.out, re.MULTILINE)
+    assert sorted(pictures) == sorted(str(p.relative_to(small.parent)) for p in small.parent.glob("*/*.png"))
+    assert {"surface", "pressure", "barriers", "friction"} <= {p.split("/")[1].removesuffix(".png") for p in pictures}
+
+
+def test_json_is_one_object_with_every_number(command, small, monkeypatch):
+    # progress is on: every stage pretends to take three seconds
+    clock = iter(range(0, 10**6, 3))
+    monkeypatch.setattr(time, "perf_counter", lambda: float(next(clock)))
+    done = command("run", small, "--json", "--no-figures")
+    assert done.status == 0
+    assert re.search(r"^ageing: done in \d+\.0 s$", done.err, re.MULTILINE)
+    numbers = json.loads(done.out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+    assert set(KEYS) <= set(numbers)
+    result = chemage.read("small.h5")
+    assert numbers["area_fraction"] == result.contact.area_fraction
+    assert numbers["friction_drop"] == result.aging.mean_friction_drop.tolist()
+    assert numbers["beta"] == result.fit().beta
+    assert (numbers["solver"], numbers["engine"]) == ("fft-bem", "rejection-free")
+    assert numbers["timings"].keys() == {"surface", "contact", "ageing"}
+    assert (numbers["file"], numbers["figures"]) == ("small.h5", [])
+
+
+def test_set_replicas_seed_and_out_reach_the_run(command, small):
+    (small.parent / "deep").mkdir()
+    words = ["--set", "contact.load='30 nN'", "--set", "surface.rms_slope=0.15", "--set", "name=other"]
+    done = command("run", small, *words, "--replicas", 2, "--seed", 7, "--out", "deep/x.h5", "--no-figures", "--json")
+    assert done.status == 0, done.err
+    assert json.loads(done.out)["file"] == "deep/x.h5"
+    scene = chemage.read("deep/x.h5").scene
+    assert (scene["contact"]["load"], scene["surface"]["rms_slope"], scene["name"]) == (30.0, 0.15, "other")
+    assert (scene["hold"]["replicas"], scene["hold"]["seed"]) == (2, 7)
+    assert sorted(p.name for p in small.parent.iterdir()) == ["deep", "small.toml"]
+    assert [p.name for p in (small.parent / "deep").iterdir()] == ["x.h5"]
+
+
+def test_seeds_decide_everything(command, small):
+    for name, words in {
+        "a": ["--seed", 1],
+        "b": ["--seed", 1, "--workers", 1],
+        "noise": ["--seed", 2],
+        "rough": ["--seed", 1, "--set", "surface.seed=2"],
+    }.items():
+        assert command("run", small, *words, "--out", f"{name}.h5", "--no-figures").status == 0
+    a, b, noise, rough = (chemage.read(f"{name}.h5") for name in ("a", "b", "noise", "rough"))
+    assert (a.surface, a.contact, a.aging) == (b.surface, b.contact, b.aging)
+    assert a.contact == noise.contact
+    assert not np.array_equal(a.aging.bonds, noise.aging.bonds)
+    assert a.surface != rough.surface
+    assert len({tuple(row) for row in a.aging.bonds.tolist()}) > 1, "replicas are all the same"
+
+
+# -- what is there already ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def no_computing(monkeypatch):
+    def never(*_, **__):
+        raise AssertionError("computing began")
+
+    monkeypatch.setattr(runs, "make_surface", never)
+
+
+@pytest.mark.usefixtures("no_computing")
+@pytest.mark.parametrize(
+    ("made", "words", "said"),
+    [
+        ("small.h5", [], "small.h5 is already there"),
+        ("small-figures/mine.png", [], "small-figures is already there"),
+        ("small-figures", ["--force"], "is a file"),
+        ("x.h5", ["--out", "x.h5"], "x.h5 is already there"),
+        ("folder/y", ["--out", "folder", "--force"], "folder is a folder"),
+        ("y", ["--out", "."], ". is a folder"),
+        ("y", ["--out", "missing/x.h5"], "the folder missing does not exist"),
+        ("y", ["--out", "small.toml", "--force"], "small.toml is what this scene is read from"),
+        ("y", ["--out", "./../work/small.toml", "--force"], "is what this scene is read from"),
+        ("y", ["--out", "/dev/null", "--force"], "/dev/null is a device or a pipe"),
+        ("y", ["--out", "n" * 300], "File name too long"),
+    ],
+)
+def test_what_is_there_is_kept_and_nothing_is_computed(command, small, made, words, said):
+    file = small.parent / made
+    file.parent.mkdir(exist_ok=True)
+    file.write_text("precious")
+    before = small.read_text()
+    done = command("run", small, *words)
+    assert (done.status, done.out) == (2, "")
+    assert said in done.err
+    assert "Traceback" not in done.err
+    assert file.read_text() == "precious"
+    assert small.read_text() == before
+    assert {p.name for p in small.parent.iterdir()} == {"small.toml", made.split("/")[0]}
+
+
+@pytest.mark.usefixtures("no_computing")
+def test_a_link_to_nowhere_is_not_followed_or_replaced(command, small):
+    link = small.parent / "small.h5"
+    link.symlink_to("elsewhere.h5")
+    assert command("run", small).status == 2
+    assert link.is_symlink()
+
+
+@pytest.mark.usefixtures("no_computing")
+def test_a_file_the_scene_reads_is_never_its_output(command, small):
+    heights = small.parent / "rough.h5"
+    heights.write_bytes(b"a week of measurements")
+    small.write_text(
+        'name = "rough"\n[surface]\nkind = "from-file"\npath = "rough.h5"\npixel_size = 1.0\n'
+        '[contact]\nkind = "fft-bem"\nmodulus = 30.0\nload = 1.0\n'
+    )
+    done = command("run", small, "--force")
+    assert done.status == 2
+    assert "rough.h5 is what this scene is read from" in done.err
+    assert heights.read_bytes() == b"a week of measurements"
+
+
+def test_force_replaces_the_old_result_as_a_whole(command, small):
+    assert command("run", small, "--no-figures").status == 0
+    first = chemage.read("small.h5").aging
+    assert command("run", small, "--no-figures", "--force", "--seed", 9).status == 0
+    assert chemage.read("small.h5").aging != first
+    assert sorted(p.name for p in small.parent.iterdir()) == ["small.h5", "small.toml"]
+
+
+def test_a_result_that_appeared_meanwhile_is_not_overwritten(command, small, monkeypatch):
+    real = runs.run
+
+    def slow(*args, **options):
+        result = real(*args, **options)
+        (small.parent / "small.h5").write_text("another process was first")
+        return result
+
+    monkeypatch.setattr(runs, "run", slow)
+    done = command("run", small, "--no-figures")
+    assert done.status == 2
+    assert (small.parent / "small.h5").read_text() == "another process was first"
+    assert not list(small.parent.glob(".*"))
+
+
+# -- progress --------------------------------------------------------------------------------------------------------
+
+
+def test_only_stages_over_two_seconds_report(capsys, monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    with cli.progress_bars() as tell:
+        for stage, seconds in (("quick", 1.9), ("slow", 2.5)):
+            tell(stage, 0, 0)
+            now[0] += seconds
+            tell(stage, 1, 1)
+    printed = capsys.readouterr()
+    assert printed.err == "slow: done in 2.5 s\n"
+    assert printed.out == ""
+
+
+def test_a_terminal_gets_bars(monkeypatch):
+    import io
+
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    with cli.progress_bars() as tell:
+        tell("contact", 0, 0)
+        tell("ageing", 3, 10)
+    text = terminal.getvalue()
+    assert "contact" in text
+    assert "3/10" in text
