@@ -38,6 +38,7 @@ SceneArg = Annotated[str, typer.Argument(help="a scene file (.toml), or the name
 FileArg = Annotated[Path, typer.Argument(help="a result file (.h5)")]
 JsonOpt = Annotated[bool, typer.Option("--json", help="print one JSON object instead of a table")]
 ForceOpt = Annotated[bool, typer.Option("--force", help="overwrite what is already there")]
+YesOpt = Annotated[bool, typer.Option("--yes", "-y", help="of a sweep: agree to many points and little room on disk")]
 SetOpt = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="PATH=VALUE", help="change a field, e.g. --set surface.rms_slope=0.2; repeatable"),
@@ -50,20 +51,49 @@ SetOpt = Annotated[
 @app.command()
 def run(
     scene: SceneArg,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="result file; default SCENE.h5 here")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="result file, default NAME.h5 here; folder of a sweep, default NAME-sweep"),
+    ] = None,
     changes: SetOpt = None,
     replicas: Annotated[int | None, typer.Option(help="short for --set hold.replicas=N")] = None,
     seed: Annotated[int | None, typer.Option(help="of disorder and kinetics; short for --set hold.seed=N")] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="threads for replicas; default one a processor")] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="threads for replicas; of a sweep, points at once; default one a processor"),
+    ] = None,
+    executor: Annotated[
+        str | None, typer.Option(help="of a sweep: serial, processes, dask, dask:ADDRESS, dask:CLASS, dask:FILE.toml")
+    ] = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="of a sweep: threads for each point")] = None,
+    yes: YesOpt = False,
     figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
     as_json: JsonOpt = False,
     force: ForceOpt = False,
 ) -> None:
-    """Carry a scene from surface to friction; write one result file and its figures."""
+    """Carry a scene from surface to friction; write one result file and its figures. A scene with [sweep] fills a
+    folder, and what is there already is not computed again."""
     from chemage import plots, runs, store
     from chemage.plan import plan
-    from chemage.scene import load_scene
+    from chemage.scene import is_sweep, load_scene
 
+    if is_sweep(scene):
+        from chemage import sweep_cli
+
+        return sweep_cli.run(
+            scene,
+            out,
+            _changes(changes, replicas, seed),
+            executor=executor or ("processes" if (workers or 1) > 1 else "serial"),
+            workers=workers,
+            threads=threads,
+            yes=yes,
+            as_json=as_json,
+            force=force,
+        )
+    for option, given in (("--executor", executor), ("--threads", threads)):
+        if given is not None:
+            raise _user_error(f"{option} is for sweeps, and {scene} has no [sweep]; --workers are its threads")
     one = load_scene(scene, _changes(changes, replicas, seed))
     path = out or Path(f"{one.name}.h5")
     _spare_inputs(path, scene, one)
@@ -144,12 +174,16 @@ def _changes(texts: list[str] | None, replicas: int | None = None, seed: int | N
 
 
 @app.command()
-def check(scene: SceneArg, changes: SetOpt = None, as_json: JsonOpt = False) -> None:
-    """Validate a scene and say what it needs and what it will cost; nothing is computed."""
+def check(scene: SceneArg, changes: SetOpt = None, yes: YesOpt = False, as_json: JsonOpt = False) -> None:
+    """Validate a scene, at every point of a sweep, and say what it needs and what it will cost; nothing is computed."""
     from chemage.plan import plan
     from chemage.runs import jsonable
-    from chemage.scene import load_scene
+    from chemage.scene import is_sweep, load_scene
 
+    if is_sweep(scene):
+        from chemage import sweep_cli
+
+        return sweep_cli.check(scene, _changes(changes), yes=yes, as_json=as_json)
     made = plan(load_scene(scene, _changes(changes)))
     if as_json:
         print(json.dumps(jsonable(made.todict())))
@@ -160,6 +194,14 @@ def check(scene: SceneArg, changes: SetOpt = None, as_json: JsonOpt = False) -> 
     _show(table)
     for note in made.notes:
         print(f"note: {note}")
+
+
+@app.command()
+def status(folder: Annotated[Path, typer.Argument(help="the folder of a sweep")], as_json: JsonOpt = False) -> None:
+    """Tell which points of a sweep are done, which failed and which are missing."""
+    from chemage import sweep_cli
+
+    sweep_cli.status(folder, as_json=as_json)
 
 
 @app.command()

@@ -100,8 +100,8 @@ def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool) -> N
     if found.hooks:
         table.add_row("plugins on the way", ", ".join(found.hooks))
     cost = numbers["cpu_seconds"]
-    told = "unknown: some choice cannot tell" if cost is None else f"about {_duration(cost)} of CPU time"
-    table.add_row("expected cost", f"{told}, once kernels are compiled")
+    told = f"about {_duration(cost)} of CPU time once kernels are compiled" if cost is not None else "cannot be told"
+    table.add_row("expected cost", told)
     if numbers["memory"] is not None:
         table.add_row("expected memory", f"about {numbers['memory'] / 1e9:.2g} GB a worker")
     table.add_row("expected disk", f"{numbers['disk'] / 1e6:.3g} MB; {numbers['disk_free'] / 1e6:.3g} MB are free here")
@@ -156,8 +156,7 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
 
     title = f"{state['done']} of {state['points']} points done, {state['contacts']} contacts"
     if len(result) <= _LISTED:
-        paths = list(result.swept)
-        table = _table(title, ("point", *paths, "A/A0", "friction drop (nN)", "beta"))
+        table = _table(title, ("point", *_headings(result), "A/A0", "friction drop (nN)", "beta"))
         for point in result:
             if point.status != "done":
                 continue
@@ -168,7 +167,7 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
             beta = plus_minus(numbers["beta"], _nan(numbers["beta_stderr"])) if numbers["beta"] is not None else "-"
             table.add_row(
                 str(point.index),
-                *(shown(value) for value in point.changes.values()),
+                *(f"{value:.6g}" if isinstance(value, float) else shown(value) for value in point.values.values()),
                 f"{numbers['area_fraction']:.5f}",
                 "-" if drop is None else plus_minus(drop, _nan(error)),
                 beta,
@@ -178,6 +177,14 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
         print(title)
     _print_failures(state)
     print(f"results  {result.folder / 'results.csv'}\nresults  {result.folder / 'results.h5'}")
+
+
+def _headings(result: SweepResult) -> list[str]:
+    """Short names of what was swept: the field's own where that says which, with its unit."""
+    last = [path.rpartition(".")[2] for path in result.swept]
+    names = [name if last.count(name) == 1 else path for name, path in zip(last, result.swept, strict=True)]
+    units = [result.units.get(path, "") for path in result.swept]
+    return [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
 
 
 def _nan(value: float | None) -> float:

@@ -191,6 +191,11 @@ class SweepResult:
                     columns[path].append(value)
         return columns
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Dotted path -> unit of :attr:`swept`, empty where it has none."""
+        return self._manifest["units"]
+
     def contact_key(self, point: int) -> str:
         """Content hash of the contact that ``point`` rests on."""
         return self._manifest["contacts"][self._manifest["contact_of"][point]]
@@ -242,7 +247,7 @@ class SweepResult:
     def table(self) -> Table:
         """The numbers of all points, read from the folder now."""
         points = (self.store.read_point(key) for key in self.keys)
-        return Table.collect(self.swept, self._manifest["units"], points)
+        return Table.collect(self.swept, self.units, points)
 
     def to_pandas(self) -> pandas.DataFrame:
         """One row a point: status, what was swept, the numbers. Needs pandas."""
