@@ -60,9 +60,7 @@ def surface_figure(surface: Surface) -> Figure:
     """The height map, and the power spectral density where the surface is periodic."""
     figure, axes = _figure(10.5, 4.2, 2)
     nx, ny = surface.shape
-    extent = (0.0, nx * surface.pixel_size, 0.0, ny * surface.pixel_size)
-    _map(axes[0], pooled(surface.heights, np.mean), extent, "height (nm)", cmap="cividis")
-    axes[0].set_title(f"rms height {surface.rms_height:.3g} nm, rms slope {surface.rms_slope:.3g}")
+    _draw_heights(axes[0], surface)
     if surface.periodic and surface.rms_height > 0 and min(surface.shape) > 3:
         q, density = surface.psd()
         shown = density > density.max() * 1e-14
@@ -79,21 +77,53 @@ def surface_figure(surface: Surface) -> Figure:
 def pressure_figure(contact: ContactSolution) -> Figure:
     """The pressure over the whole contact, and the neighbourhood of its largest patch with the patches' outlines."""
     figure, axes = _figure(10.5, 4.4, 2)
-    a = contact.pixel_size
-    nx, ny = contact.shape
-    pressure = contact.pressure
-    low, top = float(pressure.min()), float(pressure.max()) or 1.0
-    style: dict[str, Any] = {"cmap": "inferno_r", "vmin": low if low < top else 0.0, "vmax": top}
-    shown = np.ma.masked_equal(pooled(pressure, np.max), 0.0)
-    _map(axes[0], shown, (0.0, nx * a, 0.0, ny * a), "pressure (GPa)", **style)
-    axes[0].set_title(f"{_count(contact.patches, 'patch', 'patches')}, A/A$_0$ = {contact.area_fraction:.3g}")
-    (x0, x1), (y0, y1) = _around_largest_patch(contact)
-    part = pressure[x0:x1, y0:y1]
-    extent = (x0 * a, x1 * a, y0 * a, y1 * a)
-    _map(axes[1], np.ma.masked_equal(part, 0.0), extent, "pressure (GPa)", **style)
-    axes[1].add_collection(_outlines(part > 0, x0, y0, a))
-    axes[1].set_title("around the largest patch" if contact.patches else "no contact")
+    _draw_pressure(axes[0], contact)
+    _draw_largest_patch(axes[1], contact)
     return figure
+
+
+def map_figures(contact: ContactSolution, surface: Surface | None = None) -> dict[str, Figure]:
+    """The maps one by one, for narrow pages: ``heights``, ``pressure``, ``patch`` (around the largest)."""
+    made = {}
+    if surface is not None:
+        made["heights"], axes = blank(5.6, 4.4)
+        _draw_heights(axes, surface)
+    made["pressure"], axes = blank(5.6, 4.4)
+    _draw_pressure(axes, contact)
+    if contact.patches:
+        made["patch"], axes = blank(5.6, 4.4)
+        _draw_largest_patch(axes, contact)
+    return made
+
+
+def _draw_heights(axes: Axes, surface: Surface) -> None:
+    nx, ny = surface.shape
+    extent = (0.0, nx * surface.pixel_size, 0.0, ny * surface.pixel_size)
+    _map(axes, pooled(surface.heights, np.mean), extent, "height (nm)", cmap="cividis")
+    axes.set_title(f"rms height {surface.rms_height:.3g} nm, rms slope {surface.rms_slope:.3g}")
+
+
+def _pressure_style(contact: ContactSolution) -> dict[str, Any]:
+    low, top = float(contact.pressure.min()), float(contact.pressure.max()) or 1.0
+    return {"cmap": "inferno_r", "vmin": low if low < top else 0.0, "vmax": top}
+
+
+def _draw_pressure(axes: Axes, contact: ContactSolution) -> None:
+    nx, ny = contact.shape
+    extent = (0.0, nx * contact.pixel_size, 0.0, ny * contact.pixel_size)
+    shown = np.ma.masked_equal(pooled(contact.pressure, np.max), 0.0)
+    _map(axes, shown, extent, "pressure (GPa)", **_pressure_style(contact))
+    axes.set_title(f"{_count(contact.patches, 'patch', 'patches')}, A/A$_0$ = {contact.area_fraction:.3g}")
+
+
+def _draw_largest_patch(axes: Axes, contact: ContactSolution) -> None:
+    a = contact.pixel_size
+    (x0, x1), (y0, y1) = _around_largest_patch(contact)
+    part = contact.pressure[x0:x1, y0:y1]
+    extent = (x0 * a, x1 * a, y0 * a, y1 * a)
+    _map(axes, np.ma.masked_equal(part, 0.0), extent, "pressure (GPa)", **_pressure_style(contact))
+    axes.add_collection(_outlines(part > 0, x0, y0, a))
+    axes.set_title("around the largest patch" if contact.patches else "no contact")
 
 
 def _count(number: int, one: str, many: str) -> str:
