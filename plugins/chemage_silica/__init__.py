@@ -29,6 +29,13 @@ def chemage_scenes() -> dict[str, str]:
     }
 
 
+@hookimpl
+def chemage_cli() -> list[tuple[str, Any]]:
+    from chemage_silica.reproduction.command import reproduce
+
+    return [("reproduce", reproduce)]
+
+
 def __getattr__(name: str) -> Any:
     if name == "MDSilica":
         from chemage_silica.barriers import MDSilica

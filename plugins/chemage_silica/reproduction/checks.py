@@ -140,6 +140,9 @@ def _rows(points: Sequence[Point]) -> list[tuple[published.Row, list[Point]]]:
     return [(row, groups[row.hurst, row.zeta, row.eta]) for row in published.TABLE_1]
 
 
+WORDS = {"yes": "within", "scatter": "within the scatter between seeds", "no": "OUTSIDE"}
+
+
 def _by_volume(points: Sequence[Point]) -> dict[float, list[Point]]:
     """Å³ -> points."""
     return {6.4 if volume else 0.0: group for (volume,), group in grouped(points, VOLUME).items()}

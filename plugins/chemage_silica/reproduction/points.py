@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from chemage import sweeps
+from chemage_silica.reproduction.studies import TARGETS, members
+
 
 @dataclass(frozen=True)
 class Point:
@@ -23,6 +26,19 @@ class Point:
     friction_drop: np.ndarray
     friction_drop_stderr: np.ndarray
     observables: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, point: sweeps.Point) -> Point:
+        """From a finished point of a sweep."""
+        aging = point.aging()
+        return cls(
+            point.values,
+            point.summary,
+            aging.hold_times,
+            aging.mean_friction_drop,
+            aging.friction_drop_stderr,
+            dict(aging.observables),
+        )
 
     @property
     def coefficient(self) -> np.ndarray:
@@ -71,3 +87,18 @@ def grouped(points: Iterable[Point], *paths: str) -> dict[tuple[Any, ...], list[
 def curve(points: list[Point], quantity: Callable[[Point], np.ndarray]) -> np.ndarray:
     """Mean over seeds of an array each point has, same shape."""
     return np.mean([quantity(point) for point in points], axis=0)
+
+
+def studies_of(points: Iterable[Point], targets: Iterable[str]) -> dict[str, list[Point]]:
+    """The points of each study that ``targets`` need, in the study's order, the seeds of one scene together."""
+    by_content: dict[str, list[Point]] = {}
+    for point in points:
+        by_content.setdefault(_content(point.changes), []).append(point)
+    return {
+        study: [point for member in members(study) for point in by_content[_content(member)]]
+        for study in dict.fromkeys(study for target in targets for study in TARGETS[target])
+    }
+
+
+def _content(changes: dict[str, Any]) -> str:
+    return repr(sorted((path, float(value)) for path, value in changes.items() if path != "surface.seed"))

@@ -1,18 +1,24 @@
-"""Which scenes each figure and table needs. One sweep a study; stages are shared between studies by content."""
+"""Which scenes each figure and table needs; all of them make one sweep, so that contacts are shared between figures."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
+from chemage.errors import InputError
 from chemage.scene import override, scene_data
+from chemage.spec import nearest
 from chemage_silica.reproduction.published import TABLE_1
 
-#: µN
-LOADS = (5, 10, 20, 50, 100, 200, 350, 500)
+#: nN
+LOADS = tuple(1000.0 * load for load in (5, 10, 20, 50, 100, 200, 350, 500))
 SLOPES = (0.05, 0.075, 0.1, 0.15, 0.2)
+#: eV
 STRENGTHS = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
-#: seeds of the surfaces; the first is the one of the scene silica-rough
-SURFACE_SEEDS = (7, 8, 9, 10, 11, 12, 13, 14)
+#: nm³: 6.4 Å³, and none
+VOLUMES = (0.0064, 0.0)
+#: seeds of the surfaces; the first is that of the scene silica-rough
+SURFACE_SEEDS = tuple(range(7, 7 + 32))
 
 #: which studies a target needs
 TARGETS: dict[str, tuple[str, ...]] = {
@@ -26,45 +32,76 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "kappa": ("loads", "rows"),
 }
 
-
-def base() -> dict[str, Any]:
-    """The scene all studies vary: silica-rough with the spectra the figures need."""
-    data, _ = scene_data("silica-rough")
-    data["observe"] = [{"kind": "barrier-spectrum"}, {"kind": "pressure-spectrum"}]
-    return data
-
-
-def study(name: str, seeds: tuple[int, ...], pixels: int | None = None) -> dict[str, Any]:
-    """Scene data with its ``[sweep]``. ``pixels`` coarsens every surface, for quick looks and tests."""
-    changes: dict[str, Any] = {"name": f"reproduce-{name}"}
-    if pixels is not None:
-        changes |= {"surface.pixels": pixels, "surface.pixel_size": 1129.5 / pixels}
-    sweep = _axes(name)
-    sweep["surface"] = {**sweep.get("surface", {}), "seed": list(seeds)}
-    if name == "front":
-        changes |= {"surface.rms_slope": 0.4, "chemistry.hydroxylation": 0.5, "chemistry.front_factor": 0.15}
-    return {**override(base(), changes), "sweep": sweep}
+#: the reference of every study: the scene silica-rough
+_REFERENCE: dict[str, Any] = {
+    "surface.rms_slope": 0.1,
+    "surface.hurst": 0.8,
+    "surface.zeta": 150.0,
+    "surface.eta": 3.0,
+    "contact.load": 20000.0,
+    "chemistry.activation_volume": 0.0064,
+    "chemistry.hydroxylation": 1.0,
+    "chemistry.front_factor": 1.0,
+    "interaction.strength": 0.5,
+}
 
 
-def _axes(name: str) -> dict[str, Any]:
-    match name:
+def chosen(names: Sequence[str]) -> list[str]:
+    """Target names with ``all`` (or nothing) spelled out, in the paper's order."""
+    for name in names:
+        if name not in (*TARGETS, "all"):
+            known = [*TARGETS, "all"]
+            raise InputError(f"no target {name!r}{nearest(name, known)}; the targets are {', '.join(known)}")
+    return list(TARGETS) if not names or "all" in names else [name for name in TARGETS if name in names]
+
+
+def members(study: str) -> list[dict[str, Any]]:
+    """The points of a study, one surface seed: dotted path -> value, every varied path in each."""
+    match study:
         case "loads":
-            return {"contact": {"load": [1000.0 * load for load in LOADS]}}
+            varied: Iterable[dict[str, Any]] = ({"contact.load": load} for load in LOADS)
         case "slopes":
-            return {
-                "surface": {"rms_slope": list(SLOPES)},
-                "chemistry": {"activation_volume": ["6.4 angstrom**3", 0.0]},
-            }
+            varied = (
+                {"surface.rms_slope": slope, "chemistry.activation_volume": volume}
+                for volume in VOLUMES
+                for slope in SLOPES
+            )
         case "interaction":
-            return {"interaction": {"strength": list(STRENGTHS)}}
+            varied = ({"interaction.strength": strength} for strength in STRENGTHS)
         case "rows":
-            rows = {
-                "hurst": [row.hurst for row in TABLE_1],
-                "zeta": [row.zeta for row in TABLE_1],
-                "eta": [row.eta for row in TABLE_1],
-                "rms_slope": [0.05 for _ in TABLE_1],
-            }
-            return {"zip": [{"surface": rows}]}
+            varied = (
+                {
+                    "surface.rms_slope": 0.05,
+                    "surface.hurst": row.hurst,
+                    "surface.zeta": row.zeta,
+                    "surface.eta": row.eta,
+                }
+                for row in TABLE_1
+            )
         case "front":
-            return {}
-    raise KeyError(name)
+            varied = (
+                {"surface.rms_slope": 0.4, "chemistry.hydroxylation": 0.5, "chemistry.front_factor": 0.15} for _ in [0]
+            )
+        case _:
+            raise KeyError(study)
+    return [{**_REFERENCE, **changes} for changes in varied]
+
+
+def scene(targets: Sequence[str], seeds: Sequence[int], pixels: int | None = None) -> dict[str, Any]:
+    """Scene data whose sweep holds every point that ``targets`` need, each once, for every surface seed.
+
+    ``pixels`` coarsens every surface at the same size, for quick looks.
+    """
+    data, _ = scene_data("silica-rough")
+    data = override(data, {"name": "reproduction"})
+    data["observe"] = [{"kind": "barrier-spectrum"}, {"kind": "pressure-spectrum"}]
+    if pixels is not None:
+        if pixels < 320:
+            raise InputError.of("pixels", pixels, "cannot hold the shortest wavelength (ζ = 150)", "take 320 or more")
+        data = override(data, {"surface.pixels": pixels, "surface.pixel_size": 2500 * 0.4518 / pixels})
+    points: dict[str, dict[str, Any]] = {}
+    for study in dict.fromkeys(study for target in targets for study in TARGETS[target]):
+        for point in members(study):
+            points.setdefault(repr(point), point)
+    together: dict[str, Any] = {path: [point[path] for point in points.values()] for path in _REFERENCE}
+    return {**data, "sweep": {"zip": [together], "surface.seed": list(seeds)}}
