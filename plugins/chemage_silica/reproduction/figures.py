@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#777777")
 
 
-def _figure(columns: int, width: float = 4.6, height: float = 3.9) -> tuple[Figure, list[Axes]]:
+def _figure(columns: int, rows: int = 1, width: float = 4.6, height: float = 3.9) -> tuple[Figure, list[Axes]]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width * columns, height), layout="constrained", dpi=130)
+    figure = Figure(figsize=(width * columns, height * rows), layout="constrained", dpi=130)
     FigureCanvasAgg(figure)
-    return figure, list(np.atleast_1d(figure.subplots(1, columns)))
+    return figure, list(np.ravel(figure.subplots(rows, columns)))
 
 
 def fig1(studies: Studies) -> Figure:
@@ -42,7 +42,8 @@ def fig1(studies: Studies) -> Figure:
 
 def fig2(studies: Studies) -> Figure:
     """Barriers and pressures at several loads; ΔF and Δμ against load; ΔF against contact area."""
-    figure, (barriers, pressures, drop, coefficient, area) = _figure(5, width=3.8)
+    figure, (barriers, pressures, empty, drop, coefficient, area) = _figure(3, rows=2, width=4.0, height=3.4)
+    empty.axis("off")
     groups = {load / 1000: group for (load,), group in grouped(studies["loads"], LOAD).items()}
     for load, colour in zip((20.0, 100.0, 500.0), COLOURS, strict=False):
         group = groups[load]
@@ -73,7 +74,7 @@ def _density(points: list[Point], name: str) -> np.ndarray:
 
 def fig3(studies: Studies) -> Figure:
     """Δμ against hold time for each h'_rms, and against h'_rms at fixed times, with and without ΔV."""
-    figure, axes = _figure(4, width=3.9)
+    figure, axes = _figure(2, rows=2, height=3.5)
     for row, ((volume,), points) in enumerate(grouped(studies["slopes"], VOLUME).items()):
         over_time, over_slope = axes[2 * row], axes[2 * row + 1]
         by_slope = {key[0]: group for key, group in grouped(points, SLOPE).items()}

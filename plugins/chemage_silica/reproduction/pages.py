@@ -22,13 +22,14 @@ CAPTIONS = {
 
 #: the most likely reason where a number is off, by target
 REASONS = {
-    "kappa": """The paper counts pixels on one realisation. E* = 35.3 GPa is used; the stated E and ν make 35.79 GPa, which
-would change the area by −1.4 %.""",
-    "table1": """One realisation in the paper. Patches are few where ζ is small or η = 1, and scatter between seeds is large
-there; 8-connectivity and the pixel size at the rim decide how many tiny patches are counted.""",
-    "fig3": """The molecular-dynamics table of barriers is not published; the triangular stand-in is fitted to the set with
-ΔV, so the set without ΔV is the independent one. The paper's caption gives the second set to panel (b); it
-belongs to panel (d).""",
+    "kappa": """The paper counts pixels on one realisation. E* = 35.3 GPa is used; the stated E and ν make 35.79
+GPa, which would change the area by −1.4 %.""",
+    "table1": """One realisation in the paper. Patches are few where ζ is small or η = 1, and scatter between seeds
+is large there; 8-connectivity and the pixel size at the rim decide how many tiny patches are
+counted.""",
+    "fig3": """The molecular-dynamics table of barriers is not published; the triangular stand-in is fitted to
+the set with ΔV, so the set without ΔV is the independent one. The paper's caption gives the
+second set to panel (b); it belongs to panel (d).""",
     "fig6": """ΔV is given as "0.04 Å³" in the paper's text, which reads as 0.04 eV/GPa.""",
 }
 
@@ -44,8 +45,8 @@ deviations between seeds cover it where the tolerance does not.{coarse}"""
 
 
 _COARSE = (
-    "\n\n**A quick look:** a pixel is one site, so coarser pixels carry fewer bonds; β and Δμ are not comparable with the "
-    "paper's, and contours are shorter."
+    "\n\n**A quick look:** a pixel is one site, so coarser pixels carry fewer bonds; β and Δμ are not comparable with "
+    "the paper's, and contours are shorter."
 )
 
 
