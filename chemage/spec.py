@@ -46,7 +46,9 @@ def explain(error: ValidationError, prefix: str = "") -> list[tuple[str, str]]:
         elif item["type"] == "missing":
             message = "is required"
         elif isinstance(value, int | float | str | bool):
-            message = f"{value!r}: {message}" if repr(value) not in message else message
+            # many messages begin with the value already; that 0 is in "greater than 0" does not count
+            said = message.startswith((repr(value), f'"{value}"'))
+            message = message if said else f"{value!r}: {message}"
         problems.append((path, message))
     return problems
 
