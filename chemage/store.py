@@ -8,6 +8,7 @@ holds what the run was: scene, hashes, versions, seeds, timings.
 from __future__ import annotations
 
 import contextlib
+import io
 import itertools
 import json
 import os
@@ -173,14 +174,18 @@ def write_parts(
 
     arrays = [v for part in parts.values() for v in part.todict().values() if isinstance(v, np.ndarray)]
     size = sum(0.02 * array.nbytes if _compresses(array) else array.nbytes for array in arrays)
-    with fresh_file(path, force=force, size=size) as part_path, h5netcdf.File(part_path, "w") as file:
-        file.attrs["chemage"] = chemage.__version__
-        file.attrs["chemage_format"] = FORMAT
-        file.attrs["Conventions"] = "CF-1.8"
-        for name, value in attributes.items():
-            file.attrs[name] = value
-        for name, part in parts.items():
-            _write_record(file.create_group(name), part)
+    with fresh_file(path, force=force, size=size) as part_path:
+        # made in memory and written at one go: HDF5 crashes the process when the disk fills up under it
+        image = io.BytesIO()
+        with h5netcdf.File(image, "w") as file:
+            file.attrs["chemage"] = chemage.__version__
+            file.attrs["chemage_format"] = FORMAT
+            file.attrs["Conventions"] = "CF-1.8"
+            for name, value in attributes.items():
+                file.attrs[name] = value
+            for name, part in parts.items():
+                _write_record(file.create_group(name), part)
+        part_path.write_bytes(image.getbuffer())
 
 
 def _write_record(group: Any, record: Record) -> None:
