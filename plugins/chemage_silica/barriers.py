@@ -7,9 +7,9 @@ from importlib import resources
 from typing import ClassVar
 
 import numpy as np
-from chemage_barriers import PiecewiseLinearDensity, parse_columns
 
 from chemage.spec import Barriers
+from chemage_barriers import PiecewiseLinearDensity, parse_columns
 
 
 @lru_cache(maxsize=1)

@@ -59,7 +59,7 @@ def lines(studies: Studies, targets: Sequence[str]) -> list[Line]:
             Line(
                 "kappa",
                 f"κ, Table 1 {row.name}",
-                published.KAPPA,
+                published.KAPPA_ROWS,
                 mean(p.summary["kappa"] for p in points),
                 TOLERANCE["kappa"],
             )

@@ -35,6 +35,8 @@ BETA = {6.4: {0.05: 0.89, 0.1: 0.45, 0.2: 0.20}, 0.0: {0.05: 0.98, 0.1: 0.49, 0.
 #: A/A0 at a load in µN, reference surface, h'_rms = 0.1
 AREA_FRACTION = {20.0: 0.01, 500.0: 0.22}
 KAPPA = 2.1
+#: "2 to 2.3" for all rows of Table 1
+KAPPA_ROWS = 2.15
 
 #: half hydroxylated, h'_rms = 0.4, detachment-front factor 0.15
 FIG_6_BETA = 0.0087
