@@ -8,6 +8,7 @@ import platform
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from importlib import metadata
 from typing import Any, TypeVar
 
@@ -192,12 +193,18 @@ def versions(scene: Scene | None = None) -> dict[str, str]:
 
     found = {"chemage": __version__, "python": platform.python_version()}
     for name in ("numpy", "scipy", "numba", "h5py"):
-        found[name] = metadata.version(name)
+        found[name] = _version(name)
     if scene is not None:
         for record in registry.current().records:
             if record.distribution and record.distribution not in found and _uses(scene, record.kinds):
                 found[record.distribution] = record.version
     return found
+
+
+@lru_cache
+def _version(distribution: str) -> str:
+    # reading a distribution's metadata takes a millisecond, and a sweep asks at every point
+    return metadata.version(distribution)
 
 
 def _uses(scene: Scene, kinds: Mapping[str, Mapping[str, str]]) -> bool:

@@ -12,13 +12,14 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from chemage import registry
 from chemage.errors import ChemageError, InputError, PluginError, SceneError
 from chemage.scene import REQUIRED, SECTIONS, Scene, override, parse_scene
+from chemage.units import Unit
 
 _ARROWS = ("chemage_make_surface", "chemage_solve_contact", "chemage_build_lattice", "chemage_run_kinetics")
 
@@ -363,11 +364,11 @@ def _unit(path: str, scene: Scene) -> str:
     if section in ("forming", "breaking", "interaction") and scene.chemistry is not None:
         owner = getattr(scene.chemistry, section)
     info = type(owner).model_fields.get(name) if owner is not None else None
-    for part in info.metadata if info is not None else ():
-        if isinstance(extra := getattr(part, "json_schema_extra", None), Mapping):
-            return str(extra.get("unit", ""))
-    extra = info.json_schema_extra if info is not None else None
-    return str(extra.get("unit", "")) if isinstance(extra, Mapping) else ""
+    if info is None:
+        return ""
+    # the unit of an optional field stands one level deeper
+    places = [info.metadata, *(getattr(part, "__metadata__", ()) for part in get_args(info.annotation))]
+    return next((mark.unit for place in places for mark in place if isinstance(mark, Unit)), "")
 
 
 def _wrapping_plugins() -> list[str]:
