@@ -30,6 +30,7 @@ from scipy import fft as sfft
 
 from . import _kernels as kernels
 from ._operators import Substrate
+from ._split import Split, suits
 from ._transforms import Transforms
 
 Array = NDArray[Any]
@@ -43,20 +44,31 @@ PRECISIONS: dict[str, tuple[type[np.floating[Any]], type[np.floating[Any]]]] = {
 }
 #: Iterations without halving the error after which the method in use counts as stalled.
 PATIENCE = 40
+#: How far the error may fall on changes of the gap alone before the gap is evaluated anew: exact, and split operator.
+EXACT_TRUST, SPLIT_TRUST = 1e-5, 0.3
+#: Iterations with the split operator after which the gap is evaluated anew in any case.
+SPLIT_TURNS = 8
+#: The restricted inverse also carries what flows out of the working set, which the inverse of the restricted operator
+#: does not: this share of it is taken away, and it is worked out anew after so many iterations.
+OUTWARD_SHARE = 0.65
+OUTWARD_TURNS = 6
+#: Pressure cut off below zero is left out of the gap if it would change it by less than this part of the error.
+NEGLIGIBLE = 0.01
 #: A coarse grid is only a start: solved this well, and never smaller than this many pixels along an edge.
 COARSE_TOLERANCE = 1e-3
 COARSEST = 48
 
 
 class Team:
-    """Runs a kernel over whole blocks on a few threads; the kernels release the interpreter lock."""
+    """Runs a kernel over whole blocks or rows on a few threads; the kernels release the interpreter lock."""
 
     def __init__(self, threads: int) -> None:
         self.threads = max(1, threads)
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
 
     def run(self, kernel: Callable[..., None], count: int, *args: Any) -> None:
-        if self._pool is None or count < 64:
+        """Call ``kernel(lo, hi, *args)`` so that the ranges cover 0 … count."""
+        if self._pool is None or count < 512:
             kernel(0, count, *args)
             return
         edges = [count * k // self.threads for k in range(self.threads + 1)]
@@ -64,6 +76,7 @@ class Team:
             job.result()
 
     def close(self) -> None:
+        """Let the threads go."""
         if self._pool is not None:
             self._pool.shutdown()
 
@@ -127,6 +140,7 @@ class Settings:
     library: str = "scipy"
     threads: int = 1
     precondition: bool = True
+    split: bool = True
 
 
 @dataclass
@@ -156,7 +170,7 @@ class _Grid:
 
     def __init__(
         self, body: Substrate, heights: Array, stiffness: float, offset: float | None, settings: Settings, team: Team
-    ):
+    ) -> None:
         self.body, self.settings, self.team, self.offset_fixed = body, settings, team, offset
         self.state, self.work = PRECISIONS[settings.precision]
         self.h = heights
@@ -164,121 +178,174 @@ class _Grid:
         self.kappa = stiffness
         self.operator = Convolution(body, self.work, settings.library, team)
         self._exact = self.operator if self.state == self.work else None
-        self.blocks = kernels.blocks(heights.size)
-        self.part = kernels.partial_sums(self.blocks)
-        self.active = kernels.partial_sums(self.blocks)
+        nx, ny = heights.shape
+        self.per_row = math.ceil(ny / kernels.WIDTH)
+        self.width = min(ny, 16 * math.ceil(ny / self.per_row / 16))
+        self.per_row = math.ceil(ny / self.width)
+        self.blocks = nx * self.per_row
+        self.part = np.zeros((self.blocks, 7))
+        self.active = np.zeros((self.blocks, 4))
+        self.everywhere = np.ones(self.blocks, np.uint8)
+        self.live = self.everywhere
         self.history: list[tuple[float, float]] = []
 
     @property
     def transforms(self) -> int:
+        """Fourier transforms of the full grid so far."""
         exact = self._exact.transforms if self._exact is not None and self._exact is not self.operator else 0
         return self.operator.transforms + exact
 
-    def gap(self, p: Array) -> Array:
-        """Gap before the offset, G p - h, evaluated in the precision of the state."""
-        if self._exact is None:
+    def gap(self, p: Array, exact: bool, out: Array | None = None) -> Array:
+        """Gap before the offset, G p - h, evaluated in the precision of the state, or in the cheaper one of the work."""
+        if exact and self._exact is None:
             self._exact = Convolution(self.body, self.state, self.settings.library, self.team)
-        u = self._exact.apply(p)
-        r = u if u.dtype == self.state else np.empty(p.shape, self.state)
-        self.team.run(kernels.subtract, self.blocks, u.ravel(), self.h.ravel(), self.kappa, r.ravel())
+        u = (self._exact if exact and self._exact is not None else self.operator).apply(p)
+        r = out if out is not None else u if u.dtype == self.state else np.empty(p.shape, self.state)
+        self.team.run(kernels.subtract, p.shape[0], u, self.h, self.kappa, r)
         return r
 
-    def _sum(self, table: Array, columns: int) -> list[float]:
-        return [float(x) for x in table[:, :columns].sum(axis=0)]
+    def _run(self, kernel: Callable[..., None], blocks: Array, *args: Any) -> None:
+        self.team.run(kernel, self.blocks, self.width, blocks, *args)
 
-    def solve(
-        self, p: Array, tolerance: float, limit: int
-    ) -> tuple[Array, Array, float, float, float, bool, int, list[str]]:
-        """Iterate from p (nx, ny, state precision, changed in place) until both errors are below tolerance."""
-        team, blocks, part, active = self.team, self.blocks, self.part, self.active
+    def _sum(self, columns: int) -> list[float]:
+        return [float(x) for x in self.part[:, :columns].sum(axis=0)]
+
+    def _near_working_set(self) -> Array:
+        """Blocks with a pixel of the working set in them or up to two rows away."""
+        here = (self.active[:, 2] > 0.0).reshape(-1, self.per_row)
+        near = here.copy()
+        for shift in (1, 2):
+            near |= np.roll(here, shift, axis=0) | np.roll(here, -shift, axis=0)
+        return near.ravel().astype(np.uint8)
+
+    def solve(self, p: Array, tolerance: float, limit: int, exact: bool) -> Outcome:
+        """Iterate from p (nx, ny, state precision, changed in place) until both errors are below tolerance.
+
+        With ``exact`` the errors that end the iteration are those of a gap evaluated anew in the state's precision.
+        """
+        run, part, active = self._run, self.part, self.active
         load = float(p.size)
-        flat = p.ravel()
         v = np.empty(p.shape, self.work)
         d = np.zeros(p.shape, self.work)
-        y = d
-        notes: list[str] = []
+        y: Array = d
+        z = np.zeros_like(d)
+        outward = np.zeros_like(d)
         precondition = self.settings.precondition
-        fresh, steepest = True, True
-        r = self.gap(p)
-        team.run(kernels.contact_sums, blocks, flat, r.ravel(), part)
-        refreshed = best = math.inf
-        best_at = iteration = 0
+        split = self.settings.split and precondition and suits(self.body)
+        if split:
+            make = (self.body, self.work, self.settings.library, self.team, self.width)
+            near, near_inverse = Split(*make, inverse=False), Split(*make, inverse=True)
+            y = np.zeros_like(d)
+        notes: list[str] = []
+        steepest = True
+        iteration = best_at = since = 0
+        best = refreshed = math.inf
+        settled = self.state == self.work
+        fresh = True
+        r = self.gap(p, settled)
         while True:
-            total, count, _ = self._sum(part, 3)
-            offset = (
-                self.offset_fixed if self.offset_fixed is not None else (-total / count if count else -float(r.min()))
-            )
-            team.run(kernels.residual, blocks, flat, r.ravel(), offset, v.ravel(), active)
-            squares, _, size, sum_v = self._sum(active, 4)
+            # Where things stand
+            scope = self.everywhere if fresh or not split else live
+            if fresh:
+                run(kernels.contact_sums, scope, p, r, part)
+            total, count = self._sum(2)
+            offset = self.offset_fixed
+            if offset is None:
+                offset = -total / count if count else -float(r.min())
+            run(kernels.residual, scope, p, r, offset, v, active)
+            squares, _, size, sum_v = (float(x) for x in active.sum(axis=0))
             rms = math.sqrt(squares / count) if count else 0.0
             deepest = float(active[:, 1].max())
             error = max(rms, deepest)
+            del self.history[iteration:]
+            self.history.append((rms, deepest))
+            if fresh or not split:
+                live = self._near_working_set() if split else (active[:, 2] > 0.0).astype(np.uint8)
             if fresh:
-                improving = error < 0.5 * refreshed
-                refreshed = error
-            if len(self.history) < iteration + 1:
-                self.history.append((rms, deepest))
-            else:
-                self.history[iteration] = (rms, deepest)
-            if not math.isfinite(error):
-                return (
-                    p,
-                    r,
-                    offset,
-                    rms,
-                    deepest,
-                    False,
-                    iteration,
-                    [*notes, "the iteration produced numbers that are not finite"],
-                )
-            if error < tolerance and fresh:
-                return p, r, offset, rms, deepest, True, iteration, notes
-            if error < tolerance or error < 1e-5 * refreshed:
-                # Below this the rounding of the accumulated changes would show: take stock in full precision.
-                r = self.gap(p)
-                team.run(kernels.contact_sums, blocks, flat, r.ravel(), part)
-                fresh = True
-                continue
+                refreshed, since = error, 0
             if error < 0.5 * best:
                 best, best_at = error, iteration
-            if iteration >= limit:
-                return p, r, offset, rms, deepest, False, iteration, notes
-            if iteration - best_at >= PATIENCE:
-                if not precondition:
-                    return p, r, offset, rms, deepest, False, iteration, notes
-                precondition, steepest, best_at = False, True, iteration
-                notes.append(f"the preconditioner was switched off after {iteration} iterations without progress")
-            iteration += 1
+            trusted = settled or (not exact and (fresh or not split))
+            hopeless = not math.isfinite(error) or iteration >= limit
+            if not hopeless and iteration - best_at >= PATIENCE:
+                hopeless = not precondition
+                if split:
+                    split, since = False, 0
+                    live = (active[:, 2] > 0.0).astype(np.uint8)
+                else:
+                    precondition = False
+                notes += [] if hopeless else [f"slow progress: went on more cautiously after {iteration} iterations"]
+                steepest, best_at = True, iteration
+            if trusted and (error < tolerance or hopeless):
+                return Outcome(p, r, offset, rms, deepest, error < tolerance, iteration, notes)
+            goal = max(0.5 * tolerance, SPLIT_TRUST * refreshed) if split else max(tolerance, EXACT_TRUST * refreshed)
+            if not fresh and (error < goal or hopeless or (split and since >= SPLIT_TURNS)):
+                # Take stock: evaluate the gap anew, in full precision where rounding might show.
+                settled = self.state == self.work or (exact and (error < max(tolerance, 1e-5) or hopeless))
+                self.gap(p, settled, r)
+                fresh = True
+                continue
+            if hopeless:
+                settled, fresh = True, True
+                self.gap(p, True, r)
+                continue
             # Direction
-            z = self.operator.precondition(v) if precondition else v
-            team.run(kernels.products, blocks, active, v.ravel(), z.ravel(), d.ravel(), y.ravel(), part)
-            sz, szv, sd, sdv, szy, sdy, sy = self._sum(part, 7)
+            iteration += 1
+            since += 1
+            if precondition and (since - 1) % OUTWARD_TURNS == 0:
+                run(kernels.indicator, live, v, z)
+                outward = near_inverse.apply(z, live, outward) if split else self.operator.precondition(z)
+            if split:
+                near_inverse.apply(v, live, z)
+            else:
+                z = self.operator.precondition(v) if precondition else v
+            run(kernels.products, live, v, z, outward, OUTWARD_SHARE if precondition else 0.0, d, y, part)
+            sz, szv, sd, sdv, szy, sdy, sy = self._sum(7)
             zm, dm = (sz / size, sd / size) if self.offset_fixed is None else (0.0, 0.0)
             zv, zy, dv, dy = szv - zm * sum_v, szy - zm * sy, sdv - dm * sum_v, sdy - dm * sy
             beta = -zy / dy if not steepest and dy > 0.0 else 0.0
             if beta < 0.0 or zv + beta * dv <= 0.0:
                 beta = 0.0
-            slope = zv + beta * dv
-            team.run(kernels.direction, blocks, active, v.ravel(), z.ravel(), d.ravel(), beta, zm + beta * dm, part)
-            largest = float(part[:, 0].max())
+            run(kernels.direction, live, v, z, d, beta, zm + beta * dm, part)
+            largest = math.sqrt(self._sum(1)[0])
             # Step
-            spectrum = self.operator.spectrum(d)
-            curvature = self.kappa * self.operator.energy(spectrum)
-            step = slope / curvature if curvature > 0.0 else math.inf
+            spectrum: Array = d
+            if split:
+                near.apply(d, live, y)
+                run(kernels.dot, live, d, y, part)
+                curvature = self.kappa * self._sum(1)[0]
+            else:
+                spectrum = self.operator.spectrum(d)
+                curvature = self.kappa * self.operator.energy(spectrum)
+            step = (zv + beta * dv) / curvature if curvature > 0.0 else math.inf
             # A vanishing load makes the body look infinitely soft; no pixel needs more than the whole load.
             step = min(step, 1e3 * load / largest) if largest > 0.0 else 0.0
-            team.run(kernels.clipped, blocks, active, flat, d.ravel(), step, part)
-            new_load, cut = self._sum(part, 2)
-            scale = load / new_load if cut and self.offset_fixed is None else 1.0
-            team.run(kernels.move, blocks, active, flat, d.ravel(), step, scale)
-            if cut:
-                y = self.operator.displacement(self.operator.spectrum(d))
+            run(kernels.clipped, live, p, d, step, part)
+            new_load, _, cut_squares = self._sum(3)
+            scale = load / new_load if cut_squares and self.offset_fixed is None else 1.0
+            run(kernels.move, live, p, d, step, scale)
+            if self.kappa * math.sqrt(cut_squares) > NEGLIGIBLE * error:
                 factor = self.kappa
+                y = near.apply(d, live, y) if split else self.operator.displacement(self.operator.spectrum(d))
             else:
-                y = self.operator.displacement(spectrum)
                 factor = self.kappa * step
-            team.run(kernels.advance, blocks, flat, r.ravel(), y.ravel(), factor, part)
-            fresh, steepest = False, False
+                y = y if split else self.operator.displacement(spectrum)
+            run(kernels.advance, live if split else self.everywhere, p, r, y, factor, part)
+            fresh = settled = steepest = False
+
+
+@dataclass
+class Outcome:
+    """Where the iteration on one grid ended; ``gap`` without the offset."""
+
+    pressure: Array
+    gap: Array
+    offset: float
+    rms_gap: float
+    penetration: float
+    converged: bool
+    iterations: int
+    notes: list[str]
 
 
 def resampled(source: Array, shape: tuple[int, int], dtype: Any, periodic: bool, team: Team) -> Array:
@@ -306,7 +373,7 @@ def grids(shape: tuple[int, int], levels: int | None) -> list[tuple[int, int]]:
     """Grids from fine to coarse: halved, to lengths that transform fast. ``levels`` counts all of them."""
     out = [shape]
     while levels is None or len(out) < levels:
-        nx, ny = (n if n < COARSEST else sfft.next_fast_len(math.ceil(n / 2), real=True) for n in out[-1])
+        nx, ny = (n if n < COARSEST else 4 * sfft.next_fast_len(math.ceil(n / 8), real=True) for n in out[-1])
         if (nx, ny) == out[-1] or (levels is None and max(nx, ny) < COARSEST):
             break
         out.append((nx, ny))
@@ -347,8 +414,6 @@ def _solve(
     state = PRECISIONS[settings.precision][0]
     shapes = grids(body.shape, 1 if start is not None else settings.levels)
     levels: list[tuple[tuple[int, int], int]] = []
-    notes: list[str] = []
-    transforms = 0
     p = start
     for depth in range(len(shapes) - 1, -1, -1):
         shape = shapes[depth]
@@ -370,13 +435,24 @@ def _solve(
             p *= 1.0 / mean
         tolerance = settings.tolerance if depth == 0 else max(settings.tolerance, COARSE_TOLERANCE)
         limit = settings.max_iterations if depth == 0 else min(settings.max_iterations, 60)
-        p, r, c, rms, deepest, converged, iterations, more = grid.solve(p, tolerance, limit)
-        levels.append((shape, iterations))
-        transforms += grid.transforms if depth == 0 else 0
+        end = grid.solve(p, tolerance, limit, depth == 0)
+        p = end.pressure
+        levels.append((shape, end.iterations))
         if depth == 0:
-            notes += more
-            r += c
-            return Result(p, r, c, rms, deepest, converged, iterations, transforms, grid.history, levels, notes)
+            end.gap += end.offset
+            return Result(
+                p,
+                end.gap,
+                end.offset,
+                end.rms_gap,
+                end.penetration,
+                end.converged,
+                end.iterations,
+                grid.transforms,
+                grid.history,
+                levels,
+                end.notes,
+            )
     raise AssertionError("there is always a finest grid")
 
 

@@ -1,88 +1,108 @@
 """Fused passes over the arrays of the contact iteration.
 
-Everything that is not a Fourier transform happens here, one pass over memory per kernel. Arrays come flattened. Work is cut into blocks of
-``BLOCK`` elements; each block writes its sums to its own row of ``part``, and the rows are added in order afterwards. Threads share out
-whole blocks, so results are the same bytes for any number of threads. Sums run in double precision whatever the arrays are. Blocks without a
-pixel of the working set are skipped, which at small loads is most of them.
+Everything that is not a Fourier transform happens here, one pass over memory per kernel. Work is cut into blocks: a
+block is ``width`` neighbouring pixels of one row. Each block writes its sums to its own row of a table, and the rows
+are added in order afterwards; threads share out whole blocks, so results are the same bytes for any number of threads.
+Sums run in double precision whatever the arrays are. Blocks that are not ``live`` (no pixel of the working set in or
+near them) are skipped, which at small loads is most of them.
 
-Two dtypes occur: the *state* (pressure ``p``, gap before the offset ``r``) and the *work* vectors (``v``, ``z``, ``d``, ``y``).
+Two dtypes occur: the *state* (pressure ``p``, gap before the offset ``r``) and the *work* vectors (``v``, ``z``, ``d``,
+``y``). All arrays are (nx, ny). The working set is marked by ``v != 0``.
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import njit
 
-BLOCK = 1024
+#: largest number of pixels in a block
+WIDTH = 512
+#: reach of the stencil of ``local`` in pixels
+REACH = 4
 # Reassociation lets sums use vector registers; infinities and NaN keep their meaning.
 _OPTIONS = {"cache": True, "nogil": True, "fastmath": {"reassoc", "nsz", "contract"}, "error_model": "numpy"}
 
 
 @njit(**_OPTIONS)
-def contact_sums(lo, hi, p, r, part):
-    """part[b] = (Σ r, Σ 1, Σ p) over p > 0. Reads p, r."""
-    n = p.size
+def contact_sums(lo, hi, width, live, p, r, part):
+    """part[b] = (Σ r, Σ 1) over p > 0. Reads p, r."""
+    ny = p.shape[1]
+    per_row = (ny + width - 1) // width
     for b in range(lo, hi):
         total = 0.0
-        count = 0
-        load = 0.0
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            inside = p[i] > 0
-            total += float(r[i]) if inside else 0.0
-            count += 1 if inside else 0
-            load += float(p[i])
+        count = 0.0
+        if live[b]:
+            row = b // per_row
+            start = (b - row * per_row) * width
+            stop = min(ny, start + width)
+            pb, rb = p[row, start:stop], r[row, start:stop]
+            for i in range(pb.size):
+                weight = 1.0 if pb[i] > 0 else 0.0
+                total += weight * rb[i]
+                count += weight
         part[b, 0] = total
         part[b, 1] = count
-        part[b, 2] = load
 
 
 @njit(**_OPTIONS)
-def advance(lo, hi, p, r, y, factor, part):
+def advance(lo, hi, width, live, p, r, y, factor, part):
     """r += factor·y, and the sums of ``contact_sums``. Reads p, y; updates r."""
-    n = p.size
+    ny = p.shape[1]
+    per_row = (ny + width - 1) // width
     for b in range(lo, hi):
         total = 0.0
-        count = 0
-        load = 0.0
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            new = r[i] + factor * float(y[i])
-            r[i] = new
-            inside = p[i] > 0
-            total += new if inside else 0.0
-            count += 1 if inside else 0
-            load += float(p[i])
+        count = 0.0
+        if live[b]:
+            row = b // per_row
+            start = (b - row * per_row) * width
+            stop = min(ny, start + width)
+            pb, rb, yb = p[row, start:stop], r[row, start:stop], y[row, start:stop]
+            for i in range(pb.size):
+                new = rb[i] + factor * yb[i]
+                rb[i] = new
+                weight = 1.0 if pb[i] > 0 else 0.0
+                total += weight * new
+                count += weight
         part[b, 0] = total
         part[b, 1] = count
-        part[b, 2] = load
 
 
 @njit(**_OPTIONS)
-def residual(lo, hi, p, r, offset, v, part):
+def residual(lo, hi, width, live, p, r, offset, v, part):
     """Steepest descent on the working set {p > 0} ∪ {gap < 0}: v = -gap there, 0 elsewhere.
 
-    part[b] = (Σ gap² over p > 0, largest penetration where p = 0, pixels in the working set, Σ v). Reads p, r; writes v. A gap of exactly
-    zero inside the set is written as a negligible number, because v ≠ 0 is what marks the set for the other kernels.
+    part[b] = (Σ gap² over p > 0, largest penetration where p = 0, pixels in the working set, Σ v). Reads p, r;
+    writes v. A gap of exactly zero inside the set is written as a negligible number, because v ≠ 0 marks the set.
     """
-    n = p.size
+    ny = p.shape[1]
+    per_row = (ny + width - 1) // width
     for b in range(lo, hi):
         squares = 0.0
+        through = 0.0
         deepest = 0.0
-        count = 0
+        count = 0.0
         total = 0.0
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            gap = float(r[i]) + offset
-            inside = p[i] > 0
-            squares += gap * gap if inside else 0.0
-            outside = 0.0 if inside else -gap
-            deepest = outside if outside > deepest else deepest
-            active = inside or gap < 0.0
-            value = -gap if gap != 0.0 else 1e-30
-            value = value if active else 0.0
-            v[i] = value
-            total += value
-            count += 1 if active else 0
+        if live[b]:
+            row = b // per_row
+            start = (b - row * per_row) * width
+            stop = min(ny, start + width)
+            pb, rb, vb = p[row, start:stop], r[row, start:stop], v[row, start:stop]
+            for i in range(pb.size):
+                gap = rb[i] + offset
+                inside = pb[i] > 0
+                held = gap if inside else 0.0
+                squares += held * held
+                outside = gap if gap < 0.0 and not inside else 0.0
+                through += outside * outside
+                value = -(held + outside)
+                value = 1e-30 if inside and value == 0.0 else value
+                vb[i] = value
+                total += value
+                count += 1.0 if value != 0.0 else 0.0
+            if through > 0.0:  # a loop of its own: an extremum would keep the sums above out of vector registers
+                for i in range(pb.size):
+                    if pb[i] <= 0 and rb[i] + offset < -deepest:
+                        deepest = -(rb[i] + offset)
         part[b, 0] = squares
         part[b, 1] = deepest
         part[b, 2] = count
@@ -90,9 +110,29 @@ def residual(lo, hi, p, r, offset, v, part):
 
 
 @njit(**_OPTIONS)
-def products(lo, hi, active, v, z, d, y, part):
-    """Sums over the working set: part[b] = (Σ z, Σ z·v, Σ d, Σ d·v, Σ z·y, Σ d·y). Reads v, z, d, y."""
-    n = v.size
+def indicator(lo, hi, width, live, v, out):
+    """out = 1 on the working set, 0 elsewhere. Reads v."""
+    ny = v.shape[1]
+    per_row = (ny + width - 1) // width
+    for b in range(lo, hi):
+        row = b // per_row
+        start = (b - row * per_row) * width
+        stop = min(ny, start + width)
+        vb, ob = v[row, start:stop], out[row, start:stop]
+        if live[b]:
+            for i in range(vb.size):
+                ob[i] = 1 if vb[i] != 0 else 0
+        else:
+            ob[:] = 0
+
+
+@njit(**_OPTIONS)
+def products(lo, hi, width, live, v, z, outward, share, d, y, part):
+    """z -= share·max(outward, 0)·v on the working set, 0 elsewhere in live blocks, and sums over the set:
+    part[b] = (Σ z, Σ z·v, Σ d, Σ d·v, Σ z·y, Σ d·y, Σ y). Reads v, outward, d, y; updates z.
+    """
+    ny = v.shape[1]
+    per_row = (ny + width - 1) // width
     for b in range(lo, hi):
         sz = 0.0
         szv = 0.0
@@ -101,19 +141,27 @@ def products(lo, hi, active, v, z, d, y, part):
         szy = 0.0
         sdy = 0.0
         sy = 0.0
-        if active[b, 2] > 0.0:
-            for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-                vi = float(v[i])
-                zi = float(z[i]) if vi != 0.0 else 0.0
-                di = float(d[i]) if vi != 0.0 else 0.0
-                yi = float(y[i]) if vi != 0.0 else 0.0
+        if live[b]:
+            row = b // per_row
+            start = (b - row * per_row) * width
+            stop = min(ny, start + width)
+            vb, zb, db, yb = v[row, start:stop], z[row, start:stop], d[row, start:stop], y[row, start:stop]
+            kb = outward[row, start:stop]
+            for i in range(vb.size):
+                vi = float(vb[i])
+                weight = 1.0 if vi != 0.0 else 0.0
+                loss = kb[i] if kb[i] > 0 else 0.0
+                zi = weight * zb[i] - share * loss * vi
+                zb[i] = zi
+                di = weight * db[i]
+                yi = float(yb[i])
                 sz += zi
                 szv += zi * vi
                 sd += di
                 sdv += di * vi
                 szy += zi * yi
                 sdy += di * yi
-                sy += yi
+                sy += weight * yi
         part[b, 0] = sz
         part[b, 1] = szv
         part[b, 2] = sd
@@ -124,79 +172,118 @@ def products(lo, hi, active, v, z, d, y, part):
 
 
 @njit(**_OPTIONS)
-def direction(lo, hi, active, v, z, d, beta, shift, part):
-    """d = z + beta·d - shift on the working set, 0 elsewhere; part[b] = largest |d|. Reads v, z; updates d."""
-    n = v.size
+def direction(lo, hi, width, live, v, z, d, beta, shift, part):
+    """d = z + beta·d - shift on the working set, 0 elsewhere; part[b] = Σ d². Reads v, z; updates d."""
+    ny = v.shape[1]
+    per_row = (ny + width - 1) // width
     for b in range(lo, hi):
-        largest = 0.0
-        if active[b, 2] > 0.0:
-            for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-                value = float(z[i]) + beta * float(d[i]) - shift
-                value = value if v[i] != 0 else 0.0
-                d[i] = value
-                size = abs(value)
-                largest = size if size > largest else largest
+        row = b // per_row
+        start = (b - row * per_row) * width
+        stop = min(ny, start + width)
+        vb, zb, db = v[row, start:stop], z[row, start:stop], d[row, start:stop]
+        squares = 0.0
+        if live[b]:
+            for i in range(vb.size):
+                value = zb[i] + beta * db[i] - shift
+                value = value if vb[i] != 0 else 0.0
+                db[i] = value
+                squares += value * value
         else:
-            for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-                d[i] = 0
-        part[b, 0] = largest
+            db[:] = 0
+        part[b, 0] = squares
 
 
 @njit(**_OPTIONS)
-def clipped(lo, hi, active, p, d, step, part):
-    """What max(p + step·d, 0) would be: part[b] = (its sum, pixels it sets to zero). Reads p, d; writes nothing."""
-    n = p.size
+def dot(lo, hi, width, live, d, y, part):
+    """part[b] = Σ d·y. Reads both."""
+    ny = d.shape[1]
+    per_row = (ny + width - 1) // width
     for b in range(lo, hi):
         total = 0.0
-        count = 0
-        if active[b, 2] > 0.0:
-            for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-                new = float(p[i]) + step * float(d[i])
-                negative = new < 0.0
-                total += 0.0 if negative else new
-                count += 1 if negative else 0
+        if live[b]:
+            row = b // per_row
+            start = (b - row * per_row) * width
+            stop = min(ny, start + width)
+            db, yb = d[row, start:stop], y[row, start:stop]
+            for i in range(db.size):
+                total += float(db[i]) * float(yb[i])
         part[b, 0] = total
-        part[b, 1] = count
 
 
 @njit(**_OPTIONS)
-def move(lo, hi, active, p, d, step, scale):
+def clipped(lo, hi, width, live, p, d, step, part):
+    """What max(p + step·d, 0) would do: part[b] = (its sum, pixels it cuts, Σ cut²). Reads p, d; writes nothing."""
+    ny = p.shape[1]
+    per_row = (ny + width - 1) // width
+    for b in range(lo, hi):
+        total = 0.0
+        count = 0.0
+        squares = 0.0
+        if live[b]:
+            row = b // per_row
+            start = (b - row * per_row) * width
+            stop = min(ny, start + width)
+            pb, db = p[row, start:stop], d[row, start:stop]
+            for i in range(pb.size):
+                new = pb[i] + step * db[i]
+                cut = new if new < 0.0 else 0.0
+                count += 1.0 if new < 0.0 else 0.0
+                squares += cut * cut
+                total += new - cut
+        part[b, 0] = total
+        part[b, 1] = count
+        part[b, 2] = squares
+
+
+@njit(**_OPTIONS)
+def move(lo, hi, width, live, p, d, step, scale):
     """p = scale·max(p + step·d, 0), and d = the change of p. Updates p, d.
 
-    The change is rounded to the work precision first and the rounded change is added, so that p stays consistent with the gap, which only
-    ever sees changes. A pixel that leaves the contact is set to exactly zero.
+    The change is rounded to the work precision first and the rounded change is added, so that p stays consistent with
+    the gap, which only ever sees changes. A pixel that leaves the contact is set to exactly zero.
     """
-    n = p.size
+    ny = p.shape[1]
+    per_row = (ny + width - 1) // width
     for b in range(lo, hi):
-        if active[b, 2] > 0.0:
-            for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-                old = float(p[i])
-                new = old + step * float(d[i])
+        if live[b]:
+            row = b // per_row
+            start = (b - row * per_row) * width
+            stop = min(ny, start + width)
+            pb, db = p[row, start:stop], d[row, start:stop]
+            for i in range(pb.size):
+                old = pb[i]
+                new = old + step * db[i]
                 new = scale * new if new > 0.0 else 0.0
-                d[i] = new - old
-                new = old + float(d[i]) if new > 0.0 else 0.0
-                p[i] = new if new > 0.0 else 0.0
+                db[i] = new - old
+                rounded = old + db[i]
+                pb[i] = rounded if new > 0.0 and rounded > 0.0 else 0.0
+
+
+@njit(**_OPTIONS)
+def subtract(lo, hi, u, h, factor, r):
+    """r = factor·u - h, rows lo … hi. Reads u, h; writes r."""
+    for i in range(lo, hi):
+        ub, hb, rb = u[i], h[i], r[i]
+        for j in range(hb.size):
+            rb[j] = factor * ub[j] - hb[j]
 
 
 @njit(**_OPTIONS)
 def quadratic_form(lo, hi, spectrum, symbol, ny, part):
-    """part[row] = Σ w |spectrum|² symbol over a half spectrum (nx, ny//2+1), w the multiplicity of a column. Reads both."""
+    """part[row] = Σ w |spectrum|² symbol over a half spectrum (nx, ny//2+1), w the multiplicity of a column."""
     nx, columns = spectrum.shape
     for i in range(lo, hi):
         j = i if symbol.shape[0] == nx else min(i, nx - i)
+        s, g = spectrum[i], symbol[j]
         total = 0.0
         for k in range(columns):
-            value = spectrum[i, k]
-            total += (float(value.real) * float(value.real) + float(value.imag) * float(value.imag)) * float(
-                symbol[j, k]
-            )
-        edge = spectrum[i, 0]
-        first = (float(edge.real) ** 2 + float(edge.imag) ** 2) * float(symbol[j, 0])
-        total = 2.0 * total - first
+            re, im = float(s[k].real), float(s[k].imag)
+            total += (re * re + im * im) * g[k]
+        edges = (float(s[0].real) ** 2 + float(s[0].imag) ** 2) * g[0]
         if ny % 2 == 0 and columns > 1:
-            edge = spectrum[i, columns - 1]
-            total -= (float(edge.real) ** 2 + float(edge.imag) ** 2) * float(symbol[j, columns - 1])
-        part[i, 0] = total
+            last = columns - 1
+            edges += (float(s[last].real) ** 2 + float(s[last].imag) ** 2) * g[last]
+        part[i, 0] = 2.0 * total - edges
 
 
 @njit(**_OPTIONS)
@@ -205,37 +292,134 @@ def multiply(lo, hi, spectrum, symbol):
     nx, columns = spectrum.shape
     for i in range(lo, hi):
         j = i if symbol.shape[0] == nx else min(i, nx - i)
+        s, g = spectrum[i], symbol[j]
         for k in range(columns):
-            spectrum[i, k] = spectrum[i, k] * symbol[j, k]
-
-
-@njit(**_OPTIONS)
-def subtract(lo, hi, u, h, factor, r):
-    """r = factor·u - h, block by block. Reads u, h; writes r."""
-    n = r.size
-    for b in range(lo, hi):
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
-            r[i] = factor * float(u[i]) - float(h[i])
+            s[k] = s[k] * g[k]
 
 
 @njit(**_OPTIONS)
 def resample(lo, hi, source, i0, i1, wi, j0, j1, wj, target):
     """Bilinear resampling, rows lo … hi of target: weight wi of row i1 against row i0, and likewise for columns."""
     for i in range(lo, hi):
-        a = i0[i]
-        b = i1[i]
+        a, b = source[i0[i]], source[i1[i]]
         w = wi[i]
         for j in range(target.shape[1]):
-            left = (1.0 - w) * float(source[a, j0[j]]) + w * float(source[b, j0[j]])
-            right = (1.0 - w) * float(source[a, j1[j]]) + w * float(source[b, j1[j]])
+            left = (1.0 - w) * a[j0[j]] + w * b[j0[j]]
+            right = (1.0 - w) * a[j1[j]] + w * b[j1[j]]
             target[i, j] = left + wj[j] * (right - left)
 
 
-def blocks(n: int) -> int:
-    """Number of blocks of an array of n elements."""
-    return math.ceil(n / BLOCK)
+@njit(**_OPTIONS)
+def restrict(lo, hi, width, live, x, ratio, coarse):
+    """Rows lo … hi of coarse[I, J] = Σ φ(i - ratio·I) φ(j - ratio·J) x[i, j], φ the hat of half-width ratio; periodic.
+
+    x must be zero in blocks that are not live. Reads the live part of x ratio-fold (2·ratio - 1 rows per coarse row).
+    """
+    nx, ny = x.shape
+    per_row = (ny + width - 1) // width
+    column = np.zeros(ny + 2 * ratio, x.dtype)  # with a halo of one coarse pixel
+    for row in range(lo, hi):
+        column[:] = 0
+        touched = False
+        for a in range(1 - ratio, ratio):
+            i = (row * ratio + a) % nx
+            weight = x.dtype.type(1.0 - abs(a) / ratio)
+            for s in range(per_row):
+                if live[i * per_row + s]:
+                    start = s * width
+                    stop = min(ny, start + width)
+                    xb = x[i, start:stop]
+                    cb = column[ratio + start : ratio + stop]
+                    for j in range(xb.size):
+                        cb[j] += weight * xb[j]
+                    touched = True
+        out = coarse[row]
+        if not touched:
+            out[:] = 0
+            continue
+        for j in range(ratio):
+            column[j] = column[ny + j]
+            column[ny + ratio + j] = column[ratio + j]
+        for k in range(out.size):
+            total = column[(k + 1) * ratio]
+            for a in range(1, ratio):
+                total += x.dtype.type(1.0 - a / ratio) * (column[(k + 1) * ratio - a] + column[(k + 1) * ratio + a])
+            out[k] = total
 
 
-def partial_sums(rows: int) -> np.ndarray:
-    """A table for the sums of up to seven quantities per block."""
-    return np.zeros((rows, 7))
+@njit(**_OPTIONS)
+def _interpolate(coarse, first, ratio, out):
+    """Linear interpolation of coarse[first …] to ``ratio`` values each. Its own function so that it vectorises."""
+    scale = out.dtype.type(1.0 / ratio)
+    for k in range(out.size // ratio):
+        value = coarse[first + k]
+        slope = (coarse[first + k + 1] - value) * scale
+        for a in range(ratio):
+            out[k * ratio + a] = value + out.dtype.type(a) * slope
+
+
+@njit(**_OPTIONS)
+def _add_rows(above, below, weight, out):
+    """out = weight·(above + below)."""
+    for j in range(out.size):
+        out[j] = weight * (above[j] + below[j])
+
+
+@njit(**_OPTIONS)
+def _stencil_row(x, weights, out):
+    """out += the symmetric nine-point stencil ``weights`` (5,) along x, which is eight longer than out."""
+    s0, s1, s2, s3, s4 = weights[0], weights[1], weights[2], weights[3], weights[4]
+    for j in range(out.size):
+        out[j] += (
+            s0 * x[j + 4]
+            + s1 * (x[j + 3] + x[j + 5])
+            + s2 * (x[j + 2] + x[j + 6])
+            + s3 * (x[j + 1] + x[j + 7])
+            + s4 * (x[j] + x[j + 8])
+        )
+
+
+@njit(**_OPTIONS)
+def local(lo, hi, width, live, x, stencil, coarse, ratio, out):
+    """out = stencil * x + interpolated coarse, in live blocks of rows lo … hi; periodic.
+
+    ``stencil[a, b]`` weighs the up to four neighbours at distances (a, b) ≤ REACH. x must be zero in blocks that are
+    not live. ``width`` and the number of columns are multiples of ``ratio``. Reads 2·REACH + 1 rows of x, which stay
+    in cache; writes out once.
+    """
+    nx, ny = x.shape
+    per_row = (ny + width - 1) // width
+    pair = np.zeros(width + 2 * REACH, x.dtype)
+    between = np.zeros(ny // ratio + 1, x.dtype)
+    one = x.dtype.type(1)
+    for row in range(lo, hi):
+        ready = False
+        base = row // ratio
+        weight = x.dtype.type((row - base * ratio) / ratio)
+        upper, lower = coarse[base], coarse[(base + 1) % coarse.shape[0]]
+        for s in range(per_row):
+            if not live[row * per_row + s]:
+                continue
+            if not ready:
+                for k in range(upper.size):
+                    between[k] = (one - weight) * upper[k] + weight * lower[k]
+                between[upper.size] = between[0]
+                ready = True
+            start = s * width
+            stop = min(ny, start + width)
+            out_block = out[row, start:stop]
+            _interpolate(between, start // ratio, ratio, out_block)
+            n = stop - start
+            for a in range(REACH + 1):
+                above, below = x[(row - a) % nx], x[(row + a) % nx]
+                half = x.dtype.type(0.5) if a == 0 else one
+                if start >= REACH and stop + REACH <= ny:
+                    wide = slice(start - REACH, stop + REACH)
+                    _add_rows(above[wide], below[wide], half, pair[: n + 2 * REACH])
+                else:
+                    _add_rows(above[start:stop], below[start:stop], half, pair[REACH : REACH + n])
+                    for j in range(REACH):
+                        left, right = (start - REACH + j) % ny, (stop + j) % ny
+                        pair[j] = half * (above[left] + below[left])
+                        pair[REACH + n + j] = half * (above[right] + below[right])
+                _stencil_row(pair, stencil[a], out_block)

@@ -54,6 +54,10 @@ class Substrate(Protocol):
         """The same body on another grid of the same extent."""
         ...
 
+    def window(self, shape: tuple[int, int]) -> Self:
+        """The same body with the same pixels on another extent."""
+        ...
+
 
 def wave_numbers(shape: tuple[int, int], pixel: tuple[float, float]) -> Floats:
     """|q| in 1/nm on the quarter (nx//2+1, ny//2+1) of the spectrum that symmetry leaves."""
@@ -92,6 +96,9 @@ class PeriodicHalfSpace:
 
     def regrid(self, shape: tuple[int, int]) -> Self:
         return replace(self, shape=shape, pixel=_rescaled(self.shape, self.pixel, shape))
+
+    def window(self, shape: tuple[int, int]) -> Self:
+        return replace(self, shape=shape)
 
 
 @dataclass(frozen=True)
@@ -138,6 +145,9 @@ class PeriodicLayer:
     def regrid(self, shape: tuple[int, int]) -> Self:
         return replace(self, shape=shape, pixel=_rescaled(self.shape, self.pixel, shape))
 
+    def window(self, shape: tuple[int, int]) -> Self:
+        return replace(self, shape=shape)
+
 
 @dataclass(frozen=True)
 class FreeHalfSpace:
@@ -173,6 +183,9 @@ class FreeHalfSpace:
 
     def regrid(self, shape: tuple[int, int]) -> Self:
         return replace(self, shape=shape, pixel=_rescaled(self.shape, self.pixel, shape))
+
+    def window(self, shape: tuple[int, int]) -> Self:
+        return replace(self, shape=shape)
 
 
 def _rescaled(shape: tuple[int, int], pixel: tuple[float, float], new: tuple[int, int]) -> tuple[float, float]:

@@ -1,0 +1,123 @@
+"""A cheap approximation of a convolution: a stencil for what is near, a coarse grid for what is far.
+
+The idea of multilevel multi-integration (A. Brandt, A. A. Lubrecht, J. Comput. Phys. 90, 348 (1990)) and of
+particle-particle particle-mesh sums (R. W. Hockney, J. W. Eastwood, Computer Simulation Using Particles), on a pixel
+grid: symbol = W·symbol + (1 - W)·symbol with a Gaussian W that the coarse grid resolves. The coarse part goes through
+restriction, a Fourier transform on the coarse grid and interpolation; the rest is a stencil of nine by nine pixels,
+fitted so that the relative error over all wave vectors is smallest. It costs a fraction of the Fourier transform of the
+fine grid, less still where little is in contact, and is right to about one part in ten: too coarse for an answer, good
+enough to find the correction to one.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _kernels as kernels
+from ._operators import Substrate
+from ._transforms import Transforms
+
+if TYPE_CHECKING:
+    from ._iteration import Team
+
+Array = NDArray[Any]
+Floats = NDArray[np.float64]
+
+#: fine pixels per coarse pixel
+RATIO = 4
+#: width of the Gaussian in fine pixels: its tail at the coarse Nyquist wave number is 0.008
+SPREAD = 0.7 * RATIO
+#: pixels of the grid on which the stencil is fitted
+SAMPLE = 64
+
+
+def suits(body: Substrate) -> bool:
+    """Whether the grid is periodic, divides into coarse pixels, and is large enough for it to pay."""
+    return body.padded == body.shape and all(n % RATIO == 0 and n >= 2 * SAMPLE for n in body.shape)
+
+
+class Split:
+    """Approximately a convolution on the grid of ``body``: with its symbol, or with the inverse one."""
+
+    def __init__(self, body: Substrate, dtype: Any, library: str, team: Team, width: int, *, inverse: bool) -> None:
+        self._run, self._width = team.run, width
+        coarse = (body.shape[0] // RATIO, body.shape[1] // RATIO)
+        self._transforms = Transforms(coarse, coarse, library, team.threads)
+        unit = float(np.sqrt(body.pixel[0] * body.pixel[1]))
+
+        def symbol(b: Substrate) -> Floats:
+            return b.inverse() * unit if inverse else b.symbol() / unit
+
+        far = symbol(body.regrid(coarse)) * _far(coarse)
+        self._far = (far / RATIO**2).astype(dtype)
+        sample = body.window((SAMPLE, SAMPLE))
+        small = (SAMPLE // RATIO, SAMPLE // RATIO)
+        self._stencil = _fitted(symbol(sample), symbol(sample.regrid(small)) * _far(small)).astype(dtype)
+        self._coarse = np.empty(coarse, dtype)
+
+    def apply(self, x: Array, live: Array, out: Array) -> Array:
+        """The convolution of x (nx, ny; zero in blocks that are not live) in live blocks of ``out``."""
+        rows = self._coarse.shape[0]
+        self._run(kernels.restrict, rows, self._width, live, x, RATIO, self._coarse)
+        spectrum = self._transforms.forward(self._coarse)
+        spectrum[:] *= _whole(self._far, spectrum.shape[0])
+        far = self._transforms.backward(spectrum)
+        self._run(kernels.local, x.shape[0], self._width, live, x, self._stencil, far, RATIO, out)
+        return out
+
+
+def _whole(quarter: Array, rows: int) -> Array:
+    """A symbol on all rows of a half spectrum."""
+    if quarter.shape[0] == rows:
+        return quarter
+    return np.concatenate([quarter, quarter[1 : rows - quarter.shape[0] + 1][::-1]])
+
+
+def _hat(q: Floats) -> Floats:
+    """Transform of the hat function over RATIO, at wave numbers per fine pixel: 1 at zero."""
+    half = np.where(q == 0.0, 1.0, 0.5 * q)
+    return np.where(q == 0.0, 1.0, np.sin(half * RATIO) / (RATIO * np.sin(half))) ** 2
+
+
+def _far(coarse: tuple[int, int]) -> Floats:
+    """What the coarse symbol is multiplied by: the Gaussian, and the inverse of restriction and interpolation."""
+    qx = 2.0 * np.pi / (coarse[0] * RATIO) * np.arange(coarse[0] // 2 + 1)[:, None]
+    qy = 2.0 * np.pi / (coarse[1] * RATIO) * np.arange(coarse[1] // 2 + 1)[None, :]
+    return np.exp(-(SPREAD**2) * (qx**2 + qy**2)) / (_hat(qx) * _hat(qy)) ** 2
+
+
+def _fitted(symbol: Floats, far: Floats) -> Floats:
+    """Stencil (REACH + 1, REACH + 1) that best adds what the coarse grid leaves out, in the relative sense."""
+    half = SAMPLE // 2 + 1
+    q = 2.0 * np.pi / SAMPLE * np.arange(half)
+    full = _whole(_whole(symbol, SAMPLE)[:half], half)
+    # The coarse spectrum repeats on the fine one.
+    m = SAMPLE // RATIO
+    index = np.arange(half) % m
+    index = np.minimum(index, m - index)
+    rest = full - far[np.ix_(index, index)] * np.outer(_hat(q), _hat(q)) ** 2
+    weight = 1.0 / np.maximum(full, 1e-3 * full.max())
+    weight[0, 0] = 0.0
+    # Rows and columns of the quarter stand for two, except the first and last.
+    twice = np.where((np.arange(half) % (half - 1)) == 0, 1.0, 2.0)
+    weight *= np.sqrt(np.outer(twice, twice))
+    pairs = [
+        (a, b)
+        for a in range(kernels.REACH + 1)
+        for b in range(kernels.REACH + 1)
+        if np.hypot(a, b) <= kernels.REACH + 0.3
+    ]
+    cosine = (
+        np.cos(np.outer(np.arange(kernels.REACH + 1), q)) * np.where(np.arange(kernels.REACH + 1) == 0, 1, 2)[:, None]
+    )
+    matrix = np.stack([(np.outer(cosine[a], cosine[b]) * weight).ravel() for a, b in pairs], axis=1)
+    # Normal equations, summed without BLAS: its threads would take longer to wake than this takes to add.
+    normal = np.einsum("ka,kb->ab", matrix, matrix)
+    values = np.linalg.solve(normal, np.einsum("ka,k->a", matrix, (rest * weight).ravel()))
+    stencil = np.zeros((kernels.REACH + 1, kernels.REACH + 1))
+    for (a, b), value in zip(pairs, values, strict=True):
+        stencil[a, b] = value
+    return stencil
