@@ -503,8 +503,12 @@ def _show(table: Table) -> None:
     from rich.console import Console
 
     width = None if sys.stdout.isatty() else 110
+    class Quiet(Console):
+        def on_broken_pipe(self) -> None:  # rich's own exits with status 1
+            raise
+
     # a title or a file name is text, never markup
-    Console(file=sys.stdout, highlight=False, markup=False, emoji=False, width=width).print(table)
+    Quiet(file=sys.stdout, highlight=False, markup=False, emoji=False, width=width).print(table)
 
 
 @contextmanager
@@ -551,12 +555,16 @@ def _add_plugin_commands() -> None:
 
     from chemage import registry
 
+    known = _command_names()
     for hook in registry.current().manager.hook.chemage_cli.get_hookimpls():
         try:
             offered: Any = hook.function()
             for name, function in offered:
-                if name in _command_names():
+                if name in known:
+                    if any(function is one.callback for one in app.registered_commands):
+                        continue  # a second call in one process
                     raise ValueError(f"there is a command {name!r} already")
+                known.add(name)
                 trial = typer.Typer()
                 trial.command(name)(function)
                 typer.main.get_command(trial)  # a signature that typer cannot read shows here
@@ -583,12 +591,16 @@ def main() -> None:
                 stream.reconfigure(errors="backslashreplace")  # a terminal without µ or Δ
         _plain_warnings()
         _add_plugin_commands()
-        status = app(standalone_mode=False)
+        commands = typer.main.get_command(app)
+        # typer's own main would swallow the KeyboardInterrupt
+        with commands.make_context("chemage", sys.argv[1:]) as context:
+            commands.invoke(context)
         sys.stdout.flush()
-        sys.exit(status if isinstance(status, int) else 0)
+        sys.exit(0)
+    except typer.Exit as end:
+        sys.exit(end.exit_code)
     except (KeyboardInterrupt, typer.Abort) as stop:
-        why = str(stop.__cause__ or stop)
-        print(f"\ninterrupted; {why or 'nothing was written'}", file=sys.stderr, flush=True)
+        print(f"\ninterrupted; {stop or 'nothing was written'}", file=sys.stderr, flush=True)
         # worker threads may still be inside a compiled kernel; waiting for them would not help anyone
         os._exit(130)
     except Exception as error:
