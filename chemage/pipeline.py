@@ -5,7 +5,6 @@ class's one method, comes last.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from typing import Any
@@ -27,6 +26,7 @@ from chemage.spec import (
     force,
     temperature_value,
 )
+from chemage.threads import available
 
 # -- chemage's own answers, asked last ------------------------------------------------------------------------------
 
@@ -71,11 +71,17 @@ def _answer(name: str, expected: type, **arguments: Any) -> Any:
     return result
 
 
+def _expect(name: str, value: object, kind: type, remedy: str) -> None:
+    if not isinstance(value, kind):
+        raise InputError.of(name, value, f"is no {kind.__name__}", remedy)
+
+
 # -- the arrows -------------------------------------------------------------------------------------------------------
 
 
 def make_surface(maker: SurfaceMaker, seed: Seed = 0) -> Surface:
     """The surface of ``maker``, through the hook ``chemage_make_surface``."""
+    _expect("maker", maker, SurfaceMaker, 'make one with chemage.surface("sphere", ...)')
     return _answer("chemage_make_surface", Surface, maker=maker, seed=seed)
 
 
@@ -83,6 +89,8 @@ def solve_contact(
     solver: ContactSolver, surface: Surface, load: float | str, *, start: ContactSolution | None = None
 ) -> ContactSolution:
     """The contact of ``surface`` under ``load``, through the hook ``chemage_solve_contact``."""
+    _expect("solver", solver, ContactSolver, 'make one with chemage.contact("hertz", ...)')
+    _expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
     return _answer(
         "chemage_solve_contact", ContactSolution, solver=solver, surface=surface, load=force(load), start=start
     )
@@ -90,6 +98,8 @@ def solve_contact(
 
 def build_lattice(chemistry: Chemistry, contact: ContactSolution, seed: Seed = 0) -> ReactionLattice:
     """The reactive sites of ``contact``, through the hook ``chemage_build_lattice``."""
+    _expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
+    _expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
     return _answer("chemage_build_lattice", ReactionLattice, chemistry=chemistry, contact=contact, seed=seed)
 
 
@@ -103,6 +113,8 @@ def run_kinetics(
     start: BondHistory | None = None,
 ) -> BondHistory:
     """One replica, through the hook ``chemage_run_kinetics``."""
+    _expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
+    _expect("lattice", lattice, ReactionLattice, "make one with chemistry.on(contact), or from arrays")
     return _answer(
         "chemage_run_kinetics",
         BondHistory,
@@ -161,6 +173,11 @@ def age(
     progress
         Called with (replicas done, replicas in all).
     """
+    _expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
+    _expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
+    _expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
+    for one in observe:
+        _expect("observe", one, Observable, 'give a list of chemage.observable("barrier-spectrum")')
     times, kelvin = check_times(hold_times), temperature_value(temperature)
     if isinstance(replicas, bool) or not isinstance(replicas, int | np.integer) or replicas < 1:
         raise InputError.of("replicas", replicas, "must be a whole number of at least 1")
@@ -176,7 +193,7 @@ def age(
         return history, lattice.sites.size, _observations(contact, lattice, history, observe)
 
     # an engine with threads of its own takes the processors itself
-    side_by_side = 1 if engine.threads else min(replicas, workers or os.cpu_count() or 1)
+    side_by_side = 1 if engine.threads else min(replicas, workers or available())
     done = list(_in_order(replica, replicas, side_by_side, progress))
     observables = _stacked([seen for _, _, seen in done])
     return Aging(
