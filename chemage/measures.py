@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from chemage.threads import available
+
 # -- surfaces ---------------------------------------------------------------------------------------------------------
 
 
@@ -48,7 +50,7 @@ def _power(heights: np.ndarray) -> np.ndarray:
     """|h_q|² of the half spectrum, each mode counted with its conjugate: the sum is the mean square."""
     from scipy import fft
 
-    spectrum: Any = fft.rfft2(heights, workers=-1)
+    spectrum: Any = fft.rfft2(heights, workers=available())
     power = np.square(spectrum.real)
     power += np.square(spectrum.imag)
     power *= _multiplicity(heights.shape[1]) / float(heights.size) ** 2

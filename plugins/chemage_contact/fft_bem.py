@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
@@ -13,6 +12,7 @@ from pydantic import Field, model_validator
 from chemage.errors import ConvergenceError, InputError
 from chemage.objects import ContactSolution, Surface
 from chemage.spec import ContactSolver, force
+from chemage.threads import available
 from chemage.units import Length, Pressure, convert, quantity
 from chemage_contact import _iteration as iteration
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate
@@ -31,6 +31,7 @@ class FFTBEM(ContactSolver):
 
     kind = "fft-bem"
     implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "gap", "displacement")
+    speed_only: ClassVar[tuple[str, ...]] = ("threads",)
     cite: ClassVar[tuple[str, ...]] = (
         "I. A. Polonsky, L. M. Keer, Wear 231, 206 (1999)",
         "L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018)",
@@ -164,7 +165,7 @@ class FFTBEM(ContactSolver):
             max_iterations=self.max_iterations,
             levels=self.levels,
             library=self.fft,
-            threads=self.threads or len(os.sched_getaffinity(0)),
+            threads=self.threads or available(),
         )
 
     def _provenance(self, surface: Surface) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from pydantic import model_validator
 
 from chemage.objects import Surface
 from chemage.spec import Seed, SurfaceMaker, checked_seed
+from chemage.threads import available
 from chemage.units import Length, Unit
 from chemage_surfaces._options import Pixels, provenance
 
@@ -91,7 +92,7 @@ class SelfAffine(SurfaceMaker):
             rms_slope=self.rms_slope,
             rms_height=self.rms_height,
             seed=seed,
-            workers=-1,
+            workers=available(),
         )
         heights.setflags(write=False)
         return Surface(heights=heights, pixel_size=self.pixel_size, periodic=True, provenance=provenance(self, seed))
