@@ -503,6 +503,7 @@ def _show(table: Table) -> None:
     from rich.console import Console
 
     width = None if sys.stdout.isatty() else 110
+
     class Quiet(Console):
         def on_broken_pipe(self) -> None:  # rich's own exits with status 1
             raise
@@ -600,7 +601,7 @@ def main() -> None:
     except typer.Exit as end:
         sys.exit(end.exit_code)
     except (KeyboardInterrupt, typer.Abort) as stop:
-        print(f"\ninterrupted; {stop or 'nothing was written'}", file=sys.stderr, flush=True)
+        print(f"\ninterrupted; {str(stop) or 'nothing was written'}", file=sys.stderr, flush=True)
         # worker threads may still be inside a compiled kernel; waiting for them would not help anyone
         os._exit(130)
     except Exception as error:
