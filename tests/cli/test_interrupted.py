@@ -1,0 +1,275 @@
+"""A run that is stopped leaves no file or a complete one: Ctrl-C, kill -9, a full disk, a read-only folder."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import chemage
+from chemage import plots, store
+from chemage.errors import StoreError
+
+#: writes of this run are slow, and it says on stderr what it is doing
+SLOW_WRITES = """
+import sys, time
+from chemage import store
+
+from pathlib import Path
+
+array, place, whole = store._write_array, store._place, Path.write_bytes
+
+def slow_array(*args):
+    print("making", args[1], file=sys.stderr, flush=True)
+    time.sleep(0.1)
+    array(*args)
+
+def slow_bytes(path, data):
+    with open(path, "wb") as file:
+        file.write(data[: len(data) // 2])
+        file.flush()
+        print("halfway", file=sys.stderr, flush=True)
+        time.sleep(0.3)
+        file.write(data[len(data) // 2 :])
+
+def slow_place(*args):
+    print("placing", file=sys.stderr, flush=True)
+    time.sleep(0.2)
+    place(*args)
+    print("placed", file=sys.stderr, flush=True)
+    time.sleep(30)
+
+store._write_array, store._place, Path.write_bytes = slow_array, slow_place, slow_bytes
+"""
+
+
+def start(code, folder, **options):
+    """``chemage run small.toml`` in another process, with ``code`` run before it."""
+    program = f"{code}\nimport sys\nfrom chemage.cli import main\nsys.argv[1:] = sys.argv[1:]\nmain()"
+    words = [sys.executable, "-c", program, "run", "small.toml", "--no-figures"]
+    return subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+
+
+def wait_for(process, word):
+    """Read stderr up to the line with ``word``."""
+    for line in process.stderr:
+        if word in line:
+            return
+    raise AssertionError(f"the process ended before it said {word!r}")
+
+
+def finish(process):
+    try:
+        return process.communicate(timeout=60)
+    finally:
+        process.kill()
+
+
+def names(folder):
+    return sorted(p.name for p in folder.iterdir())
+
+
+# -- Ctrl-C ----------------------------------------------------------------------------------------------------------
+
+#: replicas that would take minutes, in threads as in a real run
+ENDLESS = """
+import sys, time
+from chemage import pipeline, registry
+
+class Endless:
+    @chemage.hookimpl(tryfirst=True)
+    def chemage_{hook}(self):
+        print("begun", file=sys.stderr, flush=True)
+        {work}
+
+registry.current().register(Endless(), "endless")
+"""
+
+
+@pytest.mark.parametrize(
+    ("hook", "work"),
+    [
+        ("solve_contact", "time.sleep(60)"),
+        ("run_kinetics", "time.sleep(0.5)"),
+    ],
+)
+def test_ctrl_c_exits_130_without_a_file(small, hook, work):
+    process = start("import chemage" + ENDLESS.format(hook=hook, work=work), small.parent)
+    wait_for(process, "begun")
+    begin = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    out, err = finish(process)
+    assert process.returncode == 130
+    assert "interrupted; nothing was written" in err
+    assert "Traceback" not in err
+    assert out == ""
+    assert time.monotonic() - begin < 20
+    assert names(small.parent) == ["small.toml"]
+
+
+def test_ctrl_c_while_writing_leaves_no_file(small):
+    process = start(SLOW_WRITES, small.parent)
+    wait_for(process, "halfway")
+    assert any(name.endswith(".part") for name in names(small.parent))
+    process.send_signal(signal.SIGINT)
+    _, err = finish(process)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert names(small.parent) == ["small.toml"]
+
+
+def test_ctrl_c_while_drawing_keeps_the_result_and_says_so(command, small, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(plots, "save", stop)
+    done = command("run", small)
+    assert done.status == 130
+    assert "the result is in small.h5" in done.err
+    assert chemage.read("small.h5").aging.replicas == 3
+
+
+# -- kill -9 ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("moment", ["making pressure", "halfway", "placing", "placed"])
+def test_kill_9_leaves_no_file_or_a_complete_one(command, small, moment):
+    process = start(SLOW_WRITES, small.parent)
+    wait_for(process, moment)
+    process.kill()
+    process.wait()
+    assert process.returncode == -signal.SIGKILL
+    finish(process)
+    if moment == "placed":
+        assert chemage.read(small.parent / "small.h5").aging.replicas == 3
+        assert command("run", small, "--no-figures").status == 2  # it is there, whole, and kept
+        assert command("run", small, "--no-figures", "--force").status == 0
+    else:
+        left = [name for name in names(small.parent) if name != "small.toml"]
+        assert len(left) == (moment != "making pressure")
+        assert all(re.fullmatch(r"\.small\.h5\..*\.part", name) for name in left)
+        assert command("run", small, "--no-figures").status == 0
+    assert names(small.parent) == ["small.h5", "small.toml"]
+    assert chemage.read("small.h5").aging.replicas == 3
+
+
+def test_the_temporary_file_of_a_living_process_is_left_alone(small):
+    living = small.parent / f".x.h5.{store._HOST}.{os.getpid()}.99.part"
+    elsewhere = small.parent / ".x.h5.another-host.1.0.part"
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    stale = small.parent / f".x.h5.{store._HOST}.{dead.pid}.0.part"
+    for file in (living, elsewhere, stale):
+        file.write_text("x")
+    with store.fresh_file(small.parent / "x.h5") as part:
+        part.write_text("new")
+    assert living.exists()
+    assert elsewhere.exists()
+    assert not stale.exists()
+
+
+# -- the disk --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def tiny_disk(tmp_path):
+    """A file system of 64 kB where this process may mount one, else None."""
+    folder = tmp_path / "tiny"
+    folder.mkdir()
+    mount = shutil.which("mount")
+    words = [mount, "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(folder)] if mount else ["false"]
+    if os.getuid() or subprocess.run(words, capture_output=True).returncode:
+        yield None
+        return
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_a_full_disk_is_seen_before_anything_is_computed(command, small, monkeypatch):
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: shutil._ntuple_diskusage(1000, 1000, 0))
+    monkeypatch.setattr("chemage.runs.make_surface", lambda *_: pytest.fail("computing began"))
+    done = command("run", small)
+    assert done.status == 2
+    assert re.search(r"small\.h5 needs .* MB, but \. has 0 MB left", done.err)
+    assert names(small.parent) == ["small.toml"]
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_a_disk_that_fills_up_while_writing_leaves_nothing_half_written(small, tiny_disk, monkeypatch, force):
+    heights = chemage.Surface(
+        heights=chemage.make_surface(chemage.surface("sphere", radius=9, pixels=150, pixel_size=1)).heights,
+        pixel_size=1,
+    )
+    folder = tiny_disk or small.parent
+    if force:
+        (folder / "x.h5").write_text("old")
+    # the room was there a moment ago
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: shutil._ntuple_diskusage(10**12, 0, 10**12))
+    if tiny_disk is None:
+
+        def full(*_):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(StoreError, match=r"cannot write .*x\.h5.*nothing was kept"):
+        chemage.write(folder / "x.h5", heights, force=force)
+    assert [p.name for p in folder.iterdir() if p.name != "small.toml"] == (["x.h5"] if force else [])
+    if force:
+        assert (folder / "x.h5").read_text() == "old"
+
+
+def test_a_disk_that_fills_up_while_drawing_keeps_the_result(command, small, monkeypatch):
+    from matplotlib.figure import Figure
+
+    def full(self, target, **_):
+        Path(target).write_bytes(b"half")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Figure, "savefig", full)
+    done = command("run", small)
+    assert done.status == 2
+    assert "No space left on device" in done.err
+    assert "the result itself is in small.h5" in done.err
+    assert chemage.read("small.h5").aging.replicas == 3
+    assert not list((small.parent / "small-figures").iterdir())
+
+
+def test_a_read_only_folder_is_seen_before_anything_is_computed(command, small, monkeypatch):
+    monkeypatch.setattr("chemage.runs.make_surface", lambda *_: pytest.fail("computing began"))
+    if os.getuid():
+        small.parent.chmod(0o555)
+    else:  # root may write anywhere but on a read-only file system
+
+        def refuse(self, *_, **__):
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+        monkeypatch.setattr(Path, "touch", refuse)
+    try:
+        done = command("run", small)
+    finally:
+        small.parent.chmod(0o755)
+    assert done.status == 2
+    assert re.search(r"cannot write small\.h5: (Read-only file system|Permission denied)", done.err)
+    assert names(small.parent) == ["small.toml"]
+
+
+def test_a_standard_output_that_is_full_or_closed(small):
+    program = [sys.executable, "-m", "chemage.cli", "check", "small.toml"]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(program, cwd=small.parent, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2
+    assert "No space left on device" in done.stderr
+    assert "Traceback" not in done.stderr
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(program, cwd=small.parent, stdout=writer, stderr=subprocess.PIPE, text=True)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, "")
