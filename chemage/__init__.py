@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from chemage.compare import compare_files as compare_files
     from chemage.hookspecs import hookimpl as hookimpl
+    from chemage.measured import fit_aging as fit_aging
+    from chemage.measured import read_measurements as read_measurements
     from chemage.objects import Aging as Aging
     from chemage.objects import BondHistory as BondHistory
     from chemage.objects import ContactSolution as ContactSolution
@@ -33,6 +36,7 @@ if TYPE_CHECKING:
     from chemage.registry import interaction as interaction
     from chemage.registry import observable as observable
     from chemage.registry import surface as surface
+    from chemage.report import write_report as write_report
     from chemage.runs import Run as Run
     from chemage.runs import run as run
     from chemage.scene import Scene as Scene
@@ -45,7 +49,10 @@ if TYPE_CHECKING:
 
 _HOME = {
     **dict.fromkeys(("Chemistry", "chemistry"), "reactions"),
+    "compare_files": "compare",
     "hookimpl": "hookspecs",
+    **dict.fromkeys(("fit_aging", "read_measurements"), "measured"),
+    "write_report": "report",
     **dict.fromkeys(
         ("Aging", "BondHistory", "ContactSolution", "Fit", "ReactionLattice", "Surface", "hold_times"), "objects"
     ),

@@ -342,6 +342,25 @@ def compare(
             print(f"figure   {picture}")
 
 
+@app.command()
+def report(
+    files: Annotated[list[Path], typer.Argument(help="result files (.h5); several are compared")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="the HTML file to write")] = Path("report.html"),
+    measured: Annotated[
+        list[Path] | None, typer.Option(help="CSV of hold time and friction drop to hold against them; repeatable")
+    ] = None,
+    force: ForceOpt = False,
+) -> None:
+    """Write one self-contained HTML page of results: tables, figures, scenes, provenance, what to cite."""
+    from chemage.report import write_report
+
+    with progress_bars() as tell:
+        tell("report", 0, 0)
+        written = write_report(files, out, measured=measured or (), force=force)
+        tell("report", 1, 1)
+    print(written)
+
+
 def _print_comparison(made: Comparison) -> None:
     table = _table("", ("", *(one.name for one in made.results)))
     for label, texts in made.table():
@@ -349,7 +368,7 @@ def _print_comparison(made: Comparison) -> None:
     _show(table)
     print(made.statement())
     for different in made.chemistry_differences():
-        told = ("not modelled" if value is None else f"{value}" for value in different.values)
+        told = ("none" if value is None else f"{value}" for value in different.values)
         print(f"  {different.path}: {' | '.join(told)}")
     fits = made.fits()
     if fits:

@@ -247,8 +247,10 @@ class Comparison:
         return _differences([one.chemistry() for one in self.results if one.aging is not None])
 
     def other_differences(self) -> list[Difference]:
-        """Everything else that differs between the scenes."""
-        return _differences([one.elsewhere() for one in self.results if one.scene])
+        """Everything else that differs between the scenes; of different kinds, not the options that only some have."""
+        found = _differences([one.elsewhere() for one in self.results if one.scene])
+        other_kinds = {one.path.removesuffix("kind") for one in found if one.path.endswith(".kind")}
+        return [one for one in found if None not in one.values or not one.path.startswith(tuple(other_kinds))]
 
     def statement(self) -> str:
         """One sentence on whether the chemistry is the same."""
@@ -501,7 +503,8 @@ _CURVE_NAMES = ("friction_drop", "friction_coefficient_drop", "bonds_per_area", 
 
 _SPECTRUM = {"barrier_edges", "barriers_start", "barriers_open"}
 _MARKERS = "osD^vP*X"
-_SIZE = (5.6, 3.9)
+#: inches; small, so that the letters can be read on a phone
+_SIZE = (4.9, 3.6)
 
 
 def _styles(count: int) -> list[dict[str, Any]]:
@@ -516,6 +519,8 @@ def _styles(count: int) -> list[dict[str, Any]]:
 
 def _drawn(axes: Axes, results: Sequence[Result], curves: Curves) -> list[float]:
     """Mean and standard error of each result against hold time; the last value of each that was drawn."""
+    from chemage.plots import plain
+
     last = []
     for one, style in zip(results, _styles(len(results)), strict=True):
         values = curves(one)
@@ -524,7 +529,7 @@ def _drawn(axes: Axes, results: Sequence[Result], curves: Curves) -> list[float]
         t, mean = one.aging.hold_times, values.mean(axis=0)
         error = values.std(axis=0, ddof=1) / math.sqrt(len(values)) if len(values) > 1 else np.zeros(t.size)
         shown = t > 0
-        axes.errorbar(t[shown], mean[shown], yerr=error[shown], ms=3.5, lw=1, capsize=2, label=one.name, **style)
+        axes.errorbar(t[shown], mean[shown], yerr=error[shown], ms=3.5, lw=1, capsize=2, label=plain(one.name), **style)
         last.append(float(mean[-1]))
     return last
 
@@ -556,7 +561,7 @@ def _finish(figure: Figure, axes: Axes, last: Sequence[float]) -> Figure:
 
 
 def _overlay(axes: Axes, comparison: Comparison, quantity: Quantity) -> None:
-    from chemage.plots import BLACK
+    from chemage.plots import BLACK, plain
 
     loads = {one.load for one in comparison.results}
     load = loads.pop() if len(loads) == 1 else None
@@ -575,13 +580,24 @@ def _overlay(axes: Axes, comparison: Comparison, quantity: Quantity) -> None:
             ms=5,
             lw=1,
             capsize=2,
-            label=f"{data.name} (measured)",
+            label=plain(f"{data.name} (measured)"),
         )
         fit = comparison._measured_fit(data, "curve")
         if fit is not None and math.isfinite(fit.cutoff_time):
             line = np.geomspace(data.hold_times[shown].min(), data.hold_times[shown].max(), 100)
-            label = f"{data.name}: β = {fit.beta_text()}"
+            label = plain(f"{data.name}: β = {fit.beta_text()}")
             axes.plot(line, fit(line), color=BLACK, lw=1, ls=("--", ":", "-.")[number % 3], label=label)
+
+
+def _fitted_line(axes: Axes, one: Result) -> None:
+    from chemage.plots import GREY
+
+    fit = one.fit
+    if fit is None or not (math.isfinite(fit.beta) and math.isfinite(fit.cutoff_time)):
+        return
+    line = np.geomspace(*one.window, 50)
+    label = f"β = {plus_minus(fit.beta, fit.beta_stderr)} per decade"
+    axes.plot(line, fit.beta * np.log10(line / fit.cutoff_time), color=GREY, lw=2.5, alpha=0.7, zorder=1, label=label)
 
 
 def friction_drop_figure(comparison: Comparison) -> Figure | None:
@@ -599,6 +615,8 @@ def friction_coefficient_figure(comparison: Comparison) -> Figure | None:
         return None
     label = f"friction coefficient drop {SYMBOL['friction_coefficient_drop']}"
     figure, axes, last = _against_time(comparison.results, _coefficient, label)
+    if len(comparison.results) == 1:
+        _fitted_line(axes, comparison.results[0])
     _overlay(axes, comparison, "friction_coefficient_drop")
     return _finish(figure, axes, last)
 
@@ -613,7 +631,7 @@ def bonds_figure(results: Sequence[Result]) -> Figure | None:
 
 def pressures_figure(results: Sequence[Result]) -> Figure | None:
     """Distribution of the pressure over each contact."""
-    from chemage.plots import blank
+    from chemage.plots import blank, plain
 
     shown = [(one, style) for one, style in zip(results, _styles(len(results)), strict=True) if one.pressure]
     if not shown:
@@ -622,7 +640,7 @@ def pressures_figure(results: Sequence[Result]) -> Figure | None:
     for one, style in shown:
         assert one.pressure is not None
         edges, density = one.pressure
-        axes.stairs(density, edges, color=style["color"], lw=1.4, label=one.name)
+        axes.stairs(density, edges, color=style["color"], lw=1.4, label=plain(one.name))
         axes.plot(
             0.5 * (edges[1:] + edges[:-1]), density, ls="none", markevery=max(1, density.size // 8), ms=3.5, **style
         )
@@ -633,7 +651,7 @@ def pressures_figure(results: Sequence[Result]) -> Figure | None:
 
 def barriers_figure(results: Sequence[Result]) -> Figure | None:
     """Forming barriers before any bond formed and, dashed, those open at the end; of results that observed them."""
-    from chemage.plots import blank
+    from chemage.plots import blank, plain
 
     shown = [
         (one, one.aging.observables, style)
@@ -648,8 +666,8 @@ def barriers_figure(results: Sequence[Result]) -> Figure | None:
     for one, seen, style in shown:
         edges = seen["barrier_edges"][0]
         for name, dashes, label in (
-            ("barriers_start", "-", one.name),
-            ("barriers_open", "--", f"{one.name}, open after {one.last():g} s"),
+            ("barriers_start", "-", plain(one.name)),
+            ("barriers_open", "--", plain(f"{one.name}, open after {one.last():g} s")),
         ):
             density = seen[name].mean(axis=0)
             axes.stairs(density, edges, color=style["color"], lw=1.3, ls=dashes, label=label)

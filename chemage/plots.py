@@ -86,12 +86,12 @@ def map_figures(contact: ContactSolution, surface: Surface | None = None) -> dic
     """The maps one by one, for narrow pages: ``heights``, ``pressure``, ``patch`` (around the largest)."""
     made = {}
     if surface is not None:
-        made["heights"], axes = blank(5.6, 4.4)
+        made["heights"], axes = blank(4.9, 3.9)
         _draw_heights(axes, surface)
-    made["pressure"], axes = blank(5.6, 4.4)
+    made["pressure"], axes = blank(4.9, 3.9)
     _draw_pressure(axes, contact)
     if contact.patches:
-        made["patch"], axes = blank(5.6, 4.4)
+        made["patch"], axes = blank(4.9, 3.9)
         _draw_largest_patch(axes, contact)
     return made
 
@@ -166,7 +166,7 @@ def barriers_figure(run: Run) -> Figure | None:
         return None
     seen = run.aging.observables
     edges = seen["barrier_edges"][0]
-    figure, (axes,) = _figure(6.2, 4.4)
+    figure, (axes,) = _figure(5.4, 4.0)
     energy = np.linspace(edges[0], edges[-1], 801)
     intrinsic = _intrinsic_density(run.scene["forming"], energy)
     if intrinsic is not None:
@@ -290,6 +290,12 @@ def blank(width: float, height: float) -> tuple[Figure, Axes]:
     """An empty figure of one plot, ``width`` by ``height`` inches."""
     figure, (axes,) = _figure(width, height)
     return figure, axes
+
+
+def plain(text: str) -> str:
+    """``text`` as a label that matplotlib shows as it is: no formula between dollars, none kept out of the legend."""
+    shown = text.replace("$", r"\$")
+    return f" {shown}" if shown.startswith("_") else shown
 
 
 def colours() -> Iterator[str]:
