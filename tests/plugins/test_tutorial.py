@@ -1,0 +1,133 @@
+"""docs/plugins.md, done as it says: the package is built from its code blocks, installed, tested and used."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from chemage.spec import ROLES
+
+PAGE = (Path(__file__).parents[2] / "docs" / "plugins.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+
+#: files of the tutorial: each block begins with the file's path in a comment
+FILES = {found[1]: code for _, code in BLOCKS if (found := re.match(r"# (\S+\.\w+)\n", code))}
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    """The folder of the tutorial, and an environment in which the package is installed as pip would do it."""
+    root = tmp_path_factory.mktemp("tutorial")
+    for path, code in FILES.items():
+        file = root / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(code, encoding="utf-8")
+    settings = tomllib.loads(FILES["pyproject.toml"])["project"]
+    info = root / f"{settings['name'].replace('-', '_')}-{settings['version']}.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {settings['name']}\nVersion: {settings['version']}\n")
+    points = "".join(f"{name} = {value}\n" for name, value in settings["entry-points"]["chemage"].items())
+    (info / "entry_points.txt").write_text(f"[chemage]\n{points}")
+    return root
+
+
+def run(project, *command):
+    done = subprocess.run(
+        [sys.executable, *command],
+        cwd=project,
+        env={**os.environ, "PYTHONPATH": str(project), "CHEMAGE_STRICT": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def chemage(project, *arguments):
+    return run(project, "-c", "from chemage.cli import main; main()", *arguments)
+
+
+def test_the_page_shows_every_file_it_lists():
+    (tree,) = [code for language, code in BLOCKS if not language and "pyproject.toml" in code]
+    top, *listed = tree.split()
+    assert set(listed) | {"tip.toml"} == set(FILES)
+    assert top == f"{tomllib.loads(FILES['pyproject.toml'])['project']['name']}/"
+
+
+def test_its_own_tests_pass(project):
+    said = run(project, "-W", "error", "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests")
+    passed = int(re.search(r"(\d+) passed", said)[1])  # pyright: ignore[reportOptionalSubscript]
+    assert passed > 25
+    assert "failed" not in said
+    assert "skipped" not in said
+
+
+def test_its_own_tests_can_fail(project):
+    """The kit sees a density that does not belong to the quantile function."""
+    source = project / "chemage_weibull" / "weibull.py"
+    right = source.read_text()
+    wrong = right.replace("self.shape - 1)", "self.shape - 2)")
+    assert wrong != right
+    try:
+        source.write_text(wrong)
+        with pytest.raises(AssertionError, match="density_agrees_with_quantile"):
+            run(project, "-B", "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests")
+    finally:
+        source.write_text(right)
+
+
+def test_it_is_listed_and_checked(project):
+    (row,) = [
+        row for row in json.loads(chemage(project, "plugins", "list", "--json"))["choices"] if row["kind"] == "weibull"
+    ]
+    assert row["role"] == "barriers"
+    assert "chemage-weibull 1.0" in str(row)
+    assert "0 problems" in chemage(project, "plugins", "check")
+    shown = chemage(project, "plugins", "show", "weibull")
+    for text in ("scale", "width s above the threshold, eV", "Weibull, J. Appl. Mech."):
+        assert text in shown
+
+
+def test_the_scene_is_valid_and_runs(project):
+    chemage(project, "check", "tip.toml")
+    result = json.loads(chemage(project, "run", "tip.toml", "--json", "--out", "tip.h5"))
+    assert result["engine"] == "rejection-free"
+    assert result["friction_drop"][-1] > result["friction_drop"][0] >= 0
+    assert (project / "tip.h5").exists()
+
+
+def test_the_python_lines_run(project):
+    (code,) = [code for _, code in BLOCKS if code.startswith("import chemage as ca")]
+    run(project, "-c", code + "\nassert silica.forming is by_name or silica.forming == by_name")
+
+
+def test_the_table_of_roles_is_complete():
+    rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \| (.*?) \|", PAGE, re.MULTILINE)
+    assert [role for role, _, _ in rows] == list(ROLES)
+    for role, name, methods in rows:
+        assert ROLES[role].__name__ == name
+        assert set(re.findall(r"`(\w+)\(", methods)) == set(getattr(ROLES[role], "__abstractmethods__", ()))
+
+
+def test_the_public_modules_are_those_that_the_boundaries_allow():
+    import runpy
+
+    allowed = runpy.run_path(str(Path(__file__).with_name("test_boundaries.py")))["PUBLIC"]
+    (sentence,) = re.findall(r"Use only chemage's public modules: (.*?)\. Their", PAGE, re.DOTALL)
+    assert set(re.findall(r"`([\w.]+)`", sentence)) == allowed
+
+
+def test_every_command_of_the_page_exists():
+    from typer.testing import CliRunner
+
+    from chemage.cli import app
+
+    for command in re.findall(r"^chemage (\w+ \w+)$", PAGE, re.MULTILINE):
+        assert CliRunner().invoke(app, [*command.split(), "--help"]).exit_code == 0, command
