@@ -26,6 +26,7 @@ class BarrierSpectrum(Observable):
     upper: Energy = 2.5
     """upper edge; what lies outside is not counted, so a density integrates to the share of sites inside"""
     bins: int = Field(default=125, ge=1, le=100_000)
+    """bins of equal width between them"""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

@@ -21,6 +21,7 @@ class PressureSpectrum(Observable):
     upper: Pressure = 20.0
     """upper edge of the histogram, which starts at 0; what lies above is not counted"""
     bins: int = Field(default=200, ge=1, le=100_000)
+    """bins of equal width"""
 
     def measure(
         self, contact: ContactSolution, lattice: ReactionLattice, history: BondHistory
