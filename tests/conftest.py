@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 from importlib import metadata
+from pathlib import Path
 from textwrap import dedent
 from typing import NamedTuple
 
@@ -155,3 +156,44 @@ def command(monkeypatch, capsys):
         return Outcome(stop.value.code, printed.out, printed.err)
 
     return call
+
+
+class Tiny:
+    """An installed plugin with a whole experiment of a millisecond, which logs what it computes."""
+
+    def __init__(self, folder):
+        self._log = folder / "computed.log"
+
+    def scene(self, **sections):
+        """Scene data; ``sections`` replace or add whole sections."""
+        return {
+            "name": "tiny",
+            "surface": {"kind": "tiny-tip"},
+            "contact": {"kind": "tiny-even", "load": 10.0},
+            "forming": {"kind": "tiny-flat"},
+            "engine": {"kind": "tiny-coin"},
+            "hold": {"times": [1.0, 10.0, 100.0, 1000.0], "replicas": 2},
+            "fit": {"start": 1.0, "stop": 1e3},
+            **sections,
+        }
+
+    def computed(self, stage=""):
+        """Log lines of a stage (surface, contact, kinetics), in any process, since the last :meth:`forget`."""
+        lines = self._log.read_text().splitlines() if self._log.exists() else []
+        return [line for line in lines if line.startswith(stage)]
+
+    def forget(self):
+        """Start a new log."""
+        self._log.unlink(missing_ok=True)
+
+
+@pytest.fixture
+def tiny(site, tmp_path, monkeypatch):
+    """The plugin ``tests/stubs/chemage_tiny.py``, installed for this test, here and in every process started here."""
+    source = (Path(__file__).parent / "stubs" / "chemage_tiny.py").read_text(encoding="utf-8")
+    site.install("chemage-tiny", {"chemage_tiny.py": source}, {"tiny": "chemage_tiny"})
+    monkeypatch.setenv("PYTHONPATH", str(site.folder))
+    made = Tiny(tmp_path)
+    monkeypatch.setenv("CHEMAGE_TINY_LOG", str(tmp_path / "computed.log"))
+    with registry.using(site.registry()):
+        yield made
