@@ -67,6 +67,9 @@ def run(
     ] = None,
     threads: Annotated[int | None, typer.Option(min=1, help="of a sweep: threads for each point")] = None,
     yes: YesOpt = False,
+    checkpoints: Annotated[
+        Path | None, typer.Option(help="folder to keep contact and replicas in as the run goes, and to go on from")
+    ] = None,
     figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
     as_json: JsonOpt = False,
     force: ForceOpt = False,
@@ -79,6 +82,9 @@ def run(
 
     if is_sweep(scene):
         from chemage import sweep_cli
+
+        if checkpoints is not None:
+            raise _user_error("--checkpoints is for a single run; a sweep goes on from its own folder anyway")
 
         return sweep_cli.run(
             scene,
@@ -103,7 +109,7 @@ def run(
         _preflight_folder(folder, force)
     pictures: list[Path] = []
     with progress_bars() as tell:
-        result = runs.run(one, progress=tell, workers=workers)
+        result = runs.run(one, progress=tell, workers=workers, checkpoints=checkpoints)
         tell("writing", 0, 0)
         store.write(path, result, force=force)
         tell("writing", 1, 1)

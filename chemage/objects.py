@@ -543,6 +543,22 @@ class BondHistory(Record):
         """Bonds formed and broken, together."""
         return int(self.formed[-1] + self.broken[-1])
 
+    def then(self, later: BondHistory) -> BondHistory:
+        """This history and ``later``, which went on from it, as one.
+
+        Raises
+        ------
+        InputError
+            ``later`` has another number of sites or begins before this one ends.
+        """
+        if later.state.size != self.state.size or later.hold_times[0] < self.time:
+            raise InputError.of("later", repr(later), "did not go on from this history", "pass what start=... gave")
+        joined = {
+            name: np.concatenate([getattr(self, name), getattr(later, name)])
+            for name in ("hold_times", "bonds", "formed", "broken")
+        }
+        return BondHistory(**{**later.todict(), **joined})
+
     def __repr__(self) -> str:
         return f"<BondHistory {self.bonds[-1]} bonds at {self.time:g} s after {self.events} events ({self.engine})>"
 

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -151,6 +152,7 @@ def age(
     observe: Sequence[Observable] = (),
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
+    checkpoints: Path | None = None,
 ) -> Aging:
     """Age a contact: ``replicas`` times draw the disorder, run the kinetics to every hold time, count the bonds.
 
@@ -172,6 +174,8 @@ def age(
         Threads that run replicas side by side (default: one a processor). Results do not depend on it.
     progress
         Called with (replicas done, replicas in all).
+    checkpoints
+        A folder in which every replica is kept as it goes; an interrupted call goes on from there, with equal results.
     """
     _expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
     _expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
@@ -186,28 +190,34 @@ def age(
     if workers is not None and workers < 1:
         raise InputError.of("workers", workers, "must be at least 1")
 
-    def replica(number: int) -> tuple[BondHistory, int, dict[str, np.ndarray]]:
+    def replica(number: int) -> _Replica:
         disorder, noise = replica_seeds(seed, number)
         lattice = build_lattice(chemistry, contact, disorder)
-        history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise)
-        return history, lattice.sites.size, _observations(contact, lattice, history, observe)
+        if checkpoints is None:
+            history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise)
+        else:
+            from chemage.checkpoints import run_with_checkpoints
+
+            path = checkpoints / f"replica-{number:05d}.h5"
+            history = run_with_checkpoints(engine, lattice, times, temperature=kelvin, seed=noise, path=path)
+        seen = _observations(contact, lattice, history, observe)
+        return _Replica(history.bonds, history.events, lattice.sites.size, history.engine, seen)
 
     # an engine with threads of its own takes the processors itself
     side_by_side = 1 if engine.threads else min(replicas, workers or available())
     done = list(_in_order(replica, replicas, side_by_side, progress))
-    observables = _stacked([seen for _, _, seen in done])
     return Aging(
         hold_times=times,
-        bonds=np.stack([history.bonds for history, _, _ in done]),
-        sites=np.array([sites for _, sites, _ in done]),
-        events=np.array([history.events for history, _, _ in done]),
+        bonds=np.stack([one.bonds for one in done]),
+        sites=np.array([one.sites for one in done]),
+        events=np.array([one.events for one in done]),
         load=contact.load,
         temperature=kelvin,
         bond_force=chemistry.bond_force,
         front_factor=chemistry.front_factor,
-        engine=done[0][0].engine,
+        engine=done[0].engine,
         contact=contact.summary(),
-        observables=observables,
+        observables=_stacked([one.seen for one in done]),
         provenance={
             "chemistry": chemistry.todict(),
             "engine": engine.todict(),
@@ -215,6 +225,16 @@ def age(
             "contact": contact.provenance,
         },
     )
+
+
+class _Replica(NamedTuple):
+    """What is kept of a finished replica; its lattice and state are not, they would fill the memory."""
+
+    bonds: np.ndarray
+    events: int
+    sites: int
+    engine: str
+    seen: dict[str, np.ndarray]
 
 
 def _in_order(

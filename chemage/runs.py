@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib import metadata
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -140,11 +141,13 @@ def run(
     workers: int | None = None,
     surface: Surface | None = None,
     contact: ContactSolution | None = None,
+    checkpoints: Path | None = None,
 ) -> Run:
     """Carry a scene through every stage it asks for.
 
     ``progress`` is called as stages advance, ``workers`` are threads for replicas. A ``surface`` or ``contact`` already
-    computed for this very scene (its stage key says so) can be handed in.
+    computed for this very scene (its stage key says so) can be handed in. In the folder ``checkpoints`` the contact and
+    every replica are kept as the run goes; an interrupted run goes on from there, with equal results.
     """
     tell = progress or (lambda stage, done, total: None)
     timings: dict[str, float] = {}
@@ -165,7 +168,7 @@ def run(
         if surface is None:
             surface = timed("surface", lambda: make_surface(scene.surface, scene.surface_seed))
         body = surface
-        contact = timed("contact", lambda: solve_contact(scene.contact, body, scene.load))
+        contact = timed("contact", lambda: _solved(scene, body, checkpoints))
     solution, aging = contact, None
     if scene.chemistry is not None and scene.hold is not None and scene.engine is not None:
         chemistry, hold, engine = scene.chemistry, scene.hold, scene.engine
@@ -182,9 +185,31 @@ def run(
                 observe=scene.observe,
                 workers=workers,
                 progress=lambda done, total: tell("ageing", done, total),
+                checkpoints=checkpoints,
             ),
         )
     return Run(scene.todict(), solution, surface, aging, timings, versions(scene), scene.keys(), tuple(scene.cite()))
+
+
+def _solved(scene: Scene, surface: Surface, checkpoints: Path | None) -> ContactSolution:
+    from chemage.store import read_parts, write_parts
+
+    if checkpoints is None:
+        return solve_contact(scene.contact, surface, scene.load)
+    try:
+        checkpoints.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"cannot make the folder {checkpoints}: {error.strerror}") from error
+    path, key = checkpoints / "contact.h5", scene.keys()["contact"]
+    if path.exists():
+        parts, attributes = read_parts(path)
+        found = parts.get("contact")
+        if attributes.get("checkpoint") != key or not isinstance(found, ContactSolution):
+            raise StoreError(f"{checkpoints} holds checkpoints of another scene; choose another folder")
+        return found
+    solution = solve_contact(scene.contact, surface, scene.load)
+    write_parts(path, {"contact": solution}, {"checkpoint": key})
+    return solution
 
 
 def versions(scene: Scene | None = None) -> dict[str, str]:

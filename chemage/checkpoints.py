@@ -1,0 +1,75 @@
+"""Long runs that can be interrupted: a replica's history is put on disk now and then, and taken up again from there.
+
+Going on from a history equals the uninterrupted run bit for bit (engines with ``restart``), so a run cut into pieces
+gives the same bytes as one that was not.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+
+from chemage.errors import InputError, StoreError
+from chemage.objects import BondHistory, ReactionLattice
+from chemage.pipeline import run_kinetics
+from chemage.spec import Engine, Seed, check_times, temperature_value
+
+
+def run_with_checkpoints(
+    engine: Engine,
+    lattice: ReactionLattice,
+    hold_times: np.ndarray,
+    *,
+    temperature: float | str,
+    seed: Seed,
+    path: Path,
+    every: float = 60.0,
+) -> BondHistory:
+    """One replica, written to ``path`` about every ``every`` seconds and at its end, and gone on with if it is there.
+
+    Raises
+    ------
+    InputError
+        The engine cannot go on from a history.
+    StoreError
+        ``path`` holds the checkpoint of another run, or cannot be written.
+    """
+    from chemage.store import read_parts, write_parts
+
+    if not engine.restart:
+        raise InputError(f"engine {engine.kind!r} cannot go on from a history; run it without checkpoints")
+    times, kelvin = check_times(hold_times), temperature_value(temperature)
+    key = _key(engine, lattice, times, kelvin, seed)
+    done: BondHistory | None = None
+    if path.exists():
+        parts, attributes = read_parts(path)
+        found = parts.get("history")
+        if attributes.get("checkpoint") != key or not isinstance(found, BondHistory):
+            raise StoreError(f"{path} is the checkpoint of another run; remove it, or choose another folder")
+        done = found
+    at = 0 if done is None else done.hold_times.size
+    piece = 1
+    written = time.monotonic()
+    while at < times.size:
+        begin = time.monotonic()
+        history = run_kinetics(engine, lattice, times[at : at + piece], temperature=kelvin, seed=seed, start=done)
+        done = history if done is None else done.then(history)
+        at += piece
+        now = time.monotonic()
+        # short pieces are joined, so that starting the engine anew stays a small part of the work
+        piece = piece * 2 if now - begin < every / 8 else max(1, piece // 2)
+        if now - written > every or at >= times.size:
+            write_parts(path, {"history": done}, {"checkpoint": key}, force=True)
+            written = time.monotonic()
+    assert done is not None
+    return done
+
+
+def _key(engine: Engine, lattice: ReactionLattice, times: np.ndarray, temperature: float, seed: Seed) -> str:
+    origin = [str(seed.entropy), list(seed.spawn_key)] if isinstance(seed, np.random.SeedSequence) else int(seed)
+    content = [engine.digest(), lattice.digest(), times.tolist(), temperature, origin]
+    return hashlib.blake2b(json.dumps(content).encode(), digest_size=16).hexdigest()
