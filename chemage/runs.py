@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from chemage.errors import ChemageError, InputError, StoreError
+from chemage.errors import ChemageError, InputError
 from chemage.objects import Aging, ContactSolution, Fit, Record, Surface
 from chemage.pipeline import age, make_surface, solve_contact
 from chemage.scene import Scene
@@ -109,16 +109,16 @@ class Run:
     @classmethod
     def from_parts(cls, parts: Mapping[str, Any], attributes: Mapping[str, Any]) -> Run:
         """The inverse of :meth:`parts` and :meth:`attributes`."""
-        try:
-            fields = {name: json.loads(attributes[name]) for name in ("scene", "timings", "versions", "keys", "cite")}
-            return cls(
-                contact=parts["contact"],
-                surface=parts.get("surface"),
-                aging=parts.get("aging"),
-                **{**fields, "cite": tuple(fields["cite"])},
-            )
-        except (KeyError, ValueError) as error:
-            raise StoreError(f"the file is not a complete run: {error}") from error
+        missing = [name for name in ("scene", "timings", "versions", "keys", "cite") if name not in attributes]
+        if missing or "contact" not in parts:
+            raise ValueError(f"not a complete run, without {', '.join(missing) or 'a contact'}")
+        fields = {name: json.loads(attributes[name]) for name in ("scene", "timings", "versions", "keys", "cite")}
+        return cls(
+            contact=parts["contact"],
+            surface=parts.get("surface"),
+            aging=parts.get("aging"),
+            **{**fields, "cite": tuple(fields["cite"])},
+        )
 
 
 def jsonable(value: Any) -> Any:
