@@ -19,12 +19,13 @@ import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-#: Streams in use. A plugin that draws its own kind of number takes any stream from FIRST_FREE_STREAM to 65535.
+#: Streams in use; engines have KINETICS to KINETICS + 15 between them.
+#: A plugin that draws its own kind of number takes any stream from FIRST_FREE_STREAM to 65535.
 FORMING = 1
 BREAKING = 2
 HYDROXYLATION = 3
 PAIR = 4
-KINETICS = 5
+KINETICS = 16
 FIRST_FREE_STREAM = 256
 
 LAST_STREAM = 0xFFFF

@@ -18,8 +18,9 @@ import math
 
 import numpy as np
 
-from chemage.random import KINETICS, uniform_pair
+from chemage.random import uniform_pair
 from chemage_kinetics._common import (
+    STREAMS,
     COLDEST,
     count_flip,
     count_sojourn,
@@ -47,6 +48,7 @@ SHARE = 1.0 / math.log(2.0)
 SCALE = np.ldexp(1.0, -np.arange(CLASSES))
 
 HIGH, LOW = 0, 1
+STREAM = STREAMS["bkl"]
 EVENT, HOLD, LAST, DONE, FIRST_GROUP, LAST_GROUP = 0, 1, 2, 3, 4, 5
 
 _POS = np.int64(0xFFFFFFFF)
@@ -368,7 +370,7 @@ def advance(
         if total <= 0.0:
             done = True
             break
-        u, v = uniform_pair(k0, k1, KINETICS, event, 0)
+        u, v = uniform_pair(k0, k1, STREAM, event, 0)
         step = -math.log(u) / (nu * total)
         if high + step > 2.0 * final + 1.0:
             done = True
@@ -382,7 +384,7 @@ def advance(
         while past(high, low, hold_times[hold]):
             hold += 1
         c = _pick_class(v * total, counts, weights, counters)
-        u, v = uniform_pair(k0, k1, KINETICS, event, 1)
+        u, v = uniform_pair(k0, k1, STREAM, event, 1)
         i = np.int64(arena[first[c] + min(np.int64(u * counts[c]), counts[c] - 1)])
         prefetch(neighbours, i, i + 1)
         prefetch(coupling, i, i + 1)
@@ -422,7 +424,7 @@ def advance(
         if leave_here * FLICKER < rate_here:
             rng[0] = k0
             rng[1] = k1
-            rng[2] = np.uint64(KINETICS)
+            rng[2] = np.uint64(STREAM)
             rng[3] = np.uint64(event - 1)
             rng[4] = np.uint64(2)  # blocks 0 and 1 were the attempt's own
             span = until(high, low, hold_times[hold])

@@ -18,10 +18,11 @@ import math
 import numba as nb
 import numpy as np
 from llvmlite import ir
+from llvmlite.ir import Constant
 from numba.core import types
 from numba.extending import intrinsic
 
-from chemage.random import uniform_pair
+from chemage.random import KINETICS, uniform_pair
 
 #: Fixed-point units in an electronvolt.
 UNITS_PER_EV = 2.0**40
@@ -32,6 +33,9 @@ LARGEST_COUPLING = 2.0**15
 COLDEST = 745.0
 #: Event counts stop here instead of overflowing.
 MOST = np.int64(2**62)
+
+#: Each engine has its own random numbers, so that two engines on one seed are independent samples.
+STREAMS = {"rejection-free": KINETICS, "bkl": KINETICS + 1, "next-reaction": KINETICS + 2, "independent": KINETICS + 3}
 
 _HUGE = 2.0**50
 
@@ -54,6 +58,23 @@ def _prefetch(typingctx, address):  # noqa: ARG001
         return context.get_dummy_value()
 
     return types.void(types.uintp), codegen
+
+
+@intrinsic
+def bare(typingctx, array):  # noqa: ARG001
+    """The same array without its owner, so that passing it about inside a kernel counts no references.
+
+    Numba counts them by atomic operations, which cost more than half of the time of an event where it cannot see that
+    they cancel. Only for arguments of the running function: its caller keeps them alive.
+    """
+
+    def codegen(context, builder, signature, args):
+        view = context.make_array(signature.args[0])(context, builder, args[0])
+        view.meminfo = Constant(view.meminfo.type, None)
+        view.parent = Constant(view.parent.type, None)
+        return view._getvalue()
+
+    return array(array), codegen
 
 
 @jit

@@ -96,6 +96,14 @@ class Job:
             return int(self.start.resume[name][0])
         return 0
 
+    def carried_array(self, name: str, otherwise: np.ndarray) -> np.ndarray:
+        """An array of the history to go on from, whatever engine or lattice it had; ``otherwise`` where it has none."""
+        if isinstance(self.start, BondHistory):
+            found = self.start.resume.get(name)
+            if found is not None and found.shape == otherwise.shape and found.dtype == otherwise.dtype:
+                return np.array(found)
+        return otherwise
+
     @property
     def k0(self) -> np.uint64:
         return np.uint64(self.key[0])

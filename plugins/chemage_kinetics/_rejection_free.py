@@ -12,8 +12,10 @@ import math
 
 import numpy as np
 
-from chemage.random import KINETICS, uniform_pair
+from chemage.random import uniform_pair
 from chemage_kinetics._common import (
+    STREAMS,
+    bare,
     count_flip,
     count_sojourn,
     fixed_barrier,
@@ -35,6 +37,7 @@ FLICKER = 8.0
 
 #: What the clock array (float64) and the counter array (int64) hold between calls.
 HIGH, LOW = 0, 1
+STREAM = STREAMS["rejection-free"]
 EVENT, HOLD, LAST, DONE = 0, 1, 2, 3
 
 
@@ -226,9 +229,30 @@ def advance(
     tally: (m, 3) int64, bonds formed, broken, and the difference, between the hold time before and this one. ``words``,
     ``tree``, ``clock`` and ``counters`` carry the state from call to call.
     """
-    dirty = np.empty(neighbours.shape[1] + 2, np.int64)
+    dirty = np.empty(neighbours.shape[1] + 1, np.int64)
     near = np.empty((neighbours.shape[1], 2), np.int64)
-    rng = np.empty(5, np.uint64)
+    _advance(
+        k0, k1, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins, words, tree, starts, clock,
+        counters, tally, events, dirty, near, np.empty(5, np.uint64),
+    )
+
+
+@jit
+def _advance(
+    k0, k1, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins, words, tree, starts, clock,
+    counters, tally, events, dirty, near, rng,
+):
+    neighbours = bare(neighbours)
+    coupling = bare(coupling)
+    breaking = bare(breaking)
+    hold_times = bare(hold_times)
+    words = bare(words)
+    tree = bare(tree)
+    starts = bare(starts)
+    tally = bare(tally)
+    dirty = bare(dirty)
+    near = bare(near)
+    rng = bare(rng)
     high = clock[HIGH]
     low = clock[LOW]
     event = counters[EVENT]
@@ -241,7 +265,7 @@ def advance(
         if total <= 0.0:
             done = True
             break
-        u, v = uniform_pair(k0, k1, KINETICS, event, 0)
+        u, v = uniform_pair(k0, k1, STREAM, event, 0)
         step = -math.log(u) / total
         if high + step > 2.0 * final + 1.0:
             done = True
@@ -278,7 +302,7 @@ def advance(
         if leave_here * FLICKER < rate_here:
             rng[0] = k0
             rng[1] = k1
-            rng[2] = np.uint64(KINETICS)
+            rng[2] = np.uint64(STREAM)
             rng[3] = np.uint64(event - 1)
             rng[4] = np.uint64(1)  # block 0 was the event's own
             span = until(high, low, hold_times[hold])

@@ -1,0 +1,605 @@
+"""Kernel of the next-reaction method, patch by patch.
+
+Sites interact along the neighbour graph only, so its connected patches evolve independently: each is followed to the end
+on its own, in a small working set, on any thread. Every site has the time of its next event; in the heap of a patch are
+only those before the last hold time. All random numbers of a site come from its own counter (pixel, draw), so neither
+the order of the patches nor the number of threads can be seen in the result.
+
+When a neighbour's event changes a site's rate from r to r', its pending time moves from t + d to t + d r / r' (Gibson &
+Bruck 2000): the exponential of the change in barrier, no logarithm and no random number.
+
+The queue is lazy. Sites are sorted once into buckets of time, four to an octave, and only the bucket at hand is a heap,
+small enough for the nearest cache. A time that moves later leaves its entry, in a bucket or in the heap, where it is:
+entries are lower bounds, and are corrected when their turn comes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from chemage.random import uniform
+from chemage_kinetics._common import (
+    STREAMS,
+    bare,
+    count_flip,
+    count_sojourn,
+    fixed_barrier,
+    fixed_coupling,
+    hot,
+    jit,
+    later,
+    past,
+    prefetch,
+    rate,
+    sojourn,
+    until,
+)
+
+#: A site is treated as a two-state chain when it flips more than this many times before anything else near it happens.
+FLICKER = 8.0
+#: Draws below this number are single uniforms of a site, above it the private sequences of sojourns.
+_SOJOURN_BLOCKS = np.uint64(1 << 40)
+
+#: Buckets of time: four to an octave, this many back from the last hold time; all that is earlier is the first one.
+BUCKETS = 256
+#: How many sites ahead a list of scattered sites is fetched.
+AHEAD = 12
+
+HIGH, LOW = 0, 1
+STREAM = STREAMS["next-reaction"]
+
+
+@jit
+def find_patches(neighbours, order, starts, label):
+    """Connected patches by breadth-first search; returns their number.
+
+    order: (n,) int32, sites patch by patch; starts: (n + 1,) int64, where each patch begins in ``order``; label: (n,)
+    int32 scratch of zeros.
+    """
+    n, k = neighbours.shape
+    patches = 0
+    filled = 0
+    for seed in range(n):
+        if label[seed]:
+            continue
+        starts[patches] = filled
+        patches += 1
+        label[seed] = 1
+        order[filled] = seed
+        read = filled
+        filled += 1
+        while read < filled:
+            i = np.int64(order[read])
+            read += 1
+            for s in range(k):
+                j = np.int64(neighbours[i, s])
+                if j >= 0 and not label[j]:
+                    label[j] = 1
+                    order[filled] = j
+                    filled += 1
+    starts[patches] = filled
+    return patches
+
+
+@hot
+def _before(high, low, site, other_high, other_low, other_site):
+    return high < other_high or (
+        high == other_high and (low < other_low or (low == other_low and site < other_site))
+    )
+
+
+@hot
+def _rise(keys, sites, place, at, high, low, site):
+    """Put an entry at heap position ``at`` or above, where it belongs."""
+    while at > 0:
+        above = (at - 1) >> 2
+        if not _before(high, low, site, keys[above, 0], keys[above, 1], sites[above]):
+            break
+        keys[at, 0] = keys[above, 0]
+        keys[at, 1] = keys[above, 1]
+        sites[at] = sites[above]
+        place[sites[at]] = at
+        at = above
+    keys[at, 0] = high
+    keys[at, 1] = low
+    sites[at] = site
+    place[site] = at
+
+
+@hot
+def _sink(keys, sites, place, size, at, high, low, site):
+    """Put an entry at heap position ``at`` or below, where it belongs."""
+    while True:
+        child = 4 * at + 1
+        if child >= size:
+            break
+        best = child
+        best_high = keys[child, 0]
+        for c in range(child + 1, min(child + 4, size)):
+            if keys[c, 0] <= best_high and _before(
+                keys[c, 0], keys[c, 1], sites[c], keys[best, 0], keys[best, 1], sites[best]
+            ):
+                best = c
+                best_high = keys[c, 0]
+        if not _before(keys[best, 0], keys[best, 1], sites[best], high, low, site):
+            break
+        keys[at, 0] = keys[best, 0]
+        keys[at, 1] = keys[best, 1]
+        sites[at] = sites[best]
+        place[sites[at]] = at
+        at = best
+    keys[at, 0] = high
+    keys[at, 1] = low
+    sites[at] = site
+    place[site] = at
+
+
+@jit
+def _drop(keys, sites, place, size, site):
+    """Take a site out of the heap; returns the new size."""
+    at = np.int64(place[site])
+    if at < 0:
+        return size
+    place[site] = -1
+    size -= 1
+    if at < size:
+        high = keys[size, 0]
+        low = keys[size, 1]
+        moved = np.int64(sites[size])
+        if at > 0 and _before(high, low, moved, keys[(at - 1) >> 2, 0], keys[(at - 1) >> 2, 1], sites[(at - 1) >> 2]):
+            _rise(keys, sites, place, at, high, low, moved)
+        else:
+            _sink(keys, sites, place, size, at, high, low, moved)
+    return size
+
+
+@hot
+def _bucket(time, base, scratch):
+    """The bucket of a time: exponent and two leading bits of a positive double, counted from ``base``.
+
+    ``scratch`` is a pair of views, as float64 and int64, of one number.
+    """
+    scratch[0][0] = time
+    number = (scratch[1][0] >> 50) - base
+    return min(max(number, 0), BUCKETS - 1)
+
+
+@hot
+def _rehome(site, bucket, chain, home, heads):
+    """Enter a site in a bucket to come. False where it stands in the chain of a later one and cannot be."""
+    if home[site] < 0:
+        home[site] = bucket
+        chain[site] = heads[bucket]
+        heads[bucket] = site
+        return True
+    return home[site] <= bucket
+
+
+@hot
+def _valid_top(keys, sites, place, size, times, final, present, base, scratch, chain, home, heads):
+    """Correct the entries at the top until the first is right; returns the size."""
+    while size > 0:
+        site = np.int64(sites[0])
+        high = times[site, 0]
+        low = times[site, 1]
+        if high == keys[0, 0] and low == keys[0, 1]:
+            break
+        gone = past(high, low, final)
+        if not gone:
+            bucket = _bucket(high, base, scratch)
+            gone = bucket > present and _rehome(site, bucket, chain, home, heads)
+        if gone:
+            place[site] = -1
+            size -= 1
+            if size > 0:
+                _sink(keys, sites, place, size, 0, keys[size, 0], keys[size, 1], np.int64(sites[size]))
+        else:
+            _sink(keys, sites, place, size, 0, high, low, site)
+    return size
+
+
+@hot
+def _offer(keys, sites, place, size, times, site, final, present, base, scratch, chain, home, heads):
+    """See that the queue knows of a pending time that is new or earlier than it was; returns the size of the heap."""
+    high = times[site, 0]
+    low = times[site, 1]
+    at = np.int64(place[site])
+    if at >= 0:
+        if _before(high, low, site, keys[at, 0], keys[at, 1], site):
+            _rise(keys, sites, place, at, high, low, site)
+        return size
+    if past(high, low, final):
+        return size
+    bucket = _bucket(high, base, scratch)
+    if bucket > present and _rehome(site, bucket, chain, home, heads):
+        return size
+    _rise(keys, sites, place, size, high, low, site)
+    return size + 1
+
+
+@jit
+def _open(
+    sorted_sites, begin, end, bucket, keys, sites, place, size, times, final, base, scratch, chain, home, heads
+):
+    """Take the entries of one bucket into the heap; returns its size."""
+    at = begin
+    link = np.int64(heads[bucket])
+    heads[bucket] = -1
+    while at < end or link >= 0:
+        if at < end:
+            site = np.int64(sorted_sites[at])
+            at += 1
+            if at + AHEAD < end:
+                prefetch(times, sorted_sites[at + AHEAD], sorted_sites[at + AHEAD] + 1)
+                prefetch(place, sorted_sites[at + AHEAD], sorted_sites[at + AHEAD] + 1)
+        else:
+            site = link
+            link = np.int64(chain[site])
+            home[site] = -1
+        if place[site] < 0:
+            size = _offer(keys, sites, place, size, times, site, final, bucket, base, scratch, chain, home, heads)
+    return size
+
+
+@jit
+def _sort(order, begin, end, times, final, base, scratch, ends, room):
+    """Sort the sites of a patch by bucket, those with no event before ``final`` last; ``ends`` (BUCKETS + 1,) where
+    each bucket ends."""
+    counts = np.zeros(BUCKETS + 2, np.int64)
+    for o in range(begin, end):
+        i = np.int64(order[o])
+        if o + AHEAD < end:
+            prefetch(times, order[o + AHEAD], order[o + AHEAD] + 1)
+        room[o - begin] = i
+        if past(times[i, 0], times[i, 1], final):
+            counts[BUCKETS + 1] += 1
+        else:
+            counts[_bucket(times[i, 0], base, scratch) + 1] += 1
+    counts[0] = begin
+    for b in range(BUCKETS + 1):
+        counts[b + 1] += counts[b]
+    for o in range(end - begin):
+        i = np.int64(room[o])
+        if o + AHEAD < end - begin:
+            prefetch(times, room[o + AHEAD], room[o + AHEAD] + 1)
+        b = BUCKETS if past(times[i, 0], times[i, 1], final) else _bucket(times[i, 0], base, scratch)
+        order[counts[b]] = i
+        counts[b] += 1
+    ends[:] = counts[: BUCKETS + 1]
+
+
+@hot
+def _draw(k0, k1, site, pixel, words, breaking, nu, per_unit, high, low, times, draws):
+    """A new pending time for a site, from the instant high + low on. Infinite where the rate is zero."""
+    word = words[site]
+    if word & 1 == 0:
+        barrier = word >> 1
+    elif breaking.size > 0:
+        barrier = fixed_barrier(breaking[site])
+    else:
+        times[site, 0] = np.inf
+        times[site, 1] = 0.0
+        return
+    draw = draws[site]
+    draws[site] = draw + 1
+    wait = -math.log(uniform(k0, k1, STREAM, pixel, draw)) / nu
+    if barrier > 0:
+        wait *= math.exp(barrier * per_unit)
+    if wait > 1.0e300:
+        times[site, 0] = np.inf
+        times[site, 1] = 0.0
+        return
+    times[site, 0], times[site, 1] = later(high, low, wait)
+
+
+@jit
+def draw_times(k0, k1, pixels, words, breaking, nu, per_unit, clock, times, draws):
+    """First pending times of all sites, from the instant ``clock`` on."""
+    for i in range(words.size):
+        _draw(k0, k1, i, pixels[i], words, breaking, nu, per_unit, clock[HIGH], clock[LOW], times, draws)
+
+
+@hot
+def _own_rate(site, words, breaking, nu, per_unit):
+    word = words[site]
+    if word & 1 == 0:
+        return rate(word >> 1, nu, per_unit)
+    if breaking.size > 0:
+        return rate(fixed_barrier(breaking[site]), nu, per_unit)
+    return 0.0
+
+
+@jit
+def _around(site, words, neighbours, breaking, nu, per_unit):
+    """Total rate of a site's neighbours."""
+    total = 0.0
+    for s in range(neighbours.shape[1]):
+        j = np.int64(neighbours[site, s])
+        if j >= 0:
+            total += _own_rate(j, words, breaking, nu, per_unit)
+    return total
+
+
+@hot
+def _turn(
+    site, high, low, words, neighbours, coupling, breaking, nu, per_unit, times, draws, k0, k1, pixels, final, sooner
+):
+    """Flip a site and move its neighbours' energies and pending times; the site's own time is not drawn.
+
+    Returns how many neighbours ``sooner`` lists: those whose time came forward, or came to lie before ``final``.
+    """
+    word = words[site] ^ 1
+    words[site] = word
+    sign = 1 if word & 1 else -1
+    found = 0
+    for s in range(neighbours.shape[1]):
+        # Asked for in a short loop of its own, so that the latencies overlap.
+        j = np.int64(neighbours[site, s])
+        if j >= 0:
+            prefetch(words, j, j + 1)
+            prefetch(times, j, j + 1)
+    for s in range(neighbours.shape[1]):
+        j = np.int64(neighbours[site, s])
+        if j < 0:
+            continue
+        shift = sign * fixed_coupling(coupling[site, s])
+        old = words[j]
+        words[j] = old + 2 * shift
+        if old & 1 or shift == 0:
+            continue
+        before = old >> 1
+        change = max(before + shift, 0) - max(before, 0)
+        left = (times[j, 0] - high) + (times[j, 1] - low)
+        if left < 1.0e300:
+            left *= math.exp(change * per_unit)
+            late = times[j, 0] > final
+            if left < 1.0e300:
+                times[j, 0], times[j, 1] = later(high, low, max(left, 0.0))
+            else:
+                times[j, 0] = np.inf
+                times[j, 1] = 0.0
+            if change < 0 or (late and times[j, 0] <= final):
+                sooner[found] = j
+                found += 1
+        else:
+            # It had no event before the end of time: nothing is known of it, and the exponential forgets.
+            _draw(k0, k1, j, pixels[j], words, breaking, nu, per_unit, high, low, times, draws)
+            sooner[found] = j
+            found += 1
+    return found
+
+
+@jit
+def _correct(keys, sites, place, size, times, final, present, base, scratch, chain, home, heads):
+    return _valid_top(keys, sites, place, size, times, final, present, base, scratch, chain, home, heads)
+
+
+@jit
+def _offer_cold(keys, sites, place, size, times, site, final, present, base, scratch, chain, home, heads):
+    return _offer(keys, sites, place, size, times, site, final, present, base, scratch, chain, home, heads)
+
+
+@jit
+def _draw_cold(k0, k1, site, pixel, words, breaking, nu, per_unit, high, low, times, draws):
+    _draw(k0, k1, site, pixel, words, breaking, nu, per_unit, high, low, times, draws)
+
+
+@jit
+def _stay(
+    rng, i, high, low, span, limit, rate_here, rate_back, around_here, around_back, words, neighbours, coupling,
+    breaking, nu, per_unit, times, draws, k0, k1, pixels, tally, hold,
+):
+    """Follow site i as a two-state chain for ``span`` seconds at most, and draw the pending times around it anew."""
+    spent, exited, other, out_here, out_there = sojourn(rng, rate_here, rate_back, around_here, around_back, span)
+    count_sojourn(tally, hold, words[i], out_here, out_there, other)
+    high, low = later(high, low, spent)
+    if past(high, low, limit):
+        high = limit
+        low = 0.0
+    if other:
+        words[i] ^= 1
+        sign = 2 if words[i] & 1 else -2
+        for s in range(neighbours.shape[1]):
+            j = np.int64(neighbours[i, s])
+            if j >= 0:
+                words[j] += sign * fixed_coupling(coupling[i, s])
+    chosen = -1
+    if exited:
+        chosen = _choose(i, uniform(k0, k1, STREAM, pixels[i], draws[i]), words, neighbours, breaking, nu, per_unit)
+        draws[i] += 1
+    # Given that nothing around it has fired, the pending times are exponential anew.
+    _draw_cold(k0, k1, i, pixels[i], words, breaking, nu, per_unit, high, low, times, draws)
+    for s in range(neighbours.shape[1]):
+        j = np.int64(neighbours[i, s])
+        if j >= 0:
+            _draw_cold(k0, k1, j, pixels[j], words, breaking, nu, per_unit, high, low, times, draws)
+    if chosen >= 0:
+        times[chosen, 0] = high
+        times[chosen, 1] = low
+
+
+@jit
+def _choose(site, u, words, neighbours, breaking, nu, per_unit):
+    """The neighbour whose event ended a sojourn, by its rate."""
+    target = u * _around(site, words, neighbours, breaking, nu, per_unit)
+    chosen = -1
+    for s in range(neighbours.shape[1]):
+        j = np.int64(neighbours[site, s])
+        if j >= 0:
+            w = _own_rate(j, words, breaking, nu, per_unit)
+            if w > 0.0:
+                chosen = j
+                if target < w:
+                    break
+                target -= w
+    return chosen
+
+
+@jit
+def _drop_around(keys, sites, place, size, i, neighbours):
+    size = _drop(keys, sites, place, size, i)
+    for s in range(neighbours.shape[1]):
+        if neighbours[i, s] >= 0:
+            size = _drop(keys, sites, place, size, np.int64(neighbours[i, s]))
+    return size
+
+
+@jit
+def follow(
+    k0, k1, pixels, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins,
+    order, starts, first, last, words, times, draws, place, chain, home, tally, events,
+):
+    """Follow the patches ``first`` to ``last`` - 1 to the last hold time, or for about ``events`` events.
+
+    times: (n, 2) float64 pending times as pairs; draws: (n,) int64 numbers drawn so far; place, chain: (n,) int32 and
+    home: (n,) int16, a site's place in the heap, the next in its bucket, and that bucket; tally: (m, 3) int64, as for
+    the direct method. Returns the first patch not finished: its queue is made again from ``times`` when it is taken up,
+    so nothing else needs to be kept.
+    """
+    most = 0
+    for p in range(first, last):
+        most = max(most, starts[p + 1] - starts[p])
+    # The heap rarely holds more than a small part of a patch; what is never written takes no memory.
+    keys = np.empty((most + 1, 2))
+    sites = np.empty(most + 1, np.int32)
+    return _follow(
+        k0, k1, pixels, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins, order, starts, first,
+        last, words, times, draws, place, chain, home, tally, events, keys, sites, np.empty(most, np.int32),
+        np.empty(neighbours.shape[1], np.int64), np.empty(BUCKETS + 1, np.int64), np.empty(BUCKETS, np.int64),
+        np.empty(1), np.empty(5, np.uint64),
+    )
+
+
+@jit
+def _follow(
+    k0, k1, pixels, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins, order, starts, first, last,
+    words, times, draws, place, chain, home, tally, events, keys, sites, room, sooner, ends, heads, number, rng,
+):
+    pixels = bare(pixels)
+    neighbours = bare(neighbours)
+    coupling = bare(coupling)
+    breaking = bare(breaking)
+    hold_times = bare(hold_times)
+    order = bare(order)
+    words = bare(words)
+    times = bare(times)
+    draws = bare(draws)
+    place = bare(place)
+    chain = bare(chain)
+    home = bare(home)
+    tally = bare(tally)
+    keys = bare(keys)
+    sites = bare(sites)
+    sooner = bare(sooner)
+    heads = bare(heads)
+    rng = bare(rng)
+    scratch = (bare(number), bare(number.view(np.int64)))
+    final = hold_times[hold_times.size - 1]
+    slots = neighbours.shape[1]
+    number[0] = final
+    base = (scratch[1][0] >> 50) - (BUCKETS - 1)
+    for p in range(first, last):
+        _sort(order, starts[p], starts[p + 1], times, final, base, scratch, ends, room)
+        for o in range(starts[p], starts[p + 1]):
+            place[order[o]] = -1
+            home[order[o]] = -1
+        heads[:] = -1
+        size = 0
+        hold = 0
+        present = -1
+        aside = np.int64(-1)
+        high = low = span = 0.0
+        rate_here = rate_back = around_here = around_back = 0.0
+        while True:
+            size = _valid_top(keys, sites, place, size, times, final, present, base, scratch, chain, home, heads)
+            # The heap may hold entries of buckets to come; they wait until theirs is open.
+            if present < BUCKETS - 1 and (size == 0 or _bucket(keys[0, 0], base, scratch) > present):
+                present += 1
+                begin = ends[present - 1] if present > 0 else starts[p]
+                if ends[present] > begin or heads[present] >= 0:
+                    size = _open(
+                        order, begin, ends[present], present, keys, sites, place, size, times, final, base, scratch,
+                        chain, home, heads,
+                    )
+                    if aside >= 0:
+                        size = _drop_around(keys, sites, place, size, aside, neighbours)
+                continue
+            if aside >= 0:
+                # Now the next event elsewhere in the patch is known: follow the site set aside until then, or until a
+                # neighbour's event, or the next hold time.
+                i = aside
+                aside = np.int64(-1)
+                if size > 0:
+                    span = min(span, (keys[0, 0] - high) + (keys[0, 1] - low))
+                if span * min(rate_here, rate_back) >= FLICKER:
+                    rng[0] = k0
+                    rng[1] = k1
+                    rng[2] = np.uint64(STREAM)
+                    rng[3] = np.uint64(pixels[i])
+                    rng[4] = _SOJOURN_BLOCKS + np.uint64(draws[i] * 4096)
+                    draws[i] += 1
+                    _stay(
+                        rng, i, high, low, span, hold_times[hold], rate_here, rate_back, around_here, around_back,
+                        words, neighbours, coupling, breaking, nu, per_unit, times, draws, k0, k1, pixels, tally, hold,
+                    )
+                size = _offer_cold(keys, sites, place, size, times, i, final, present, base, scratch, chain, home, heads)
+                for s in range(slots):
+                    j = np.int64(neighbours[i, s])
+                    if j >= 0:
+                        size = _offer_cold(
+                            keys, sites, place, size, times, j, final, present, base, scratch, chain, home, heads
+                        )
+                continue
+            if size == 0:
+                break
+            if events <= 0:
+                return p
+            events -= 1
+            i = np.int64(sites[0])
+            if size > 1:
+                # The next event is the first of the four below the top, most likely: have its memory brought in.
+                after = 1
+                for c in range(2, min(5, size)):
+                    if keys[c, 0] < keys[after, 0]:
+                        after = c
+                j = np.int64(sites[after])
+                prefetch(neighbours, j, j + 1)
+                prefetch(coupling, j, j + 1)
+                prefetch(words, j, j + 1)
+                prefetch(times, j, j + 1)
+                prefetch(draws, j, j + 1)
+                prefetch(pixels, j, j + 1)
+                if breaking.size > 0:
+                    prefetch(breaking, j, j + 1)
+            high = times[i, 0]
+            low = times[i, 1]
+            while past(high, low, hold_times[hold]):
+                hold += 1
+            watch = superbasins and breaking.size > 0
+            rate_back = 0.0
+            around_back = 0.0
+            if watch:
+                rate_back = _own_rate(i, words, breaking, nu, per_unit)
+                around_back = _around(i, words, neighbours, breaking, nu, per_unit)
+            found = _turn(
+                i, high, low, words, neighbours, coupling, breaking, nu, per_unit, times, draws, k0, k1, pixels, final,
+                sooner,
+            )
+            count_flip(tally, hold, words[i])
+            _draw(k0, k1, i, pixels[i], words, breaking, nu, per_unit, high, low, times, draws)
+            for s in range(found):
+                size = _offer(
+                    keys, sites, place, size, times, sooner[s], final, present, base, scratch, chain, home, heads
+                )
+            if watch:
+                # Does the site flip far more often than anything around it? Then set it and its neighbours aside.
+                rate_here = _own_rate(i, words, breaking, nu, per_unit)
+                around_here = _around(i, words, neighbours, breaking, nu, per_unit)
+                slower = min(rate_here, rate_back)
+                span = until(high, low, hold_times[hold])
+                if FLICKER * max(around_here, around_back) <= slower and FLICKER <= span * slower:
+                    aside = i
+                    size = _drop_around(keys, sites, place, size, i, neighbours)
+    return last

@@ -1,0 +1,102 @@
+"""Engine ``next-reaction``: every site has its own clock; patches are followed one by one, on any number of threads."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from chemage.spec import Engine
+from chemage_kinetics import _next_reaction as kernel
+from chemage_kinetics._driver import SLICE, Job
+
+if TYPE_CHECKING:
+    from chemage.objects import BondHistory, ReactionLattice
+    from chemage.spec import Seed
+
+#: Sites in a piece of work: small enough to share out evenly, large enough to forget the call.
+PIECE = 20_000
+
+
+class NextReaction(Engine):
+    """Next-reaction method (Gibson & Bruck 2000), patch by patch, with a counter of random numbers for every site.
+
+    The trajectory is the same to the last bit on any number of threads. Memory: 41 to 61 bytes a site besides the
+    lattice.
+    """
+
+    kind = "next-reaction"
+    cite = ("Gibson and Bruck, J. Phys. Chem. A 104, 1876 (2000), doi:10.1021/jp993732q",)
+    threads: ClassVar[bool] = True
+
+    workers: int = Field(default=1, ge=0)
+    """threads to follow patches on; 0 takes one for each processor this process may use"""
+    superbasins: bool = False
+    """follow a site that flips to and fro as an absorbing two-state chain (exact; Novotny 1995)"""
+
+    def _run(
+        self, lattice: ReactionLattice, hold_times: np.ndarray, temperature: float, seed: Seed,
+        start: BondHistory | np.ndarray | None,
+    ) -> BondHistory:
+        job = Job(self.kind, lattice, hold_times, temperature, seed, start)
+        n = lattice.sites.size
+        words = job.words()
+        place = np.zeros(n, np.int32)
+        order = np.empty(n, np.int32)
+        chain = np.empty(n, np.int32)
+        home = np.empty(n, np.int16)
+        starts = np.empty(n + 1, np.int64)
+        patches = kernel.find_patches(job.neighbours, order, starts, place)
+        starts = starts[: patches + 1].copy()
+        if job.resume is not None:
+            times, draws = np.array(job.resume["times"]), np.array(job.resume["draws"])
+        else:
+            times, draws = np.empty((n, 2)), job.carried_array("draws", np.zeros(n, np.int64))
+            clock = np.array([job.time, 0.0])
+            kernel.draw_times(
+                job.k0, job.k1, lattice.sites, words, job.breaking, job.nu, job.per_unit, clock, times, draws
+            )
+        stop = Event()
+
+        def follow(piece: tuple[int, int]) -> np.ndarray:
+            tally = np.zeros_like(job.tally)
+            first, last = piece
+            while first < last and not stop.is_set():
+                first = kernel.follow(
+                    job.k0, job.k1, lattice.sites, job.neighbours, job.coupling, job.breaking, job.nu, job.per_unit,
+                    job.hold_times, self.superbasins, order, starts, first, last, words, times, draws, place, chain, home,
+                    tally, SLICE,
+                )
+            return tally
+
+        pieces = _pieces(starts)
+        workers = min(self.workers or len(os.sched_getaffinity(0)), len(pieces))
+        if workers > 1:
+            with ThreadPoolExecutor(workers) as pool:
+                try:
+                    for tally in pool.map(follow, pieces):
+                        job.tally += tally
+                except BaseException:
+                    stop.set()
+                    raise
+        else:
+            for piece in pieces:
+                job.tally += follow(piece)
+        return job.history((words & 1).astype(np.bool_), times=times, draws=draws)
+
+
+def _pieces(starts: np.ndarray) -> list[tuple[int, int]]:
+    """Runs of patches of about PIECE sites, the largest first, as (first patch, patch after the last)."""
+    pieces = []
+    first = 0
+    patches = starts.size - 1
+    while first < patches:
+        last = int(np.searchsorted(starts, starts[first] + PIECE, side="right")) - 1
+        last = min(max(last, first + 1), patches)
+        pieces.append((first, last))
+        first = last
+    return sorted(pieces, key=lambda piece: int(starts[piece[0]] - starts[piece[1]]))
