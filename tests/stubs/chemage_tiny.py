@@ -8,8 +8,9 @@ import time
 from pathlib import Path
 from typing import ClassVar
 
-import chemage
 import numpy as np
+
+import chemage
 from chemage.errors import InputError
 from chemage.objects import BondHistory, ContactSolution, Surface
 from chemage.spec import Barriers, ContactSolver, Engine, SurfaceMaker
