@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from chemage.errors import ChemageError, InputError
+from chemage.errors import ChemageError, InputError, StoreError
 from chemage.objects import Aging, ContactSolution, Fit, Record, Surface
 from chemage.pipeline import age, make_surface, solve_contact
 from chemage.scene import Scene
@@ -111,8 +111,11 @@ class Run:
         """The inverse of :meth:`parts` and :meth:`attributes`."""
         missing = [name for name in ("scene", "timings", "versions", "keys", "cite") if name not in attributes]
         if missing or "contact" not in parts:
-            raise ValueError(f"not a complete run, without {', '.join(missing) or 'a contact'}")
-        fields = {name: json.loads(attributes[name]) for name in ("scene", "timings", "versions", "keys", "cite")}
+            raise StoreError(f"not a complete run: without {', '.join(missing) or 'a contact'}")
+        try:
+            fields = {name: json.loads(attributes[name]) for name in ("scene", "timings", "versions", "keys", "cite")}
+        except ValueError as error:
+            raise StoreError(f"not a complete run: {error}") from error
         return cls(
             contact=parts["contact"],
             surface=parts.get("surface"),
