@@ -262,7 +262,10 @@ def read(path: str | os.PathLike[str]) -> Any:
     if "scene" in attributes:
         from chemage.runs import Run
 
-        return Run.from_parts(parts, attributes)
+        try:
+            return Run.from_parts(parts, attributes)
+        except StoreError as error:
+            raise StoreError(f"{source}: {error}") from error
     if len(parts) != 1:
         raise StoreError(f"{source} holds {', '.join(parts) or 'nothing'}; expected one object or a run")
     return next(iter(parts.values()))
@@ -283,14 +286,25 @@ def is_ours(path: Path) -> bool:
 
 
 @contextlib.contextmanager
+def _damaged(path: Path) -> Iterator[None]:
+    """What h5py raises on a damaged file depends on which byte is wrong."""
+    try:
+        yield
+    except StoreError:
+        raise
+    except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        raise StoreError(f"{path} is damaged: {' '.join(str(error).split())}") from error
+
+
+@contextlib.contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     import h5py
 
     try:
         file = h5py.File(path, "r")
-    except OSError as error:
+    except (OSError, KeyError) as error:
         raise StoreError(f"{path} cannot be read: it is damaged or was cut short ({error})") from error
-    with file:
+    with _damaged(path), file:
         yield file
 
 
@@ -302,22 +316,14 @@ def read_parts(path: str | os.PathLike[str], only: set[str] | None = None) -> tu
     with _opened(source) as file:
         if "chemage_format" not in file.attrs:
             raise StoreError(f"{source} is an HDF5 file, but not one of chemage's")
-        try:
-            attributes = {name: _plain(value) for name, value in file.attrs.items() if not name.startswith("_")}
-            if int(attributes["chemage_format"]) > FORMAT:
-                raise StoreError(
-                    f"{source} was written by chemage {attributes.get('chemage')}; update chemage to read it"
-                )
-            parts = {
-                name: _read_record(file[name], cls)
-                for name, cls in GROUPS.items()
-                if name in file and (only is None or name in only)
-            }
-        except StoreError:
-            raise
-        except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
-            # what h5py raises on a damaged file depends on which byte is wrong
-            raise StoreError(f"{source} is damaged: {error}") from error
+        attributes = {name: _plain(value) for name, value in file.attrs.items() if not name.startswith("_")}
+        if int(attributes["chemage_format"]) > FORMAT:
+            raise StoreError(f"{source} was written by chemage {attributes.get('chemage')}; update chemage to read it")
+        parts = {
+            name: _read_record(file[name], cls)
+            for name, cls in GROUPS.items()
+            if name in file and (only is None or name in only)
+        }
     return parts, attributes
 
 
