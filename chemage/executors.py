@@ -204,8 +204,8 @@ class Processes(Executor):
         with suppress(queue.Empty):
             while True:
                 task = self._tasks.get_nowait()
-                if task is not None:
-                    task[0].cancel()
+                if task is not None and task[0].cancel():
+                    task[0].set_running_or_notify_cancel()  # whoever waits for it must learn of it
 
     def _slot(self) -> None:
         process: _Process | None = None
@@ -254,6 +254,8 @@ class Processes(Executor):
             process.wait_until_ready()
         except _ProcessDied as died:
             self._forget(process)
+            if self._aborted:
+                raise WorkerLost("the worker process was stopped") from None
             raise ExecutorError(f"a worker process could not start: it {died}; its own message is above") from None
         return process
 
@@ -446,28 +448,38 @@ def _dask(detail: str, workers: int | None, threads: int | None) -> Iterator[Poo
             f"executor dask needs Dask, which is not installed ({error}): pip install 'chemage[dask]'"
         ) from None
     where = _Where.read(detail, workers)
-    settings: dict[str, Any] = {"distributed.scheduler.allowed-failures": RETRIES}
-    if where.address:
-        client, cluster = _connect(distributed, where.address), None
-    else:
-        if where.local:
-            count, threads = _shares(where.workers, threads)
-            where.options = {**_local_options(count), **where.options}
-        settings["distributed.nanny.pre-spawn-environ"] = {
+    each = threads or 1
+    if where.local:
+        count, each = _shares(where.workers, threads)
+        where.options = {**_local_options(count), **where.options}
+    settings: dict[str, Any] = {
+        "distributed.scheduler.allowed-failures": RETRIES,
+        "distributed.nanny.pre-spawn-environ": {
             **dask_config.get("distributed.nanny.pre-spawn-environ", {}),
-            **thread_budget.environment(threads or 1),
-        }
-        with dask_config.set(settings):
-            cluster = where.start()
-        client = _connect(distributed, cluster)
-    pool = Dask(client)
+            **thread_budget.environment(each),
+        },
+    }
+    # for as long as the cluster lives: workers are also started later, when it grows or one of them died
+    with dask_config.set(settings), _connected(distributed, where) as client:
+        pool = Dask(client)
+        try:
+            yield Pool(pool, "dask", each, pool.width)
+        finally:
+            with suppress(Exception):
+                pool.shutdown(wait=False)
+
+
+@contextmanager
+def _connected(distributed: Any, where: _Where) -> Iterator[Any]:
+    cluster = None if where.address else where.start()
     try:
-        yield Pool(pool, "dask", threads or 1, pool.width)
+        client = _connect(distributed, where.address or cluster)
+        try:
+            yield client
+        finally:
+            with suppress(Exception):
+                client.close(timeout=5)
     finally:
-        with suppress(Exception):
-            pool.shutdown(wait=False)
-        with suppress(Exception):
-            client.close(timeout=5)
         if cluster is not None:
             with suppress(Exception):
                 cluster.close(timeout=10)
@@ -480,7 +492,7 @@ def _local_options(count: int) -> dict[str, Any]:
         "n_workers": count,
         "threads_per_worker": 1,
         "processes": True,
-        "dashboard_address": None,
+        "dashboard_address": ":0",
         "silence_logs": logging.CRITICAL,
     }
 
@@ -518,7 +530,7 @@ class _Where:
         if not detail:
             return cls(workers=workers)
         if "://" in detail or detail.rpartition(":")[2].isdigit() or detail.endswith(".json"):
-            return cls(address=detail)
+            return cls(address=detail, local=False)
         if detail.endswith((".toml", ".yaml", ".yml")):
             return cls._from_file(Path(detail), workers)
         return cls(cluster=detail, local=False, workers=workers)
@@ -536,7 +548,7 @@ class _Where:
             if name in data and not isinstance(data[name], kind):
                 raise InputError(f"{path}: {name} = {data[name]!r}: expected a {kind.__name__}")
         if "address" in data:
-            return cls(address=data["address"])
+            return cls(address=data["address"], local=False)
         return cls(
             cluster=data["cluster"],
             local=False,
