@@ -17,6 +17,8 @@ from numba import njit
 
 #: largest number of pixels in a block
 WIDTH = 512
+#: fine pixels per coarse pixel; a constant, so that loops over it unroll
+RATIO = 4
 #: reach of the stencil of ``local`` in pixels
 REACH = 4
 # Reassociation lets sums use vector registers; infinities and NaN keep their meaning.
@@ -310,26 +312,26 @@ def resample(lo, hi, source, i0, i1, wi, j0, j1, wj, target):
 
 
 @njit(**_OPTIONS)
-def restrict(lo, hi, width, live, x, ratio, coarse):
-    """Rows lo … hi of coarse[I, J] = Σ φ(i - ratio·I) φ(j - ratio·J) x[i, j], φ the hat of half-width ratio; periodic.
+def restrict(lo, hi, width, live, x, coarse):
+    """Rows lo … hi of coarse[I, J] = Σ φ(i - RATIO·I) φ(j - RATIO·J) x[i, j], φ the hat of half-width RATIO; periodic.
 
-    x must be zero in blocks that are not live. Reads the live part of x ratio-fold (2·ratio - 1 rows per coarse row).
+    x must be zero in blocks that are not live. Reads the live part of x twice (2·RATIO - 1 rows per coarse row).
     """
     nx, ny = x.shape
     per_row = (ny + width - 1) // width
-    column = np.zeros(ny + 2 * ratio, x.dtype)  # with a halo of one coarse pixel
+    column = np.zeros(ny + 2 * RATIO, x.dtype)  # with a halo of one coarse pixel
     for row in range(lo, hi):
         column[:] = 0
         touched = False
-        for a in range(1 - ratio, ratio):
-            i = (row * ratio + a) % nx
-            weight = x.dtype.type(1.0 - abs(a) / ratio)
+        for a in range(1 - RATIO, RATIO):
+            i = (row * RATIO + a) % nx
+            weight = x.dtype.type(1.0 - abs(a) / RATIO)
             for s in range(per_row):
                 if live[i * per_row + s]:
                     start = s * width
                     stop = min(ny, start + width)
                     xb = x[i, start:stop]
-                    cb = column[ratio + start : ratio + stop]
+                    cb = column[RATIO + start : RATIO + stop]
                     for j in range(xb.size):
                         cb[j] += weight * xb[j]
                     touched = True
@@ -337,25 +339,25 @@ def restrict(lo, hi, width, live, x, ratio, coarse):
         if not touched:
             out[:] = 0
             continue
-        for j in range(ratio):
+        for j in range(RATIO):
             column[j] = column[ny + j]
-            column[ny + ratio + j] = column[ratio + j]
+            column[ny + RATIO + j] = column[RATIO + j]
         for k in range(out.size):
-            total = column[(k + 1) * ratio]
-            for a in range(1, ratio):
-                total += x.dtype.type(1.0 - a / ratio) * (column[(k + 1) * ratio - a] + column[(k + 1) * ratio + a])
+            total = column[(k + 1) * RATIO]
+            for a in range(1, RATIO):
+                total += x.dtype.type(1.0 - a / RATIO) * (column[(k + 1) * RATIO - a] + column[(k + 1) * RATIO + a])
             out[k] = total
 
 
 @njit(**_OPTIONS)
-def _interpolate(coarse, first, ratio, out):
-    """Linear interpolation of coarse[first …] to ``ratio`` values each. Its own function so that it vectorises."""
-    scale = out.dtype.type(1.0 / ratio)
-    for k in range(out.size // ratio):
+def _interpolate(coarse, first, out):
+    """Linear interpolation of coarse[first …] to ``RATIO`` values each. Its own function so that it vectorises."""
+    scale = out.dtype.type(1.0 / RATIO)
+    for k in range(out.size // RATIO):
         value = coarse[first + k]
         slope = (coarse[first + k + 1] - value) * scale
-        for a in range(ratio):
-            out[k * ratio + a] = value + out.dtype.type(a) * slope
+        for a in range(RATIO):
+            out[k * RATIO + a] = value + out.dtype.type(a) * slope
 
 
 @njit(**_OPTIONS)
@@ -366,36 +368,55 @@ def _add_rows(above, below, weight, out):
 
 
 @njit(**_OPTIONS)
-def _stencil_row(x, weights, out):
-    """out += the symmetric nine-point stencil ``weights`` (5,) along x, which is eight longer than out."""
-    s0, s1, s2, s3, s4 = weights[0], weights[1], weights[2], weights[3], weights[4]
+def _stencil_row(x0, x1, x2, x3, x4, weights, out):
+    """out += the stencil along one row; x0 … x4 are sums of rows 0 … 4 away, eight longer than out. Corners are zero."""
+    a0, a1, a2, a3, a4 = weights[0, 0], weights[0, 1], weights[0, 2], weights[0, 3], weights[0, 4]
+    b0, b1, b2, b3, b4 = weights[1, 0], weights[1, 1], weights[1, 2], weights[1, 3], weights[1, 4]
+    c0, c1, c2, c3 = weights[2, 0], weights[2, 1], weights[2, 2], weights[2, 3]
+    d0, d1, d2, d3 = weights[3, 0], weights[3, 1], weights[3, 2], weights[3, 3]
+    e0, e1 = weights[4, 0], weights[4, 1]
     for j in range(out.size):
         out[j] += (
-            s0 * x[j + 4]
-            + s1 * (x[j + 3] + x[j + 5])
-            + s2 * (x[j + 2] + x[j + 6])
-            + s3 * (x[j + 1] + x[j + 7])
-            + s4 * (x[j] + x[j + 8])
+            a0 * x0[j + 4]
+            + a1 * (x0[j + 3] + x0[j + 5])
+            + a2 * (x0[j + 2] + x0[j + 6])
+            + a3 * (x0[j + 1] + x0[j + 7])
+            + a4 * (x0[j] + x0[j + 8])
+            + b0 * x1[j + 4]
+            + b1 * (x1[j + 3] + x1[j + 5])
+            + b2 * (x1[j + 2] + x1[j + 6])
+            + b3 * (x1[j + 1] + x1[j + 7])
+            + b4 * (x1[j] + x1[j + 8])
+            + c0 * x2[j + 4]
+            + c1 * (x2[j + 3] + x2[j + 5])
+            + c2 * (x2[j + 2] + x2[j + 6])
+            + c3 * (x2[j + 1] + x2[j + 7])
+            + d0 * x3[j + 4]
+            + d1 * (x3[j + 3] + x3[j + 5])
+            + d2 * (x3[j + 2] + x3[j + 6])
+            + d3 * (x3[j + 1] + x3[j + 7])
+            + e0 * x4[j + 4]
+            + e1 * (x4[j + 3] + x4[j + 5])
         )
 
 
 @njit(**_OPTIONS)
-def local(lo, hi, width, live, x, stencil, coarse, ratio, out):
+def local(lo, hi, width, live, x, stencil, coarse, out):
     """out = stencil * x + interpolated coarse, in live blocks of rows lo … hi; periodic.
 
     ``stencil[a, b]`` weighs the up to four neighbours at distances (a, b) ≤ REACH. x must be zero in blocks that are
-    not live. ``width`` and the number of columns are multiples of ``ratio``. Reads 2·REACH + 1 rows of x, which stay
+    not live. ``width`` and the number of columns are multiples of ``RATIO``. Reads 2·REACH + 1 rows of x, which stay
     in cache; writes out once.
     """
     nx, ny = x.shape
     per_row = (ny + width - 1) // width
-    pair = np.zeros(width + 2 * REACH, x.dtype)
-    between = np.zeros(ny // ratio + 1, x.dtype)
+    pairs = np.zeros((REACH + 1, width + 2 * REACH), x.dtype)
+    between = np.zeros(ny // RATIO + 1, x.dtype)
     one = x.dtype.type(1)
     for row in range(lo, hi):
         ready = False
-        base = row // ratio
-        weight = x.dtype.type((row - base * ratio) / ratio)
+        base = row // RATIO
+        weight = x.dtype.type((row - base * RATIO) / RATIO)
         upper, lower = coarse[base], coarse[(base + 1) % coarse.shape[0]]
         for s in range(per_row):
             if not live[row * per_row + s]:
@@ -408,11 +429,12 @@ def local(lo, hi, width, live, x, stencil, coarse, ratio, out):
             start = s * width
             stop = min(ny, start + width)
             out_block = out[row, start:stop]
-            _interpolate(between, start // ratio, ratio, out_block)
+            _interpolate(between, start // RATIO, out_block)
             n = stop - start
             for a in range(REACH + 1):
                 above, below = x[(row - a) % nx], x[(row + a) % nx]
                 half = x.dtype.type(0.5) if a == 0 else one
+                pair = pairs[a]
                 if start >= REACH and stop + REACH <= ny:
                     wide = slice(start - REACH, stop + REACH)
                     _add_rows(above[wide], below[wide], half, pair[: n + 2 * REACH])
@@ -422,4 +444,4 @@ def local(lo, hi, width, live, x, stencil, coarse, ratio, out):
                         left, right = (start - REACH + j) % ny, (stop + j) % ny
                         pair[j] = half * (above[left] + below[left])
                         pair[REACH + n + j] = half * (above[right] + below[right])
-                _stencil_row(pair, stencil[a], out_block)
+            _stencil_row(pairs[0], pairs[1], pairs[2], pairs[3], pairs[4], stencil, out_block)

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 Floats = NDArray[np.float64]
 
-#: fine pixels per coarse pixel
-RATIO = 4
+RATIO = kernels.RATIO
 #: width of the Gaussian in fine pixels: its tail at the coarse Nyquist wave number is 0.008
 SPREAD = 0.7 * RATIO
 #: pixels of the grid on which the stencil is fitted
@@ -61,11 +60,11 @@ class Split:
     def apply(self, x: Array, live: Array, out: Array) -> Array:
         """The convolution of x (nx, ny; zero in blocks that are not live) in live blocks of ``out``."""
         rows = self._coarse.shape[0]
-        self._run(kernels.restrict, rows, self._width, live, x, RATIO, self._coarse)
+        self._run(kernels.restrict, rows, self._width, live, x, self._coarse)
         spectrum = self._transforms.forward(self._coarse)
         spectrum[:] *= _whole(self._far, spectrum.shape[0])
         far = self._transforms.backward(spectrum)
-        self._run(kernels.local, x.shape[0], self._width, live, x, self._stencil, far, RATIO, out)
+        self._run(kernels.local, x.shape[0], self._width, live, x, self._stencil, far, out)
         return out
 
 

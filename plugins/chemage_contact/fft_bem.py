@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -32,6 +32,10 @@ class FFTBEM(ContactSolver):
     kind = "fft-bem"
     implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "gap", "displacement")
     speed_only: ClassVar[tuple[str, ...]] = ("threads",)
+    trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {
+        "precision": ("single", "mixed", "double"),
+        "tolerance": (1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10),
+    }
     cite: ClassVar[tuple[str, ...]] = (
         "I. A. Polonsky, L. M. Keer, Wear 231, 206 (1999)",
         "L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018)",
