@@ -197,7 +197,7 @@ def from_file(small, name, content):
         file.write_bytes(content)
     small.write_text(
         f'[surface]\nkind = "from-file"\npath = "{name}"\npixel_size = "1 nm"\n'
-        '[contact]\nkind = "fft-bem"\nmodulus = "35 GPa"\nload = "1 nN"\n'
+        '[contact]\nkind = "fft-bem"\nmodulus = "35 GPa"\nload = "20 nN"\n'
     )
 
 
