@@ -625,7 +625,6 @@ def test_hold_times_are_round_decades():
     assert times.size == 33
     assert times[0] == 1e-3
     assert times[-1] == 1e5
-    # 0.001 * 10**(4/4) would be 0.010000000000000002
     assert times[::4].tolist() == [1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5]
     assert np.allclose(np.diff(np.log10(times)), 0.25, atol=1e-9)
 
@@ -639,6 +638,11 @@ def test_hold_times_start_stop_and_rise(start, ratio, per_decade):
     steps = np.diff(np.log10(times))
     assert np.allclose(steps[:-1], 1 / per_decade, atol=1e-9)
     assert times.size <= math.log10(ratio) * per_decade + 2.001
+
+
+def test_hold_times_are_short_decimals():
+    # 0.0011 * 100 is 0.11000000000000001
+    assert ca.hold_times(0.0011, 110, 1).tolist() == [0.0011, 0.011, 0.11, 1.1, 11, 110]
 
 
 def test_the_end_is_added_when_it_is_no_step():
