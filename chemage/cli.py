@@ -384,6 +384,57 @@ def _print_comparison(made: Comparison) -> None:
         _show(table)
 
 
+@app.command()
+def tradeoff(
+    scene: SceneArg,
+    changes: SetOpt = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="figure (png, pdf or svg); default none")] = None,
+    as_json: JsonOpt = False,
+    force: ForceOpt = False,
+) -> None:
+    """Measure speed against accuracy on a scene: each knob turned on its own, its cost and its error."""
+    from chemage import store
+    from chemage.scene import load_scene
+    from chemage.text import plus_minus
+    from chemage.tradeoff import figure
+    from chemage.tradeoff import tradeoff as measure
+
+    one = load_scene(scene, _changes(changes))
+    if out is not None:
+        store.preflight(out, force=force)
+    with progress_bars() as tell:
+        found = measure(one, tell=lambda what: tell(what, 0, 0))
+    if out is not None:
+        with store.fresh_file(out, force=force) as part:
+            figure(found).savefig(part, format=out.suffix.removeprefix(".") or "png")
+    if as_json:
+        print(json.dumps(found.todict()))
+        return
+    table = _table(
+        f"Speed against accuracy: {one.name} (* as in the scene)",
+        ("knob", "setting", "CPU s", "wall s", "A/A0", "area err", "p err", "beta", ""),
+    )
+    for row in found.rows:
+        table.add_row(
+            row.knob,
+            row.setting + (" *" if row.own else ""),
+            _number(row.cpu_seconds),
+            _number(row.wall_seconds),
+            _number(row.area_fraction, 5),
+            _number(row.area_error, 2),
+            _number(row.pressure_error, 2),
+            plus_minus(row.beta, row.beta_stderr) if row.beta == row.beta else "",
+            row.remark,
+        )
+    for column in table.columns:
+        column.no_wrap = True
+    _show(table, width=130)
+
+
+def _number(value: float, digits: int = 3) -> str:
+    return f"{value:.{digits}g}" if value == value else ""
+
+
 # -- schema, init, plugins --------------------------------------------------------------------------------------------
 
 
@@ -524,17 +575,18 @@ def _table(title: str, columns: tuple[str, ...] = ()) -> Table:
     return table
 
 
-def _show(table: Table) -> None:
+def _show(table: Table, width: int = 110) -> None:
+    """Print a table: as wide as the terminal, or ``width`` where there is none."""
     from rich.console import Console
-
-    width = None if sys.stdout.isatty() else 110
 
     class Quiet(Console):
         def on_broken_pipe(self) -> None:  # rich's own exits with status 1
             raise
 
     # a title or a file name is text, never markup
-    Quiet(file=sys.stdout, highlight=False, markup=False, emoji=False, width=width).print(table)
+    Quiet(
+        file=sys.stdout, highlight=False, markup=False, emoji=False, width=None if sys.stdout.isatty() else width
+    ).print(table)
 
 
 @contextmanager

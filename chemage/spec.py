@@ -74,6 +74,8 @@ class Spec(BaseModel):
     #: options that change how fast an answer comes and never the answer, such as a number of threads: no part of
     #: :meth:`digest`, nor of the keys by which a sweep knows what it has computed
     speed_only: ClassVar[tuple[str, ...]] = ()
+    #: option -> values from fast to accurate, which ``chemage tradeoff`` tries
+    trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {}
 
     def __init__(self, /, **options: Any) -> None:
         try:
@@ -147,6 +149,10 @@ class SurfaceMaker(Spec, ABC):
         """What is known before anything is computed, as far as it is: ``nx``, ``ny`` (pixels), ``pixel_size`` (nm),
         ``rms_slope``, ``shortest_wavelength`` (nm). Used by ``chemage check``."""
         return {}
+
+    def coarser(self, factor: int) -> Self | None:
+        """A maker of the same surface at the same size on pixels ``factor`` times larger; None where there is none."""
+        return None
 
 
 class ContactSolver(Spec, ABC):

@@ -87,11 +87,9 @@ class FFTBEM(ContactSolver):
             return self._untouched(surface, 0.0)
         scaled, unit = _dimensionless(surface, load / surface.nominal_area / self.modulus, self.precision)
         pressure = load / surface.nominal_area
-        if not (0.0 < pressure and math.isfinite(pressure)):
+        if not (pressure > 0.0 and math.isfinite(pressure)):
             raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
-        initial = None
-        if start is not None:
-            initial = _usable(start, surface)
+        initial = _usable(start, surface, load)
         result = iteration.solve(
             self._body(surface),
             scaled,
@@ -310,8 +308,11 @@ def _dimensionless(surface: Surface, strain: float, precision: str) -> tuple[np.
     return scaled.astype(state, copy=False), unit
 
 
-def _usable(start: ContactSolution, surface: Surface) -> np.ndarray | None:
-    """The pressure of a neighbouring solution if it can serve as a start: same grid, some contact."""
-    if start.shape != surface.shape or start.load <= 0 or not (start.pressure > 0).any():
+def _usable(start: ContactSolution | None, surface: Surface, load: float) -> np.ndarray | None:
+    """The pressure of a neighbouring solution where it beats a start from coarse grids: same grid, a load near by.
+
+    Growing the contact takes longer than shrinking it; measured break-even ratios, see ``docs/contact.md``.
+    """
+    if start is None or start.shape != surface.shape or not 0.8 * start.load <= load <= 1.05 * start.load:
         return None
-    return start.pressure
+    return start.pressure if start.load > 0 else None

@@ -71,6 +71,13 @@ class SelfAffine(SurfaceMaker):
         }
         return known if self.rms_slope is None else {**known, "rms_slope": self.rms_slope}
 
+    def coarser(self, factor: int) -> Self | None:
+        nx, ny = self.pixels
+        # below four pixels to the shortest wave the contact is one of pixels, not of the surface
+        if nx % factor or ny % factor or self.zeta > max(nx, ny) / factor / 4:
+            return None
+        return self.replace(pixels=(nx // factor, ny // factor), pixel_size=self.pixel_size * factor)
+
     def make(self, seed: Seed = 0) -> Surface:
         """The surface of ``seed``: heights (nx, ny) float64 nm with zero mean; the same seed gives the same bytes.
 
