@@ -109,7 +109,7 @@ def test_rms_slope_and_height_are_two_ways_to_scale_one_surface():
         ({"pixel_size": 0}, "pixel_size"),
         ({"pixel_size": float("inf")}, "pixel_size"),
         ({"pixel_size": "0.5 GPa"}, "gigapascal"),
-        ({"pixels": 0}, "pixels: a grid of 0 x 0 pixels"),
+        ({"pixels": 0}, "pixels: 0: a grid of 0 x 0 pixels"),
         ({"pixels": -5}, "pixels"),
         ({"pixels": 64.5}, "whole number of pixels"),
         ({"pixels": True}, "whole number of pixels"),
