@@ -1,0 +1,228 @@
+"""Scenes at the edge of what makes sense: each runs, says what is special, and has figures one can look at."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import chemage
+from chemage import plots
+from chemage.scene import load_scene, parse_scene
+
+
+def carried_out(small, **changes):
+    """The small scene with dotted changes (``a__b`` is ``a.b``), run in this process; its figures must be sound."""
+    result = chemage.run(load_scene(small, {name.replace("__", "."): value for name, value in changes.items()}))
+    json.dumps(result.summary(), allow_nan=False)
+    look(result)
+    chemage.write("x.h5", result, force=True)
+    again = chemage.read("x.h5")
+    assert (again.surface, again.contact, again.aging) == (result.surface, result.contact, result.aging)
+    return result
+
+
+def look(result):
+    """Every figure draws (any warning is an error), has labelled axes with finite limits, and shows something."""
+    made = plots.figures(result)
+    assert {"surface", "pressure"} <= made.keys()
+    for name, figure in made.items():
+        figure.canvas.draw()
+        for axes in figure.axes:
+            for low, high in (axes.get_xlim(), axes.get_ylim()):
+                assert math.isfinite(low), name
+                assert math.isfinite(high), name
+                assert low < high, name
+            box = axes.get_window_extent()
+            assert min(box.width, box.height) > 10, f"{name}: axes of {box.width:.0f} x {box.height:.0f} pixels"
+            assert axes.get_ylabel() or axes.get_xlabel(), name
+            assert axes.lines or axes.images or axes.collections or axes.patches or axes.texts, name
+    return made
+
+
+def heights(small, values, pixel_size=0.45, periodic=True, load="20 nN"):
+    """A scene of the small one's chemistry on ``values``."""
+    np.save("heights.npy", values)
+    text = small.read_text()
+    start, end = text.index("[surface]"), text.index("[contact]")
+    table = f'kind = "from-file"\npath = "heights.npy"\npixel_size = {pixel_size}\nperiodic = {str(periodic).lower()}'
+    small.write_text((f"{text[:start]}[surface]\n{table}\n\n{text[end:]}").replace('"40 nN"', f'"{load}"'))
+
+
+# -- load ------------------------------------------------------------------------------------------------------------
+
+
+def test_no_load_is_a_contact_without_sites(small, command):
+    result = carried_out(small, contact__load=0)
+    assert (result.contact.sites.size, result.contact.patches) == (0, 0)
+    assert not result.aging.friction_drop.any()
+    assert np.isnan(result.aging.friction_coefficient_drop).all()
+    summary = result.summary()
+    assert set(summary["friction_drop"]) == {0.0}
+    assert set(summary["friction_coefficient_drop"]) == {None}
+    for name in ("kappa", "mean_contact_pressure", "perimeter_to_area", "beta", "cutoff_time"):
+        assert summary[name] is None, name
+    assert any("no load" in note for note in summary["notes"])
+    done = command("run", small, "--set", "contact.load='0 N'", "--json")
+    assert done.status == 0, done.err
+    numbers = json.loads(done.out)
+    assert numbers["friction_drop"] == summary["friction_drop"]
+    assert len(numbers["figures"]) >= 4
+    assert command("show", "small.h5").status == 0
+
+
+@pytest.mark.parametrize("load", [1e-9, 1e-3, 1.0])
+def test_a_vanishing_load_touches_somewhere(small, load):
+    result = carried_out(small, contact__load=load)
+    assert 1 <= result.contact.sites.size < 60
+    assert result.contact.pressure.sum() * 0.4518**2 == pytest.approx(load, rel=1e-4)
+
+
+@pytest.mark.parametrize("load", ["20 uN", "1 N"])
+def test_a_load_beyond_full_contact_says_so(small, command, load):
+    result = carried_out(small, contact__load=load)
+    assert result.contact.area_fraction == 1
+    (note,) = [note for note in result.summary()["notes"] if note.startswith("full contact")]
+    assert command("show", "x.h5").out.replace("\n", " ").count(note) == 1
+    assert not any("full" in note for note in carried_out(small).summary()["notes"])
+
+
+# -- grids -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_single_pixel(small):
+    heights(small, np.zeros((1, 1)), load="1 nN")
+    result = carried_out(small)
+    assert result.contact.shape == (1, 1)
+    assert result.contact.area_fraction == 1
+    assert result.contact.pressure[0, 0] == pytest.approx(1 / 0.45**2)
+    assert set(result.aging.sites) == {1}
+    assert result.aging.bonds.max() <= 1
+
+
+@pytest.mark.parametrize("pixels", [[1, 64], [64, 1], [33, 21], [7, 50], 47])
+def test_grids_that_are_not_square_or_even(small, pixels):
+    result = carried_out(small, surface__pixels=pixels, surface__zeta=3, surface__eta=1, contact__load="5 nN")
+    shape = tuple(pixels) if isinstance(pixels, list) else (pixels, pixels)
+    assert result.surface.shape == result.contact.shape == shape
+    total = float(result.contact.pressure.sum(dtype=float)) * 0.4518**2
+    assert total == pytest.approx(5, rel=1e-5)
+
+
+def test_a_strip_is_stretched_until_it_can_be_seen(small):
+    result = carried_out(small, surface__pixels=[3000, 50], surface__zeta=60, contact__load="2 uN")
+    assert result.contact.shape == (3000, 50)
+    for name in ("surface", "pressure"):
+        figure = look(result)[name]
+        box = figure.axes[0].get_window_extent()
+        assert min(box.width, box.height) > 200
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (16, 16)])
+def test_a_flat_surface(small, shape, periodic):
+    heights(small, np.full(shape, 3.0), periodic=periodic)
+    result = carried_out(small)
+    assert (result.surface.rms_height, result.surface.rms_slope) == (0, 0)
+    if periodic:
+        assert result.contact.area_fraction == 1
+        assert np.ptp(result.contact.pressure) <= 1e-5 * result.contact.pressure.max()
+
+
+# -- time and replicas -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def timed(small):
+    """The small scene with its own hold times."""
+
+    def change(*times):
+        small.write_text(small.read_text().replace('start = "1 ms"\nstop = "1e5 s"', f"times = {list(times)}"))
+        return small
+
+    return change
+
+
+def test_one_hold_time_and_one_replica(timed):
+    result = carried_out(timed(10.0), hold__replicas=1)
+    assert result.aging.bonds.shape == (1, 1)
+    summary = result.summary()
+    assert summary["friction_drop_stderr"] == [None]
+    assert summary["beta"] is None
+
+
+def test_hold_time_zero_has_no_bonds(timed):
+    result = carried_out(timed(0.0))
+    assert not result.aging.bonds.any()
+
+
+def test_zero_is_a_hold_time_among_others_and_a_time_may_come_twice(timed):
+    result = carried_out(timed(0.0, 10.0, 10.0, 1000.0))
+    assert not result.aging.bonds[:, 0].any()
+    assert np.array_equal(result.aging.bonds[:, 1], result.aging.bonds[:, 2])
+    assert result.fit() is not None
+
+
+def test_hold_times_with_units(timed):
+    assert load_scene(timed("1 ms", "2 min")).hold.hold_times.tolist() == [1e-3, 120.0]
+
+
+def test_a_fit_window_without_hold_times_gives_no_beta(small):
+    assert carried_out(small, fit={"start": 1e6, "stop": 1e7}).summary()["beta"] is None
+
+
+def test_ages_of_the_universe_and_great_heat(timed):
+    result = carried_out(timed(1e-15, 4e17), hold__temperature=3000, breaking=None)
+    assert np.array_equal(result.aging.bonds[:, 1], result.aging.sites)
+
+
+# -- what is left out is not modelled --------------------------------------------------------------------------------
+
+
+def test_without_interaction_there_is_no_neighbour_list(small):
+    scene = load_scene(small, {"interaction": None})
+    contact = chemage.run(load_scene(small)).contact
+    lattice = scene.chemistry.on(contact, seed=1)
+    assert (lattice.neighbours, lattice.coupling, lattice.interacting) == (None, None, False)
+    assert load_scene(small).chemistry.on(contact, seed=1).interacting
+    carried_out(small, interaction=None)
+
+
+def test_without_breaking_bonds_last(small):
+    result = carried_out(small, breaking=None, interaction=None)
+    bonds = result.aging.bonds
+    assert (np.diff(bonds, axis=1) >= 0).all()
+    assert np.array_equal(result.aging.events, bonds[:, -1])
+    with_breaking = carried_out(small, interaction=None).aging
+    assert (with_breaking.events > with_breaking.bonds[:, -1]).any()
+
+
+def test_without_activation_volume_pressure_only_decides_who_is_in_contact(small):
+    scene = load_scene(small, {"chemistry": None})
+    contact = chemage.run(scene).contact
+    doubled = contact.model_copy(update={"pressure": 2 * contact.pressure})
+    one, two = (scene.chemistry.on(c, seed=3) for c in (contact, doubled))
+    assert np.array_equal(one.forming, two.forming)
+    assert np.array_equal(one.sites, contact.sites)
+
+
+def test_without_forming_only_the_contact_is_computed(small, command):
+    data = {name: part for name, part in load_scene(small).todict().items() if name in ("name", "surface", "contact")}
+    scene = parse_scene(data)
+    assert (scene.chemistry, scene.hold, scene.engine) == (None, None, None)
+    result = chemage.run(scene)
+    assert result.aging is None
+    assert look(result).keys() == {"surface", "pressure"}
+    summary = result.summary()
+    assert summary["engine"] is None
+    assert (summary["hold_times"], summary["friction_drop"]) == ([], [])
+    assert result.contact == chemage.run(load_scene(small)).contact
+
+
+def test_no_site_carries_a_hydroxyl(small):
+    result = carried_out(small, chemistry__hydroxylation=0)
+    assert result.contact.sites.size > 0
+    assert not result.aging.sites.any()
+    assert not result.aging.friction_drop.any()
