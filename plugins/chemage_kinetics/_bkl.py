@@ -20,8 +20,9 @@ import numpy as np
 
 from chemage.random import uniform_pair
 from chemage_kinetics._common import (
-    STREAMS,
     COLDEST,
+    STREAMS,
+    bare,
     count_flip,
     count_sojourn,
     fixed_barrier,
@@ -112,7 +113,7 @@ def place(order, words, records, first, room, counts, weights, counters):
         room[c] = counts[c] + (counts[c] >> 3) + 4
         top += room[c]
     room[counts.size] = top
-    arena = np.empty(top + n + 4096, np.int32)
+    arena = np.empty(5 * n // 2 + 16 * counts.size, np.int32)  # room for any state, see `_spread`
     for i in range(n):
         records[i, 0] = words[i]
         records[i, 1] = 0
@@ -163,37 +164,43 @@ def _group_weight(g, counts):
 
 @jit
 def _spread(arena, first, room, counts, wanted):
-    """A new arena in which every class has room to grow and the class ``wanted`` twice its present room."""
-    top = 0
-    for c in range(counts.size):
-        top += counts[c] + (counts[c] >> 3) + 4
-    wider = np.empty(2 * top + room[wanted] + 4096, np.int32)
+    """Share the arena out anew, with some room for every class and as much again for the class ``wanted``.
+
+    9/8 of all members and 4 places a class, and 1 more times the members of one class: within 5/2 n + 4 CLASSES.
+    """
+    packed = np.empty(arena.size, np.int32)
     top = 0
     for c in range(counts.size):
         for m in range(counts[c]):
-            wider[top + m] = arena[first[c] + m]
+            packed[top + m] = arena[first[c] + m]
+        top += counts[c]
+    begin = 0
+    top = 0
+    for c in range(counts.size):
         first[c] = top
+        for m in range(counts[c]):
+            arena[top + m] = packed[begin + m]
+        begin += counts[c]
         room[c] = counts[c] + (counts[c] >> 3) + 4
         if c == wanted:
             room[c] += counts[c]
         top += room[c]
     room[counts.size] = top
-    return wider
 
 
 @jit
 def _enlarge(arena, first, room, counts, c):
-    """More room for class c: at the end of the arena, or in a new one. room[-1] is where the free end begins."""
+    """More room for class c: at the free end of the arena, which begins at room[-1], or by sharing it out anew."""
     size = 2 * room[c] + 8
     top = room[counts.size]
     if top + size > arena.size:
-        return _spread(arena, first, room, counts, c)
+        _spread(arena, first, room, counts, c)
+        return
     for m in range(counts[c]):
         arena[top + m] = arena[first[c] + m]
     first[c] = top
     room[c] = size
     room[counts.size] = top + size
-    return arena
 
 
 @hot
@@ -216,11 +223,10 @@ def _remove(i, records, arena, first, counts):
 @hot
 def _insert(i, c, records, arena, first, room, counts):
     if counts[c] == room[c]:
-        arena = _enlarge(arena, first, room, counts, c)
+        _enlarge(arena, first, room, counts, c)
     arena[first[c] + counts[c]] = i
     records[i, 1] = ((c + 1) << 32) | counts[c]
     counts[c] += 1
-    return arena
 
 
 @hot
@@ -271,7 +277,12 @@ def _pick_class(target, counts, weights, counters):
     return chosen
 
 
-@hot
+@jit
+def _pick_class_cold(target, counts, weights, counters):
+    return _pick_class(target, counts, weights, counters)
+
+
+@jit
 def _accepts(u, i, c, records, breaking, per_class):
     """Thinning: whether the attempt of site i, from class c, counts, with the probability rate / 2**-c."""
     barrier = _barrier(i, records, breaking)
@@ -282,7 +293,7 @@ def _accepts(u, i, c, records, breaking, per_class):
 
 @hot
 def _flip(i, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights, counters, near):
-    """Form or break the bond of site i; move it, and every neighbour now above its bound; returns the arena."""
+    """Form or break the bond of site i; move it, and every neighbour now above its bound."""
     word = records[i, 0] ^ 1
     records[i, 0] = word
     sign = 2 if word & 1 else -2
@@ -309,19 +320,18 @@ def _flip(i, records, neighbours, coupling, breaking, per_class, arena, first, r
         near[m, 0] = c
         c = near[m, 1]
         if c >= 0:
-            arena = _insert(j, c, records, arena, first, room, counts)
+            _insert(j, c, records, arena, first, room, counts)
             weights[c >> 3] = -1.0
     for m in range(moves):
         for side in range(2):
             c = near[m, side]
             if c >= 0 and weights[c >> 3] < 0.0:
                 _weigh(c, counts, weights, counters)
-    return arena
 
 
 @jit
 def _turn(i, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights, counters, near):
-    return _flip(
+    _flip(
         i, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights, counters, near
     )
 
@@ -339,9 +349,8 @@ def _set_aside(i, records, arena, first, counts, weights, counters):
 def _put_back(i, records, breaking, per_class, arena, first, room, counts, weights, counters):
     c = _site_class(i, records, breaking, per_class)
     if c >= 0:
-        arena = _insert(i, c, records, arena, first, room, counts)
+        _insert(i, c, records, arena, first, room, counts)
         _weigh(c, counts, weights, counters)
-    return arena
 
 
 @jit
@@ -353,10 +362,34 @@ def advance(
 
     records: (n, 2) int64, the site's word (see `_common`) and, in one number, its class + 1 (from bit 32) and its place
     among the members. arena: int32, all member lists; class c has ``counts[c]`` members from ``first[c]`` on and room
-    for ``room[c]``. Returns the arena, which may have been replaced by a larger one. tally: as for the direct method.
+    for ``room[c]``. tally: as for the direct method.
     """
-    near = np.empty((neighbours.shape[1] + 1, 2), np.int64)
-    rng = np.empty(5, np.uint64)
+    _advance(
+        k0, k1, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins, records, arena, first, room,
+        counts, weights, clock, counters, tally, attempts, np.empty((neighbours.shape[1] + 1, 2), np.int64),
+        np.empty(5, np.uint64),
+    )
+
+
+@jit
+def _advance(
+    k0, k1, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins, records, arena, first, room,
+    counts, weights, clock, counters, tally, attempts, near, rng,
+):
+    neighbours = bare(neighbours)
+    coupling = bare(coupling)
+    breaking = bare(breaking)
+    hold_times = bare(hold_times)
+    records = bare(records)
+    arena = bare(arena)
+    first = bare(first)
+    room = bare(room)
+    counts = bare(counts)
+    weights = bare(weights)
+    counters = bare(counters)
+    tally = bare(tally)
+    near = bare(near)
+    rng = bare(rng)
     per_class = per_unit * SHARE
     high = clock[HIGH]
     low = clock[LOW]
@@ -391,13 +424,9 @@ def advance(
         event += 1
         attempts -= 1
         if not _accepts(v, i, c, records, breaking, per_class):
-            truly = _site_class(i, records, breaking, per_class)
-            if truly != c:
-                _remove(i, records, arena, first, counts)
-                _weigh(c, counts, weights, counters)
-                if truly >= 0:
-                    arena = _insert(i, truly, records, arena, first, room, counts)
-                    _weigh(truly, counts, weights, counters)
+            if _site_class(i, records, breaking, per_class) != c:
+                _set_aside(i, records, arena, first, counts, weights, counters)
+                _put_back(i, records, breaking, per_class, arena, first, room, counts, weights, counters)
                 total = _total(counts, weights, counters)
             continue
 
@@ -408,7 +437,7 @@ def advance(
             rate_back = rate(_barrier(i, records, breaking), nu, per_unit)
             leave_back = nu * _set_aside(i, records, arena, first, counts, weights, counters)
             watch = leave_back * FLICKER < rate_back
-        arena = _flip(
+        _flip(
             i, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights, counters, near
         )
         count_flip(tally, hold, records[i, 0])
@@ -441,25 +470,25 @@ def advance(
                 high = hold_times[hold]
                 low = 0.0
             if other:
-                arena = _turn(
+                _turn(
                     i, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights,
                     counters, near,
                 )
                 leave_here = nu * _set_aside(i, records, arena, first, counts, weights, counters)
         if exited:
             u, v = two_uniforms(rng)
-            c = _pick_class(u * (leave_here / nu), counts, weights, counters)
+            c = _pick_class_cold(u * (leave_here / nu), counts, weights, counters)
             j = np.int64(arena[first[c] + min(np.int64(v * counts[c]), counts[c] - 1)])
-            arena = _put_back(i, records, breaking, per_class, arena, first, room, counts, weights, counters)
+            _put_back(i, records, breaking, per_class, arena, first, room, counts, weights, counters)
             if _accepts(two_uniforms(rng)[0], j, c, records, breaking, per_class):
-                arena = _turn(
+                _turn(
                     j, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights,
                     counters, near,
                 )
                 count_flip(tally, hold, records[j, 0])
                 last = j
         else:
-            arena = _put_back(i, records, breaking, per_class, arena, first, room, counts, weights, counters)
+            _put_back(i, records, breaking, per_class, arena, first, room, counts, weights, counters)
         total = _total(counts, weights, counters)
     clock[HIGH] = high
     clock[LOW] = low
@@ -467,4 +496,3 @@ def advance(
     counters[HOLD] = hold
     counters[LAST] = last
     counters[DONE] = 1 if done else 0
-    return arena

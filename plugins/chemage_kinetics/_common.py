@@ -45,10 +45,10 @@ hot = nb.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 
 
 @intrinsic
-def _prefetch(typingctx, address):  # noqa: ARG001
+def _prefetch(typingctx, address):
     """Ask for the cache line at a memory address, without waiting for it."""
 
-    def codegen(context, builder, signature, args):  # noqa: ARG001
+    def codegen(context, builder, signature, args):
         byte = ir.IntType(8).as_pointer()
         word = ir.IntType(32)
         fetch = builder.module.declare_intrinsic(
@@ -61,7 +61,7 @@ def _prefetch(typingctx, address):  # noqa: ARG001
 
 
 @intrinsic
-def bare(typingctx, array):  # noqa: ARG001
+def bare(typingctx, array):
     """The same array without its owner, so that passing it about inside a kernel counts no references.
 
     Numba counts them by atomic operations, which cost more than half of the time of an event where it cannot see that

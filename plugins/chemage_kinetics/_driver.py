@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from threading import Event
 
 import numpy as np
 from ase.units import kB
@@ -31,18 +35,18 @@ def aligned(size: int) -> np.ndarray:
 
 
 def fingerprint(lattice: ReactionLattice) -> np.ndarray:
-    """uint64 (1,): tells whether a history goes on with the lattice it came from. A hundred times faster than a digest."""
-    value = np.uint64(np.frombuffer(np.float64(lattice.attempt_frequency).tobytes(), np.uint64)[0])
+    """uint64 (1,): tells whether a history goes on with the lattice it came from; far cheaper than a digest."""
+    value = np.array([lattice.attempt_frequency]).view(np.uint64)[0]
     for array in (lattice.sites, lattice.forming, lattice.breaking, lattice.neighbours, lattice.coupling):
-        if array is None:
-            value = _common.mix(np.zeros(1, np.uint64), value)
-            continue
-        raw = array.reshape(-1).view(np.uint8)
+        raw = np.empty(0, np.uint8) if array is None else array.reshape(-1).view(np.uint8)
         whole = raw.size - raw.size % 8
-        tail = np.zeros(8, np.uint8)
-        tail[: raw.size - whole] = raw[whole:]
-        value = _common.mix(raw[:whole].view(np.uint64), np.uint64(value))
-        value = _common.mix(tail.view(np.uint64), np.uint64(value))
+        rest = np.zeros(16, np.uint8)
+        rest[: raw.size - whole] = raw[whole:]
+        rest[8] = array is None
+        for part in (raw[:whole], rest):
+            words = part.view(np.uint64)
+            words.setflags(write=False)
+            value = np.uint64(_common.mix(words, value))
     return np.array([value], np.uint64)
 
 
@@ -166,3 +170,34 @@ class Job:
             lattice_hash=f"{int(self.mark[0]):016x}",
             resume={"key": self.key, "lattice": self.mark, **resume},
         )
+
+
+def run_pieces(
+    job: Job, follow: Callable[[int, int, np.ndarray], int], pieces: Sequence[tuple[int, int]], workers: int
+) -> None:
+    """Follow every piece of a lattice, on ``workers`` threads (0: one for each processor), and add up the tallies.
+
+    ``follow(first, last, tally)`` goes on for a while, adds to ``tally`` and returns where it stopped. Tallies are whole
+    numbers, so neither the order of the pieces nor the number of threads can be seen in their sum.
+    """
+    stop = Event()
+
+    def one(piece: tuple[int, int]) -> np.ndarray:
+        tally = np.zeros_like(job.tally)
+        first, last = piece
+        while first < last and not stop.is_set():
+            first = follow(first, last, tally)
+        return tally
+
+    workers = min(workers or len(os.sched_getaffinity(0)), len(pieces))
+    if workers < 2:
+        for piece in pieces:
+            job.tally += one(piece)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            for tally in pool.map(one, pieces):
+                job.tally += tally
+        except BaseException:
+            stop.set()
+            raise

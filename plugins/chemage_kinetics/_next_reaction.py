@@ -1,7 +1,7 @@
 """Kernel of the next-reaction method, patch by patch.
 
-Sites interact along the neighbour graph only, so its connected patches evolve independently: each is followed to the end
-on its own, in a small working set, on any thread. Every site has the time of its next event; in the heap of a patch are
+Sites interact along the neighbour graph only, so its connected patches evolve independently: each is followed to the
+end on its own, in a small working set, on any thread. Every site has the time of its next event; in the heap of a patch are
 only those before the last hold time. All random numbers of a site come from its own counter (pixel, draw), so neither
 the order of the patches nor the number of threads can be seen in the result.
 
@@ -193,10 +193,12 @@ def _valid_top(keys, sites, place, size, times, final, present, base, scratch, c
         if gone:
             place[site] = -1
             size -= 1
-            if size > 0:
-                _sink(keys, sites, place, size, 0, keys[size, 0], keys[size, 1], np.int64(sites[size]))
-        else:
-            _sink(keys, sites, place, size, 0, high, low, site)
+            if size == 0:
+                break
+            high = keys[size, 0]
+            low = keys[size, 1]
+            site = np.int64(sites[size])
+        _sink(keys, sites, place, size, 0, high, low, site)
     return size
 
 
@@ -267,7 +269,8 @@ def _sort(order, begin, end, times, final, base, scratch, ends, room):
         b = BUCKETS if past(times[i, 0], times[i, 1], final) else _bucket(times[i, 0], base, scratch)
         order[counts[b]] = i
         counts[b] += 1
-    ends[:] = counts[: BUCKETS + 1]
+    for b in range(BUCKETS + 1):
+        ends[b] = counts[b]
 
 
 @hot
@@ -295,13 +298,18 @@ def _draw(k0, k1, site, pixel, words, breaking, nu, per_unit, high, low, times, 
 
 
 @jit
+def _draw_cold(k0, k1, site, pixel, words, breaking, nu, per_unit, high, low, times, draws):
+    _draw(k0, k1, site, pixel, words, breaking, nu, per_unit, high, low, times, draws)
+
+
+@jit
 def draw_times(k0, k1, pixels, words, breaking, nu, per_unit, clock, times, draws):
     """First pending times of all sites, from the instant ``clock`` on."""
     for i in range(words.size):
         _draw(k0, k1, i, pixels[i], words, breaking, nu, per_unit, clock[HIGH], clock[LOW], times, draws)
 
 
-@hot
+@jit
 def _own_rate(site, words, breaking, nu, per_unit):
     word = words[site]
     if word & 1 == 0:
@@ -365,25 +373,21 @@ def _turn(
                 found += 1
         else:
             # It had no event before the end of time: nothing is known of it, and the exponential forgets.
-            _draw(k0, k1, j, pixels[j], words, breaking, nu, per_unit, high, low, times, draws)
+            _draw_cold(k0, k1, j, pixels[j], words, breaking, nu, per_unit, high, low, times, draws)
             sooner[found] = j
             found += 1
     return found
 
 
 @jit
-def _correct(keys, sites, place, size, times, final, present, base, scratch, chain, home, heads):
-    return _valid_top(keys, sites, place, size, times, final, present, base, scratch, chain, home, heads)
-
-
-@jit
-def _offer_cold(keys, sites, place, size, times, site, final, present, base, scratch, chain, home, heads):
-    return _offer(keys, sites, place, size, times, site, final, present, base, scratch, chain, home, heads)
-
-
-@jit
-def _draw_cold(k0, k1, site, pixel, words, breaking, nu, per_unit, high, low, times, draws):
-    _draw(k0, k1, site, pixel, words, breaking, nu, per_unit, high, low, times, draws)
+def _offer_around(
+    i, neighbours, keys, sites, place, size, times, final, present, base, scratch, chain, home, heads
+):
+    for s in range(-1, neighbours.shape[1]):
+        j = np.int64(neighbours[i, s]) if s >= 0 else i
+        if j >= 0:
+            size = _offer(keys, sites, place, size, times, j, final, present, base, scratch, chain, home, heads)
+    return size
 
 
 @jit
@@ -392,6 +396,12 @@ def _stay(
     breaking, nu, per_unit, times, draws, k0, k1, pixels, tally, hold,
 ):
     """Follow site i as a two-state chain for ``span`` seconds at most, and draw the pending times around it anew."""
+    rng[0] = k0
+    rng[1] = k1
+    rng[2] = np.uint64(STREAM)
+    rng[3] = np.uint64(pixels[i])
+    rng[4] = _SOJOURN_BLOCKS + np.uint64(draws[i] * 4096)
+    draws[i] += 1
     spent, exited, other, out_here, out_there = sojourn(rng, rate_here, rate_back, around_here, around_back, span)
     count_sojourn(tally, hold, words[i], out_here, out_there, other)
     high, low = later(high, low, spent)
@@ -505,7 +515,8 @@ def _follow(
         for o in range(starts[p], starts[p + 1]):
             place[order[o]] = -1
             home[order[o]] = -1
-        heads[:] = -1
+        for b in range(BUCKETS):
+            heads[b] = -1
         size = 0
         hold = 0
         present = -1
@@ -534,23 +545,13 @@ def _follow(
                 if size > 0:
                     span = min(span, (keys[0, 0] - high) + (keys[0, 1] - low))
                 if span * min(rate_here, rate_back) >= FLICKER:
-                    rng[0] = k0
-                    rng[1] = k1
-                    rng[2] = np.uint64(STREAM)
-                    rng[3] = np.uint64(pixels[i])
-                    rng[4] = _SOJOURN_BLOCKS + np.uint64(draws[i] * 4096)
-                    draws[i] += 1
                     _stay(
                         rng, i, high, low, span, hold_times[hold], rate_here, rate_back, around_here, around_back,
                         words, neighbours, coupling, breaking, nu, per_unit, times, draws, k0, k1, pixels, tally, hold,
                     )
-                size = _offer_cold(keys, sites, place, size, times, i, final, present, base, scratch, chain, home, heads)
-                for s in range(slots):
-                    j = np.int64(neighbours[i, s])
-                    if j >= 0:
-                        size = _offer_cold(
-                            keys, sites, place, size, times, j, final, present, base, scratch, chain, home, heads
-                        )
+                size = _offer_around(
+                    i, neighbours, keys, sites, place, size, times, final, present, base, scratch, chain, home, heads
+                )
                 continue
             if size == 0:
                 break
@@ -599,7 +600,7 @@ def _follow(
                 around_here = _around(i, words, neighbours, breaking, nu, per_unit)
                 slower = min(rate_here, rate_back)
                 span = until(high, low, hold_times[hold])
-                if FLICKER * max(around_here, around_back) <= slower and FLICKER <= span * slower:
+                if FLICKER * max(around_here, around_back) <= slower and span * slower >= FLICKER:
                     aside = i
                     size = _drop_around(keys, sites, place, size, i, neighbours)
     return last

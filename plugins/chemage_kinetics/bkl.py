@@ -53,7 +53,7 @@ class BKL(Engine):
             order = kernel.sort(words, job.breaking, job.per_unit * kernel.SHARE, records, counts)
         arena = kernel.place(order, words, records, first, room, counts, weights, counters)
         while not counters[kernel.DONE]:
-            arena = kernel.advance(
+            kernel.advance(
                 job.k0, job.k1, job.neighbours, job.coupling, job.breaking, job.nu, job.per_unit, job.hold_times,
                 self.superbasins, records, arena, first, room, counts, weights, clock, counters, job.tally, SLICE,
             )

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
-from threading import Event
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -12,7 +9,7 @@ from pydantic import Field
 
 from chemage.spec import Engine
 from chemage_kinetics import _next_reaction as kernel
-from chemage_kinetics._driver import SLICE, Job
+from chemage_kinetics._driver import SLICE, Job, run_pieces
 
 if TYPE_CHECKING:
     from chemage.objects import BondHistory, ReactionLattice
@@ -60,32 +57,15 @@ class NextReaction(Engine):
             kernel.draw_times(
                 job.k0, job.k1, lattice.sites, words, job.breaking, job.nu, job.per_unit, clock, times, draws
             )
-        stop = Event()
 
-        def follow(piece: tuple[int, int]) -> np.ndarray:
-            tally = np.zeros_like(job.tally)
-            first, last = piece
-            while first < last and not stop.is_set():
-                first = kernel.follow(
-                    job.k0, job.k1, lattice.sites, job.neighbours, job.coupling, job.breaking, job.nu, job.per_unit,
-                    job.hold_times, self.superbasins, order, starts, first, last, words, times, draws, place, chain, home,
-                    tally, SLICE,
-                )
-            return tally
+        def follow(first: int, last: int, tally: np.ndarray) -> int:
+            return kernel.follow(
+                job.k0, job.k1, lattice.sites, job.neighbours, job.coupling, job.breaking, job.nu, job.per_unit,
+                job.hold_times, self.superbasins, order, starts, first, last, words, times, draws, place, chain, home,
+                tally, SLICE,
+            )
 
-        pieces = _pieces(starts)
-        workers = min(self.workers or len(os.sched_getaffinity(0)), len(pieces))
-        if workers > 1:
-            with ThreadPoolExecutor(workers) as pool:
-                try:
-                    for tally in pool.map(follow, pieces):
-                        job.tally += tally
-                except BaseException:
-                    stop.set()
-                    raise
-        else:
-            for piece in pieces:
-                job.tally += follow(piece)
+        run_pieces(job, follow, _pieces(starts), self.workers)
         return job.history((words & 1).astype(np.bool_), times=times, draws=draws)
 
 
