@@ -42,8 +42,9 @@ PRECISIONS: dict[str, tuple[type[np.floating[Any]], type[np.floating[Any]]]] = {
     "mixed": (np.float64, np.float32),
     "double": (np.float64, np.float64),
 }
-#: Iterations without halving the error after which the method in use counts as stalled.
-PATIENCE = 40
+#: Iterations without halving the error after which the next more cautious method takes over: everything; Fourier
+#: transforms only and the plain preconditioner; no preconditioner. After the last the solve has stalled.
+PATIENCE = (20, 20, 100)
 #: How far the error may fall on changes of the gap alone before the gap is evaluated anew: exact, and split operator.
 EXACT_TRUST, SPLIT_TRUST = 1e-5, 0.3
 #: Iterations with the split operator after which the gap is evaluated anew in any case.
@@ -52,11 +53,15 @@ SPLIT_TURNS = 8
 #: does not: this share of it is taken away, and it is worked out anew after so many iterations.
 OUTWARD_SHARE = 0.65
 OUTWARD_TURNS = 6
+#: The tolerance is relative to the rms height, or to the approach since first touch where that is smaller, but not
+#: below this part of the rms height: what the precision can resolve.
+APPROACH_FLOOR = {"single": 0.1, "mixed": 1e-6, "double": 1e-6}
 #: Pressure cut off below zero is left out of the gap if it would change it by less than this part of the error.
 NEGLIGIBLE = 0.01
 #: A coarse grid is only a start: solved this well, and never smaller than this many pixels along an edge.
 COARSE_TOLERANCE = 1e-3
 COARSEST = 48
+COARSE_ITERATIONS = 30
 
 
 class Team:
@@ -139,8 +144,8 @@ class Settings:
     levels: int | None = None
     library: str = "scipy"
     threads: int = 1
-    precondition: bool = True
-    split: bool = True
+    #: 0: every acceleration; 1: Fourier transforms and the plain preconditioner; 2: no preconditioner
+    caution: int = 0
 
 
 @dataclass
@@ -195,11 +200,15 @@ class _Grid:
         exact = self._exact.transforms if self._exact is not None and self._exact is not self.operator else 0
         return self.operator.transforms + exact
 
-    def gap(self, p: Array, exact: bool, out: Array | None = None) -> Array:
-        """Gap before the offset, G p - h, evaluated in the precision of the state, or in the cheaper one of the work."""
-        if exact and self._exact is None:
+    def exact(self) -> Convolution:
+        """The operator in the precision of the state."""
+        if self._exact is None:
             self._exact = Convolution(self.body, self.state, self.settings.library, self.team)
-        u = (self._exact if exact and self._exact is not None else self.operator).apply(p)
+        return self._exact
+
+    def gap(self, p: Array, exact: bool, out: Array | None = None) -> Array:
+        """Gap before the offset, G p - h, in the precision of the state, or in the cheaper one of the work."""
+        u = (self.exact() if exact else self.operator).apply(p)
         r = out if out is not None else u if u.dtype == self.state else np.empty(p.shape, self.state)
         self.team.run(kernels.subtract, p.shape[0], u, self.h, self.kappa, r)
         return r
@@ -230,8 +239,8 @@ class _Grid:
         y: Array = d
         z = np.zeros_like(d)
         outward = np.zeros_like(d)
-        precondition = self.settings.precondition
-        split = self.settings.split and precondition and suits(self.body)
+        caution = self.settings.caution
+        split = caution == 0 and suits(self.body)
         if split:
             make = (self.body, self.work, self.settings.library, self.team, self.width)
             near, near_inverse = Split(*make, inverse=False), Split(*make, inverse=True)
@@ -265,41 +274,45 @@ class _Grid:
                 refreshed, since = error, 0
             if error < 0.5 * best:
                 best, best_at = error, iteration
+            # A small approach is a finer measure of what matters than the roughness of pixels that never meet.
+            aim = tolerance * min(1.0, max(-offset, APPROACH_FLOOR[self.settings.precision])) if exact else tolerance
             trusted = settled or (not exact and (fresh or not split))
             hopeless = not math.isfinite(error) or iteration >= limit
-            if not hopeless and iteration - best_at >= PATIENCE:
-                hopeless = not precondition
-                if split:
-                    split, since = False, 0
-                    live = (active[:, 2] > 0.0).astype(np.uint8)
+            if not hopeless and iteration - best_at >= PATIENCE[caution]:
+                if caution < 2:
+                    caution += 1
+                    notes.append(f"slow progress: went on more cautiously after {iteration} iterations")
+                    steepest, best, best_at, since = True, error, iteration, 0
+                    if split:
+                        split = False
+                        live = (active[:, 2] > 0.0).astype(np.uint8)
                 else:
-                    precondition = False
-                notes += [] if hopeless else [f"slow progress: went on more cautiously after {iteration} iterations"]
-                steepest, best_at = True, iteration
-            if trusted and (error < tolerance or hopeless):
-                return Outcome(p, r, offset, rms, deepest, error < tolerance, iteration, notes)
-            goal = max(0.5 * tolerance, SPLIT_TRUST * refreshed) if split else max(tolerance, EXACT_TRUST * refreshed)
-            if not fresh and (error < goal or hopeless or (split and since >= SPLIT_TURNS)):
-                # Take stock: evaluate the gap anew, in full precision where rounding might show.
-                settled = self.state == self.work or (exact and (error < max(tolerance, 1e-5) or hopeless))
+                    hopeless = True
+            if error < aim or hopeless:
+                if trusted:
+                    return Outcome(p, r, offset, rms, deepest, error < aim, iteration, notes)
+                settled = exact or self.state == self.work
                 self.gap(p, settled, r)
                 fresh = True
                 continue
-            if hopeless:
-                settled, fresh = True, True
-                self.gap(p, True, r)
+            goal = max(0.5 * aim, SPLIT_TRUST * refreshed) if split else EXACT_TRUST * refreshed
+            if not fresh and (error < goal or (split and since >= SPLIT_TURNS)):
+                # Take stock: evaluate the gap anew, in full precision where rounding might show.
+                settled = self.state == self.work or (exact and error < max(aim, 1e-5))
+                self.gap(p, settled, r)
+                fresh = True
                 continue
             # Direction
             iteration += 1
             since += 1
-            if precondition and (since - 1) % OUTWARD_TURNS == 0:
+            if caution == 0 and (since - 1) % OUTWARD_TURNS == 0:
                 run(kernels.indicator, live, v, z)
                 outward = near_inverse.apply(z, live, outward) if split else self.operator.precondition(z)
             if split:
                 near_inverse.apply(v, live, z)
             else:
-                z = self.operator.precondition(v) if precondition else v
-            run(kernels.products, live, v, z, outward, OUTWARD_SHARE if precondition else 0.0, d, y, part)
+                z = self.operator.precondition(v) if caution < 2 else v
+            run(kernels.products, live, v, z, outward, OUTWARD_SHARE if caution == 0 else 0.0, d, y, part)
             sz, szv, sd, sdv, szy, sdy, sy = self._sum(7)
             zm, dm = (sz / size, sd / size) if self.offset_fixed is None else (0.0, 0.0)
             zv, zy, dv, dy = szv - zm * sum_v, szy - zm * sy, sdv - dm * sum_v, sdy - dm * sy
@@ -426,16 +439,16 @@ def _solve(
             p = _first_guess(grid, h, kappa, offset)
         elif p.shape != shape:
             p = resampled(p, shape, state, body.periodic, team)
-        p = np.array(p, dtype=state, copy=p is start)
+        if p is start:
+            p = np.array(start, dtype=state)
+        end: Outcome | None = None
         if offset is None:
-            if here.padded == here.shape and depth == 0 and p.min() > 0.0:
-                full = _full_contact(grid, h, kappa)
-                p = full if full.min() >= 0.0 else p
-            mean = float(p.mean(dtype=np.float64))
-            p *= 1.0 / mean
+            p *= 1.0 / float(p.mean(dtype=np.float64))
+            if here.padded == here.shape and p.min() > 0.0:
+                end = _full_contact(grid, h, kappa)
         tolerance = settings.tolerance if depth == 0 else max(settings.tolerance, COARSE_TOLERANCE)
-        limit = settings.max_iterations if depth == 0 else min(settings.max_iterations, 60)
-        end = grid.solve(p, tolerance, limit, depth == 0)
+        limit = settings.max_iterations if depth == 0 else min(settings.max_iterations, COARSE_ITERATIONS)
+        end = end or grid.solve(p, tolerance, limit, depth == 0)
         p = end.pressure
         levels.append((shape, end.iterations))
         if depth == 0:
@@ -456,17 +469,34 @@ def _solve(
     raise AssertionError("there is always a finest grid")
 
 
-def _full_contact(grid: _Grid, h: Array, kappa: float) -> Array:
-    """Pressure that presses the heights flat, with mean 1: exact where nothing is padded."""
-    q = grid.operator.precondition(np.asarray(h, dtype=grid.work)).astype(grid.state)
-    q *= 1.0 / max(kappa, 1e-12)
-    q += 1.0 - float(q.mean(dtype=np.float64))
+def _flattening(grid: _Grid, h: Array, kappa: float) -> Array:
+    """Pressure with mean 0 that presses the heights flat: exact where nothing is padded."""
+    q = grid.exact().precondition(np.asarray(h, dtype=grid.state))
+    q -= q.dtype.type(q.mean(dtype=np.float64))
+    # At vanishing loads only its shape is of use.
+    q *= q.dtype.type(1.0 / max(kappa, 1e-12))
     return q
+
+
+def _full_contact(grid: _Grid, h: Array, kappa: float) -> Outcome | None:
+    """The solution if every pixel touches, else None.
+
+    The gap is worked out from the varying part of the pressure: under a large mean the sum would not resolve it.
+    """
+    varying = _flattening(grid, h, kappa)
+    if float(varying.min()) <= -1.0:
+        return None
+    r = grid.gap(varying, True)
+    offset = -float(r.mean(dtype=np.float64))
+    rms = math.sqrt(float(np.mean(np.square(r + r.dtype.type(offset)), dtype=np.float64)))
+    varying += varying.dtype.type(1.0)
+    grid.history.append((rms, 0.0))
+    return Outcome(varying, r, offset, rms, 0.0, rms < grid.settings.tolerance, 0, [])
 
 
 def _first_guess(grid: _Grid, h: Array, kappa: float, offset: float | None) -> Array:
     """The admissible pressure nearest to the one that presses the heights flat."""
     if offset is None:
-        return projected(_full_contact(grid, h, kappa)).astype(grid.state)
-    q = grid.operator.precondition(np.asarray(h, dtype=grid.work) - offset)
-    return np.maximum(q.astype(grid.state) / kappa, 0.0)
+        return projected(_flattening(grid, h, kappa) + 1.0).astype(grid.state)
+    q = grid.operator.precondition(np.asarray(h, dtype=grid.work) - grid.work(offset))
+    return np.maximum(q, 0.0).astype(grid.state) / grid.state(kappa)

@@ -139,8 +139,9 @@ class PeriodicLayer:
 
     def inverse(self) -> Floats:
         values = self.symbol()
-        # An incompressible layer cannot be compressed uniformly.
-        return 1.0 / np.maximum(values, 1e-6 * float(values.max()))
+        if values[0, 0] <= 0.0:  # an incompressible layer cannot be compressed uniformly
+            values[0, 0] = 2.0 * float(values.ravel()[1:].max(initial=0.0)) or 1.0
+        return 1.0 / values
 
     def regrid(self, shape: tuple[int, int]) -> Self:
         return replace(self, shape=shape, pixel=_rescaled(self.shape, self.pixel, shape))

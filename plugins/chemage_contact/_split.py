@@ -98,7 +98,7 @@ def _fitted(symbol: Floats, far: Floats) -> Floats:
     index = np.arange(half) % m
     index = np.minimum(index, m - index)
     rest = full - far[np.ix_(index, index)] * np.outer(_hat(q), _hat(q)) ** 2
-    weight = 1.0 / np.maximum(full, 1e-3 * full.max())
+    weight = 1.0 / np.maximum(full, 1e-3 * full.ravel()[1:].max())
     weight[0, 0] = 0.0
     # Rows and columns of the quarter stand for two, except the first and last.
     twice = np.where((np.arange(half) % (half - 1)) == 0, 1.0, 2.0)

@@ -200,10 +200,10 @@ class FFTBEM(ContactSolver):
         self, surface: Surface, result: iteration.Result, unit: float, pressure: float, load: float
     ) -> ContactSolution:
         values = result.pressure
-        total = float(values.sum(dtype=np.float64)) * pressure * surface.pixel_size**2
-        force_error = abs(total / load - 1.0) if load > 0 else 0.0
+        area = surface.pixel_size**2
+        total = float(values.sum(dtype=np.float64))
         weighted = float(np.vdot(values, np.abs(result.gap)))
-        complementarity = weighted / float(values.sum(dtype=np.float64)) if weighted else 0.0
+        complementarity = weighted / total if weighted else 0.0
         notes = list(result.notes)
         if not result.converged:
             message = self._failure(result)
@@ -215,9 +215,13 @@ class FFTBEM(ContactSolver):
                     tolerance=self.tolerance,
                 )
             notes.append(message)
-        values *= pressure
-        if not np.isfinite(values.max()):
-            raise InputError.of("load", load, "the pressure leaves the range of numbers", "use precision = 'double'")
+        if values.size and float(values.min()) > 0.0:
+            notes.append("full contact: every pixel touches, and more load only adds uniform pressure")
+        # The last rounding of the load: what is left after thousands of single-precision changes.
+        values *= values.dtype.type(pressure * (load / (total * pressure * area)) if load > 0 else pressure)
+        force_error = abs(float(values.sum(dtype=np.float64)) * area / load - 1.0) if load > 0 else 0.0
+        if not force_error < 1e-3:
+            raise InputError.of("load", load, f"the pressure leaves the range of {values.dtype} numbers")
         values.setflags(write=False)
         gap = None
         if self.gap:
