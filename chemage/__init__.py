@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from chemage.ageing import age as age
     from chemage.compare import compare_files as compare_files
     from chemage.hookspecs import hookimpl as hookimpl
     from chemage.measured import fit_aging as fit_aging
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from chemage.objects import ReactionLattice as ReactionLattice
     from chemage.objects import Surface as Surface
     from chemage.objects import hold_times as hold_times
-    from chemage.pipeline import age as age
     from chemage.pipeline import build_lattice as build_lattice
     from chemage.pipeline import make_surface as make_surface
     from chemage.pipeline import run_kinetics as run_kinetics
@@ -50,13 +50,14 @@ if TYPE_CHECKING:
 _HOME = {
     **dict.fromkeys(("Chemistry", "chemistry"), "reactions"),
     "compare_files": "compare",
+    "age": "ageing",
     "hookimpl": "hookspecs",
     **dict.fromkeys(("fit_aging", "read_measurements"), "measured"),
     "write_report": "report",
     **dict.fromkeys(
         ("Aging", "BondHistory", "ContactSolution", "Fit", "ReactionLattice", "Surface", "hold_times"), "objects"
     ),
-    **dict.fromkeys(("age", "build_lattice", "make_surface", "run_kinetics", "solve_contact"), "pipeline"),
+    **dict.fromkeys(("build_lattice", "make_surface", "run_kinetics", "solve_contact"), "pipeline"),
     **dict.fromkeys(("barriers", "contact", "engine", "fromdict", "interaction", "observable", "surface"), "registry"),
     **dict.fromkeys(("Run", "run"), "runs"),
     **dict.fromkeys(("Scene", "load_scene"), "scene"),

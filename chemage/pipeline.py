@@ -1,69 +1,30 @@
-"""One function per arrow: surface → contact → lattice → kinetics, and :func:`age`, which runs the last two for every
-replica. Each goes through its hook, so that a plugin can replace or wrap the arrow; chemage's own answer, the chosen
-class's one method, comes last.
+"""One function per arrow: surface → contact → lattice → kinetics. Each goes through its hook, so that a plugin can
+replace or wrap the arrow; chemage's own answer, the chosen class's one method, comes last.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from chemage import registry
 from chemage.errors import InputError, PluginError
-from chemage.hookspecs import hookimpl
-from chemage.objects import Aging, BondHistory, ContactSolution, ReactionLattice, Surface
+from chemage.objects import BondHistory, ContactSolution, ReactionLattice, Surface
 from chemage.reactions import Chemistry
 from chemage.spec import (
     ContactSolver,
     Engine,
-    Observable,
     Seed,
     SurfaceMaker,
     check_times,
-    checked_seed,
     force,
     temperature_value,
 )
-from chemage.threads import available
-
-# -- chemage's own answers, asked last ------------------------------------------------------------------------------
-
-
-@hookimpl(trylast=True)
-def chemage_make_surface(maker: SurfaceMaker, seed: Seed) -> Surface:
-    return maker.make(seed)
-
-
-@hookimpl(trylast=True)
-def chemage_solve_contact(
-    solver: ContactSolver, surface: Surface, load: float, start: ContactSolution | None
-) -> ContactSolution:
-    return solver.solve(surface, load, start=start)
-
-
-@hookimpl(trylast=True)
-def chemage_build_lattice(chemistry: Chemistry, contact: ContactSolution, seed: Seed) -> ReactionLattice:
-    return chemistry.on(contact, seed)
-
-
-@hookimpl(trylast=True)
-def chemage_run_kinetics(
-    engine: Engine,
-    lattice: ReactionLattice,
-    hold_times: np.ndarray,
-    temperature: float,
-    seed: Seed,
-    start: BondHistory | None,
-) -> BondHistory:
-    return engine.run(lattice, hold_times, temperature=temperature, seed=seed, start=start)
 
 
 def _answer(name: str, expected: type, **arguments: Any) -> Any:
-    from chemage import registry
-
     result = getattr(registry.current().manager.hook, name)(**arguments)
     if not isinstance(result, expected):
         raise PluginError(
@@ -72,7 +33,7 @@ def _answer(name: str, expected: type, **arguments: Any) -> Any:
     return result
 
 
-def _expect(name: str, value: object, kind: type, remedy: str) -> None:
+def expect(name: str, value: object, kind: type, remedy: str) -> None:
     if not isinstance(value, kind):
         raise InputError.of(name, value, f"is no {kind.__name__}", remedy)
 
@@ -82,7 +43,7 @@ def _expect(name: str, value: object, kind: type, remedy: str) -> None:
 
 def make_surface(maker: SurfaceMaker, seed: Seed = 0) -> Surface:
     """The surface of ``maker``, through the hook ``chemage_make_surface``."""
-    _expect("maker", maker, SurfaceMaker, 'make one with chemage.surface("sphere", ...)')
+    expect("maker", maker, SurfaceMaker, 'make one with chemage.surface("sphere", ...)')
     return _answer("chemage_make_surface", Surface, maker=maker, seed=seed)
 
 
@@ -90,8 +51,8 @@ def solve_contact(
     solver: ContactSolver, surface: Surface, load: float | str, *, start: ContactSolution | None = None
 ) -> ContactSolution:
     """The contact of ``surface`` under ``load``, through the hook ``chemage_solve_contact``."""
-    _expect("solver", solver, ContactSolver, 'make one with chemage.contact("hertz", ...)')
-    _expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
+    expect("solver", solver, ContactSolver, 'make one with chemage.contact("hertz", ...)')
+    expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
     return _answer(
         "chemage_solve_contact", ContactSolution, solver=solver, surface=surface, load=force(load), start=start
     )
@@ -99,8 +60,8 @@ def solve_contact(
 
 def build_lattice(chemistry: Chemistry, contact: ContactSolution, seed: Seed = 0) -> ReactionLattice:
     """The reactive sites of ``contact``, through the hook ``chemage_build_lattice``."""
-    _expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
-    _expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
+    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
+    expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
     return _answer("chemage_build_lattice", ReactionLattice, chemistry=chemistry, contact=contact, seed=seed)
 
 
@@ -114,8 +75,8 @@ def run_kinetics(
     start: BondHistory | None = None,
 ) -> BondHistory:
     """One replica, through the hook ``chemage_run_kinetics``."""
-    _expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
-    _expect("lattice", lattice, ReactionLattice, "make one with chemistry.on(contact), or from arrays")
+    expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
+    expect("lattice", lattice, ReactionLattice, "make one with chemistry.on(contact), or from arrays")
     return _answer(
         "chemage_run_kinetics",
         BondHistory,
@@ -126,165 +87,3 @@ def run_kinetics(
         seed=seed,
         start=start,
     )
-
-
-def replica_seeds(seed: Seed, replica: int) -> tuple[np.random.SeedSequence, np.random.SeedSequence]:
-    """Seeds of a replica's disorder and of its kinetics: functions of ``seed`` and the replica's number alone."""
-    if isinstance(seed, np.random.SeedSequence):
-        entropy, key = seed.entropy, tuple(seed.spawn_key)
-    else:
-        entropy, key = checked_seed(seed), ()
-    return (
-        np.random.SeedSequence(entropy, spawn_key=(*key, replica, 0)),
-        np.random.SeedSequence(entropy, spawn_key=(*key, replica, 1)),
-    )
-
-
-def age(
-    contact: ContactSolution,
-    chemistry: Chemistry,
-    *,
-    engine: Engine,
-    hold_times: Sequence[float] | np.ndarray,
-    temperature: float | str,
-    replicas: int = 10,
-    seed: Seed = 0,
-    observe: Sequence[Observable] = (),
-    workers: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    checkpoints: Path | None = None,
-) -> Aging:
-    """Age a contact: ``replicas`` times draw the disorder, run the kinetics to every hold time, count the bonds.
-
-    Parameters
-    ----------
-    contact, chemistry, engine
-        The contact, what reacts on it, and the engine that follows it.
-    hold_times
-        (m,) seconds, non-decreasing; see :func:`chemage.hold_times`.
-    temperature
-        Kelvin, or a string with its unit.
-    replicas
-        Each redraws barriers, couplings, hydroxylation and the kinetic noise on the same contact.
-    seed
-        Replica r depends on ``seed`` and r alone, not on how many replicas or workers there are.
-    observe
-        Further measurements on each replica, kept in ``Aging.observables``.
-    workers
-        Threads that run replicas side by side (default: one a processor). Results do not depend on it.
-    progress
-        Called with (replicas done, replicas in all).
-    checkpoints
-        A folder in which every replica is kept as it goes; an interrupted call goes on from there, with equal results.
-    """
-    _expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
-    _expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
-    _expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
-    for one in observe:
-        _expect("observe", one, Observable, 'give a list of chemage.observable("barrier-spectrum")')
-    times, kelvin = check_times(hold_times), temperature_value(temperature)
-    if isinstance(replicas, bool) or not isinstance(replicas, int | np.integer) or replicas < 1:
-        raise InputError.of("replicas", replicas, "must be a whole number of at least 1")
-    if not isinstance(seed, np.random.SeedSequence):
-        checked_seed(seed)
-    if workers is not None and workers < 1:
-        raise InputError.of("workers", workers, "must be at least 1")
-
-    def replica(number: int) -> _Replica:
-        disorder, noise = replica_seeds(seed, number)
-        lattice = build_lattice(chemistry, contact, disorder)
-        if checkpoints is None:
-            history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise)
-        else:
-            from chemage.checkpoints import run_with_checkpoints
-
-            path = checkpoints / f"replica-{number:05d}.h5"
-            history = run_with_checkpoints(engine, lattice, times, temperature=kelvin, seed=noise, path=path)
-        seen = _observations(contact, lattice, history, observe)
-        return _Replica(history.bonds, history.events, lattice.sites.size, history.engine, seen)
-
-    # an engine with threads of its own takes the processors itself
-    side_by_side = 1 if engine.threads else min(replicas, workers or available())
-    done = list(_in_order(replica, replicas, side_by_side, progress))
-    return Aging(
-        hold_times=times,
-        bonds=np.stack([one.bonds for one in done]),
-        sites=np.array([one.sites for one in done]),
-        events=np.array([one.events for one in done]),
-        load=contact.load,
-        temperature=kelvin,
-        bond_force=chemistry.bond_force,
-        front_factor=chemistry.front_factor,
-        engine=done[0].engine,
-        contact=contact.summary(),
-        observables=_stacked([one.seen for one in done]),
-        provenance={
-            "chemistry": chemistry.todict(),
-            "engine": engine.todict(),
-            "seed": str(seed),
-            "contact": contact.provenance,
-        },
-    )
-
-
-class _Replica(NamedTuple):
-    """What is kept of a finished replica; its lattice and state are not, they would fill the memory."""
-
-    bonds: np.ndarray
-    events: int
-    sites: int
-    engine: str
-    seen: dict[str, np.ndarray]
-
-
-def _in_order(
-    task: Callable[[int], Any], count: int, workers: int, progress: Callable[[int, int], None] | None
-) -> Iterator[Any]:
-    """Results of ``task(0 … count−1)`` in that order; the first failure stops the rest."""
-    if workers == 1:
-        for number in range(count):
-            yield task(number)
-            if progress:
-                progress(number + 1, count)
-        return
-    pool = ThreadPoolExecutor(workers, thread_name_prefix="chemage-replica")
-    try:
-        futures = [pool.submit(task, number) for number in range(count)]
-        left = set(futures)
-        while left:
-            finished, left = wait(left, return_when=FIRST_COMPLETED)
-            for future in finished:
-                future.result()
-            if progress:
-                progress(count - len(left), count)
-        for future in futures:
-            yield future.result()
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _observations(
-    contact: ContactSolution, lattice: ReactionLattice, history: BondHistory, observe: Sequence[Observable]
-) -> dict[str, np.ndarray]:
-    from chemage import registry
-
-    answers: list[Mapping[str, Any]] = [one.measure(contact, lattice, history) for one in observe]
-    answers += registry.current().manager.hook.chemage_observe(contact=contact, lattice=lattice, history=history)
-    seen: dict[str, np.ndarray] = {}
-    for answer in answers:
-        for name, value in answer.items():
-            if name in seen:
-                raise PluginError(f"two observables give {name!r}; rename one")
-            seen[name] = np.asarray(value)
-    return seen
-
-
-def _stacked(replicas: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    first = {name: value.shape for name, value in replicas[0].items()}
-    for number, seen in enumerate(replicas):
-        if (shapes := {name: value.shape for name, value in seen.items()}) != first:
-            raise PluginError(
-                f"observables differ between replicas: {first} in replica 0, {shapes} in replica {number}; "
-                "give the same names and shapes for every replica"
-            )
-    return {name: np.stack([seen[name] for seen in replicas]) for name in first}

@@ -62,9 +62,9 @@ class Registry:
         self._classes: dict[tuple[str, str], type] = {}
         if os.environ.get("CHEMAGE_TRACE", "") not in ("", "0"):
             self.manager.add_hookcall_monitoring(_trace_before, _trace_after)
-        from chemage import pipeline
+        from chemage import answers
 
-        self.manager.register(pipeline, "chemage")
+        self.manager.register(answers, "chemage")
         found = metadata.entry_points(group=GROUP) if entry_points is None else entry_points
         # chemage's own first, the rest by name: the order never depends on the file system
         for point in sorted(found, key=lambda p: (not (p.dist is not None and p.dist.name == "chemage"), p.name)):

@@ -15,9 +15,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from chemage.ageing import age
 from chemage.errors import ChemageError, InputError, StoreError
 from chemage.objects import Aging, ContactSolution, Fit, Record, Surface
-from chemage.pipeline import age, make_surface, solve_contact
+from chemage.pipeline import make_surface, solve_contact
 from chemage.scene import Scene
 
 #: called with (stage, done, total); total is 0 where a stage cannot say how far it is

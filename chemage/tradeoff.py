@@ -18,9 +18,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from chemage import registry
+from chemage.ageing import age
 from chemage.errors import ConvergenceError, InputError
 from chemage.objects import Aging, ContactSolution, Surface
-from chemage.pipeline import age, make_surface, solve_contact
+from chemage.pipeline import make_surface, solve_contact
 from chemage.scene import Scene
 from chemage.spec import ContactSolver
 
