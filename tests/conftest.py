@@ -117,6 +117,12 @@ kind = "barrier-spectrum"
 """
 
 
+@pytest.fixture(scope="session")
+def small_text():
+    """The text of a small whole scene."""
+    return SMALL
+
+
 @pytest.fixture
 def small(tmp_path, monkeypatch):
     """The file of a small whole scene, in an empty working folder."""
