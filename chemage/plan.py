@@ -66,10 +66,11 @@ def plan(scene: Scene) -> Plan:
     if "nx" in known and "ny" in known:
         pixels = known["nx"] * known["ny"]
         numbers |= {"nx": known["nx"], "ny": known["ny"], "file": 17 * pixels}
-        if "area_fraction" in solve:
-            numbers["area_fraction"] = solve["area_fraction"]
+        fraction = solve.get("area_fraction", _area_fraction(scene, known))
+        if fraction is not None:
+            numbers["area_fraction"] = fraction
             share = scene.chemistry.hydroxylation if scene.chemistry else 1.0
-            numbers["sites"] = solve["area_fraction"] * pixels * share
+            numbers["sites"] = fraction * pixels * share
     costs = [solve]
     if scene.engine is not None and scene.hold is not None and scene.chemistry is not None and "sites" in numbers:
         one = scene.engine.expected(numbers["sites"], scene.chemistry.interaction is not None)
@@ -86,6 +87,15 @@ def plan(scene: Scene) -> Plan:
         numbers["memory"] = 2e8 + max(cost["bytes"] for cost in costs)
     notes += _notes(scene, known, numbers)
     return Plan(scene, stages, numbers, notes)
+
+
+def _area_fraction(scene: Scene, known: dict[str, float]) -> float | None:
+    """κ p̄/(E* h'_rms) with κ = 2.2, bent over at full contact as in Persson's theory; None where it cannot be told."""
+    modulus, slope, pixel = getattr(scene.contact, "modulus", None), known.get("rms_slope"), known.get("pixel_size")
+    if not modulus or not slope or not pixel:
+        return None
+    pressure = scene.load / (known["nx"] * known["ny"] * pixel**2)
+    return math.erf(0.5 * math.sqrt(math.pi) * 2.2 * pressure / (modulus * slope))
 
 
 def _stages(scene: Scene, known: dict[str, float]) -> dict[str, str]:
