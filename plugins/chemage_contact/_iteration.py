@@ -89,14 +89,17 @@ class Team:
 class Convolution:
     """A substrate's operator in one precision, in pixel units: displacement = symbol/pixel applied to pressure."""
 
-    def __init__(self, body: Substrate, dtype: Any, library: str, team: Team) -> None:
+    def __init__(self, body: Substrate, dtype: Any, library: str, team: Team, *, floating: bool) -> None:
         self.shape, self.dtype, self.team = body.shape, np.dtype(dtype), team
         self.unit = math.sqrt(body.pixel[0] * body.pixel[1])
         self._transforms = Transforms(body.shape, body.padded, library, team.threads)
         self._plain = self._transforms
         if body.padded != body.shape:
             self._plain = Transforms(body.shape, body.shape, library, team.threads)
-        self._symbol = (body.symbol() / self.unit).astype(self.dtype)
+        symbol = body.symbol() / self.unit
+        if floating and body.padded == body.shape:
+            symbol[0, 0] = 0.0  # a uniform displacement only shifts the offset, but would drown the rest in rounding
+        self._symbol = symbol.astype(self.dtype)
         self._inverse: Array | None = None
         self._body = body
 
@@ -181,7 +184,8 @@ class _Grid:
         self.h = heights
         #: displacement = stiffness · (pixel-unit operator applied to dimensionless pressure)
         self.kappa = stiffness
-        self.operator = Convolution(body, self.work, settings.library, team)
+        self.floating = offset is None
+        self.operator = Convolution(body, self.work, settings.library, team, floating=self.floating)
         self._exact = self.operator if self.state == self.work else None
         nx, ny = heights.shape
         self.per_row = math.ceil(ny / kernels.WIDTH)
@@ -203,7 +207,7 @@ class _Grid:
     def exact(self) -> Convolution:
         """The operator in the precision of the state."""
         if self._exact is None:
-            self._exact = Convolution(self.body, self.state, self.settings.library, self.team)
+            self._exact = Convolution(self.body, self.state, self.settings.library, self.team, floating=self.floating)
         return self._exact
 
     def gap(self, p: Array, exact: bool, out: Array | None = None) -> Array:
@@ -243,7 +247,8 @@ class _Grid:
         split = caution == 0 and suits(self.body)
         if split:
             make = (self.body, self.work, self.settings.library, self.team, self.width)
-            near, near_inverse = Split(*make, inverse=False), Split(*make, inverse=True)
+            near = Split(*make, inverse=False, floating=self.floating)
+            near_inverse = Split(*make, inverse=True, floating=False)
             y = np.zeros_like(d)
         notes: list[str] = []
         steepest = True
@@ -453,10 +458,13 @@ def _solve(
         levels.append((shape, end.iterations))
         if depth == 0:
             end.gap += end.offset
+            uniform = 0.0
+            if offset is None and body.padded == body.shape:
+                uniform = stiffness * float(body.symbol()[0, 0]) / grid.operator.unit
             return Result(
                 p,
                 end.gap,
-                end.offset,
+                end.offset - uniform,
                 end.rms_gap,
                 end.penetration,
                 end.converged,

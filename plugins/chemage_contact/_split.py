@@ -41,7 +41,9 @@ def suits(body: Substrate) -> bool:
 class Split:
     """Approximately a convolution on the grid of ``body``: with its symbol, or with the inverse one."""
 
-    def __init__(self, body: Substrate, dtype: Any, library: str, team: Team, width: int, *, inverse: bool) -> None:
+    def __init__(
+        self, body: Substrate, dtype: Any, library: str, team: Team, width: int, *, inverse: bool, floating: bool
+    ) -> None:
         self._run, self._width = team.run, width
         coarse = (body.shape[0] // RATIO, body.shape[1] // RATIO)
         self._transforms = Transforms(coarse, coarse, library, team.threads)
@@ -51,6 +53,8 @@ class Split:
             return b.inverse() * unit if inverse else b.symbol() / unit
 
         far = symbol(body.regrid(coarse)) * _far(coarse)
+        if floating:
+            far[0, 0] = 0.0
         self._far = (far / RATIO**2).astype(dtype)
         sample = body.window((SAMPLE, SAMPLE))
         small = (SAMPLE // RATIO, SAMPLE // RATIO)
