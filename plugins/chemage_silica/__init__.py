@@ -1,7 +1,7 @@
 """The material of the paper: silica surfaces with silanol groups that form siloxane bridges.
 
 Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018): the barrier distribution ``md-silica``, and the scenes
-``silica-rough`` and ``silica-tip``.
+``silica-rough``, ``silica-tip``, ``silica-tips`` and ``silica-patch``.
 """
 
 from __future__ import annotations
@@ -26,14 +26,17 @@ def chemage_scenes() -> dict[str, str]:
     return {
         "silica-rough": "chemage_silica.scenes:silica-rough.toml",
         "silica-tip": "chemage_silica.scenes:silica-tip.toml",
+        "silica-tips": "chemage_silica.scenes:silica-tips.toml",
+        "silica-patch": "chemage_silica.scenes:silica-patch.toml",
     }
 
 
 @hookimpl
 def chemage_cli() -> list[tuple[str, Any]]:
     from chemage_silica.reproduction.command import reproduce
+    from chemage_silica.tips import study
 
-    return [("reproduce", reproduce)]
+    return [("reproduce", reproduce), ("study", study)]
 
 
 def __getattr__(name: str) -> Any:
