@@ -2,10 +2,10 @@
 
 A site in class c has a rate of at most 2**-c times the attempt frequency. The class of a rate is the whole part of
 E / (kT ln 2), so it costs no exponential. A class weighs count * 2**-c, from a whole-number count: nothing accumulates.
-An attempt draws a class by weight and a member evenly, and takes it with the probability rate / 2**-c. The clock advances
-on every attempt, and a rejected attempt draws everything anew: the attempts are a Poisson process of known rate and the
-events a thinned one, so both times and choices are exact. (Weights that are exact sums of rates would need the rejected
-attempt to stay in its class; with bounds for weights that would be wrong.)
+An attempt draws a class by weight and a member evenly, and takes it with the probability rate / 2**-c. The clock
+advances on every attempt, and a rejected attempt draws everything anew: the attempts are a Poisson process of known
+rate and the events a thinned one, so both times and choices are exact. (Weights that are exact sums of rates would need
+the rejected attempt to stay in its class; with bounds for weights that would be wrong.)
 
 A site whose rate rises above its bound moves at once. One whose rate falls stays where it is, since the bound still
 holds, and moves when an attempt on it is rejected. Most blocked neighbours are never attempted, so an event moves one
@@ -155,7 +155,8 @@ def members(arena, first, counts, n):
 def _group_weight(g, counts):
     c = 8 * g
     return (
-        (counts[c] * SCALE[c] + counts[c + 1] * SCALE[c + 1]) + (counts[c + 2] * SCALE[c + 2] + counts[c + 3] * SCALE[c + 3])
+        (counts[c] * SCALE[c] + counts[c + 1] * SCALE[c + 1])
+        + (counts[c + 2] * SCALE[c + 2] + counts[c + 3] * SCALE[c + 3])
     ) + (
         (counts[c + 4] * SCALE[c + 4] + counts[c + 5] * SCALE[c + 5])
         + (counts[c + 6] * SCALE[c + 6] + counts[c + 7] * SCALE[c + 7])

@@ -26,7 +26,7 @@ from chemage.random import KINETICS, uniform_pair
 
 #: Fixed-point units in an electronvolt.
 UNITS_PER_EV = 2.0**40
-#: Barriers and couplings beyond these are cut off; exp has long under- or overflowed there at any temperature below 1e6 K.
+#: Barriers and couplings beyond these are cut off; exp has long under- or overflowed there below 1e6 K.
 LARGEST_BARRIER = 2.0**20
 LARGEST_COUPLING = 2.0**15
 #: ln of the smallest rate, over the attempt frequency, that is told from zero.
@@ -153,7 +153,7 @@ def _add(total, more):
 
 @jit
 def count_flip(tally, hold, word):
-    """Note a flip that has just taken place; ``word & 1`` is the new state. tally: (m, 3) formed, broken, difference."""
+    """Note a flip that has taken place; ``word & 1`` is the new state. tally: (m, 3) formed, broken, difference."""
     if word & 1:
         tally[hold, 0] += 1
         tally[hold, 2] += 1
@@ -164,7 +164,7 @@ def count_flip(tally, hold, word):
 
 @jit
 def count_sojourn(tally, hold, word, out_here, out_there, other):
-    """Note the flips of a sojourn that began in the state ``word & 1``; counts stop at 2**62, the difference is exact."""
+    """Note the flips of a sojourn from the state ``word & 1``; counts stop at 2**62, the difference is exact."""
     bonded = word & 1
     tally[hold, 0] = _add(tally[hold, 0], out_there if bonded else out_here)
     tally[hold, 1] = _add(tally[hold, 1], out_here if bonded else out_there)
@@ -258,8 +258,7 @@ def sojourn(rng, here, there, leave_here, leave_there, span):
         expected = left / mean
         if expected > _HUGE:
             if allowed > expected:
-                # No double tells single flips apart here: the state is stationary and the count follows the law of large
-                # numbers to the last bit.
+                # No double tells single flips apart here: the state is stationary, and the count normal to the last bit.
                 u, v = two_uniforms(rng)
                 spread = math.sqrt(expected) * math.sqrt(1.0 / all_here**2 + 1.0 / all_there**2) / mean
                 x = math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v)
@@ -313,7 +312,7 @@ _R37 = np.uint64(37)
 
 @jit
 def mix(words, seed):
-    """A 64-bit fingerprint of uint64 words: four lanes of multiply and rotate, to tell arrays apart, not for security."""
+    """A 64-bit fingerprint of uint64 words, to tell arrays apart, not for security."""
     a = seed ^ _P1
     b = seed + _P2
     c = seed ^ _P3

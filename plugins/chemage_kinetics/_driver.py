@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from threading import Event
 
 import numpy as np
-from ase.units import kB
 
 from chemage.objects import BondHistory, ReactionLattice
 from chemage.random import key
 from chemage.spec import Seed
+from chemage.units import KB
 from chemage_kinetics import _common
 
 #: Events between two looks at the keyboard.
@@ -88,7 +88,7 @@ class Job:
     def _same(self, start: BondHistory) -> bool:
         """Whether the history's pending events still hold: same engine, lattice, temperature and seed."""
         return (
-            start.engine == self.kind
+            np.array_equal(start.resume.get("engine", ()), [_common.STREAMS[self.kind]])
             and start.temperature == self.temperature
             and np.array_equal(start.resume.get("lattice", ()), self.mark)
             and np.array_equal(start.resume.get("key", ()), self.key)
@@ -140,7 +140,7 @@ class Job:
     @property
     def per_unit(self) -> float:
         """1/k_B T over one fixed-point unit of energy."""
-        return 1.0 / (kB * self.temperature * _common.UNITS_PER_EV)
+        return 1.0 / (KB * self.temperature * _common.UNITS_PER_EV)
 
     def words(self) -> np.ndarray:
         """(n,) int64, 2 * energy + bonded; see `_common`."""
@@ -168,8 +168,22 @@ class Job:
             temperature=self.temperature,
             engine=self.kind,
             lattice_hash=f"{int(self.mark[0]):016x}",
-            resume={"key": self.key, "lattice": self.mark, **resume},
+            resume={
+                "engine": np.array([_common.STREAMS[self.kind]]),
+                "key": self.key,
+                "lattice": self.mark,
+                **resume,
+            },
         )
+
+
+#: Events a site sees to 1e5 s at room temperature on the paper's rough contact: what `Engine.expected` assumes.
+EVENTS_PER_SITE = 0.5
+
+
+def room_temperature_cost(sites: float, event: float, site: float, memory: float) -> dict[str, float]:
+    """`Engine.expected` from the seconds of an event, the seconds of a site's set-up and its bytes."""
+    return {"cpu_seconds": sites * (EVENTS_PER_SITE * event + site), "bytes": sites * memory}
 
 
 def run_pieces(
@@ -177,8 +191,8 @@ def run_pieces(
 ) -> None:
     """Follow every piece of a lattice, on ``workers`` threads (0: one for each processor), and add up the tallies.
 
-    ``follow(first, last, tally)`` goes on for a while, adds to ``tally`` and returns where it stopped. Tallies are whole
-    numbers, so neither the order of the pieces nor the number of threads can be seen in their sum.
+    ``follow(first, last, tally)`` goes on for a while, adds to ``tally`` and returns where it stopped. Tallies are
+    whole numbers, so neither the order of the pieces nor the number of threads can be seen in their sum.
     """
     stop = Event()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -19,18 +18,25 @@ if TYPE_CHECKING:
     from chemage.objects import BondHistory, ReactionLattice
     from chemage.spec import Seed
 
+#: From this many sites on, sharing patches between threads is worth the start of the threads ...
+WORTH_SHARING = 50_000
+#: ... if no patch holds more than this part of them.
+LARGEST_SHARE = 0.6
+
 log = logging.getLogger("chemage.kinetics")
 
 
 class Auto(Engine):
-    """The engine that suits the lattice; the history's ``engine`` is its name, :meth:`choose` gives the reason.
+    """The engine that suits the lattice; :meth:`choose` says which it is, and why.
 
-    Nothing interacts: ``independent``. Several threads, and patches to share between them: ``next-reaction``. Otherwise
-    ``rejection-free``. All are exact, so the choice changes the sample and its cost, not its law.
+    Nothing interacts: ``independent``. Many sites in patches of which none holds most of them, or flipping to and fro to
+    be followed patch by patch: ``next-reaction``. Otherwise ``rejection-free``. All are exact, so the choice changes the
+    sample and its cost and not its law; it depends on the lattice alone, so the number of threads changes nothing.
     """
 
     kind = "auto"
     threads: ClassVar[bool] = True
+    speed_only = ("workers",)
 
     workers: int = Field(default=1, ge=0)
     """threads inside one run; 0 takes one for each processor this process may use"""
@@ -39,28 +45,24 @@ class Auto(Engine):
 
     def choose(self, lattice: ReactionLattice) -> tuple[Engine, str]:
         """The engine for this lattice, and why."""
-        if lattice.neighbours is None:
+        if not lattice.interacting or lattice.neighbours is None:
             return Independent(workers=self.workers), "no site interacts with another, so the closed form holds"
         n = lattice.sites.size
-        workers = self.workers or len(os.sched_getaffinity(0))
-        if workers < 2 and not self.superbasins:
-            return (
-                RejectionFree(),
-                f"{n} sites interact and one thread was asked for: the sum tree costs least for an event",
-            )
         starts = np.empty(n + 1, np.int64)
         patches = graph.find_patches(lattice.neighbours, np.empty(n, np.int32), starts, np.zeros(n, np.int32))
         largest = int(np.diff(starts[: patches + 1]).max(initial=0))
         shape = f"the largest of {patches} patches holds {largest} of {n} sites"
         if patches > 1 and self.superbasins:
-            return (
-                NextReaction(workers=self.workers, superbasins=True),
-                f"{shape}: sites that flip to and fro are followed patch by patch",
-            )
-        if workers > 1 and 2 * largest <= n * (1.0 + 1.0 / workers):
-            engine = NextReaction(workers=self.workers, superbasins=self.superbasins)
-            return engine, f"{shape}: {workers} threads share them"
-        return RejectionFree(superbasins=self.superbasins), f"{shape}: too few to share between threads"
+            engine = NextReaction(workers=self.workers, superbasins=True)
+            return engine, f"{shape}: sites that flip to and fro are followed patch by patch"
+        if n >= WORTH_SHARING and largest <= LARGEST_SHARE * n:
+            return NextReaction(workers=self.workers, superbasins=self.superbasins), f"{shape}: threads can share them"
+        few = "few sites" if n < WORTH_SHARING else "most sites in one patch"
+        return RejectionFree(superbasins=self.superbasins), f"{shape}: with {few} the sum tree costs least"
+
+    def expected(self, sites: float, interacting: bool) -> dict[str, float]:
+        """See :meth:`chemage.spec.Engine.expected`."""
+        return (NextReaction() if interacting else Independent()).expected(sites, interacting)
 
     def _run(
         self, lattice: ReactionLattice, hold_times: np.ndarray, temperature: float, seed: Seed,
@@ -68,4 +70,4 @@ class Auto(Engine):
     ) -> BondHistory:
         engine, reason = self.choose(lattice)
         log.info("engine auto takes %s: %s", engine.kind, reason)
-        return engine._run(lattice, hold_times, temperature, seed, start)
+        return engine._run(lattice, hold_times, temperature, seed, start).model_copy(update={"engine": self.kind})

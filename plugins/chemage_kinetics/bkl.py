@@ -8,7 +8,7 @@ import numpy as np
 
 from chemage.spec import Engine
 from chemage_kinetics import _bkl as kernel
-from chemage_kinetics._driver import SLICE, Job
+from chemage_kinetics._driver import SLICE, Job, room_temperature_cost
 
 if TYPE_CHECKING:
     from chemage.objects import BondHistory, ReactionLattice
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class BKL(Engine):
     """The n-fold way of Bortz, Kalos and Lebowitz for rates that all differ: classes by powers of two, and thinning.
 
-    Memory: 21 to 26 bytes a site besides the lattice. Time per event hardly depends on the number of sites.
+    Memory: 39 bytes a site besides the lattice. Time per event hardly depends on the number of sites.
     """
 
     kind = "bkl"
@@ -26,6 +26,10 @@ class BKL(Engine):
 
     superbasins: bool = False
     """follow a site that flips to and fro as an absorbing two-state chain (exact; Novotny 1995)"""
+
+    def expected(self, sites: float, interacting: bool) -> dict[str, float]:
+        """See :meth:`chemage.spec.Engine.expected`."""
+        return room_temperature_cost(sites, 900e-9, 25e-9, 43)
 
     def _run(
         self, lattice: ReactionLattice, hold_times: np.ndarray, temperature: float, seed: Seed,

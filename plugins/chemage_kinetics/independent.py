@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from ase.units import kB
 from pydantic import Field
 
 from chemage.errors import InputError
 from chemage.spec import Engine, check_times, temperature_value
+from chemage.units import KB
 from chemage_kinetics import _common
 from chemage_kinetics import _independent as kernel
-from chemage_kinetics._driver import Job, frozen_empty, run_pieces
+from chemage_kinetics._driver import Job, frozen_empty, room_temperature_cost, run_pieces
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,9 +36,14 @@ class Independent(Engine):
     cite = ("Cox, Renewal Theory (Methuen, 1962), chapter 7",)
     interacting: ClassVar[bool] = False
     threads: ClassVar[bool] = True
+    speed_only = ("workers",)
 
     workers: int = Field(default=1, ge=0)
     """threads to share the sites between; 0 takes one for each processor this process may use"""
+
+    def expected(self, sites: float, interacting: bool) -> dict[str, float]:
+        """See :meth:`chemage.spec.Engine.expected`."""
+        return room_temperature_cost(sites, 100e-9, 60e-9, 25)
 
     def _run(
         self, lattice: ReactionLattice, hold_times: np.ndarray, temperature: float, seed: Seed,
@@ -93,7 +98,7 @@ class Independent(Engine):
             raise InputError.of("hold_times", float(times[0]), f"the start is at {begin} s", "give later hold times")
         mean, variance = np.empty(times.size), np.empty(times.size)
         breaking = frozen_empty(0) if lattice.breaking is None else lattice.breaking
-        per_unit = 1.0 / (kB * kelvin * _common.UNITS_PER_EV)
+        per_unit = 1.0 / (KB * kelvin * _common.UNITS_PER_EV)
         kernel.moments(
             lattice.forming, breaking, float(lattice.attempt_frequency), per_unit, state, times - begin, mean, variance
         )

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from chemage.spec import Engine
 from chemage_kinetics import _next_reaction as kernel
-from chemage_kinetics._driver import SLICE, Job, run_pieces
+from chemage_kinetics._driver import SLICE, Job, room_temperature_cost, run_pieces
 
 if TYPE_CHECKING:
     from chemage.objects import BondHistory, ReactionLattice
@@ -29,11 +29,16 @@ class NextReaction(Engine):
     kind = "next-reaction"
     cite = ("Gibson and Bruck, J. Phys. Chem. A 104, 1876 (2000), doi:10.1021/jp993732q",)
     threads: ClassVar[bool] = True
+    speed_only = ("workers",)
 
     workers: int = Field(default=1, ge=0)
     """threads to follow patches on; 0 takes one for each processor this process may use"""
     superbasins: bool = False
     """follow a site that flips to and fro as an absorbing two-state chain (exact; Novotny 1995)"""
+
+    def expected(self, sites: float, interacting: bool) -> dict[str, float]:
+        """See :meth:`chemage.spec.Engine.expected`."""
+        return room_temperature_cost(sites, 550e-9, 70e-9, 67)
 
     def _run(
         self, lattice: ReactionLattice, hold_times: np.ndarray, temperature: float, seed: Seed,

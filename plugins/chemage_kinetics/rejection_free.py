@@ -8,7 +8,7 @@ import numpy as np
 
 from chemage.spec import Engine
 from chemage_kinetics import _rejection_free as kernel
-from chemage_kinetics._driver import SLICE, Job, aligned
+from chemage_kinetics._driver import SLICE, Job, aligned, room_temperature_cost
 
 if TYPE_CHECKING:
     from chemage.objects import BondHistory, ReactionLattice
@@ -26,6 +26,10 @@ class RejectionFree(Engine):
 
     superbasins: bool = False
     """follow a site that flips to and fro as an absorbing two-state chain (exact; Novotny 1995)"""
+
+    def expected(self, sites: float, interacting: bool) -> dict[str, float]:
+        """See :meth:`chemage.spec.Engine.expected`."""
+        return room_temperature_cost(sites, 550e-9, 15e-9, 18)
 
     def _run(
         self, lattice: ReactionLattice, hold_times: np.ndarray, temperature: float, seed: Seed,
