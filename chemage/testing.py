@@ -345,6 +345,30 @@ def _surface_follows_its_seed(choice: SurfaceMaker) -> None:
             _refuses(f"make({seed})", lambda seed=seed: choice.make(seed))  # pyright: ignore[reportArgumentType]
 
 
+def _estimates(what: str, found: Any, bounds: Mapping[str, float]) -> None:
+    """``found`` must map names of ``bounds`` to finite numbers from 0 to the bound."""
+    _require(isinstance(found, Mapping), f"{what} gave {found!r}; expected a dict")
+    for name, value in found.items():
+        _require(name in bounds, f"{what} gives {name!r}; known are {', '.join(bounds)}")
+        _require(0 <= value <= bounds[name] and math.isfinite(value), f"{what}: {name} = {value!r}")
+
+
+@_promise("surface")
+def _surface_is_as_expected(choice: SurfaceMaker) -> None:
+    """What ``expected()`` says beforehand, as far as it says it, is what ``make()`` gives."""
+    surface, said = choice.make(0), choice.expected()
+    exact = {"nx": surface.shape[0], "ny": surface.shape[1], "pixel_size": surface.pixel_size}
+    _estimates("expected()", said, dict.fromkeys((*exact, "rms_slope", "shortest_wavelength"), math.inf))
+    for name in exact.keys() & said.keys():
+        _require(said[name] == exact[name], f"expected() says {name} = {said[name]}, the surface has {exact[name]}")
+    if "rms_slope" in said:
+        slope = said["rms_slope"]
+        _require(
+            math.isclose(slope, surface.rms_slope, rel_tol=0.3, abs_tol=1e-9),
+            f"expected() says rms_slope = {slope}, the surface has {surface.rms_slope}",
+        )
+
+
 # -- contact ----------------------------------------------------------------------------------------------------------
 
 
@@ -493,6 +517,17 @@ def _contact_grows_with_load(choice: ContactSolver, surfaces: Sequence[Surface] 
     for surface, load in _solvable(choice, surfaces):
         areas = [choice.solve(surface, factor * load).sites.size for factor in (0.3, 1.0, 2.0)]
         _require(areas == sorted(areas) and areas[0] < areas[-1], f"pixels in contact at rising load: {areas}")
+
+
+@_promise("contact")
+def _contact_cost_is_estimated(choice: ContactSolver) -> None:
+    """``expected()`` takes what a surface says beforehand, little or much, and gives finite numbers."""
+    much = {"nx": 64.0, "ny": 48.0, "pixel_size": 0.5, "rms_slope": 0.1, "shortest_wavelength": 4.0}
+    for surface in ({}, {"nx": 64.0, "ny": 48.0}, much):
+        for load in (0.0, 1.0, 1e9):
+            said = choice.expected(surface, load)
+            bounds = {"area_fraction": 1.0, "cpu_seconds": math.inf, "bytes": math.inf}
+            _estimates(f"expected({surface}, {load})", said, bounds)
 
 
 @_promise("contact")
@@ -699,6 +734,13 @@ def _history_adds_up(choice: Engine) -> None:
     # an engine that chooses among others says which one it took
     known = {choice.kind, *registry.current().kinds("engine")}
     _require(history.engine in known, f"engine is {history.engine!r}, neither {choice.kind!r} nor an installed one")
+
+
+@_promise("engine")
+def _engine_cost_is_estimated(choice: Engine) -> None:
+    for sites in (0.0, 1.0, 1e7):
+        said = choice.expected(sites, choice.interacting)
+        _estimates(f"expected({sites})", said, {"cpu_seconds": math.inf, "bytes": math.inf})
 
 
 @_promise("engine")

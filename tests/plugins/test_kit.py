@@ -281,6 +281,33 @@ def test_surfaces(make, check, said):
     assert said in failing(broken(White, make=make)(), check)
 
 
+@pytest.mark.parametrize(
+    ("said", "problem"),
+    [
+        (None, "expected a dict"),
+        ({"nx": 9.0}, "expected() says nx = 9.0, the surface has 8"),
+        ({"pixel_size": 2.0}, "says pixel_size = 2.0"),
+        ({"rms_slope": 0.01}, "says rms_slope = 0.01"),
+        ({"rms_slope": math.nan}, "rms_slope = nan"),
+        ({"slope": 0.01}, "gives 'slope'; known are nx, ny"),
+    ],
+)
+def test_what_surfaces_say_beforehand(said, problem):
+    assert problem in failing(broken(White, expected=lambda self: said)(), "surface_is_as_expected")
+
+
+@pytest.mark.parametrize("said", [{"area_fraction": 1.5}, {"cpu_seconds": -1.0}, {"bytes": math.inf}, {"area": 0.1}])
+def test_what_solvers_say_beforehand(said):
+    wrong = broken(Bed, expected=lambda self, surface, load: said)()
+    assert next(iter(said)) in failing(wrong, "contact_cost_is_estimated")
+
+
+@pytest.mark.parametrize("said", [{"cpu_seconds": -1.0}, {"bytes": math.nan}, {"events": 0.1}])
+def test_what_engines_say_beforehand(said):
+    wrong = mutant(expected=lambda self, sites, interacting: said)
+    assert next(iter(said)) in failing(wrong, "engine_cost_is_estimated")
+
+
 def _spawned(seed: Any) -> Any:
     return seed.spawn(1)[0] if isinstance(seed, np.random.SeedSequence) else seed
 
