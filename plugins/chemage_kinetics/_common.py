@@ -14,6 +14,7 @@ not advance at all.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numba as nb
 import numpy as np
@@ -44,8 +45,7 @@ jit = nb.njit(cache=True, nogil=True, error_model="numpy")
 hot = nb.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 
 
-@intrinsic
-def _prefetch(typingctx, address):
+def _typed_prefetch(typingctx, address):
     """Ask for the cache line at a memory address, without waiting for it."""
 
     def codegen(context, builder, signature, args):
@@ -60,8 +60,10 @@ def _prefetch(typingctx, address):
     return types.void(types.uintp), codegen
 
 
-@intrinsic
-def bare(typingctx, array):
+_prefetch: Any = intrinsic(_typed_prefetch)
+
+
+def _typed_bare(typingctx, array):
     """The same array without its owner, so that passing it about inside a kernel counts no references.
 
     Numba counts them by atomic operations, which cost more than half of the time of an event where it cannot see that
@@ -75,6 +77,9 @@ def bare(typingctx, array):
         return view._getvalue()
 
     return array(array), codegen
+
+
+bare: Any = intrinsic(_typed_bare)
 
 
 @jit
@@ -258,7 +263,7 @@ def sojourn(rng, here, there, leave_here, leave_there, span):
         expected = left / mean
         if expected > _HUGE:
             if allowed > expected:
-                # No double tells single flips apart here: the state is stationary, and the count normal to the last bit.
+                # No double tells single flips apart here: the state is stationary, the count normal to the last bit.
                 u, v = two_uniforms(rng)
                 spread = math.sqrt(expected) * math.sqrt(1.0 / all_here**2 + 1.0 / all_there**2) / mean
                 x = math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v)

@@ -1,9 +1,9 @@
 """Kernel of the next-reaction method, patch by patch.
 
 Sites interact along the neighbour graph only, so its connected patches evolve independently: each is followed to the
-end on its own, in a small working set, on any thread. Every site has the time of its next event; in the heap of a patch are
-only those before the last hold time. All random numbers of a site come from its own counter (pixel, draw), so neither
-the order of the patches nor the number of threads can be seen in the result.
+end on its own, in a small working set, on any thread. Every site has the time of its next event; only those before the
+last hold time are queued. All random numbers of a site come from its own counter (pixel, draw), so neither the order of
+the patches nor the number of threads can be seen in the result.
 
 When a neighbour's event changes a site's rate from r to r', its pending time moves from t + d to t + d r / r' (Gibson &
 Bruck 2000): the exponential of the change in barrier, no logarithm and no random number.
@@ -507,7 +507,6 @@ def _follow(
     rng = bare(rng)
     scratch = (bare(number), bare(number.view(np.int64)))
     final = hold_times[hold_times.size - 1]
-    slots = neighbours.shape[1]
     number[0] = final
     base = (scratch[1][0] >> 50) - (BUCKETS - 1)
     for p in range(first, last):

@@ -29,9 +29,9 @@ log = logging.getLogger("chemage.kinetics")
 class Auto(Engine):
     """The engine that suits the lattice; :meth:`choose` says which it is, and why.
 
-    Nothing interacts: ``independent``. Many sites in patches of which none holds most of them, or flipping to and fro to
-    be followed patch by patch: ``next-reaction``. Otherwise ``rejection-free``. All are exact, so the choice changes the
-    sample and its cost and not its law; it depends on the lattice alone, so the number of threads changes nothing.
+    Nothing interacts: ``independent``. Many sites in patches of which none holds most of them, or flipping to and fro
+    to be followed patch by patch: ``next-reaction``. Otherwise ``rejection-free``. All are exact, so the choice changes
+    the sample and its cost and not its law; it depends on the lattice alone, so the number of threads changes nothing.
     """
 
     kind = "auto"
