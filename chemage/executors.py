@@ -46,6 +46,8 @@ class Pool:
     width: Callable[[], int]
     #: stops at once, whatever is running
     abort: Callable[[], None] = field(default=lambda: None)
+    #: whether a lost worker is blamed on the one task it worked on; Dask blames all that were waiting there as well
+    blames_one: bool = True
 
 
 @contextmanager
@@ -463,7 +465,7 @@ def _dask(detail: str, workers: int | None, threads: int | None) -> Iterator[Poo
     with dask_config.set(settings), _connected(distributed, where) as client:
         pool = Dask(client)
         try:
-            yield Pool(pool, "dask", each, pool.width)
+            yield Pool(pool, "dask", each, pool.width, blames_one=False)
         finally:
             with suppress(Exception):
                 pool.shutdown(wait=False)

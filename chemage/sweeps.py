@@ -16,7 +16,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -396,8 +396,8 @@ def _size(count: float) -> str:
     return f"{count:.3g} TB"
 
 
-def _prepare(folder: Folder, found: Survey, force: bool) -> None:
-    """Refuse what is not ours or of another sweep; write nothing yet, but for a forced start."""
+def _check_folder(folder: Folder, found: Survey, force: bool) -> None:
+    """Refuse what is not ours, or of another sweep unless that is to be replaced."""
     path = folder.path
     if path.exists() and not path.is_dir():
         raise StoreError(f"{path} is a file; a sweep is computed into a folder")
@@ -406,10 +406,6 @@ def _prepare(folder: Folder, found: Survey, force: bool) -> None:
     if not folder.manifest.exists():
         raise StoreError(f"{path} is not empty and holds no sweep; choose another folder")
     if force:
-        for name in ("points", "contacts", ".parts"):
-            shutil.rmtree(path / name, ignore_errors=True)
-        for name in ("results.csv", "results.h5", "sweep.json"):
-            (path / name).unlink(missing_ok=True)
         return
     there = folder.read_manifest()
     if there["digest"] != found.digest:
@@ -435,6 +431,14 @@ def _difference(there: Mapping[str, Any], found: Survey) -> str:
         return f"plugins that answer or wrap its stages were {before} and are {now}"
     different = sum(a != b for a, b in zip(there["keys"], found.keys, strict=True))
     return f"{different} of its {len(found.keys)} points differ"
+
+
+def _clear(folder: Folder) -> None:
+    """Remove what a sweep left, and nothing else; the manifest last, so that the folder stays known as a sweep's."""
+    for name in ("points", "contacts", ".parts"):
+        shutil.rmtree(folder.path / name, ignore_errors=True)
+    for name in ("results.csv", "results.h5", "sweep.json"):
+        (folder.path / name).unlink(missing_ok=True)
 
 
 def _manifest(found: Survey) -> dict[str, Any]:
@@ -502,25 +506,28 @@ def sweep(
     """
     begin = time.perf_counter()
     agree = (lambda text: True) if confirm is True else (confirm or None)
-    with _display(progress) as tell:
-        grid = read_grid(scene, changes)
-        found = survey_of(grid, tell=tell, confirm=agree)
+    with ExitStack() as stack:
+        tell = stack.enter_context(_display(progress))
+        found = survey_of(read_grid(scene, changes), tell=tell, confirm=agree)
         folder = Folder(Path(out).absolute())
-        _prepare(folder, found, force=False) if not force else None
+        _check_folder(folder, found, force)
         _check_room(found, folder.path, agree)
+        pool = None
+        if force or _Todo(folder, found).left:  # workers that cannot be had are told before anything is written
+            pool = stack.enter_context(open_pool(executor, workers, threads))
         _make(folder.path)
-        with folder.locked():
-            _prepare(folder, found, force)
-            folder.clear_parts()
-            if not folder.manifest.exists():
-                folder.write_manifest(_manifest(found))
-            todo = _Todo(folder, found)
-            if todo.left:
-                with open_pool(executor, workers, threads) as pool:
-                    _carry_out(todo, pool, tell, begin)
-            result = SweepResult(folder.path)
-            result.write_tables()
-            shutil.rmtree(folder.path / ".parts", ignore_errors=True)
+        stack.enter_context(folder.locked())
+        if force:
+            _clear(folder)
+        folder.clear_parts()
+        if not folder.manifest.exists():
+            folder.write_manifest(_manifest(found))
+        todo = _Todo(folder, found)
+        if todo.left and pool is not None:
+            _carry_out(todo, pool, tell, begin)
+        result = SweepResult(folder.path)
+        result.write_tables()
+        shutil.rmtree(folder.path / ".parts", ignore_errors=True)
     return result
 
 
@@ -538,6 +545,8 @@ class _Task:
     contact: int
     points: list[int]
     weight: float
+    #: whether it runs with nothing beside it, so that a dead worker is certainly its doing
+    alone: bool = False
 
     @property
     def solves(self) -> bool:
@@ -671,6 +680,7 @@ class _Clock:
 
 def _carry_out(todo: _Todo, pool: Pool, tell: Tell | None, begin: float) -> None:
     running: dict[Future[dict[str, Any]], _Task] = {}
+    suspects: deque[_Task] = deque()
     clock, heard = _Clock(begin), 0.0
     path, digest = str(todo.folder.path), todo.found.digest
 
@@ -684,7 +694,7 @@ def _carry_out(todo: _Todo, pool: Pool, tell: Tell | None, begin: float) -> None
         if tell is None:
             return
         contacts, points = todo.remaining()
-        for task in running.values():
+        for task in (*running.values(), *suspects):
             (contacts if task.solves else points).append(task.weight / 2)
         width = pool.width()
         tell(
@@ -702,15 +712,22 @@ def _carry_out(todo: _Todo, pool: Pool, tell: Tell | None, begin: float) -> None
         )
 
     try:
-        while todo.left or running:
+        while todo.left or running or suspects:
             width = pool.width()
-            while todo.left and len(running) < width:
+            if suspects and not running and not todo.left:
+                task = suspects.popleft()
+                task.alone = True
+                running[submit(task)] = task
+            while todo.left and len(running) < width and not any(one.alone for one in running.values()):
                 task = todo.take(sum(one.solves for one in running.values()), width)
                 running[submit(task)] = task
             finished, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
             for future in finished:
                 task = running.pop(future)
-                _settle(todo, task, future, clock)
+                if not pool.blames_one and not task.alone and isinstance(future.exception(), WorkerLost):
+                    suspects.append(task)  # perhaps it only stood behind the one that killed the worker
+                else:
+                    _settle(todo, task, future, clock)
             now = time.perf_counter()
             if now > heard + 0.2:
                 heard = now
