@@ -61,12 +61,13 @@ def run(
         print(f"\ninterrupted; {_kept(folder)}", file=sys.stderr, flush=True)
         # threads may still be inside a compiled kernel; waiting for them would not help anyone
         os._exit(130)
-    state = result.status()
+    state = {**result.status(), "folder": str(folder)}
+    tables = {"csv": str(folder / "results.csv"), "hdf5": str(folder / "results.h5")}
     if as_json:
-        tables = {"csv": str(result.folder / "results.csv"), "hdf5": str(result.folder / "results.h5")}
         print(json.dumps(jsonable({**state, "results": tables})))
     else:
         _print_result(result, state)
+        print("\n".join(f"results  {file}" for file in tables.values()))
     if state["failed"]:
         raise typer.Exit(1)
 
@@ -176,7 +177,6 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
     else:
         print(title)
     _print_failures(state)
-    print(f"results  {result.folder / 'results.csv'}\nresults  {result.folder / 'results.h5'}")
 
 
 def _headings(result: SweepResult) -> list[str]:
