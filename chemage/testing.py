@@ -324,6 +324,13 @@ def _wrong_options_are_refused(choice: Spec) -> None:
                 _require(choice.replace(**{name: text}) == choice, f"{name} = {text!r} is not {value!r}")
 
 
+def _speed_variants(choice: Any) -> Iterator[tuple[str, Any]]:
+    """The choice with each whole-number option of ``speed_only`` set to 1, 2 and 3."""
+    for name in type(choice).speed_only:
+        if "integer" in _options(choice)[name][0]:
+            yield from ((f"{name} = {value}", choice.replace(**{name: value})) for value in (1, 2, 3))
+
+
 # -- surfaces ---------------------------------------------------------------------------------------------------------
 
 
@@ -517,6 +524,15 @@ def _contact_grows_with_load(choice: ContactSolver, surfaces: Sequence[Surface] 
     for surface, load in _solvable(choice, surfaces):
         areas = [choice.solve(surface, factor * load).sites.size for factor in (0.3, 1.0, 2.0)]
         _require(areas == sorted(areas) and areas[0] < areas[-1], f"pixels in contact at rising load: {areas}")
+
+
+@_promise("contact")
+def _speed_does_not_change_the_contact(choice: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """Options named in ``speed_only``, such as a number of threads, change no byte of the pressure."""
+    for surface, load in _solvable(choice, surfaces):
+        pressure = choice.solve(surface, load).pressure
+        for what, variant in _speed_variants(choice):
+            _require(variant.solve(surface, load).pressure.tobytes() == pressure.tobytes(), f"{what}: other pressures")
 
 
 @_promise("contact")
@@ -894,6 +910,35 @@ def _threads_change_nothing(choice: Engine) -> None:
         with ThreadPoolExecutor(3) as pool:
             beside = list(pool.map(run, range(6)))
         _require(beside == alone, "runs side by side gave other results than one after the other")
+
+
+@_promise("engine")
+def _speed_does_not_change_the_run(choice: Engine) -> None:
+    """Options named in ``speed_only``, such as a number of threads, change no bond."""
+    rng = np.random.default_rng(9)
+    pieces = [_disordered(choice.interacting, n) for n in (120, 7, 60, 3, 90)]
+    # several rings that do not touch, so that an engine has something to share between threads
+    graph: dict[str, Any] = {}
+    if choice.interacting:
+        starts = np.cumsum([0, *(piece.sites.size for piece in pieces)])
+        rings = [(piece.neighbours, piece.coupling, start) for piece, start in zip(pieces, starts, strict=False)]
+        graph["neighbours"] = np.concatenate([near + start for near, _, start in rings if near is not None])
+        graph["coupling"] = np.concatenate([energy for _, energy, _ in rings if energy is not None])
+    forming = np.concatenate([piece.forming for piece in pieces])
+    breaking = np.concatenate([piece.breaking for piece in pieces if piece.breaking is not None])
+    order = rng.permutation(forming.size)
+    for fields in ({}, graph):
+        lattice = ReactionLattice(
+            pixels=(forming.size, 1),
+            sites=np.arange(forming.size),
+            forming=forming[order],
+            breaking=breaking[order],
+            **fields,
+        )
+        plain = _trace(choice.run(lattice, [0.1, 10.0], temperature=300, seed=1))
+        for what, variant in _speed_variants(choice):
+            trace = _trace(variant.run(lattice, [0.1, 10.0], temperature=300, seed=1))
+            _require(trace == plain, f"{what}: another result")
 
 
 @_promise("engine")

@@ -595,6 +595,32 @@ def _stirred(history, lattice, times, *rest):
     return history
 
 
+class Hasty(Bed):
+    speed_only: ClassVar[tuple[str, ...]] = ("threads",)
+    threads: int = 1
+    """more is worse"""
+
+    def _solve(self, surface, load, start):
+        solution = super()._solve(surface, load, start)
+        return _changed(solution, pressure=solution.pressure * (1 + 1e-12 * (self.threads > 1)))
+
+
+def test_speed_that_changes_pressures():
+    assert "threads = 2: other pressures" in failing(Hasty(), "speed_does_not_change_the_contact")
+
+
+def test_speed_that_changes_bonds():
+    base = ca.engine("rejection-free").__class__
+    fields = {"__annotations__": {"threads_used": int}, "threads_used": 1, "speed_only": ("threads_used",)}
+
+    def _run(self, lattice, hold_times, temperature, seed, start):
+        history = base._run(self, lattice, hold_times, temperature, seed, start)
+        return _changed(history, formed=history.formed + (self.threads_used > 2))
+
+    hasty = broken(base, **fields, _run=_run)()
+    assert "threads_used = 3: another result" in failing(hasty, "speed_does_not_change_the_run")
+
+
 ENGINE_MUTANTS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "counts too many": ("history_adds_up", "the final state", {"change": _with(bonds=lambda h: h.bonds + 1)}),
     "forgets events": ("history_adds_up", "formed less broken", {"change": _with(formed=lambda h: h.formed + 1)}),
