@@ -133,6 +133,10 @@ class Record(BaseModel):
         # built anew, so that the arrays of the copy are read-only as well (pickle drops that flag)
         return _rebuilt, (type(self), self.todict())
 
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A copy with some fields changed, validated again (pydantic's own would keep the digest of the original)."""
+        return type(self).fromdict({**self.todict(), **(update or {})})
+
     def __copy__(self) -> Self:
         return self
 

@@ -184,6 +184,18 @@ def test_pickled_and_copied_records_are_equal_and_still_read_only(make):
             assert not array.flags.writeable, name
 
 
+def test_a_changed_copy_is_validated_and_has_a_digest_of_its_own():
+    made = history()
+    before = made.digest()
+    changed = made.model_copy(update={"engine": "other"})
+    assert changed.engine == "other"
+    assert made.digest() == before != changed.digest()
+    assert changed == history(engine="other")
+    with pytest.raises(InputError, match="temperature"):
+        made.model_copy(update={"temperature": -1})
+    assert made.model_copy() == made
+
+
 @all_objects
 def test_every_array_declares_dimensions_unit_and_meaning(make):
     record = make()
