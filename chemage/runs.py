@@ -50,7 +50,7 @@ class Run:
     def notes(self) -> tuple[str, ...]:
         """What the user should know of this result, in words."""
         notes = list(self.contact.notes)
-        if self.contact.area_fraction == 1:
+        if self.contact.area_fraction == 1 and not any(note.startswith("full contact") for note in notes):
             notes.append(
                 "full contact: every pixel carries pressure, and more load adds pressure but no contact area; "
                 "an elastic model says little about a surface pressed flat"
