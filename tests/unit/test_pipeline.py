@@ -11,9 +11,9 @@ import pytest
 
 import chemage as ca
 from chemage import random
+from chemage.ageing import replica_seeds
 from chemage.errors import InputError, PluginError
 from chemage.objects import BondHistory, ContactSolution
-from chemage.ageing import replica_seeds
 from chemage.spec import Barriers, ContactSolver, Engine, Observable
 
 TIMES = [1.0, 10.0, 100.0]
