@@ -64,7 +64,8 @@ def chemage_run_kinetics(
     seed: Seed,
     start: BondHistory | None,
 ) -> BondHistory | None:
-    """Run one replica. Called once a replica, never per event. Return None to leave it to the next plugin."""
+    """Run one replica. Called once a replica (once a piece where checkpoints are kept; ``start`` is the piece before),
+    never per event. Return None to leave it to the next plugin."""
 
 
 @hookspec
