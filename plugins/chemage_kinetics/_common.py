@@ -216,7 +216,7 @@ def _last_cycle(rng, cycles, here, there, sum_here, sum_there, left):
     """
     done = 0.0
     while cycles > 1.0:
-        first = math.floor(0.5 * cycles)
+        first = np.floor(0.5 * cycles)
         second = cycles - first
         a = gamma(rng, first)
         part_here = sum_here * (a / (a + gamma(rng, second)))
@@ -254,7 +254,7 @@ def sojourn(rng, here, there, leave_here, leave_there, span):
     miss_there = leave_there / all_there
     u, v = two_uniforms(rng)
     stay = math.log1p(-miss_here) + math.log1p(-miss_there)
-    allowed = math.floor(math.log(u) / stay) if stay < 0.0 else np.inf
+    allowed = np.floor(math.log(u) / stay) if stay < 0.0 else np.inf
     out_there = v * (miss_here + (1.0 - miss_here) * miss_there) > miss_here
     mean = 1.0 / all_here + 1.0 / all_there
     left = span
@@ -267,14 +267,14 @@ def sojourn(rng, here, there, leave_here, leave_there, span):
                 u, v = two_uniforms(rng)
                 spread = math.sqrt(expected) * math.sqrt(1.0 / all_here**2 + 1.0 / all_there**2) / mean
                 x = math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v)
-                done += math.floor(expected + spread * x)
+                done += np.floor(expected + spread * x)
                 other = two_uniforms(rng)[0] * (all_here + all_there) < all_here
                 return span, False, other, done + (1.0 if other else 0.0), done
             if allowed >= 1.0:
                 left = max(left - (gamma(rng, allowed) / all_here + gamma(rng, allowed) / all_there), 0.0)
                 done += allowed
                 allowed = 0.0
-        cycles = min(allowed, max(math.floor(expected - 3.0 * math.sqrt(expected)), 1.0))
+        cycles = min(allowed, max(np.floor(expected - 3.0 * math.sqrt(expected)), 1.0))
         if cycles < 1.0:
             break
         if cycles < 1.5:

@@ -1,0 +1,223 @@
+"""The absorbing two-state chain: against its closed forms, the master equation and the plain engines."""
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+import numpy as np
+import pytest
+from chemage_kinetics._common import gamma, sojourn
+from scipy import stats
+from scipy.linalg import expm
+
+from chemage import registry
+from chemage.objects import ReactionLattice
+from chemage.units import KB
+
+CHANCE = 1e-5
+ENGINES = ["rejection-free", "bkl", "next-reaction"]
+
+
+@nb.njit
+def _many(draws, here, there, leave_here, leave_there, span):
+    rng = np.zeros(5, np.uint64)
+    rng[2] = np.uint64(999)
+    out = np.empty((draws, 5))
+    for i in range(draws):
+        rng[3] = np.uint64(i)
+        rng[4] = np.uint64(0)
+        spent, exited, other, out_here, out_there = sojourn(rng, here, there, leave_here, leave_there, span)
+        out[i] = (spent, 1.0 if exited else 0.0, 1.0 if other else 0.0, out_here, out_there)
+    return out
+
+
+@nb.njit
+def _gammas(draws, shape):
+    rng = np.zeros(5, np.uint64)
+    out = np.empty(draws)
+    for i in range(draws):
+        rng[3] = np.uint64(i)
+        rng[4] = np.uint64(0)
+        out[i] = gamma(rng, shape)
+    return out
+
+
+def _z(values: np.ndarray, expected: float) -> float:
+    return float((values.mean() - expected) / (values.std(ddof=1) / math.sqrt(values.size)))
+
+
+@pytest.mark.parametrize("shape", [1.0, 2.0, 37.0, 1e6, 1e15])
+def test_gamma_variates_are_gamma_variates(shape):
+    assert stats.kstest(_gammas(20_000, shape), stats.gamma(shape).cdf).pvalue > CHANCE
+
+
+@pytest.mark.parametrize(
+    ("here", "there", "leave_here", "leave_there"),
+    [(50.0, 80.0, 0.5, 0.1), (1e6, 3e3, 0.2, 0.7), (4.0, 1e5, 0.0, 2.0), (30.0, 20.0, 1.5, 0.0)],
+)
+def test_exits_of_the_chain_follow_its_closed_form(here, there, leave_here, leave_there):
+    """No end of time: mean time, state at the exit and flips follow from the fundamental matrix of the chain."""
+    out = _many(40_000, here, there, leave_here, leave_there, 1e9)
+    assert np.all(out[:, 1] == 1.0)
+    rates = np.array([[-(here + leave_here), there], [here, -(there + leave_there)]])
+    sojourns = np.linalg.solve(-rates, [1.0, 0.0])  # mean time in each state
+    assert abs(_z(out[:, 0], sojourns.sum())) < 4.5
+    assert abs(_z(out[:, 3], here * sojourns[0])) < 4.5
+    assert abs(_z(out[:, 4], there * sojourns[1])) < 4.5
+    assert abs(out[:, 2].mean() - leave_there * sojourns[1]) < 4.5 * 0.5 / math.sqrt(out.shape[0])
+    assert np.array_equal(out[:, 3] - out[:, 4], out[:, 2])
+
+
+@pytest.mark.parametrize("span", [0.003, 0.04, 0.5, 4.0])
+@pytest.mark.parametrize(
+    ("here", "there", "leave_here", "leave_there"), [(300.0, 200.0, 0.5, 0.1), (3e4, 40.0, 0.2, 0.3), (90.0, 90.0, 0, 0)]
+)
+def test_a_sojourn_cut_short_is_in_the_right_state(here, there, leave_here, leave_there, span):
+    """Cut at ``span``: present state, other state or gone, by matrix exponential; flips by its integral."""
+    draws = 20_000
+    out = _many(draws, here, there, leave_here, leave_there, span)
+    matrix = np.zeros((5, 5))  # present state, other state, gone, ∫ flips out of each
+    matrix[:2, :2] = [[-(here + leave_here), there], [here, -(there + leave_there)]]
+    matrix[2, :2] = leave_here, leave_there
+    matrix[3, 0], matrix[4, 1] = here, there
+    expected = expm(matrix * span)[:, 0]
+    gone = out[:, 1] == 1.0
+    seen = np.array([np.sum(~gone & (out[:, 2] == 0)), np.sum(~gone & (out[:, 2] == 1)), gone.sum()])
+    keep = expected[:3] > 0
+    assert seen[~keep].sum() == 0
+    assert stats.chisquare(seen[keep], draws * expected[:3][keep] / expected[:3].sum()).pvalue > CHANCE
+    assert abs(_z(out[:, 3], expected[3])) < 4.5
+    assert abs(_z(out[:, 4], expected[4])) < 4.5
+    assert np.all(out[~gone, 0] == span)
+    assert np.all(out[gone, 0] <= span)
+
+
+@pytest.mark.parametrize("flips", [1e12, 1e17, 1e24])
+def test_more_flips_than_a_double_can_count_leave_the_stationary_state(flips):
+    here, there = flips, flips / 4.0
+    out = _many(4000, here, there, 0.0, 0.0, 1.0)
+    assert abs(out[:, 2].mean() - 0.8) < 4.5 * math.sqrt(0.16 / 4000)
+    assert np.allclose(out[:, 3], here * there / (here + there), rtol=1e-5)
+
+
+def trio(flicker: float, others: float) -> tuple[ReactionLattice, np.ndarray, float]:
+    """Three sites in a row, the middle one flipping ``flicker`` times a second, its neighbours ``others`` times.
+
+    Returns the lattice, the matrix of its master equation and the temperature.
+    """
+    temperature, nu = 300.0, 1e13
+
+    def barrier(rate: float) -> float:
+        return KB * temperature * math.log(nu / rate)
+
+    forming = np.array([barrier(2.0 * others), barrier(flicker), barrier(0.7 * others)])
+    breaking = np.array([barrier(0.5 * others), barrier(1.7 * flicker), barrier(0.4 * others)])
+    left, right = 0.03, -0.02
+    lattice = ReactionLattice(
+        pixels=(1, 3), sites=[0, 1, 2], forming=forming, breaking=breaking, neighbours=[[1, -1], [0, 2], [1, -1]],
+        coupling=[[left, 0], [left, right], [right, 0]],
+    )
+    pairs = np.array([[0, left, 0], [left, 0, right], [0, right, 0]])
+    matrix = np.zeros((8, 8))
+    for state in range(8):
+        bonded = np.array([state >> i & 1 for i in range(3)], bool)
+        for i in range(3):
+            energy = breaking[i] if bonded[i] else forming[i] + pairs[i][bonded].sum()
+            rate = nu * math.exp(-max(energy, 0.0) / (KB * temperature))
+            matrix[state ^ 1 << i, state] += rate
+            matrix[state, state] -= rate
+    return lattice, matrix, temperature
+
+
+@pytest.mark.parametrize("flicker", [40.0, 3000.0])
+@pytest.mark.parametrize("kind", ENGINES)
+def test_the_acceleration_follows_the_master_equation(kind, flicker):
+    lattice, matrix, temperature = trio(flicker, 1.0)
+    engine = registry.engine(kind, superbasins=True)
+    times, runs = np.array([0.02, 0.3, 0.3, 2.0]), 1500
+    seen = np.zeros((times.size, 8))
+    bonds = np.zeros((times.size, 4))
+    formed = np.empty(runs)
+    for seed in range(runs):
+        history = engine.run(lattice, times, temperature=temperature, seed=seed)
+        for t, count in enumerate(history.bonds):
+            bonds[t, count] += 1
+        seen[-1, history.state @ [1, 2, 4]] += 1
+        formed[seed] = history.formed[-1]
+    number = np.array([bin(state).count("1") for state in range(8)])
+    for t, time in enumerate(times):
+        probability = expm(matrix * time)[:, 0]
+        expected = np.bincount(number, probability, minlength=4)
+        pooled = expected * runs >= 5
+        o = np.append(bonds[t][pooled], bonds[t][~pooled].sum())
+        e = np.append(expected[pooled], expected[~pooled].sum()) * runs
+        assert stats.chisquare(o[e > 0], e[e > 0]).pvalue > CHANCE, f"{time} s"
+    assert stats.chisquare(seen[-1], runs * expm(matrix * times[-1])[:, 0]).pvalue > CHANCE
+    forming = np.array(
+        [sum(matrix[state ^ 1 << i, state] for i in range(3) if not state >> i & 1) for state in range(8)]
+    )
+    augmented = np.zeros((9, 9))
+    augmented[:8, :8], augmented[8, :8] = matrix, forming
+    assert abs(_z(formed, expm(augmented * times[-1])[8, 0])) < 4.5
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_the_acceleration_is_one(kind):
+    """A thousand million flips between two events of the neighbours, in no time."""
+    lattice, matrix, temperature = trio(1e9, 1.0)
+    history = registry.engine(kind, superbasins=True).run(lattice, [1.0, 2.0, 50.0], temperature=temperature, seed=1)
+    expected = 50.0 * 1e9 * 1.7 / 2.7
+    assert 0.5 * expected < history.formed[-1] < 2.0 * expected
+    assert history.formed[-1] - history.broken[-1] == history.bonds[-1] == history.state.sum()
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_the_acceleration_changes_nothing_where_nothing_flips_to_and_fro(kind):
+    lattice, _, temperature = trio(0.5, 1.0)
+    times = [0.5, 3.0, 9.0]
+    for seed in range(40):
+        plain = registry.engine(kind).run(lattice, times, temperature=temperature, seed=seed)
+        fast = registry.engine(kind, superbasins=True).run(lattice, times, temperature=temperature, seed=seed)
+        assert plain.formed.tolist() == fast.formed.tolist()
+        assert plain.state.tolist() == fast.state.tolist()
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_going_on_is_exact_with_the_acceleration(kind):
+    lattice, _, temperature = trio(400.0, 1.0)
+    engine = registry.engine(kind, superbasins=True)
+    times = [0.0, 0.01, 0.4, 0.4, 3.0, 20.0]
+    for seed in range(20):
+        whole = engine.run(lattice, times, temperature=temperature, seed=seed)
+        for cut in range(1, len(times)):
+            first = engine.run(lattice, times[:cut], temperature=temperature, seed=seed)
+            rest = engine.run(lattice, times[cut:], temperature=temperature, seed=seed, start=first)
+            assert np.concatenate([first.formed, rest.formed]).tolist() == whole.formed.tolist()
+            assert rest.state.tolist() == whole.state.tolist()
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_hot_sites_hold_for_thirty_years(kind):
+    """1e9 s at 1000 K: one site flips 1e17 times, the rest hardly; all are still in equilibrium with each other."""
+    temperature, nu = 1000.0, 1e13
+    unit = KB * temperature
+    cold = unit * math.log(nu * 1e8)  # crossed once in 1e8 s
+    forming = np.array([cold, 1.0, cold + 0.02])
+    breaking = np.array([cold + 0.05, 1.05, cold])
+    pair = 0.06
+    lattice = ReactionLattice(
+        pixels=(3, 1), sites=[0, 1, 2], forming=forming, breaking=breaking, neighbours=[[1, -1], [0, 2], [1, -1]],
+        coupling=[[pair, 0], [pair, pair], [pair, 0]],
+    )
+    bonded = (np.arange(8)[:, None] >> np.arange(3)) & 1
+    energy = bonded @ (forming - breaking) + pair * (bonded[:, 0] * bonded[:, 1] + bonded[:, 1] * bonded[:, 2])
+    weights = np.exp(-energy / unit)
+    engine = registry.engine(kind, superbasins=True)
+    runs = 600
+    seen = np.zeros(8)
+    for seed in range(runs):
+        history = engine.run(lattice, [1.0, 1e9], temperature=temperature, seed=seed)
+        seen[history.state @ [1, 2, 4]] += 1
+    assert history.events > 1e16
+    assert stats.chisquare(seen, runs * weights / weights.sum()).pvalue > CHANCE
