@@ -48,7 +48,7 @@ class Plan:
         if "memory" in known:
             rows.append(("expected memory", f"about {known['memory'] / 1e9:.2g} GB"))
         if "file" in known:
-            rows.append(("result file", f"at most {known['file'] / 1e6:.3g} MB"))
+            rows.append(("result file", f"about {known['file'] / 1e6:.3g} MB"))
         return rows
 
 
@@ -65,8 +65,10 @@ def plan(scene: Scene) -> Plan:
     numbers: dict[str, float] = {}
     if "nx" in known and "ny" in known:
         pixels = known["nx"] * known["ny"]
-        numbers |= {"nx": known["nx"], "ny": known["ny"], "file": 17 * pixels}
         fraction = solve.get("area_fraction", _area_fraction(scene, known))
+        # heights are noise and do not compress; a pressure map is as large as what carries pressure
+        carrying = 1.0 if fraction is None else min(1.0, 2 * fraction)
+        numbers |= {"nx": known["nx"], "ny": known["ny"], "file": (8 + 8 * carrying) * pixels}
         if fraction is not None:
             numbers["area_fraction"] = fraction
             share = scene.chemistry.hydroxylation if scene.chemistry else 1.0
