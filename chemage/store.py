@@ -60,7 +60,7 @@ def preflight(path: str | os.PathLike[str], *, force: bool = False, size: float 
         room = shutil.disk_usage(folder).free
         if size > room:
             raise StoreError(
-                f"{target} needs {size / 1e6:.0f} MB, but {folder} has {room / 1e6:.0f} MB left; "
+                f"{target} needs {size / 1e6:.3g} MB, but {folder} has {room / 1e6:.3g} MB left; "
                 "free some room or choose another folder"
             )
         probe = _beside(target)
