@@ -56,7 +56,8 @@ def scene_schema() -> dict[str, Any]:
     properties["hold"] = refs[Hold, "validation"]
     properties["fit"] = refs[FitWindow, "validation"]
     properties["observe"] = {"type": "array", "items": by_role.get("observable", {"type": "object"})}
-    properties["sweep"] = {"type": "object", "description": "fields to vary: dotted path = list of values"}
+    definitions |= _SWEEP
+    properties["sweep"] = {"$ref": "#/$defs/Sweep"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "chemage scene",
@@ -68,6 +69,27 @@ def scene_schema() -> dict[str, Any]:
     }
 
 
+_SWEEP: dict[str, Any] = {
+    "Sweep": {
+        "type": "object",
+        "minProperties": 1,
+        "description": "fields to vary: each line, a dotted path and the list of its values, is one axis of a grid",
+        "properties": {
+            "zip": {
+                "type": "array",
+                "items": {"$ref": "#/$defs/SweepLines"},
+                "description": "lines that move together, of equal length, make one axis",
+            }
+        },
+        "additionalProperties": {"$ref": "#/$defs/SweepValues"},
+    },
+    "SweepLines": {
+        "type": "object",
+        "minProperties": 1,
+        "additionalProperties": {"$ref": "#/$defs/SweepValues"},
+    },
+    "SweepValues": {"anyOf": [{"type": "array", "minItems": 1}, {"$ref": "#/$defs/SweepLines"}]},
+}
 _SURFACE_EXTRA = {"seed": {"type": "integer", "minimum": 0, "default": 0, "description": "of the surface"}}
 _CONTACT_EXTRA = {
     "load": {

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import tomllib
+from pathlib import Path
 from textwrap import dedent
 
 import numpy as np
 import pytest
 
 import chemage
+import chemage.scene
+import chemage.schema
 from chemage.errors import InputError, SceneError, StoreError
 from chemage.objects import Aging, ContactSolution
 from chemage.scene import override, parse_scene
@@ -485,3 +489,32 @@ def test_only_a_sweep_is_swept(tiny, tmp_path):
     with pytest.raises(SceneError, match="sweep: is missing: this scene is one point"):
         chemage.sweep(tiny.scene(), tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+# -- documents --------------------------------------------------------------------------------------------------------
+
+PAGE = Path(__file__).parents[2] / "docs" / "sweeps.md"
+EXAMPLES = re.findall(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+
+
+def test_the_sweeps_of_the_page_are_valid_at_every_point():
+    base, _ = chemage.scene.scene_data("silica-rough")
+    sizes = [survey_of(read_grid({**base, **tomllib.loads(text)})).grid.size for text in EXAMPLES if "[sweep]" in text]
+    assert sizes == [36, 8]
+
+
+def test_the_schema_knows_sweeps():
+    import jsonschema
+
+    validator = jsonschema.Draft202012Validator(chemage.schema.scene_schema())
+    base, _ = chemage.scene.scene_data("silica-rough")
+
+    def wrong(sweep):
+        return [".".join(map(str, error.absolute_path)) for error in validator.iter_errors({**base, "sweep": sweep})]
+
+    for text in (AXES, *EXAMPLES):
+        assert wrong(tomllib.loads(dedent(text)).get("sweep", {"a": [1]})) == []
+    assert wrong({"contact.load": []}) == ["sweep.contact.load"]
+    assert wrong({"contact.load": 3}) == ["sweep.contact.load"]
+    assert wrong({"zip": {"a": [1]}}) == ["sweep.zip"]
+    assert wrong({}) == ["sweep"]
