@@ -76,7 +76,7 @@ def surface_figure(surface: Surface) -> Figure:
 
 def pressure_figure(contact: ContactSolution) -> Figure:
     """The pressure over the whole contact, and the neighbourhood of its largest patch with the patches' outlines."""
-    figure, axes = _figure(10.5, 4.4, 2)
+    figure, axes = _figure(10.5, 4.8, 2)
     _draw_pressure(axes[0], contact)
     _draw_largest_patch(axes[1], contact)
     return figure
