@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from chemage.errors import ChemageError
 from chemage.scene import Scene
+from chemage.threads import available
 from chemage.units import EV_PER_GPA_NM3, KB
 
 
@@ -76,7 +76,7 @@ def plan(scene: Scene) -> Plan:
     costs = [solve]
     if scene.engine is not None and scene.hold is not None and scene.chemistry is not None and "sites" in numbers:
         one = scene.engine.expected(numbers["sites"], scene.chemistry.interaction is not None)
-        side_by_side = min(scene.hold.replicas, os.cpu_count() or 1)
+        side_by_side = min(scene.hold.replicas, available())
         costs.append(
             {
                 name: value * (scene.hold.replicas if name == "cpu_seconds" else side_by_side)

@@ -30,6 +30,7 @@ from chemage.scene import Scene, located, override, scene_data
 from chemage.sweep_folder import FORMAT, Folder, compute, failure, solve, unpack_aging
 from chemage.sweep_grid import Axis, Grid, Survey, check_base, order_of, shown, survey
 from chemage.sweep_table import Table
+from chemage.threads import restored as threads_restored
 
 if TYPE_CHECKING:
     import pandas
@@ -508,6 +509,7 @@ def sweep(
     agree = (lambda text: True) if confirm is True else (confirm or None)
     with ExitStack() as stack:
         tell = stack.enter_context(_display(progress))
+        stack.enter_context(threads_restored())  # tasks that run in this process set their own
         found = survey_of(read_grid(scene, changes), tell=tell, confirm=agree)
         folder = Folder(Path(out).absolute())
         _check_folder(folder, found, force)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 _limit: int | None = None
 
@@ -27,6 +29,16 @@ def limit(threads: int | None) -> None:
     """Let computations in this process use ``threads`` threads; None takes the limit away."""
     global _limit
     _limit = threads
+
+
+@contextmanager
+def restored() -> Iterator[None]:
+    """Take back, after the block, the limits that were set within it."""
+    before = _limit
+    try:
+        yield
+    finally:
+        limit(before)
 
 
 def environment(threads: int) -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ import numpy as np
 from chemage.objects import BondHistory, ReactionLattice
 from chemage.random import key
 from chemage.spec import Seed
+from chemage.threads import available
 from chemage.units import KB
 from chemage_kinetics import _common
 
@@ -152,7 +152,7 @@ class Job:
         """The finished history. ``resume`` is the engine's own continuation."""
         earlier = self.start if isinstance(self.start, BondHistory) else None
         before = np.zeros(2, np.int64) if earlier is None else np.array([earlier.formed[-1], earlier.broken[-1]])
-        # Counts stop at 2**62 (see `_common`), so their sums are taken in floating point first.
+        # Counts stop at 2**61 (see `_common`), so their sums are taken in floating point first.
         sums = []
         for column in range(2):
             exact = before[column] + np.cumsum(self.tally[:, column])
@@ -203,7 +203,7 @@ def run_pieces(
             first = follow(first, last, tally)
         return tally
 
-    workers = min(workers or len(os.sched_getaffinity(0)), len(pieces))
+    workers = min(workers or available(), len(pieces))
     if workers < 2:
         for piece in pieces:
             job.tally += one(piece)

@@ -12,6 +12,7 @@ from textwrap import dedent
 
 import pytest
 
+import chemage
 from chemage import threads
 from chemage.errors import ExecutorError, InputError, StoreError, WorkerLost
 from chemage.executors import Processes, Serial, open_pool
@@ -264,6 +265,13 @@ def test_any_executor_will_do(work):
         assert pool.width() == 3
         assert pool.threads == 1
         assert pool.executor.submit(work.double, 2).result() == 4
+
+
+def test_a_sweep_leaves_the_threads_of_its_process_alone(tiny, tmp_path):
+    threads.limit(7)
+    chemage.sweep({**tiny.scene(), "sweep": {"hold.seed": [0, 1]}}, tmp_path / "out", threads=1)
+    assert threads.available() == 7
+    threads.limit(None)
 
 
 def test_the_limit_on_threads_holds_until_it_is_taken_away(monkeypatch):
