@@ -33,7 +33,7 @@ LARGEST_COUPLING = 2.0**15
 #: ln of the smallest rate, over the attempt frequency, that is told from zero.
 COLDEST = 745.0
 #: Event counts stop here instead of overflowing.
-MOST = np.int64(2**62)
+MOST = np.int64(2**61)
 
 #: Each engine has its own random numbers, so that two engines on one seed are independent samples.
 STREAMS = {"rejection-free": KINETICS, "bkl": KINETICS + 1, "next-reaction": KINETICS + 2, "independent": KINETICS + 3}
@@ -151,7 +151,7 @@ def until(high, low, time):
 
 @jit
 def _add(total, more):
-    if more >= 4.0e18 or total + np.int64(more) > MOST:
+    if more >= 2.0e18 or total + np.int64(more) > MOST:
         return MOST
     return total + np.int64(more)
 
@@ -169,7 +169,7 @@ def count_flip(tally, hold, word):
 
 @jit
 def count_sojourn(tally, hold, word, out_here, out_there, other):
-    """Note the flips of a sojourn from the state ``word & 1``; counts stop at 2**62, the difference is exact."""
+    """Note the flips of a sojourn from the state ``word & 1``; counts stop at 2**61, the difference is exact."""
     bonded = word & 1
     tally[hold, 0] = _add(tally[hold, 0], out_there if bonded else out_here)
     tally[hold, 1] = _add(tally[hold, 1], out_here if bonded else out_there)
