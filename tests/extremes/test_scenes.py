@@ -38,6 +38,11 @@ def look(result):
             box = axes.get_window_extent()
             assert min(box.width, box.height) > 10, f"{name}: axes of {box.width:.0f} x {box.height:.0f} pixels"
             assert axes.get_ylabel() or axes.get_xlabel(), name
+            for text in (axes.title, axes.xaxis.label, axes.yaxis.label):
+                place = text.get_window_extent()
+                if text.get_text():
+                    assert figure.bbox.x0 - 1 <= place.x0 < place.x1 <= figure.bbox.x1 + 1, f"{name}: {text.get_text()}"
+                    assert figure.bbox.y0 - 1 <= place.y0 < place.y1 <= figure.bbox.y1 + 1, f"{name}: {text.get_text()}"
             assert axes.lines or axes.images or axes.collections or axes.patches or axes.texts, name
     return made
 
