@@ -2,18 +2,23 @@
 
 The gradient is the gap, so the solution satisfies p ≥ 0, gap ≥ 0, p·gap = 0. Method:
 
-* Conjugate gradients on the working set {p > 0} ∪ {gap < 0}, clipped to p ≥ 0 after an exact line search, restarted only when the direction
-  is not one of descent: I. A. Polonsky, L. M. Keer, Wear 231, 206 (1999) without its restarts, after L. Bugnicourt, P. Sainsot,
-  D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018).
-* Preconditioner of opposite order: the inverse symbol |q|, restricted to the working set: E. A. H. Vollebregt, J. Optim. Theory Appl. 162,
-  862 (2014).
+* Conjugate gradients on the working set {p > 0} ∪ {gap < 0}, clipped to p ≥ 0 after an exact line search, restarted
+  only when the direction is not one of descent: I. A. Polonsky, L. M. Keer, Wear 231, 206 (1999) without its
+  restarts, after L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018).
+* Preconditioner of opposite order: the inverse symbol |q|, restricted to the working set: E. A. H. Vollebregt, J.
+  Optim. Theory Appl. 162, 862 (2014). The part of it that describes flow out of the working set is mostly taken away
+  again (the regional instead of the restricted fractional Laplacian), which saves up to a third of the iterations.
 * Coarse to fine: each grid starts from the interpolated solution of the next coarser one.
-* Mixed precision by iterative refinement: pressure and gap are kept in double precision, but only *changes* of the gap are ever computed, in
-  single precision, so that their rounding errors shrink with the changes.
-* The step length comes from Parseval's theorem, and a step that clips nothing reuses the spectrum of its direction: four or five transforms
-  per iteration.
+* Mixed precision by iterative refinement: pressure and gap are kept in double precision, but only *changes* of the
+  gap are ever computed, in single precision, so that their rounding errors shrink with the changes.
+* Most iterations use the split operator of ``_split``, a stencil and a coarse grid, which costs less than one
+  transform and nothing where nothing touches; the gap is evaluated exactly every few iterations, and the answer is
+  judged by that gap alone (defect correction).
+* Where the split operator does not apply (odd sizes, free boundary), the step length comes from Parseval's theorem, and
+  a step that clips nothing reuses the spectrum of its direction: four or five transforms per iteration.
 
-Everything is made dimensionless: heights in units of their rms value, measured down from the highest point; pressure in units of its mean.
+Everything is made dimensionless: heights in units of their rms value, measured down from the highest point; pressure
+in units of its mean.
 """
 
 from __future__ import annotations
@@ -22,14 +27,14 @@ import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft as sfft
 
 from . import _kernels as kernels
-from ._operators import Substrate
+from ._operators import Substrate, fast_length
 from ._split import Split, suits
 from ._transforms import Transforms
 
@@ -77,7 +82,7 @@ class Team:
             kernel(0, count, *args)
             return
         edges = [count * k // self.threads for k in range(self.threads + 1)]
-        for job in [self._pool.submit(kernel, a, b, *args) for a, b in zip(edges, edges[1:], strict=False)]:
+        for job in [self._pool.submit(kernel, a, b, *args) for a, b in pairwise(edges)]:
             job.result()
 
     def close(self) -> None:
@@ -153,7 +158,8 @@ class Settings:
 
 @dataclass
 class Result:
-    """A solution in dimensionless units. ``pressure`` (mean 1 under load control), ``gap`` (rms heights), both (nx, ny)."""
+    """A solution in dimensionless units. ``pressure`` (mean 1 under load control), ``gap`` (rms heights), both (nx,
+    ny)."""
 
     pressure: Array
     gap: Array
@@ -245,10 +251,10 @@ class _Grid:
         outward = np.zeros_like(d)
         caution = self.settings.caution
         split = caution == 0 and suits(self.body)
+        make = (self.body, self.work, self.settings.library, self.team, self.width)
+        near = Split(*make, inverse=False, floating=self.floating) if split else None
+        near_inverse = Split(*make, inverse=True, floating=False) if split else None
         if split:
-            make = (self.body, self.work, self.settings.library, self.team, self.width)
-            near = Split(*make, inverse=False, floating=self.floating)
-            near_inverse = Split(*make, inverse=True, floating=False)
             y = np.zeros_like(d)
         notes: list[str] = []
         steepest = True
@@ -256,6 +262,7 @@ class _Grid:
         best = refreshed = math.inf
         settled = self.state == self.work
         fresh = True
+        live = self.everywhere
         r = self.gap(p, settled)
         while True:
             # Where things stand
@@ -289,7 +296,7 @@ class _Grid:
                     notes.append(f"slow progress: went on more cautiously after {iteration} iterations")
                     steepest, best, best_at, since = True, error, iteration, 0
                     if split:
-                        split = False
+                        split, near, near_inverse = False, None, None
                         live = (active[:, 2] > 0.0).astype(np.uint8)
                 else:
                     hopeless = True
@@ -312,8 +319,8 @@ class _Grid:
             since += 1
             if caution == 0 and (since - 1) % OUTWARD_TURNS == 0:
                 run(kernels.indicator, live, v, z)
-                outward = near_inverse.apply(z, live, outward) if split else self.operator.precondition(z)
-            if split:
+                outward = near_inverse.apply(z, live, outward) if near_inverse else self.operator.precondition(z)
+            if near_inverse:
                 near_inverse.apply(v, live, z)
             else:
                 z = self.operator.precondition(v) if caution < 2 else v
@@ -328,7 +335,7 @@ class _Grid:
             largest = math.sqrt(self._sum(1)[0])
             # Step
             spectrum: Array = d
-            if split:
+            if near:
                 near.apply(d, live, y)
                 run(kernels.dot, live, d, y, part)
                 curvature = self.kappa * self._sum(1)[0]
@@ -344,7 +351,7 @@ class _Grid:
             run(kernels.move, live, p, d, step, scale)
             if self.kappa * math.sqrt(cut_squares) > NEGLIGIBLE * error:
                 factor = self.kappa
-                y = near.apply(d, live, y) if split else self.operator.displacement(self.operator.spectrum(d))
+                y = near.apply(d, live, y) if near else self.operator.displacement(self.operator.spectrum(d))
             else:
                 factor = self.kappa * step
                 y = y if split else self.operator.displacement(spectrum)
@@ -391,7 +398,7 @@ def grids(shape: tuple[int, int], levels: int | None) -> list[tuple[int, int]]:
     """Grids from fine to coarse: halved, to lengths that transform fast. ``levels`` counts all of them."""
     out = [shape]
     while levels is None or len(out) < levels:
-        nx, ny = (n if n < COARSEST else 4 * sfft.next_fast_len(math.ceil(n / 8), real=True) for n in out[-1])
+        nx, ny = (n if n < COARSEST else 4 * fast_length(math.ceil(n / 8)) for n in out[-1])
         if (nx, ny) == out[-1] or (levels is None and max(nx, ny) < COARSEST):
             break
         out.append((nx, ny))
@@ -409,9 +416,9 @@ def solve(
 ) -> Result:
     """Solve on ``body`` for dimensionless ``heights`` (nx, ny; rms 1, highest point 0, state precision).
 
-    ``stiffness`` is (unit of pressure)·pixel/(E*·unit of height). With ``offset`` None the mean pressure is 1; otherwise the gap is
-    G p - h + offset and the load follows (negative: approach since first touch). ``start`` is a pressure to begin from instead of a coarser
-    grid. Never raises for lack of convergence: look at ``converged``.
+    ``stiffness`` is (unit of pressure)·pixel/(E*·unit of height). With ``offset`` None the mean pressure is 1;
+    otherwise the gap is G p - h + offset and the load follows (negative: approach since first touch). ``start`` is a
+    pressure to begin from instead of a coarser grid. Never raises for lack of convergence: look at ``converged``.
     """
     team = Team(settings.threads)
     try:

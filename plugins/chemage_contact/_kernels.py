@@ -2,12 +2,12 @@
 
 Everything that is not a Fourier transform happens here, one pass over memory per kernel. Work is cut into blocks: a
 block is ``width`` neighbouring pixels of one row. Each block writes its sums to its own row of a table, and the rows
-are added in order afterwards; threads share out whole blocks, so results are the same bytes for any number of threads.
-Sums run in double precision whatever the arrays are. Blocks that are not ``live`` (no pixel of the working set in or
-near them) are skipped, which at small loads is most of them.
+are added in order afterwards; threads share out whole blocks, so results are the same bytes for any number of
+threads. Sums run in double precision whatever the arrays are. Blocks that are not ``live`` (no pixel of the working
+set in or near them) are skipped, which at small loads is most of them.
 
-Two dtypes occur: the *state* (pressure ``p``, gap before the offset ``r``) and the *work* vectors (``v``, ``z``, ``d``,
-``y``). All arrays are (nx, ny). The working set is marked by ``v != 0``.
+Two dtypes occur: the *state* (pressure ``p``, gap before the offset ``r``) and the *work* vectors (``v``, ``z``,
+``d``, ``y``). All arrays are (nx, ny). The working set is marked by ``v != 0``.
 """
 
 from __future__ import annotations
@@ -313,7 +313,8 @@ def resample(lo, hi, source, i0, i1, wi, j0, j1, wj, target):
 
 @njit(**_OPTIONS)
 def restrict(lo, hi, width, live, x, coarse):
-    """Rows lo … hi of coarse[I, J] = Σ φ(i - RATIO·I) φ(j - RATIO·J) x[i, j], φ the hat of half-width RATIO; periodic.
+    """Rows lo … hi of coarse[I, J] = Σ φ(i - RATIO·I) φ(j - RATIO·J) x[i, j], φ the hat of half-width RATIO;
+    periodic.
 
     x must be zero in blocks that are not live. Reads the live part of x twice (2·RATIO - 1 rows per coarse row).
     """
@@ -369,7 +370,8 @@ def _add_rows(above, below, weight, out):
 
 @njit(**_OPTIONS)
 def _stencil_row(x0, x1, x2, x3, x4, weights, out):
-    """out += the stencil along one row; x0 … x4 are sums of rows 0 … 4 away, eight longer than out. Corners are zero."""
+    """out += the stencil along one row; x0 … x4 are sums of rows 0 … 4 away, eight longer than out. Corners are
+    zero."""
     a0, a1, a2, a3, a4 = weights[0, 0], weights[0, 1], weights[0, 2], weights[0, 3], weights[0, 4]
     b0, b1, b2, b3, b4 = weights[1, 0], weights[1, 1], weights[1, 2], weights[1, 3], weights[1, 4]
     c0, c1, c2, c3 = weights[2, 0], weights[2, 1], weights[2, 2], weights[2, 3]

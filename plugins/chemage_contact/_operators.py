@@ -1,8 +1,8 @@
 """Elastic substrates: the Green's function that turns pressure into displacement, apart from any solver.
 
-A substrate knows its grid and returns a ``symbol``, the factor between the transforms of pressure and displacement for unit contact modulus,
-in nm: u(q) = symbol(q)·p(q)/E*. To add one (another boundary, another material) write a class with these members; the iteration
-never asks what it is.
+A substrate knows its grid and returns a ``symbol``, the factor between the transforms of pressure and displacement
+for unit contact modulus, in nm: u(q) = symbol(q)·p(q)/E*. To add one (another boundary, another material) write a
+class with these members; the iteration never asks what it is.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ class Substrate(Protocol):
         ...
 
     def inverse(self) -> Floats:
-        """(nx, ny//2+1) or (nx//2+1, ny//2+1) values > 0: approximately 1/symbol on the unpadded grid, for preconditioning."""
+        """(nx, ny//2+1) or (nx//2+1, ny//2+1) values > 0: approximately 1/symbol on the unpadded grid, for
+        preconditioning."""
         ...
 
     def regrid(self, shape: tuple[int, int]) -> Self:
@@ -57,6 +58,11 @@ class Substrate(Protocol):
     def window(self, shape: tuple[int, int]) -> Self:
         """The same body with the same pixels on another extent."""
         ...
+
+
+def fast_length(n: int) -> int:
+    """The smallest length of at least n that transforms fast."""
+    return int(sfft.next_fast_len(n, real=True) or n)
 
 
 def wave_numbers(shape: tuple[int, int], pixel: tuple[float, float]) -> Floats:
@@ -105,8 +111,8 @@ class PeriodicHalfSpace:
 class PeriodicLayer:
     """Elastic layer of ``thickness`` nm bonded to a rigid base, periodic pressure on its face.
 
-    symbol = 2/|q| · [(3-4ν) sinh 2qt - 2qt] / [5 + 2(qt)² - 4ν(3-2ν) + (3-4ν) cosh 2qt] with t the thickness (G. Carbone, L. Mangialardi,
-    J. Mech. Phys. Solids 56, 684 (2008)); at q = 0 the confined compression t(1-2ν)/(1-ν)².
+    symbol = 2/|q| · [(3-4ν) sinh 2qt - 2qt] / [5 + 2(qt)² - 4ν(3-2ν) + (3-4ν) cosh 2qt] with t the thickness (G.
+    Carbone, L. Mangialardi, J. Mech. Phys. Solids 56, 684 (2008)); at q = 0 the confined compression t(1-2ν)/(1-ν)².
     """
 
     shape: tuple[int, int]
@@ -124,7 +130,8 @@ class PeriodicLayer:
         q = wave_numbers(self.shape, self.pixel)
         q[0, 0] = 1.0
         x = 2.0 * q * self.thickness
-        # Numerator and denominator divided by cosh(x), so that thick layers do not overflow; below x = 1e-3 the series, against cancellation.
+        # Numerator and denominator divided by cosh(x), so that thick layers do not overflow; below x = 1e-3 the
+        # series, against cancellation.
         sech = 2.0 * np.exp(-x) / (1.0 + np.exp(-2.0 * x))
         constant = 5.0 - 4.0 * nu * (3.0 - 2.0 * nu)
         factor = ((3.0 - 4.0 * nu) * np.tanh(x) - x * sech) / ((constant + 0.5 * x * x) * sech + (3.0 - 4.0 * nu))
@@ -154,9 +161,9 @@ class PeriodicLayer:
 class FreeHalfSpace:
     """Elastic half-space loaded nowhere else: displacements relative to infinity.
 
-    Convolution with the exact displacement of a uniformly loaded rectangle (A. E. H. Love, Phil. Trans. R. Soc. A 228, 377 (1929);
-    K. L. Johnson, Contact Mechanics, Eq. 3.25), zero-padded so that images do not interact (R. W. Hockney, Methods Comput. Phys. 9, 135
-    (1970)).
+    Convolution with the exact displacement of a uniformly loaded rectangle (A. E. H. Love, Phil. Trans. R. Soc. A
+    228, 377 (1929); K. L. Johnson, Contact Mechanics, Eq. 3.25), zero-padded so that images do not interact (R. W.
+    Hockney, Methods Comput. Phys. 9, 135 (1970)).
     """
 
     shape: tuple[int, int]
@@ -166,16 +173,15 @@ class FreeHalfSpace:
     @property
     def padded(self) -> tuple[int, int]:
         nx, ny = (2 * n - 1 for n in self.shape)
-        return sfft.next_fast_len(nx, real=False), sfft.next_fast_len(ny, real=True)
+        return fast_length(nx), fast_length(ny)
 
     def symbol(self) -> Floats:
         px, py = self.padded
         x = np.arange(px, dtype=np.float64)
         y = np.arange(py, dtype=np.float64)
         kernel = _love(np.minimum(x, px - x)[: px // 2 + 1], np.minimum(y, py - y)[: py // 2 + 1], self.pixel)
-        # Even in both directions: two cosine transforms of a quarter, written as transforms of the mirrored quarter.
-        half = sfft.rfft(_mirror(kernel, py, 1), axis=1, overwrite_x=True).real
-        full = sfft.rfft(_mirror(half, px, 0), axis=0, overwrite_x=True).real
+        half = _cosine(kernel, py, 1)
+        full = _cosine(half, px, 0)
         # The truncated kernel is positive definite on the pixels that count; rounding must not say otherwise.
         return np.maximum(full, 0.0)
 
@@ -193,9 +199,12 @@ def _rescaled(shape: tuple[int, int], pixel: tuple[float, float], new: tuple[int
     return pixel[0] * shape[0] / new[0], pixel[1] * shape[1] / new[1]
 
 
-def _mirror(quarter: Floats, n: int, axis: int) -> Floats:
-    rest = np.flip(np.take(quarter, np.arange(1, (n + 1) // 2), axis=axis), axis=axis)
-    return np.concatenate([quarter, rest], axis=axis)
+def _cosine(half: Floats, n: int, axis: int) -> Floats:
+    """Transform along one axis of an even array of length n, of which ``half`` holds the first n//2 + 1 entries."""
+    rest = np.flip(np.take(half, np.arange(1, (n + 1) // 2), axis=axis), axis=axis)
+    mirrored = np.concatenate([half, rest], axis=axis)
+    spectrum: NDArray[np.complex128] = np.asarray(sfft.rfft(mirrored, axis=axis, overwrite_x=True), np.complex128)
+    return np.ascontiguousarray(spectrum.real)
 
 
 def _love(x: Floats, y: Floats, pixel: tuple[float, float]) -> Floats:
@@ -203,7 +212,8 @@ def _love(x: Floats, y: Floats, pixel: tuple[float, float]) -> Floats:
     ax, ay = pixel
 
     def corner(sx: float, sy: float) -> Floats:
-        # Antiderivative of 1/r: x asinh(y/|x|) + y asinh(x/|y|); pixel corners are at half-integers, so neither is ever zero.
+        # Antiderivative of 1/r: x asinh(y/|x|) + y asinh(x/|y|); pixel corners are at half-integers, so neither is
+        # ever zero.
         xs = ((x + sx) * ax)[:, None]
         ys = ((y + sy) * ay)[None, :]
         return xs * np.arcsinh(ys / np.abs(xs)) + ys * np.arcsinh(xs / np.abs(ys))

@@ -79,7 +79,7 @@ def _whole(quarter: Array, rows: int) -> Array:
     return np.concatenate([quarter, quarter[1 : rows - quarter.shape[0] + 1][::-1]])
 
 
-def _hat(q: Floats) -> Floats:
+def _hat(q: NDArray[np.floating[Any]]) -> Floats:
     """Transform of the hat function over RATIO, at wave numbers per fine pixel: 1 at zero."""
     half = np.where(q == 0.0, 1.0, 0.5 * q)
     return np.where(q == 0.0, 1.0, np.sin(half * RATIO) / (RATIO * np.sin(half))) ** 2

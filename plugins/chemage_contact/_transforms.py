@@ -1,7 +1,8 @@
 """Two-dimensional real Fourier transforms with a choice of library.
 
-``scipy`` (pocketfft, BSD licence) is always there. ``ducc0`` (GPL v2+), ``pyfftw`` (BSD wrapper around FFTW, which is GPL v2+) and
-``mkl_fft`` (BSD wrapper around Intel's proprietary MKL) are used if the user has installed them and asks for them by name.
+``scipy`` (pocketfft, BSD licence) is always there. ``ducc0`` (GPL v2+), ``pyfftw`` (BSD wrapper around FFTW, which is
+GPL v2+) and ``mkl_fft`` (BSD wrapper around Intel's proprietary MKL) are used if the user has installed them and asks
+for them by name.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ Array = NDArray[Any]
 
 
 class Transforms:
-    """Forward and backward transforms between real (nx, ny) and half spectra (px, py//2+1), zero-padded to ``padded`` = (px, py).
+    """Forward and backward transforms between real (nx, ny) and half spectra (px, py//2+1), zero-padded to ``padded``
+    = (px, py).
 
     Counts the transforms it makes in ``count``. Raises ``ImportError`` when the library asked for is not installed.
     """

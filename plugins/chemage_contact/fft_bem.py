@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -13,7 +13,7 @@ from chemage.errors import ConvergenceError, InputError
 from chemage.objects import ContactSolution, Surface
 from chemage.spec import ContactSolver, force
 from chemage.threads import available
-from chemage.units import Length, Pressure, convert, quantity
+from chemage.units import Length, Pressure, Unit, convert
 from chemage_contact import _iteration as iteration
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate
 
@@ -25,7 +25,8 @@ class FFTBEM(ContactSolver):
     """Frictionless, non-adhesive hard-wall contact of a rigid surface with a flat elastic body, at a given load.
 
     Finds the pressure with p ≥ 0, gap ≥ 0, p·gap = 0 on every pixel. Converged means that both errors are below
-    ``tolerance``: the rms gap over the contact and the largest penetration outside it, relative to the rms height.
+    ``tolerance``: the rms gap over the contact and the largest penetration outside it, relative to the rms height, or
+    to the approach since first touch where that is smaller.
     The iteration is described in ``chemage_contact._iteration``; its speed and accuracy in ``docs/contact.md``.
     """
 
@@ -45,7 +46,7 @@ class FFTBEM(ContactSolver):
     modulus: Pressure
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa"""
     tolerance: float = Field(default=1e-5, gt=0, lt=1, allow_inf_nan=False)
-    """largest error of the gap, relative to the rms height"""
+    """largest error of the gap, relative to the rms height (or to the approach since first touch, where smaller)"""
     precision: Literal["single", "double", "mixed"] = "mixed"
     """mixed: iterate in single, keep pressure and gap in double (as accurate as double); single: half the memory"""
     boundary: Literal["auto", "periodic", "free"] = "auto"
@@ -60,7 +61,7 @@ class FFTBEM(ContactSolver):
     """whether the solution carries the gap (memory and file size double)"""
     thickness: Length | None = None
     """of the elastic body if it is a layer bonded to a rigid base, nm (periodic only); absent: half-space"""
-    poisson_ratio: quantity("", ge=0, le=0.5) = 0.25
+    poisson_ratio: Annotated[float, Unit("", ge=0, le=0.5)] = 0.25
     """of the layer; unused for a half-space"""
     fft: Literal["scipy", "ducc0", "pyfftw", "mkl_fft"] = "scipy"
     """Fourier transform library; all but scipy must be installed by the user (mind their licences)"""
@@ -81,6 +82,24 @@ class FFTBEM(ContactSolver):
         if self.thickness is not None and self.boundary == "free":
             raise ValueError("thickness: a layer needs boundary = 'periodic'; leave one of the two out")
         return self
+
+    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
+        """Area fraction from κ = 2.2 and Persson's theory, cost and memory from measurements (``docs/contact.md``)."""
+        if not {"nx", "ny"} <= surface.keys():
+            return {}
+        pixels = surface["nx"] * surface["ny"]
+        known = {"bytes": pixels * {"single": 50.0, "mixed": 75.0, "double": 95.0}[self.precision]}
+        fraction = 0.1
+        if {"pixel_size", "rms_slope"} <= surface.keys():
+            x = load / (pixels * surface["pixel_size"] ** 2) / self.modulus
+            x = x / surface["rms_slope"] if surface["rms_slope"] > 0 else math.inf if load > 0 else 0.0
+            fraction = known["area_fraction"] = math.erf(2.2 * x / math.sqrt(4.0 / math.pi))
+        digits = math.log10(1e-5 / self.tolerance)
+        work = (1.5e-7 + 3.5e-7 * math.sqrt(fraction)) * max(0.5, 1.0 + 0.2 * digits)
+        factor = {"single": 0.8, "mixed": 1.0, "double": 2.0}[self.precision] * (
+            4.0 if self.boundary == "free" else 1.0
+        )
+        return known | {"cpu_seconds": pixels * work * factor}
 
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
         if load == 0:
@@ -171,7 +190,7 @@ class FFTBEM(ContactSolver):
         )
 
     def _provenance(self, surface: Surface) -> dict[str, Any]:
-        options = self.todict()
+        options = self.identity()
         return {"kind": options.pop("kind"), "options": options, "surface": surface.provenance}
 
     def _untouched(self, surface: Surface, approach: float) -> ContactSolution:
@@ -264,7 +283,8 @@ class FFTBEM(ContactSolver):
             why, remedy = "the error stopped falling", "accept a larger tolerance, or use precision = 'double'"
         return (
             f"fft-bem: {why} after {result.iterations} iterations at a relative gap error of {result.error:.3g} "
-            f"(rms gap {result.rms_gap:.3g}, penetration {result.penetration:.3g}; tolerance {self.tolerance:g}): {remedy}"
+            f"(rms gap {result.rms_gap:.3g}, penetration {result.penetration:.3g}; tolerance {self.tolerance:g}): "
+            f"{remedy}"
         )
 
 

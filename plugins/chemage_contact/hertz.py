@@ -32,7 +32,7 @@ class Hertz(ContactSolver):
 
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
         radius = _radius(surface)
-        edge, size = (1.0 * load * radius / self.modulus * 0.75) ** (1.0 / 3.0), surface.pixel_size
+        edge, size = math.cbrt(0.75 * load * radius / self.modulus), surface.pixel_size
         room = 0.5 * min(surface.shape) * size
         if edge > room:
             raise InputError.of(
@@ -63,7 +63,7 @@ class Hertz(ContactSolver):
         )
 
     def _provenance(self, surface: Surface) -> dict[str, Any]:
-        options = self.todict()
+        options = self.identity()
         return {"kind": options.pop("kind"), "options": options, "surface": surface.provenance}
 
 
