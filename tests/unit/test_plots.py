@@ -168,17 +168,19 @@ def test_nothing_global_changes(result, tmp_path):
     assert dict(mpl.rcParams) == before
 
 
-@pytest.mark.parametrize("pixel_size", [1e-3, 1.0, 28.0, 1e6])
-def test_titles_and_labels_are_inside_the_figure(pixel_size):
-    pressure = np.zeros((40, 40))
-    pressure[3:9, 20:31] = np.linspace(1, 5.6, 66).reshape(6, 11)
+@pytest.mark.parametrize(("pixel_size", "top"), [(1e-3, 0.01), (0.45, 14.4), (2.824, 5.978), (1e6, 1e3)])
+def test_titles_and_labels_are_inside_the_figure(pixel_size, top):
+    pressure = np.zeros((300, 300))
+    pressure[60:85, 180:210] = np.linspace(0.01, 1, 750).reshape(25, 30) * top
     contact = ContactSolution(pressure=pressure, load=1.0, pixel_size=pixel_size, modulus=35.3)
-    surface = chemage.Surface(heights=np.random.default_rng(0).normal(size=(40, 40)), pixel_size=pixel_size)
+    heights = np.random.default_rng(0).normal(size=(300, 300))
+    surface = chemage.Surface(heights=heights * top, pixel_size=pixel_size)
     for figure in (plots.surface_figure(surface), plots.pressure_figure(contact)):
         figure.canvas.draw()
+        inside = figure.bbox.padded(-3)
         for axes in figure.axes:
             for text in (axes.title, axes.xaxis.label, axes.yaxis.label):
                 place = text.get_window_extent()
                 if text.get_text():
-                    assert figure.bbox.x0 - 0.5 <= place.x0 < place.x1 <= figure.bbox.x1 + 0.5, text.get_text()
-                    assert figure.bbox.y0 - 0.5 <= place.y0 < place.y1 <= figure.bbox.y1 + 0.5, text.get_text()
+                    assert inside.x0 <= place.x0 < place.x1 <= inside.x1, text.get_text()
+                    assert inside.y0 <= place.y0 < place.y1 <= inside.y1, text.get_text()
