@@ -328,10 +328,8 @@ def _curve_alt(made: Comparison, name: str) -> str:
         if one.aging is None or not (values := of(one)).size:
             continue
         first, last = values.mean(axis=0)[[0, -1]]
-        times = one.aging.hold_times
-        told.append(
-            f"{one.name} goes from {first:.3g} at {times[0]:g} s to {last:.3g} {unit} at {times[-1]:g} s".strip()
-        )
+        start, stop = one.aging.hold_times[[0, -1]]
+        told.append(f"{one.name} goes from {first:.3g} at {start:g} s to {last:.3g} at {stop:g} s")
     return f"{what} against hold time{unit}: {'; '.join(told)}."
 
 

@@ -16,13 +16,15 @@ def plus_minus(value: float, error: float, unit: str = "") -> str:
 
 
 def with_interval(value: float, low: float, high: float) -> str:
-    """``value [low, high]`` to the digits the interval bears."""
-    width = high - low
+    """``value [low, high]`` to the digits the interval bears, at most six."""
+    width, largest = high - low, max(abs(value), abs(low), abs(high))
     if not math.isfinite(value):
         return "undetermined"
-    if not math.isfinite(width) or width <= 0:
+    sizes = [abs(number) for number in (value, low, high) if number != 0]
+    if not math.isfinite(width) or width <= 0 or largest > 100 * min(sizes):
         return f"{value:.4g} [{low:.3g}, {high:.3g}]"
-    if max(abs(low), abs(high), abs(value)) >= 1e4 or width < 1e-4:
-        return f"{value:.3g} [{low:.3g}, {high:.3g}]"
-    digits = max(0, 1 - math.floor(math.log10(width)))
-    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+    figures = min(6, max(2, math.floor(math.log10(largest)) - math.floor(math.log10(width)) + 2))
+    if 1e-3 <= largest < 1e5:
+        digits = max(0, figures - 1 - math.floor(math.log10(largest)))
+        return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+    return f"{value:.{figures - 1}e} [{low:.{figures - 1}e}, {high:.{figures - 1}e}]"

@@ -142,6 +142,12 @@ def chromium():
 
 
 @pytest.fixture(scope="module")
+def browser_words():
+    """The command that opens a browser without a window."""
+    return [chromium(), *FLAGS]
+
+
+@pytest.fixture(scope="module")
 def browser(tmp_path_factory):
     made = Browser(chromium(), tmp_path_factory.mktemp("browser") / "profile")
     yield made

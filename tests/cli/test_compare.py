@@ -1,0 +1,99 @@
+"""``chemage compare``: tables, CSV, JSON, figures, measurements, and user errors as one message each."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+import pytest
+
+TABLE = (
+    "hold_time (s), friction_coefficient_drop, error\n1,0.2,0.05\n10,0.8,0.05\n100,1.5,0.05\n1e3,2.2,0.1\n1e4,2.7,0.1\n"
+)
+
+
+@pytest.fixture
+def two(small, command):
+    """Two result files of one scene under two loads."""
+    for load in (40, 80):
+        done = command("run", small, "--no-figures", "--out", f"at{load}.h5", "--set", f"contact.load={load}")
+        assert done.status == 0, done.err
+    return small.parent
+
+
+def test_a_table_names_every_file_and_says_whether_the_chemistry_is_the_same(two, command):
+    done = command("compare", "at40.h5", "at80.h5")
+    assert done.status == 0
+    assert done.err == ""
+    head = done.out.splitlines()[1].split()
+    assert head == ["at40", "at80"]
+    assert "Chemistry: the same in all results." in done.out
+    for label in ("load", "friction drop ΔF at 1 s", "fraction of sites bonded", "β, 95 % bootstrap interval"):
+        assert label in done.out
+    line = next(line for line in done.out.splitlines() if line.split()[:1] == ["load"])
+    assert line.split() == ["load", "40", "nN", "80", "nN"]
+
+
+def test_the_fields_that_differ_are_listed_with_both_values(two, small, command):
+    command("run", small, "--no-figures", "--out", "strong.h5", "--set", "interaction.strength=0.1", "--seed", 1)
+    out = command("compare", "at40.h5", "strong.h5").out
+    assert "Chemistry: differs in interaction.strength." in out
+    assert "interaction.strength: 0.5 | 0.1" in out
+
+
+def test_json_and_csv_are_one_document_each(two, command):
+    told = json.loads(command("compare", "at40.h5", "at80.h5", "--json", "--at", "1 min").out)
+    assert told["same_chemistry"] is True
+    assert [one["load"] for one in told["results"]] == [40, 80]
+    assert [one["time"] for one in told["results"][0]["at"]] == [60, 1e5]
+    rows = list(csv.DictReader(io.StringIO(command("compare", "at40.h5", "at80.h5", "--csv").out)))
+    assert [float(row["load (nN)"]) for row in rows] == [40, 80]
+    alone = json.loads(command("show", "at80.h5", "--json").out)
+    assert float(rows[1]["beta"]) == alone["beta"]
+
+
+def test_figures_and_measurements_are_drawn_and_fitted(two, command):
+    (two / "afm.csv").write_text(TABLE, encoding="utf-8")
+    done = command("compare", "at40.h5", "at80.h5", "--measured", "afm.csv", "--figures", "out", "--format", "svg")
+    assert done.status == 0, done.err
+    names = sorted(path.name for path in (two / "out").iterdir())
+    assert names == [
+        "barriers.svg",
+        "bonds-per-area.svg",
+        "friction-coefficient-drop.svg",
+        "friction-drop.svg",
+        "pressures.svg",
+    ]
+    assert all(f"out/{name}" in done.out for name in names)
+    assert done.out.count("Δμ = β log10(1 + t/t_c)") == 3
+    again = command("compare", "at40.h5", "at80.h5", "--figures", "out", "--format", "svg")
+    assert again.status == 2
+    assert "already there" in again.err
+    assert command("compare", "at40.h5", "at80.h5", "--figures", "out", "--format", "svg", "--force").status == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("nowhere.h5",), "nowhere.h5 does not exist"),
+        (("at40.h5", "at40.h5"), "given twice"),
+        (("at40.h5", "--json", "--csv"), "choose one"),
+        (("at40.h5", "--figures", "f", "--format", "bmp"), "choose png, pdf or svg"),
+        (("at40.h5", "--at", "1 nm"), "nanometer"),
+        (("at40.h5", "--at", "0 s"), "must be above zero"),
+        (("at40.h5", "--measured", "bad.csv"), "line 3, column hold_time: 1 s comes after 2 s"),
+        (("at40.h5", "--measured", "none.csv"), "none.csv cannot be read"),
+        (("at40.h5", "--figures", "at80.h5"), "cannot make the folder at80.h5"),
+        (("small.toml",), "no reader knows .toml"),
+    ],
+)
+def test_user_errors_are_one_message_and_status_2(two, command, words, message):
+    (two / "bad.csv").write_text("hold_time (s), friction_coefficient_drop\n2,1\n1,1\n", encoding="utf-8")
+    before = sorted(path.name for path in two.iterdir())
+    done = command("compare", *words)
+    assert done.status == 2
+    assert message in done.err
+    assert "Traceback" not in done.err
+    assert done.out == ""
+    assert sorted(path.name for path in two.iterdir()) == before
