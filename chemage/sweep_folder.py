@@ -355,15 +355,16 @@ def solve(path: str, digest: str, point: int, key: str, threads: int) -> dict[st
     thread_budget.limit(threads)
     folder, grid, _ = _opened(path, digest)
     try:
-        solution = _solution(grid.scene(point))
+        solution = _solution(grid.scene(point), f"{path} {digest}")
     except (Exception, SystemExit) as error:  # a plugin that exits must not end the sweep
         return {"seconds": time.perf_counter() - begin, "error": failure(point, {}, "contact", error)["error"]}
-    _keep(folder, key, solution)
+    _keep(folder, key, solution, f"{path} {digest}")
     return {"seconds": time.perf_counter() - begin}
 
 
-def _solution(scene: Scene) -> ContactSolution:
-    name = scene.keys()["surface"]
+def _solution(scene: Scene, owner: str) -> ContactSolution:
+    # what is kept belongs to one sweep: in another, other plugins may stand between the options and the surface
+    name = f"{owner} {scene.keys()['surface']}"
     surface = _surfaces.get(name)
     if surface is None:
         surface = make_surface(scene.surface, scene.surface_seed)
@@ -371,11 +372,11 @@ def _solution(scene: Scene) -> ContactSolution:
     return solve_contact(scene.contact, surface, scene.load)
 
 
-def _keep(folder: Folder, key: str, solution: ContactSolution) -> ContactSolution:
+def _keep(folder: Folder, key: str, solution: ContactSolution, owner: str) -> ContactSolution:
     folder.write_contact(key, solution)
     # what points see is what is on disk, whether they come at once or after an interruption
     kept = unpack(pack(solution))
-    _contacts.put(key, kept)
+    _contacts.put(f"{owner} {key}", kept)
     return kept
 
 
@@ -387,14 +388,14 @@ def compute(path: str, digest: str, points: Sequence[int], threads: int) -> dict
     begin = time.perf_counter()
     thread_budget.limit(threads)
     folder, grid, manifest = _opened(path, digest)
-    first, stage = points[0], "contact"
+    first, stage, owner = points[0], "contact", f"{path} {digest}"
     contact_key = manifest["contacts"][manifest["contact_of"][first]]
     try:
         scene = grid.scene(first)
-        contact = _contacts.get(contact_key) or folder.read_contact(contact_key)
+        contact = _contacts.get(f"{owner} {contact_key}") or folder.read_contact(contact_key)
         if contact is None:  # damaged, or removed in the meantime
-            contact = _keep(folder, contact_key, _solution(scene))
-        _contacts.put(contact_key, contact)
+            contact = _keep(folder, contact_key, _solution(scene, owner), owner)
+        _contacts.put(f"{owner} {contact_key}", contact)
         stage = "ageing"
         made = run(scene, contact=contact, workers=threads)
     except (Exception, SystemExit) as error:

@@ -773,15 +773,15 @@ def show_progress(seconds: float = 5.0) -> Iterator[Tell]:
     """Bars on stderr; where that is no terminal, a line every few ``seconds``."""
     if not sys.stderr.isatty():
         begin = time.perf_counter()
-        last = begin
+        last, printed = begin, ""
 
         def line(state: SweepProgress) -> None:
-            nonlocal last
+            nonlocal last, printed
             now = time.perf_counter()
             ended = state.stage == "computing" and state.done + state.failed == state.points
-            if now > last + seconds or (ended and last > begin):
-                last = now
-                print(told(state), file=sys.stderr, flush=True)
+            if (now > last + seconds or (ended and last > begin)) and told(state) != printed:
+                last, printed = now, told(state)
+                print(printed, file=sys.stderr, flush=True)
 
         yield line
         return

@@ -242,6 +242,11 @@ def test_what_wraps_an_arrow_is_part_of_the_sweep(tiny, site, tmp_path):
         assert capped[4].summary["max_pressure"] == 0.3
         with pytest.raises(StoreError, match="plugins that answer or wrap its stages were none and are cap"):
             chemage.sweep(swept(tiny, AXES), tmp_path / "plain")
+    # the same contact, by its key, of two sweeps in one process
+    plain.store.point(plain.keys[4]).unlink()
+    again = chemage.sweep(swept(tiny, AXES), tmp_path / "plain")
+    assert again[4].key == capped[4].key
+    assert again[4].summary["max_pressure"] == plain[5].summary["max_pressure"] > 0.3
 
 
 def test_a_scene_without_chemistry_stops_at_the_contact(tiny, tmp_path):
