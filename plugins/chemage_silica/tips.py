@@ -128,7 +128,7 @@ def compute(strength: float, tell: Tell, *, quick: bool = False) -> Study:
         raise ValueError("the scenes silica-tips and silica-patch must have the same chemistry")
     slopes = {0.1: (1,)} if quick else SLOPES
     pairs, seeds = (EQUAL_AREA[1:2], (1,)) if quick else (EQUAL_AREA, EQUAL_AREA_SEEDS)
-    tips = tips[::5] if quick else tips
+    tips = tips[::3] if quick else tips
     share = 0.1 if quick else 1.0
     jobs = len(tips) + sum(map(len, slopes.values())) + len(pairs) * len(seeds) + len(UNIFORM)
     done = 0
