@@ -541,6 +541,21 @@ def plugins_show(
             print(f"cite: {text}")
 
 
+@plugins_app.command("new")
+def plugins_new(
+    name: Annotated[str, typer.Argument(help="the kind it will offer, such as my-barriers")],
+    role: Annotated[str, typer.Option(help="surface, contact, barriers, interaction, engine, observable or reader")],
+    folder: Annotated[Path, typer.Option("--in", help="where to make the folder chemage-NAME")] = Path(),
+) -> None:
+    """Make the folder of a new plugin: a small working choice of the role, its entry point, and tests."""
+    from chemage.scaffold import new
+
+    files = new(name, role, folder)
+    for path in files:
+        print(path)
+    print(f"\nnow: pip install -e {files[0].parent} && chemage plugins show {name}")
+
+
 @plugins_app.command("check")
 def plugins_check() -> None:
     """Import every registered target and report what is broken; exit status 1 if anything is."""

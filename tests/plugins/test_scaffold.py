@@ -1,0 +1,56 @@
+"""A plugin made by ``chemage plugins new`` works as it is: it registers and passes the tests it comes with."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from chemage import registry, scaffold
+from chemage.errors import InputError, StoreError
+from chemage.spec import ROLES
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_a_new_plugin_registers_and_passes_its_own_tests(role: str, tmp_path: Path):
+    name = f"fresh-{role}"
+    files = scaffold.new(name, role, tmp_path)
+    folder = files[0].parent
+    program = f"""
+import sys, pytest
+sys.path.insert(0, {str(folder)!r})
+import chemage_fresh_{role} as plugin
+from chemage import registry
+plugins = registry.current()
+plugins.register(plugin, "fresh")
+assert not plugins.check(), plugins.check()
+assert plugins.choice({role!r}, {name!r}).kind == {name!r}
+sys.exit(pytest.main(["-q", "-p", "no:cacheprovider", {str(folder / "tests")!r}]))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "passed" in done.stdout
+
+
+def test_an_existing_folder_is_kept(tmp_path: Path):
+    (tmp_path / "chemage-mine").mkdir()
+    with pytest.raises(StoreError, match="already there"):
+        scaffold.new("mine", "barriers", tmp_path)
+    assert not list((tmp_path / "chemage-mine").iterdir())
+
+
+@pytest.mark.parametrize("name", ["Mine", "1st", "a b", "a--b", "lambda", "", "../up"])
+def test_names_that_cannot_be_kinds_are_refused(name: str, tmp_path: Path):
+    with pytest.raises(InputError, match="no name for a kind"):
+        scaffold.new(name, "barriers", tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_unknown_role_names_the_nearest(tmp_path: Path):
+    with pytest.raises(InputError, match=r"no role 'barrier' \(did you mean 'barriers'\?\)"):
+        scaffold.new("mine", "barrier", tmp_path)
+
+
+def test_every_role_has_a_template():
+    assert set(scaffold._BODIES) == set(ROLES)
+    assert registry.current()
