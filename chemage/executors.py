@@ -496,6 +496,8 @@ def _local_options(count: int) -> dict[str, Any]:
         "processes": True,
         "dashboard_address": ":0",
         "silence_logs": logging.CRITICAL,
+        # Ctrl-C on the terminal is for this process to decide on; the workers end with the cluster
+        "preload": ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
     }
 
 

@@ -114,7 +114,8 @@ class Folder:
 
     def write_manifest(self, content: Mapping[str, Any]) -> None:
         """Put ``sweep.json`` in its place."""
-        self._place(self.manifest, json.dumps(content, indent=1).encode() + b"\n")
+        # without it nothing else in the folder is of use, so it must outlive a power cut
+        self._place(self.manifest, json.dumps(content, indent=1).encode() + b"\n", lasting=True)
 
     def has_contact(self, key: str) -> bool:
         """Whether a contact is there, and whole."""
@@ -138,10 +139,13 @@ class Folder:
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             return None
 
-    def _place(self, target: Path, content: bytes | memoryview) -> None:
+    def _place(self, target: Path, content: bytes | memoryview, lasting: bool = False) -> None:
         part = self.path / ".parts" / f"{target.name}.{_own_name()}.{threading.get_ident()}"
         try:
             part.write_bytes(content)
+            if lasting:
+                with open(part, "rb") as stream:
+                    os.fsync(stream.fileno())
             try:
                 os.replace(part, target)
             except FileNotFoundError:

@@ -14,7 +14,7 @@ import sys
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -156,6 +156,10 @@ class Point:
         return f"<Point {self.index}: {', '.join(f'{path} = {shown(value)}' for path, value in self.changes.items())}>"
 
 
+def _no_counts() -> dict[str, int]:
+    return {"points": 0, "done": 0, "failed": 0, "missing": 0}
+
+
 class SweepResult:
     """A sweep's folder, done or not: a sequence of :class:`Point`."""
 
@@ -280,27 +284,28 @@ class SweepResult:
     def status(self) -> dict[str, Any]:
         """Counts of points done, failed and missing, in all and for each value of each axis; and what failed."""
         states = self.states()
-
-        def count(numbers: Sequence[int]) -> dict[str, int]:
-            found = [states[number] for number in numbers]
-            return {"points": len(found), **{name: found.count(name) for name in ("done", "failed", "missing")}}
-
-        places = [self.grid.positions(point) for point in range(len(self))]
-        axes = []
-        for number, axis in enumerate(self.axes):
-            rows = [
-                {
-                    "values": dict(zip(axis.paths, axis.values[place], strict=True)),
-                    **count([point for point in range(len(self)) if places[point][number] == place]),
-                }
-                for place in range(len(axis))
-            ]
-            axes.append({"axis": axis.name, "rows": rows})
+        counts = [[_no_counts() for _ in axis.values] for axis in self.axes]
+        total = _no_counts()
+        for point, state in enumerate(states):
+            rows = [axis[place] for axis, place in zip(counts, self.grid.positions(point), strict=True)]
+            for row in (total, *rows):
+                row["points"] += 1
+                row[state] += 1
+        axes = [
+            {
+                "axis": axis.name,
+                "rows": [
+                    {"values": dict(zip(axis.paths, values, strict=True)), **row}
+                    for values, row in zip(axis.values, found, strict=True)
+                ],
+            }
+            for axis, found in zip(self.axes, counts, strict=True)
+        ]
         contacts: list[str] = self._manifest["contacts"]
         return {
             "name": self.name,
             "folder": str(self.folder),
-            **count(range(len(self))),
+            **total,
             "contacts": len(contacts),
             "contacts_done": sum(self.store.has_contact(key) for key in contacts),
             "axes": axes,

@@ -204,17 +204,18 @@ def slow(scene, seconds=0.05):
     scene.write_text(SCENE.replace('kind = "tiny-coin"', f'kind = "tiny-coin"\npause = {seconds}'))
 
 
-@pytest.mark.parametrize("executor", ["serial", "processes"])
+@pytest.mark.parametrize("executor", ["serial", "processes", "dask"])
 def test_ctrl_c_keeps_what_is_finished(scene, tiny, executor):
     slow(scene, 0.2)
     words = chemage_command("run", scene, "--executor", executor)
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(words, text=True, start_new_session=True, **pipes)
     deadline = time.monotonic() + 60
     while not list(scene.parent.glob("study-sweep/points/*/*.json")):
         assert process.poll() is None, process.stderr.read()
         assert time.monotonic() < deadline
         time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to everything in the foreground
     out, err = process.communicate(timeout=30)
     assert process.returncode == 130
     assert out == ""

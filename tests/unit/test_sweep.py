@@ -11,6 +11,7 @@ from textwrap import dedent
 
 import numpy as np
 import pytest
+import xarray
 
 import chemage
 import chemage.scene
@@ -256,6 +257,9 @@ def test_a_scene_without_chemistry_stops_at_the_contact(tiny, tmp_path):
     assert [point.summary["area_fraction"] for point in result] == [0.0, 0.5]
     assert result[0].summary["beta"] is None
     assert np.isnan(result.table().scalars["beta"]).all()
+    with xarray.open_dataset(result.folder / "results.h5") as file:
+        assert list(file["area_fraction"].values) == [0.0, 0.5]
+        assert file.sizes["hold_time"] == 0
     with pytest.raises(StoreError, match="its scene stops at the contact"):
         result[0].aging()
 
@@ -368,8 +372,6 @@ def test_the_csv_has_a_line_for_each_point(result):
 
 
 def test_xarray_reads_the_file_as_it_reads_the_folder(result):
-    import xarray
-
     with xarray.open_dataset(result.folder / "results.h5") as file:
         stored = file.load()
     made = result.to_xarray()
