@@ -108,6 +108,8 @@ class FFTBEM(ContactSolver):
         pressure = load / surface.nominal_area
         if not (pressure > 0.0 and math.isfinite(pressure)):
             raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
+        if self.precision == "single" and not (load / surface.pixel_size**2 > 1e-35 and pressure < 1e35):
+            raise InputError.of("load", load, "the pressure leaves the range of float32", "use precision = 'mixed'")
         initial = _usable(start, surface, load)
         result = iteration.solve(
             self._body(surface),
@@ -315,19 +317,21 @@ def _report(
 def _dimensionless(surface: Surface, strain: float, precision: str) -> tuple[np.ndarray, float]:
     """Heights below the highest point in units of their rms value, and that unit in nm.
 
-    A flat surface has none; the displacement under a mean ``strain`` (pressure over modulus) serves instead.
+    A flat surface has none (one whose heights differ by rounding only counts as flat); the displacement under a mean
+    ``strain`` (pressure over modulus) serves instead.
     """
     state = iteration.PRECISIONS[precision][0]
     top = float(surface.heights.max())
     scaled = np.subtract(surface.heights, top, dtype=np.float64)
     unit = float(np.abs(scaled).max())
-    if unit > 0.0:
+    if unit > 8.0 * float(np.finfo(surface.heights.dtype).eps) * abs(top):
         # Through the largest value, so that squares of 1e-200 nm do not vanish.
         scaled *= 1.0 / unit if unit > 1e-300 else 0.0
         spread = float(scaled.std())
         scaled *= 1.0 / spread
         unit *= spread
     else:
+        scaled[:] = 0.0
         unit = strain * max(surface.shape) * surface.pixel_size
     return scaled.astype(state, copy=False), unit
 

@@ -16,8 +16,10 @@ from chemage.units import Pressure
 class Hertz(ContactSolver):
     """Sphere of radius R on an elastic half-space: a = (3FR/4E*)^(1/3), p(r) = p0 sqrt(1 − r²/a²), p0 = 3F/(2πa²).
 
-    Each pixel carries the exact mean of p over its square, so that the pixels add up to the load. The radius is the one
-    the surface was made with, ``surface.provenance["radius"]`` in nm; its apex is the middle of the grid.
+    A pixel is in contact if its centre is, so that the contact area is πa² without bias, and carries the exact mean
+    of p over its square; the little that falls on pixels just outside is shared out in proportion, so that the pixels
+    add up to the load. The radius is the one the surface was made with, ``surface.provenance["radius"]`` in nm; its
+    apex is the middle of the grid.
     """
 
     kind = "hertz"
@@ -43,9 +45,8 @@ class Hertz(ContactSolver):
             )
         pressure = np.zeros(surface.shape)
         if load > 0:
-            # Forces through a quarter of the grid, mirrored: p is even about the apex.
-            volumes = [_edges(n, size) for n in surface.shape]
-            pressure = _pixel_means(volumes[0], volumes[1], edge, load) / size**2
+            nx, ny = surface.shape
+            pressure = _pixel_forces(_edges(nx, size), _edges(ny, size), edge, load) / size**2
         total = float(pressure.sum()) * size**2
         pressure.setflags(write=False)
         return ContactSolution(
@@ -111,12 +112,14 @@ def _corner_force(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.where(inside, full, beyond)
 
 
-def _pixel_means(x: np.ndarray, y: np.ndarray, edge: float, load: float) -> np.ndarray:
+def _pixel_forces(x: np.ndarray, y: np.ndarray, edge: float, load: float) -> np.ndarray:
     """Force in nN on each pixel between the given pixel edges (nm from the apex); (x.size − 1, y.size − 1)."""
     # p0·edge² = 3F/2π
     signed = (np.sign(x)[:, None] * np.sign(y)) * _corner_force(np.abs(x)[:, None] / edge, np.abs(y)[None, :] / edge)
     force = np.diff(np.diff(signed, axis=0), axis=1) * (1.5 * load / math.pi)
-    # Differences of the integral leave rounding where there is no contact.
-    near_x, near_y = (np.where(e[:-1] * e[1:] < 0, 0.0, np.minimum(np.abs(e[:-1]), np.abs(e[1:]))) for e in (x, y))
-    touched = np.hypot(near_x[:, None], near_y) < edge
-    return np.where(touched, np.maximum(force, 0.0), 0.0)
+    centre = np.hypot(0.5 * (x[1:] + x[:-1])[:, None], 0.5 * (y[1:] + y[:-1]))
+    inside = centre < edge
+    if not inside.any():  # the contact is smaller than a pixel
+        inside = centre <= centre.min()
+    force = np.where(inside, np.maximum(force, 0.0), 0.0)
+    return force * (load / force.sum())

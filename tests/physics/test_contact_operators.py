@@ -1,0 +1,234 @@
+"""The elastic operators apart from the solver: symbols, kernels, and the split approximation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import dblquad
+
+from chemage.objects import Surface
+from chemage_contact import FFTBEM, _kernels, _operators
+from chemage_contact._iteration import Convolution, Team, projected, resampled
+from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer
+from chemage_contact._split import Split, suits
+from chemage_surfaces import SelfAffine
+
+TEAM = Team(1)
+
+
+def convolved(body, x, dtype=np.float64):
+    operator = Convolution(body, dtype, "scipy", TEAM, floating=False)
+    return operator.apply(x) * operator.unit
+
+
+def test_a_wave_of_pressure_moves_the_half_space_by_two_over_q():
+    body = PeriodicHalfSpace((24, 30), (0.5, 0.5))
+    x, y = np.meshgrid(np.arange(24), np.arange(30), indexing="ij")
+    for i, j in ((1, 0), (0, 2), (5, -7), (12, 15)):
+        wave = np.cos(2 * np.pi * (i * x / 24 + j * y / 30))
+        q = 2 * np.pi / 0.5 * math.hypot(i / 24, j / 30)
+        np.testing.assert_allclose(convolved(body, wave), 2 / q * wave, atol=1e-12)
+
+
+@pytest.mark.parametrize(("i", "j"), [(0, 0), (1, 0), (2, 3)])
+def test_love_kernel_is_the_integral_of_boussinesq(i, j):
+    """u = (1/πE*) ∫ dx dy / r over a pixel of 0.5 × 0.8 nm."""
+    pixel = (0.5, 0.8)
+    kernel = _operators._love(np.arange(4.0), np.arange(4.0), pixel)
+
+    def integrand(y, x):
+        return 1 / math.hypot(x, y)
+
+    x0, y0 = (i - 0.5) * pixel[0], (j - 0.5) * pixel[1]
+    if i == j == 0:  # the corner of a quarter pixel is the singular point
+        value = 4 * dblquad(integrand, 0, pixel[0] / 2, 0, pixel[1] / 2, epsabs=1e-9)[0]
+    elif j == 0:
+        value = 2 * dblquad(integrand, x0, x0 + pixel[0], 0, pixel[1] / 2)[0]
+    else:
+        value = dblquad(integrand, x0, x0 + pixel[0], y0, y0 + pixel[1])[0]
+    assert kernel[i, j] == pytest.approx(value / math.pi, rel=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(7, 9), (16, 16), (1, 12), (5, 1), (1, 1)])
+def test_free_convolution_is_the_plain_sum(shape):
+    """No image of the pressure acts on any pixel."""
+    body = FreeHalfSpace(shape, (0.5, 0.5))
+    x = np.random.default_rng(1).random(shape)
+    kernel = _operators._love(np.arange(shape[0], dtype=float), np.arange(shape[1], dtype=float), (0.5, 0.5))
+    expected = np.zeros(shape)
+    for i in range(shape[0]):
+        for j in range(shape[1]):
+            di, dj = np.abs(np.arange(shape[0]) - i), np.abs(np.arange(shape[1]) - j)
+            expected[i, j] = np.sum(kernel[np.ix_(di, dj)] * x)
+    np.testing.assert_allclose(convolved(body, x), expected, rtol=1e-10)
+
+
+def test_far_away_a_pixel_is_a_point_force():
+    kernel = _operators._love(np.array([0.0, 4000.0]), np.array([0.0, 3000.0]), (0.5, 0.5))
+    assert kernel[1, 1] == pytest.approx(0.25 / (math.pi * 2500.0), rel=1e-6)
+
+
+def test_thick_layer_is_a_half_space_and_thin_layer_a_bed_of_springs():
+    shape, pixel = (32, 24), (0.5, 0.5)
+    half_space = PeriodicHalfSpace(shape, pixel).symbol()
+    thick = PeriodicLayer(shape, pixel, 1e4, 0.3).symbol()
+    np.testing.assert_allclose(thick.ravel()[1:], half_space.ravel()[1:], rtol=1e-12)
+    thin = PeriodicLayer(shape, pixel, 1e-4, 0.3).symbol()
+    np.testing.assert_allclose(thin, 1e-4 * (1 - 0.6) / 0.7**2, rtol=1e-3)
+
+
+@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.5])
+def test_layer_symbol_is_smooth_where_its_series_takes_over(poisson):
+    """Grids whose wave numbers lie just below and just above the switch give the same function."""
+
+    def symbol(extent):  # the longest wave of a grid of two pixels
+        return PeriodicLayer((2, 1), (extent / 2, extent / 2), 1.0, poisson).symbol()[1, 0]
+
+    switch = 4 * math.pi / 1e-3
+    below, above = symbol(switch * (1 + 1e-6)), symbol(switch * (1 - 1e-6))
+    assert below == pytest.approx(above, rel=1e-5)
+
+
+def test_thin_layer_presses_like_springs():
+    surface = SelfAffine(pixels=64, pixel_size=0.5, hurst=0.8, zeta=10, eta=2, rms_slope=0.1).make(1)
+    thickness, poisson = 0.005, 0.25
+    contact = FFTBEM(modulus=35.3, thickness=thickness, poisson_ratio=poisson).solve(surface, 300.0)
+    stiffness = 35.3 * (1 - poisson) ** 2 / (thickness * (1 - 2 * poisson))
+    assert contact.displacement is not None
+    springs = stiffness * np.maximum(contact.displacement - (surface.heights.max() - surface.heights), 0)
+    np.testing.assert_allclose(contact.pressure, springs, atol=0.01 * springs.max())
+
+
+def test_parseval_energy_is_the_product_of_pressure_and_displacement():
+    for body in (
+        PeriodicHalfSpace((20, 21), (0.5, 0.5)),
+        PeriodicHalfSpace((9, 16), (0.5, 0.5)),
+        FreeHalfSpace((11, 8), (0.5, 0.5)),
+    ):
+        operator = Convolution(body, np.float64, "scipy", TEAM, floating=False)
+        x = np.random.default_rng(2).standard_normal(body.shape)
+        energy = operator.energy(operator.spectrum(x))
+        assert energy == pytest.approx(float(np.vdot(x, operator.apply(x))), rel=1e-10)
+
+
+# -- the split operator -----------------------------------------------------------------------------------------------
+
+
+def blocks(shape, width, live=None):
+    per_row = -(-shape[1] // width)
+    return np.ones(shape[0] * per_row, np.uint8) if live is None else live
+
+
+def test_interpolation_is_the_transpose_of_restriction():
+    rng = np.random.default_rng(3)
+    x, coarse = rng.standard_normal((128, 132)), rng.standard_normal((32, 33))
+    live, down, up = blocks(x.shape, 64), np.empty((32, 33)), np.empty((128, 132))
+    _kernels.restrict(0, 32, 64, live, x, down)
+    _kernels.local(0, 128, 64, live, x, np.zeros((5, 5)), coarse, up)
+    assert np.vdot(down, coarse) == pytest.approx(np.vdot(x, up), rel=1e-12)
+
+
+def test_stencil_is_a_periodic_convolution():
+    from scipy.ndimage import correlate
+
+    rng = np.random.default_rng(4)
+    x = rng.standard_normal((128, 160))
+    quarter = rng.standard_normal((5, 5))
+    quarter[2:, 4] = quarter[4, 2:] = 0  # corners beyond the reach
+    reach = np.abs(np.arange(-4, 5))
+    out = np.empty_like(x)
+    _kernels.local(0, 128, 64, blocks(x.shape, 64), x, quarter, np.zeros((32, 40)), out)
+    np.testing.assert_allclose(out, correlate(x, quarter[np.ix_(reach, reach)], mode="wrap"), atol=1e-12)
+
+
+@pytest.mark.parametrize("inverse", [False, True])
+@pytest.mark.parametrize(
+    "body", [PeriodicHalfSpace((256, 128), (0.5, 0.5)), PeriodicLayer((128, 128), (0.5, 0.5), 20.0)]
+)
+def test_split_operator_is_right_to_about_a_tenth(body, inverse):
+    """In the norm of the operator, for white noise and for smooth pressures; this bounds the defect correction."""
+    assert suits(body)
+    team, width = TEAM, 128
+    split = Split(body, np.float64, "scipy", team, width, inverse=inverse, floating=not inverse)
+    unit = 0.5
+    symbol = body.inverse() * unit if inverse else body.symbol() / unit
+    if not inverse:
+        symbol[0, 0] = 0
+    rows = np.minimum(np.arange(body.shape[0]), body.shape[0] - np.arange(body.shape[0]))
+    full = symbol[rows]
+    one_over = np.where(full > 0, 1 / np.where(full > 0, full, 1), 0)
+    noise = np.random.default_rng(5).standard_normal(body.shape)
+    q = np.hypot(np.fft.fftfreq(body.shape[0])[:, None], np.fft.rfftfreq(body.shape[1]))
+    for cut in (1.0, 0.1, 0.03):
+        x = np.fft.irfft2(np.fft.rfft2(noise) * (q < cut), s=body.shape)
+        x -= x.mean()
+        exact = np.fft.irfft2(np.fft.rfft2(x) * full, s=body.shape)
+        error = split.apply(x, blocks(body.shape, width), np.empty_like(x)) - exact
+
+        def norm(f):
+            return math.sqrt(np.vdot(f, np.fft.irfft2(np.fft.rfft2(f) * one_over, s=body.shape)))
+
+        assert norm(error) < 0.15 * norm(exact)
+
+
+def test_blocks_that_are_not_live_are_left_alone():
+    body = PeriodicHalfSpace((128, 128), (0.5, 0.5))
+    split = Split(body, np.float64, "scipy", TEAM, 64, inverse=False, floating=True)
+    live = np.zeros((128, 2), np.uint8)
+    live[30:50, 1] = 1
+    x = np.zeros((128, 128))
+    x[35:45, 70:90] = 1.0
+    everywhere = split.apply(x, blocks(x.shape, 64), np.empty_like(x)).copy()
+    out = split.apply(x, live.ravel(), np.full_like(x, np.nan))
+    seen = np.isfinite(out)
+    np.testing.assert_array_equal(seen, np.repeat(live, 64, axis=1).astype(bool))
+    np.testing.assert_allclose(out[seen], everywhere[seen], rtol=1e-12)
+
+
+# -- helpers of the iteration -----------------------------------------------------------------------------------------
+
+
+def test_projection_is_onto_mean_one():
+    q = np.random.default_rng(6).standard_normal((30, 20)) * 3
+    p = projected(q)
+    assert p.min() == 0
+    assert p.mean() == pytest.approx(1.0, rel=1e-12)
+    level = (q - p)[p > 0]
+    np.testing.assert_allclose(level, level[0], atol=1e-12)  # the same shift everywhere inside
+    assert np.all(q[p == 0] <= level[0] + 1e-12)
+
+
+def test_resampling_keeps_planes_and_pixels():
+    x, y = np.meshgrid(np.arange(12.0), np.arange(10.0), indexing="ij")
+    plane = 2 * x - y
+    finer = resampled(plane, (24, 20), np.float64, False, TEAM)
+    np.testing.assert_allclose(finer[::2, ::2], plane, atol=1e-12)
+    np.testing.assert_allclose(finer[1:-1:2, :-1:2], (plane[1:] + plane[:-1])[:, :] / 2, atol=1e-12)
+
+
+def test_an_own_substrate_needs_no_other_solver():
+    """A stiffer half-space below a symbol of one's own: the solver only ever sees the members of a substrate."""
+    from dataclasses import dataclass
+
+    from chemage_contact import _iteration
+
+    @dataclass(frozen=True)
+    class Anisotropic(PeriodicHalfSpace):
+        def symbol(self):
+            q = _operators.wave_numbers(self.shape, (self.pixel[0] * 2, self.pixel[1]))
+            q[0, 0] = np.inf
+            return 2 / q
+
+    heights = SelfAffine(pixels=128, pixel_size=0.5, hurst=0.8, zeta=16, eta=2, rms_slope=0.1).make(1).heights
+    unit = heights.std()
+    scaled = (heights - heights.max()) / unit
+    body = Anisotropic((128, 128), (0.5, 0.5))
+    found = _iteration.solve(
+        body, scaled, stiffness=0.2 / 35.3 * 0.5 / unit, settings=_iteration.Settings(tolerance=1e-6)
+    )
+    assert found.converged
+    plain = Surface(heights=heights, pixel_size=0.5)
+    isotropic = FFTBEM(modulus=35.3).solve(plain, 0.2 * plain.nominal_area)
+    assert abs(np.mean(found.pressure > 0) - isotropic.area_fraction) > 0.01
