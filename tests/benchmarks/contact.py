@@ -8,6 +8,7 @@ Every solve runs in a process of its own on one thread, after a small one that c
 of the pressure against a double-precision solution at a tolerance of 1e-10. Codes measure convergence differently, so
 the speed-up compares a peer at its tolerance 1e-6 with fft-bem at the loosest tolerance whose measured error is no
 larger.
+Cases found in FOLDER/benchmarks_contact.json (``--write FOLDER``) are not run again.
 ``--peer-python`` names an interpreter that has the peers, if this one has not (pip install tamaas ContactMechanics).
 """
 
@@ -34,6 +35,7 @@ PEERS = ("tamaas", "contactmechanics")
 #: (H, ζ, η, h'_rms, mean pressure in GPa), solved on every grid; more than the last surface only on the first grid
 LOADS = (2e-4, 0.016, 0.1, 0.4, 1.2, 3.0, 8.0)
 SURFACES = ((0.8, 150, 3), (0.8, 75, 3), (0.8, 15, 3), (0.5, 150, 3), (0.3, 150, 3))
+CASE = ("grid", "hurst", "zeta", "eta", "pressure")
 TOLERANCES = {"mixed": (1e-4, 1e-5, 1e-6, 3e-7, 1e-7, 3e-8), "single": (1e-5,), "double": (1e-6, 3e-7, 1e-7)}
 
 
@@ -275,6 +277,7 @@ def main() -> None:
     parser.add_argument("--grids", type=int, nargs="+", default=[512, 1024], help="pixels along an edge")
     parser.add_argument("--peers", nargs="*", choices=PEERS, help="compare with these (none named: all)")
     parser.add_argument("--peer-python", default=sys.executable, help="interpreter that has the peers installed")
+    parser.add_argument("--loads", type=float, nargs="+", help="only these mean pressures, in GPa")
     parser.add_argument("--limit", type=float, default=1200.0, help="seconds after which a solve is given up")
     parser.add_argument("--write", type=Path, help="folder for benchmarks_contact.md, .json and .png")
     parser.add_argument("--worker", help=argparse.SUPPRESS)
@@ -283,19 +286,25 @@ def main() -> None:
         worker(json.loads(arguments.worker))
         return
     peers = [] if arguments.peers is None else (arguments.peers or list(PEERS))
-    results = []
+    kept = arguments.write / "benchmarks_contact.json" if arguments.write else None
+    results = json.loads(kept.read_text()) if kept and kept.exists() else []
+    known = [{name: r[name] for name in CASE} for r in results]
     with tempfile.TemporaryDirectory() as folder:
         run = Runner(Path(folder), arguments.peer_python, arguments.limit)
         for case in cases(arguments.grids):
+            if case in known or (arguments.loads and case["pressure"] not in arguments.loads):
+                continue
             results.append(compare(run, case, peers))
             print("\n".join(table(results[-1:]).splitlines()[2:]), flush=True)
+            results.sort(key=lambda r: [r["grid"], -r["hurst"], -r["zeta"], r["pressure"]])
+            if kept:
+                kept.write_text(json.dumps(results, indent=1))
     print(table(results))
     if arguments.write:
         text = (
             f"# Contact solver benchmark\n\n{machine()}. Made by `tests/benchmarks/contact.py`.\n\n{table(results)}\n"
         )
         (arguments.write / "benchmarks_contact.md").write_text(text)
-        (arguments.write / "benchmarks_contact.json").write_text(json.dumps(results, indent=1))
         plot(results, arguments.write / "benchmarks_contact.png")
 
 
