@@ -9,10 +9,11 @@ from __future__ import annotations
 import csv
 import io
 import math
+import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,6 +52,8 @@ class Result:
     pressure: tuple[np.ndarray, np.ndarray] | None = None
     #: first and last hold time of the fit, s
     window: tuple[float, float] = (10.0, 1e4)
+    #: reads the whole again, maps included
+    whole: Callable[[], Any] | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def of(cls, thing: Any, name: str = "", source: str = "") -> Result:
@@ -180,34 +183,83 @@ def _flat(data: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
 def load_results(files: Sequence[str | Path]) -> list[Result]:
     """Read result files; each is named by its file name, or by its path where two file names are equal.
 
+    The folder of a sweep stands for its finished points, ``FOLDER/3`` for one of them.
+
     Raises
     ------
     InputError
-        A file is given twice, or holds nothing that can be compared.
+        A file is given twice, holds nothing that can be compared, or there are more than ``MOST`` results.
     StoreError
         A file is missing or damaged.
     """
+    found = [one for file in files for one in _sources(Path(file))]
+    if len(found) > MOST:
+        raise InputError(
+            f"{len(found)} results are too many to lay side by side; give at most {MOST}, "
+            "of a sweep single points such as FOLDER/0"
+        )
+    places = [place for _, place, _ in found]
+    for _, place, _ in found:
+        if sum(os.path.realpath(place) == os.path.realpath(other) for other in places) > 1:
+            raise InputError(f"{place} is given twice; give each file once")
+    names = Counter(name for name, _, _ in found)
+    results = []
+    for name, place, load in found:
+        one = Result.of(load(False), name if names[name] == 1 else place, place)
+        results.append(replace(one, whole=partial(load, True)))
+    return results
+
+
+#: results that a comparison takes
+MOST = 32
+
+
+def _sources(path: Path) -> list[tuple[str, str, Callable[[bool], Any]]]:
+    """(name, place, reader) of a result file or a point of a sweep, or of every finished point of a sweep."""
+    if (path / "sweep.json").is_file() or ((path.parent / "sweep.json").is_file() and path.name.isdecimal()):
+        from chemage.sweeps import load_sweep
+
+        if not path.name.isdecimal() or (path / "sweep.json").is_file():
+            done = [index for index, state in enumerate(load_sweep(path).states()) if state == "done"]
+            if not done:
+                raise InputError(f"{path}: no point of this sweep is finished; `chemage status {path}` tells more")
+            return [one for index in done for one in _sources(path / str(index))]
+        name = f"{path.parent.resolve().name}/{path.name}"
+        return [(name, str(path), partial(_point, path.parent, int(path.name)))]
+    return [(path.stem, str(path), partial(_file, path))]
+
+
+def _file(path: Path, whole: bool) -> Any:
     from chemage import store
     from chemage.runs import Run
 
-    paths = [Path(file) for file in files]
-    places = [path.resolve() for path in paths]
-    for path, place in zip(paths, places, strict=True):
-        if places.count(place) > 1:
-            raise InputError(f"{path} is given twice; give each file once")
-    stems = Counter(path.stem for path in paths)
-    results = []
-    for path in paths:
-        name = path.stem if stems[path.stem] == 1 else str(path)
-        thing: Any
-        if path.is_file() and store.is_ours(path):
-            parts, attributes = store.read_parts(path, only={"contact", "aging"})
-            whole = "scene" in attributes or len(parts) != 1
-            thing = Run.from_parts(parts, attributes) if whole and parts else store.read(path)
-        else:
-            thing = store.read(path)
-        results.append(Result.of(thing, name, str(path)))
-    return results
+    if not whole and path.is_file() and store.is_ours(path):
+        parts, attributes = store.read_parts(path, only={"contact", "aging"})
+        if "scene" in attributes and parts:
+            return Run.from_parts(parts, attributes)
+        if len(parts) == 1:
+            return next(iter(parts.values()))
+    return store.read(path)
+
+
+def _point(folder: Path, index: int, whole: bool) -> Any:
+    from chemage.runs import Run
+    from chemage.sweeps import load_sweep
+
+    sweep = load_sweep(folder)
+    if index >= len(sweep):
+        raise InputError(f"{folder} has {len(sweep)} points, from {folder}/0 on; there is no {folder}/{index}")
+    point = sweep[index]
+    scene, summary = point.scene(), point.summary
+    return Run(
+        scene.todict(),
+        point.contact(),
+        aging=point.aging() if summary["hold_times"] else None,
+        timings=summary["timings"],
+        versions=summary["versions"],
+        keys=scene.keys(),
+        cite=tuple(scene.cite()),
+    )
 
 
 # -- several ----------------------------------------------------------------------------------------------------------

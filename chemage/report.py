@@ -77,9 +77,9 @@ def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) ->
         name = "Comparison" if several else "Measurements"
         sections.append((name.lower(), name, _comparison(made)))
     cite: dict[str, None] = {}
-    for number, (one, path) in enumerate(zip(made.results, files, strict=True), 1):
+    for number, one in enumerate(made.results, 1):
         # one file at a time: the maps of a large run are 100 MB
-        text, to_cite = _result(one, path, f"r{number}")
+        text, to_cite = _result(one, f"r{number}")
         name = (f"{one.name}: {one.title}" if one.title else one.name) if several else "Result"
         sections.append((f"r{number}", name, text))
         cite |= dict.fromkeys(to_cite)
@@ -138,14 +138,15 @@ def _difference_row(one: Difference) -> tuple[str, ...]:
     return one.path, *("none" if value is None else f"{value}" for value in one.values)
 
 
-def _result(one: Result, path: str | Path, key: str) -> tuple[str, list[str]]:
+def _result(one: Result, key: str) -> tuple[str, list[str]]:
     """The section of one result, and what to cite."""
-    from chemage import plots, store
+    from chemage import plots
     from chemage.compare import Comparison
     from chemage.objects import ContactSolution
     from chemage.runs import Run
 
-    thing = store.read(path)
+    assert one.whole is not None
+    thing = one.whole()
     run = thing if isinstance(thing, Run) else None
     contact = run.contact if run is not None else (thing if isinstance(thing, ContactSolution) else None)
     alone = Comparison([one])

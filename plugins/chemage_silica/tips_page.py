@@ -327,7 +327,7 @@ def page(studies: Sequence[Study], figures: str) -> str:
 {rough.shape[1]} pixels of {rough.pixel_size:g} nm) with the same chemistry, at two strengths of the interaction between
 neighbours, {strengths}: the one for single asperities, the other for rough contacts, in Li, Pastewka & Szlufarska,
 Phys. Rev. E 98, 023001 (2018). Every mean is over some {SITES:,} aged sites. The area of a contact is the area of its
-pixels, each of which carries a site.
+pixels, each of which carries one site.
 
 ## In short
 
@@ -387,9 +387,8 @@ pressure scatters, which shows most at 1 s. Errors are over surfaces.
 
 ## What this does not say
 
-- A pixel cut by the edge of a contact counts whole, as in every contact here: the {smallest.name} has
-  {smallest.contact.area / hertz:.2f} times its area by Hertz. Scaling by that area instead would blur the comparison
-  by as much.
+- Areas are counted in pixels: the {smallest.name} has {smallest.contact.area / hertz:.2f} times its area by Hertz.
+  Scaling by that area instead would blur the comparison by as much.
 - The contact is elastic. The {hardest.name} has a mean pressure of {hardest.contact.mean_contact_pressure:.1f} GPa,
   which is not far from the hardness of silica.
 - Radii, loads and the interaction are choices of the scenes; no measurement was fitted.

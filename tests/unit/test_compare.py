@@ -251,6 +251,53 @@ def test_what_cannot_be_compared_is_named(results, tmp_path):
         compare_files([broken])
 
 
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    """The folder of a sweep over three loads, one of them left out."""
+    from chemage.sweeps import sweep
+
+    folder = tmp_path_factory.mktemp("sweeps") / "loads"
+    scene = {**TIP, "hold": {**TIP["hold"], "replicas": 3}, "sweep": {"contact.load": [20, 30, 40]}}
+    sweep(scene, folder, executor="serial")
+    return folder
+
+
+def test_a_folder_of_a_sweep_stands_for_its_points_and_a_number_for_one(swept, results):
+    whole = compare_files([swept])
+    assert [one.name for one in whole.results] == ["loads/0", "loads/1", "loads/2"]
+    assert [one.load for one in whole.results] == [20, 30, 40]
+    assert whole.statement() == "Chemistry: the same in all results."
+    folder, _ = results
+    mixed = compare_files([swept / "2", folder / "tip.h5"])
+    assert [one.name for one in mixed.results] == ["loads/2", "tip"]
+    assert mixed.numbers()[0] == {**whole.numbers()[2]}
+    # what the sweep computed is what a run of its own computes
+    scene = parse_scene(override(TIP, {"contact.load": 40, "hold.replicas": 3}))
+    run = ca.run(scene, workers=1)
+    assert mixed.numbers()[0]["beta"] == run.summary()["beta"]
+    again = mixed.results[0].whole
+    assert again is not None
+    assert again().contact == run.contact
+    assert again().keys == run.keys
+
+
+def test_wrong_points_of_a_sweep_are_named(swept):
+    with pytest.raises(InputError, match=r"has 3 points, from .*/0 on"):
+        compare_files([swept / "3"])
+    with pytest.raises(InputError, match="given twice"):
+        compare_files([swept, swept / "1"])
+    with pytest.raises(StoreError, match="does not exist"):
+        compare_files([swept / "one"])
+
+
+def test_more_results_than_a_table_holds_are_refused_with_the_remedy(swept, monkeypatch):
+    from chemage import compare
+
+    monkeypatch.setattr(compare, "MOST", 2)
+    with pytest.raises(InputError, match=r"3 results are too many .* FOLDER/0"):
+        compare_files([swept])
+
+
 def test_maps_are_let_go_so_that_many_files_fit(results):
     for one in of(results, "tip", "rough").results:
         assert one.pressure is not None
