@@ -355,6 +355,48 @@ def _put_back(i, records, breaking, per_class, arena, first, room, counts, weigh
 
 
 @jit
+def _dwell(
+    rng, i, high, low, limit, rate_back, leave_back, records, neighbours, coupling, breaking, nu, per_unit, per_class,
+    arena, first, room, counts, weights, counters, near, tally, hold,
+):
+    """Follow site i, which flips to and fro, until something else is attempted or the time ``limit`` comes.
+
+    Returns the clock and the site of the last event.
+    """
+    rate_here = rate(_barrier(i, records, breaking), nu, per_unit)
+    leave_here = nu * _set_aside(i, records, arena, first, counts, weights, counters)
+    if leave_here * FLICKER >= rate_here:
+        _put_back(i, records, breaking, per_class, arena, first, room, counts, weights, counters)
+        return high, low, i
+    spent, exited, other, out_here, out_there = sojourn(
+        rng, rate_here, rate_back, leave_here, leave_back, until(high, low, limit)
+    )
+    count_sojourn(tally, hold, records[i, 0], out_here, out_there, other)
+    if exited:
+        high, low = later(high, low, spent)
+    if not exited or past(high, low, limit):
+        high = limit
+        low = 0.0
+    if other:
+        _turn(
+            i, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights, counters, near
+        )
+        leave_here = nu * _set_aside(i, records, arena, first, counts, weights, counters)
+    if not exited:
+        _put_back(i, records, breaking, per_class, arena, first, room, counts, weights, counters)
+        return high, low, i
+    u, v = two_uniforms(rng)
+    c = _pick_class_cold(u * (leave_here / nu), counts, weights, counters)
+    j = np.int64(arena[first[c] + min(np.int64(v * counts[c]), counts[c] - 1)])
+    _put_back(i, records, breaking, per_class, arena, first, room, counts, weights, counters)
+    if not _accepts(two_uniforms(rng)[0], j, c, records, breaking, per_class):
+        return high, low, i
+    _turn(j, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights, counters, near)
+    count_flip(tally, hold, records[j, 0])
+    return high, low, j
+
+
+@jit
 def advance(
     k0, k1, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins,
     records, arena, first, room, counts, weights, clock, counters, tally, attempts,
@@ -363,7 +405,7 @@ def advance(
 
     records: (n, 2) int64, the site's word (see `_common`) and, in one number, its class + 1 (from bit 32) and its place
     among the members. arena: int32, all member lists; class c has ``counts[c]`` members from ``first[c]`` on and room
-    for ``room[c]``. tally: as for the direct method.
+    for ``room[c]``. superbasins, tally: as for the direct method.
     """
     _advance(
         k0, k1, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins, records, arena, first, room,
@@ -431,65 +473,27 @@ def _advance(
                 total = _total(counts, weights, counters)
             continue
 
-        watch = superbasins and i == last and breaking.size > 0
         rate_back = 0.0
-        leave_back = 0.0
-        if watch:
+        leave_back = np.inf
+        if superbasins is not None and i == last and breaking.size > 0:
+            # The site has flipped twice running: what else could have been attempted?
             rate_back = rate(_barrier(i, records, breaking), nu, per_unit)
             leave_back = nu * _set_aside(i, records, arena, first, counts, weights, counters)
-            watch = leave_back * FLICKER < rate_back
         _flip(
             i, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights, counters, near
         )
         count_flip(tally, hold, records[i, 0])
         last = i
-        if not watch:
-            total = _total(counts, weights, counters)
-            continue
-
-        # The site has flipped twice running and little else can happen: follow it until something else is attempted.
-        rate_here = rate(_barrier(i, records, breaking), nu, per_unit)
-        leave_here = nu * _set_aside(i, records, arena, first, counts, weights, counters)
-        exited = False
-        if leave_here * FLICKER < rate_here:
+        if superbasins is not None and leave_back * FLICKER < rate_back:
             rng[0] = k0
             rng[1] = k1
             rng[2] = np.uint64(STREAM)
             rng[3] = np.uint64(event - 1)
             rng[4] = np.uint64(2)  # blocks 0 and 1 were the attempt's own
-            span = until(high, low, hold_times[hold])
-            spent, exited, other, out_here, out_there = sojourn(
-                rng, rate_here, rate_back, leave_here, leave_back, span
+            high, low, last = _dwell(
+                rng, i, high, low, hold_times[hold], rate_back, leave_back, records, neighbours, coupling, breaking,
+                nu, per_unit, per_class, arena, first, room, counts, weights, counters, near, tally, hold,
             )
-            count_sojourn(tally, hold, records[i, 0], out_here, out_there, other)
-            if exited:
-                high, low = later(high, low, spent)
-                if past(high, low, hold_times[hold]):
-                    high = hold_times[hold]
-                    low = 0.0
-            else:
-                high = hold_times[hold]
-                low = 0.0
-            if other:
-                _turn(
-                    i, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights,
-                    counters, near,
-                )
-                leave_here = nu * _set_aside(i, records, arena, first, counts, weights, counters)
-        if exited:
-            u, v = two_uniforms(rng)
-            c = _pick_class_cold(u * (leave_here / nu), counts, weights, counters)
-            j = np.int64(arena[first[c] + min(np.int64(v * counts[c]), counts[c] - 1)])
-            _put_back(i, records, breaking, per_class, arena, first, room, counts, weights, counters)
-            if _accepts(two_uniforms(rng)[0], j, c, records, breaking, per_class):
-                _turn(
-                    j, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights,
-                    counters, near,
-                )
-                count_flip(tally, hold, records[j, 0])
-                last = j
-        else:
-            _put_back(i, records, breaking, per_class, arena, first, room, counts, weights, counters)
         total = _total(counts, weights, counters)
     clock[HIGH] = high
     clock[LOW] = low

@@ -95,7 +95,7 @@ def _rise(keys, sites, place, at, high, low, site):
     """Put an entry at heap position ``at`` or above, where it belongs."""
     while at > 0:
         above = (at - 1) >> 2
-        if not _before(high, low, site, keys[above, 0], keys[above, 1], sites[above]):
+        if not _before(high, low, site, keys[above, 0], keys[above, 1], np.int64(sites[above])):
             break
         keys[at, 0] = keys[above, 0]
         keys[at, 1] = keys[above, 1]
@@ -119,11 +119,11 @@ def _sink(keys, sites, place, size, at, high, low, site):
         best_high = keys[child, 0]
         for c in range(child + 1, min(child + 4, size)):
             if keys[c, 0] <= best_high and _before(
-                keys[c, 0], keys[c, 1], sites[c], keys[best, 0], keys[best, 1], sites[best]
+                keys[c, 0], keys[c, 1], np.int64(sites[c]), keys[best, 0], keys[best, 1], np.int64(sites[best])
             ):
                 best = c
                 best_high = keys[c, 0]
-        if not _before(keys[best, 0], keys[best, 1], sites[best], high, low, site):
+        if not _before(keys[best, 0], keys[best, 1], np.int64(sites[best]), high, low, site):
             break
         keys[at, 0] = keys[best, 0]
         keys[at, 1] = keys[best, 1]
@@ -148,7 +148,8 @@ def _drop(keys, sites, place, size, site):
         high = keys[size, 0]
         low = keys[size, 1]
         moved = np.int64(sites[size])
-        if at > 0 and _before(high, low, moved, keys[(at - 1) >> 2, 0], keys[(at - 1) >> 2, 1], sites[(at - 1) >> 2]):
+        above = (at - 1) >> 2
+        if at > 0 and _before(high, low, moved, keys[above, 0], keys[above, 1], np.int64(sites[above])):
             _rise(keys, sites, place, at, high, low, moved)
         else:
             _sink(keys, sites, place, size, at, high, low, moved)
@@ -198,7 +199,7 @@ def _valid_top(keys, sites, place, size, times, final, present, base, scratch, c
             high = keys[size, 0]
             low = keys[size, 1]
             site = np.int64(sites[size])
-        _sink(keys, sites, place, size, 0, high, low, site)
+        _sink(keys, sites, place, size, np.int64(0), high, low, site)
     return size
 
 
@@ -464,7 +465,7 @@ def follow(
     """Follow the patches ``first`` to ``last`` - 1 to the last hold time, or for about ``events`` events.
 
     times: (n, 2) float64 pending times as pairs; draws: (n,) int64 numbers drawn so far; place, chain: (n,) int32 and
-    home: (n,) int16, a site's place in the heap, the next in its bucket, and that bucket; tally: (m, 3) int64, as for
+    home: (n,) int16, a site's place in the heap, the next in its bucket, and that bucket; superbasins, tally: as for
     the direct method. Returns the first patch not finished: its queue is made again from ``times`` when it is taken up,
     so nothing else needs to be kept.
     """
@@ -516,9 +517,10 @@ def _follow(
             home[order[o]] = -1
         for b in range(BUCKETS):
             heads[b] = -1
-        size = 0
-        hold = 0
-        present = -1
+        # Typed, or numba compiles what they are passed to for the literals, too.
+        size = np.int64(0)
+        hold = np.int64(0)
+        present = np.int64(-1)
         aside = np.int64(-1)
         high = low = span = 0.0
         rate_here = rate_back = around_here = around_back = 0.0
@@ -533,10 +535,10 @@ def _follow(
                         order, begin, ends[present], present, keys, sites, place, size, times, final, base, scratch,
                         chain, home, heads,
                     )
-                    if aside >= 0:
+                    if superbasins is not None and aside >= 0:
                         size = _drop_around(keys, sites, place, size, aside, neighbours)
                 continue
-            if aside >= 0:
+            if superbasins is not None and aside >= 0:
                 # Now the next event elsewhere in the patch is known: follow the site set aside until then, or until a
                 # neighbour's event, or the next hold time.
                 i = aside
@@ -577,10 +579,7 @@ def _follow(
             low = times[i, 1]
             while past(high, low, hold_times[hold]):
                 hold += 1
-            watch = superbasins and breaking.size > 0
-            rate_back = 0.0
-            around_back = 0.0
-            if watch:
+            if superbasins is not None:
                 rate_back = _own_rate(i, words, breaking, nu, per_unit)
                 around_back = _around(i, words, neighbours, breaking, nu, per_unit)
             found = _turn(
@@ -593,7 +592,7 @@ def _follow(
                 size = _offer(
                     keys, sites, place, size, times, sooner[s], final, present, base, scratch, chain, home, heads
                 )
-            if watch:
+            if superbasins is not None:
                 # Does the site flip far more often than anything around it? Then set it and its neighbours aside.
                 rate_here = _own_rate(i, words, breaking, nu, per_unit)
                 around_here = _around(i, words, neighbours, breaking, nu, per_unit)

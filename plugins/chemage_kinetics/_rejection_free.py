@@ -220,12 +220,50 @@ def _flip(i, words, neighbours, coupling, breaking, nu, per_unit, tree, starts, 
 
 
 @jit
+def _dwell(
+    rng, i, high, low, limit, rate_back, leave_back, words, neighbours, coupling, breaking, nu, per_unit, tree, starts,
+    dirty, near, tally, hold,
+):
+    """Follow site i, which flips to and fro, until something else happens or the time ``limit`` comes.
+
+    Returns the clock and the site of the last event.
+    """
+    rate_here = tree[i]
+    leave_here = _set_leaf(tree, starts, dirty, i, 0.0)
+    if leave_here * FLICKER >= rate_here:
+        _set_leaf(tree, starts, dirty, i, rate_here)
+        return high, low, i
+    spent, exited, other, out_here, out_there = sojourn(
+        rng, rate_here, rate_back, leave_here, leave_back, until(high, low, limit)
+    )
+    count_sojourn(tally, hold, words[i], out_here, out_there, other)
+    if exited:
+        high, low = later(high, low, spent)
+    if not exited or past(high, low, limit):
+        high = limit
+        low = 0.0
+    if other:
+        _flip(i, words, neighbours, coupling, breaking, nu, per_unit, tree, starts, dirty, near)
+        rate_here = tree[i]
+        leave_here = _set_leaf(tree, starts, dirty, i, 0.0)
+    if not exited:
+        _set_leaf(tree, starts, dirty, i, rate_here)
+        return high, low, i
+    j = _pick_plainly(tree, starts, two_uniforms(rng)[0] * leave_here)
+    _set_leaf(tree, starts, dirty, i, rate_here)
+    _flip(j, words, neighbours, coupling, breaking, nu, per_unit, tree, starts, dirty, near)
+    count_flip(tally, hold, words[j])
+    return high, low, j
+
+
+@jit
 def advance(
     k0, k1, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins,
     words, tree, starts, clock, counters, tally, events,
 ):
     """Go on for at most ``events`` events, or to the last hold time (then ``counters[DONE]`` is 1).
 
+    superbasins: True or None, so that the chain is compiled only where it is used.
     tally: (m, 3) int64, bonds formed, broken, and the difference, between the hold time before and this one. ``words``,
     ``tree``, ``clock`` and ``counters`` carry the state from call to call.
     """
@@ -282,54 +320,26 @@ def _advance(
         event += 1
         events -= 1
 
-        watch = superbasins and i == last and breaking.size > 0
         rate_back = tree[i]
-        leave_back = 0.0
-        if watch:
+        leave_back = np.inf
+        if superbasins is not None and i == last and breaking.size > 0:
+            # The site has flipped twice running: what else could have happened?
             leave_back = _set_leaf(tree, starts, dirty, i, 0.0)
-            watch = leave_back * FLICKER < rate_back
         found = _shift(i, words, neighbours, coupling, tree, starts[1], near)
         total = _rates(i, found, words, breaking, nu, per_unit, tree, starts, dirty, near)
         count_flip(tally, hold, words[i])
         last = i
-        if not watch:
-            continue
-
-        # The site has flipped twice running and little else can happen: follow it until something else does.
-        rate_here = tree[i]
-        leave_here = _set_leaf(tree, starts, dirty, i, 0.0)
-        exited = False
-        if leave_here * FLICKER < rate_here:
+        if superbasins is not None and leave_back * FLICKER < rate_back:
             rng[0] = k0
             rng[1] = k1
             rng[2] = np.uint64(STREAM)
             rng[3] = np.uint64(event - 1)
             rng[4] = np.uint64(1)  # block 0 was the event's own
-            span = until(high, low, hold_times[hold])
-            spent, exited, other, out_here, out_there = sojourn(
-                rng, rate_here, rate_back, leave_here, leave_back, span
+            high, low, last = _dwell(
+                rng, i, high, low, hold_times[hold], rate_back, leave_back, words, neighbours, coupling, breaking,
+                nu, per_unit, tree, starts, dirty, near, tally, hold,
             )
-            count_sojourn(tally, hold, words[i], out_here, out_there, other)
-            if exited:
-                high, low = later(high, low, spent)
-                if past(high, low, hold_times[hold]):
-                    high = hold_times[hold]
-                    low = 0.0
-            else:
-                high = hold_times[hold]
-                low = 0.0
-            if other:
-                _flip(i, words, neighbours, coupling, breaking, nu, per_unit, tree, starts, dirty, near)
-                rate_here = tree[i]
-                leave_here = _set_leaf(tree, starts, dirty, i, 0.0)
-        if exited:
-            j = _pick_plainly(tree, starts, two_uniforms(rng)[0] * leave_here)
-            _set_leaf(tree, starts, dirty, i, rate_here)
-            total = _flip(j, words, neighbours, coupling, breaking, nu, per_unit, tree, starts, dirty, near)
-            count_flip(tally, hold, words[j])
-            last = j
-        else:
-            total = _set_leaf(tree, starts, dirty, i, rate_here)
+            total = _block_sum(tree, starts[starts.size - 2])
     clock[HIGH] = high
     clock[LOW] = low
     counters[EVENT] = event

@@ -59,7 +59,8 @@ class BKL(Engine):
         while not counters[kernel.DONE]:
             kernel.advance(
                 job.k0, job.k1, job.neighbours, job.coupling, job.breaking, job.nu, job.per_unit, job.hold_times,
-                self.superbasins, records, arena, first, room, counts, weights, clock, counters, job.tally, SLICE,
+                self.superbasins or None, records, arena, first, room, counts, weights, clock, counters, job.tally,
+                SLICE,
             )
         return job.history(
             (records[:, 0] & 1).astype(np.bool_),

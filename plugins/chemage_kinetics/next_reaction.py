@@ -66,8 +66,8 @@ class NextReaction(Engine):
         def follow(first: int, last: int, tally: np.ndarray) -> int:
             return kernel.follow(
                 job.k0, job.k1, lattice.sites, job.neighbours, job.coupling, job.breaking, job.nu, job.per_unit,
-                job.hold_times, self.superbasins, order, starts, first, last, words, times, draws, place, chain, home,
-                tally, SLICE,
+                job.hold_times, self.superbasins or None, order, starts, first, last, words, times, draws, place,
+                chain, home, tally, SLICE,
             )
 
         run_pieces(job, follow, _pieces(starts), self.workers)

@@ -52,7 +52,7 @@ class RejectionFree(Engine):
         while not counters[kernel.DONE]:
             kernel.advance(
                 job.k0, job.k1, job.neighbours, job.coupling, job.breaking, job.nu, job.per_unit, job.hold_times,
-                self.superbasins, words, tree, starts, clock, counters, job.tally, SLICE,
+                self.superbasins or None, words, tree, starts, clock, counters, job.tally, SLICE,
             )
         return job.history(
             (words & 1).astype(np.bool_),

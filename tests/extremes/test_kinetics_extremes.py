@@ -222,7 +222,7 @@ def test_couplings_of_five_electronvolt_either_way(kind):
 
 @pytest.mark.parametrize("kind", COUPLED)
 def test_barriers_pushed_below_zero_and_back(kind):
-    """Couplings that carry barriers through zero: fixed-point energies come back exactly, rates stay at ν below zero."""
+    """Couplings carry barriers through zero: fixed-point energies come back exactly, the rate below zero is ν."""
     lattice = grid(2, 3, low=-0.12, high=0.12, forming=0.06, breaking=0.08, spread=0.05, attempt_frequency=1.0)
     t = 3.0
     assert agree(sampled(kind, lattice, 300.0, t, 1200), exact(lattice, 300.0, [t])[0]) > CHANCE
@@ -244,7 +244,7 @@ def test_a_million_sites_with_one_a_hundred_billion_billion_times_faster(kind):
 
 @pytest.mark.parametrize("kind", FAST)
 def test_a_million_slow_sites_beside_one_that_flips_with_the_acceleration(kind):
-    """1e12 flips a second beside a million sites of 1e-8: only the acceleration gets anywhere; the slow law is exact."""
+    """1e12 flips a second beside a million sites of 1e-8: only the acceleration gets anywhere, and it is exact."""
     n = 1_000_000
     forming = np.full(n, KB * 300 * math.log(NU * 1e8))
     breaking = np.full(n, 3.0)
