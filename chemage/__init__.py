@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from chemage.registry import observable as observable
     from chemage.registry import surface as surface
     from chemage.report import write_report as write_report
-    from chemage.runs import Run as Run
+    from chemage.results import Run as Run
     from chemage.runs import run as run
     from chemage.scene import Scene as Scene
     from chemage.scene import load_scene as load_scene
@@ -59,7 +59,8 @@ _HOME = {
     ),
     **dict.fromkeys(("build_lattice", "make_surface", "run_kinetics", "solve_contact"), "pipeline"),
     **dict.fromkeys(("barriers", "contact", "engine", "fromdict", "interaction", "observable", "surface"), "registry"),
-    **dict.fromkeys(("Run", "run"), "runs"),
+    "Run": "results",
+    "run": "runs",
     **dict.fromkeys(("Scene", "load_scene"), "scene"),
     **dict.fromkeys(("read", "write"), "store"),
     **dict.fromkeys(("SweepResult", "load_sweep", "sweep"), "sweeps"),

@@ -17,6 +17,7 @@ from chemage.errors import InputError, StoreError
 from chemage.objects import BondHistory, ReactionLattice
 from chemage.pipeline import run_kinetics
 from chemage.spec import Engine, Seed, check_times, temperature_value
+from chemage.store import read_parts, write_parts
 
 
 def run_with_checkpoints(
@@ -38,8 +39,6 @@ def run_with_checkpoints(
     StoreError
         ``path`` holds the checkpoint of another run, or cannot be written.
     """
-    from chemage.store import read_parts, write_parts
-
     if not engine.restart:
         raise InputError(f"engine {engine.kind!r} cannot go on from a history; run it without checkpoints")
     times, kelvin = check_times(hold_times), temperature_value(temperature)

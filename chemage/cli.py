@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-if TYPE_CHECKING:
-    from rich.table import Table
+from chemage import terminal
 
+if TYPE_CHECKING:
     from chemage.compare import Comparison
-    from chemage.runs import Progress, Run
+    from chemage.runs import Run
     from chemage.scene import Scene
 
 app = typer.Typer(
@@ -108,7 +108,7 @@ def run(
     if figures:
         _preflight_folder(folder, force)
     pictures: list[Path] = []
-    with progress_bars() as tell:
+    with terminal.progress_bars() as tell:
         result = runs.run(one, progress=tell, workers=workers, checkpoints=checkpoints)
         tell("writing", 0, 0)
         store.write(path, result, force=force)
@@ -194,10 +194,10 @@ def check(scene: SceneArg, changes: SetOpt = None, yes: YesOpt = False, as_json:
     if as_json:
         print(json.dumps(jsonable(made.todict())))
         return
-    table = _table(f"{scene} is valid")
+    table = terminal.table(f"{scene} is valid")
     for name, text in made.rows():
         table.add_row(name, text)
-    _show(table)
+    terminal.show(table)
     for note in made.notes:
         print(f"note: {note}")
 
@@ -230,10 +230,10 @@ def show(file: FileArg, as_json: JsonOpt = False) -> None:
     if as_json:
         print(json.dumps({"object": type(thing).__name__, **jsonable(fields)}, default=str))
         return
-    table = _table(f"{type(thing).__name__} in {file}")
+    table = terminal.table(f"{type(thing).__name__} in {file}")
     for name, value in fields.items():
         table.add_row(name, str(value))
-    _show(table)
+    terminal.show(table)
 
 
 @app.command()
@@ -252,7 +252,7 @@ def plot(
     thing = store.read(file)
     if not isinstance(thing, Run):
         raise _user_error(f"{file} holds one {type(thing).__name__}, not a run; `chemage run` makes files to plot")
-    with progress_bars() as tell:
+    with terminal.progress_bars() as tell:
         tell("drawing", 0, 0)
         pictures = plots.save(thing, out or file.with_name(f"{file.stem}-figures"), force=force, suffix=fmt)
         tell("drawing", 1, 1)
@@ -265,7 +265,7 @@ def _print_run(result: Run) -> None:
 
     contact, aging, fit = result.contact, result.aging, result.fit()
     (nx, ny), kind = contact.shape, result.scene["surface"]["kind"]
-    table = _table(result.scene.get("title") or result.name)
+    table = terminal.table(result.scene.get("title") or result.name)
     rows: list[tuple[str, str]] = [
         (
             "surface",
@@ -300,7 +300,7 @@ def _print_run(result: Run) -> None:
         rows.append(("wall time", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in result.timings.items())))
     for name, text in rows:
         table.add_row(name, text)
-    _show(table)
+    terminal.show(table)
     for note in result.notes:
         print(f"note: {note}")
 
@@ -334,7 +334,7 @@ def compare(
     made = side_by_side.compare_files(files, measured=measured or (), times=at or side_by_side.TIMES)
     pictures: list[Path] = []
     if figures is not None:
-        with progress_bars() as tell:
+        with terminal.progress_bars() as tell:
             tell("drawing", 0, 0)
             pictures = made.save(figures, force=force, suffix=fmt)
             tell("drawing", 1, 1)
@@ -360,7 +360,7 @@ def report(
     """Write one self-contained HTML page of results: tables, figures, scenes, provenance, what to cite."""
     from chemage.report import write_report
 
-    with progress_bars() as tell:
+    with terminal.progress_bars() as tell:
         tell("report", 0, 0)
         written = write_report(files, out, measured=measured or (), force=force)
         tell("report", 1, 1)
@@ -368,20 +368,20 @@ def report(
 
 
 def _print_comparison(made: Comparison) -> None:
-    table = _table("", ("", *(one.name for one in made.results)))
+    table = terminal.table("", ("", *(one.name for one in made.results)))
     for label, texts in made.table():
         table.add_row(label, *texts)
-    _show(table)
+    terminal.show(table)
     print(made.statement())
     for different in made.chemistry_differences():
         told = ("none" if value is None else f"{value}" for value in different.values)
         print(f"  {different.path}: {' | '.join(told)}")
     fits = made.fits()
     if fits:
-        table = _table("Fits, 95 % bootstrap intervals", ("data", "model", "β per decade", "cut-off time"))
+        table = terminal.table("Fits, 95 % bootstrap intervals", ("data", "model", "β per decade", "cut-off time"))
         for name, fit in fits:
             table.add_row(name, fit.describe(), fit.beta_text(), fit.cutoff_text())
-        _show(table)
+        terminal.show(table)
 
 
 @app.command()
@@ -402,7 +402,7 @@ def tradeoff(
     one = load_scene(scene, _changes(changes))
     if out is not None:
         store.preflight(out, force=force)
-    with progress_bars() as tell:
+    with terminal.progress_bars() as tell:
         found = measure(one, tell=lambda what: tell(what, 0, 0))
     if out is not None:
         with store.fresh_file(out, force=force) as part:
@@ -410,7 +410,7 @@ def tradeoff(
     if as_json:
         print(json.dumps(found.todict()))
         return
-    table = _table(
+    table = terminal.table(
         f"Speed against accuracy: {one.name} (* as in the scene)",
         ("knob", "setting", "CPU s", "wall s", "A/A0", "area err", "p err", "beta", ""),
     )
@@ -428,7 +428,7 @@ def tradeoff(
         )
     for column in table.columns:
         column.no_wrap = True
-    _show(table, width=130)
+    terminal.show(table, width=130)
 
 
 def _number(value: float, digits: int = 3) -> str:
@@ -484,13 +484,13 @@ def plugins_list(as_json: JsonOpt = False) -> None:
     if as_json:
         print(json.dumps({"choices": rows, "scenes": plugins.scenes(), "broken": broken}))
         return
-    table = _table("", ("role", "kind", "from"))
+    table = terminal.table("", ("role", "kind", "from"))
     for row in rows:
         table.add_row(row["role"], row["kind"], row["from"])
     for record in plugins.records:
         for name in record.scenes:
             table.add_row("scene", name, record.source)
-    _show(table)
+    terminal.show(table)
     for item in broken:
         print(f"skipped: {item['plugin']} ({item['from']}): {item['error']}")
 
@@ -532,11 +532,11 @@ def plugins_show(
 
     for one in shown:
         print(f"{one['role']} {one['kind']}  ({one['from']})\n\n{inspect.cleandoc(one['about'])}\n")
-        table = _table("", ("option", "unit", "default", "meaning"))
+        table = terminal.table("", ("option", "unit", "default", "meaning"))
         for option in one["options"]:
             table.add_row(option["name"], option["unit"], option["default"], option["meaning"])
         if one["options"]:
-            _show(table)
+            terminal.show(table)
         for text in one["cite"]:
             print(f"cite: {text}")
 
@@ -578,68 +578,6 @@ def _user_error(message: str) -> Exception:
     from chemage.errors import InputError
 
     return InputError(message)
-
-
-def _table(title: str, columns: tuple[str, ...] = ()) -> Table:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(title=title or None, title_justify="left", box=box.SIMPLE, show_header=bool(columns), pad_edge=False)
-    for name in columns or ("", ""):
-        table.add_column(name, overflow="fold")
-    return table
-
-
-def _show(table: Table, width: int = 110) -> None:
-    """Print a table: as wide as the terminal, or ``width`` where there is none."""
-    from rich.console import Console
-
-    class Quiet(Console):
-        def on_broken_pipe(self) -> None:  # rich's own exits with status 1
-            raise
-
-    # a title or a file name is text, never markup
-    Quiet(
-        file=sys.stdout, highlight=False, markup=False, emoji=False, width=None if sys.stdout.isatty() else width
-    ).print(table)
-
-
-@contextmanager
-def progress_bars() -> Iterator[Progress]:
-    """A bar for each stage on stderr; where that is no terminal, a line as each stage ends."""
-    import time
-
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    begun: dict[str, float] = {}
-    if not sys.stderr.isatty():
-
-        def lines(stage: str, done: int, total: int) -> None:
-            begun.setdefault(stage, time.perf_counter())
-            elapsed = time.perf_counter() - begun[stage]
-            if total and done == total and elapsed > 2:
-                print(f"{stage}: done in {elapsed:.1f} s", file=sys.stderr, flush=True)
-                del begun[stage]
-
-        yield lines
-        return
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description:<10}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
-        tasks: dict[str, Any] = {}
-
-        def draw(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=None)
-            bars.update(tasks[stage], completed=done, total=total or None)
-
-        yield draw
 
 
 def _add_plugin_commands() -> None:

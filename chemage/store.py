@@ -23,6 +23,7 @@ import numpy as np
 
 from chemage.errors import InputError, StoreError
 from chemage.objects import Aging, BondHistory, ContactSolution, ReactionLattice, Record, Surface
+from chemage.results import Run
 
 GROUPS: dict[str, type[Record]] = {
     "surface": Surface,
@@ -152,7 +153,6 @@ def write(path: str | os.PathLike[str], thing: Any, *, force: bool = False) -> N
     StoreError
         ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
     """
-    from chemage.runs import Run
 
     if isinstance(thing, Run):
         parts, attributes = thing.parts(), thing.attributes()
@@ -260,8 +260,6 @@ def read(path: str | os.PathLike[str]) -> Any:
         return _read_foreign(source)
     parts, attributes = read_parts(source)
     if "scene" in attributes:
-        from chemage.runs import Run
-
         try:
             return Run.from_parts(parts, attributes)
         except StoreError as error:

@@ -10,6 +10,7 @@ from typing import Any
 
 import typer
 
+from chemage import terminal
 from chemage.errors import ChemageError
 from chemage.runs import jsonable
 from chemage.sweep_grid import Survey, shown
@@ -88,9 +89,8 @@ def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool) -> N
     if as_json:
         print(json.dumps(jsonable(numbers)))
         return
-    from chemage.cli import _show, _table
 
-    table = _table(f"{scene} is valid at every point")
+    table = terminal.table(f"{scene} is valid at every point")
     for axis in found.grid.axes:
         values = ["; ".join(shown(value) for value in values) for values in axis.values]
         few = values if len(values) <= 8 else [*values[:6], "...", values[-1]]
@@ -106,7 +106,7 @@ def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool) -> N
     if numbers["memory"] is not None:
         table.add_row("expected memory", f"about {numbers['memory'] / 1e9:.2g} GB a worker")
     table.add_row("expected disk", f"{numbers['disk'] / 1e6:.3g} MB; {numbers['disk_free'] / 1e6:.3g} MB are free here")
-    _show(table)
+    terminal.show(table)
 
 
 def _numbers(found: Survey) -> dict[str, Any]:
@@ -137,9 +137,8 @@ def status(folder: Path, *, as_json: bool) -> None:
     if as_json:
         print(json.dumps(jsonable(state)))
         return
-    from chemage.cli import _show, _table
 
-    table = _table(f"{state['name']} in {folder}", ("", "points", "done", "failed", "missing"))
+    table = terminal.table(f"{state['name']} in {folder}", ("", "points", "done", "failed", "missing"))
     counts = ("points", "done", "failed", "missing")
     for axis in state["axes"]:
         for row in axis["rows"]:
@@ -147,17 +146,16 @@ def status(folder: Path, *, as_json: bool) -> None:
             table.add_row(name, *(str(row[count]) for count in counts))
     table.add_row("all", *(str(state[count]) for count in counts))
     table.add_row("contacts", str(state["contacts"]), str(state["contacts_done"]), "", "")
-    _show(table)
+    terminal.show(table)
     _print_failures(state)
 
 
 def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
-    from chemage.cli import _show, _table
     from chemage.text import plus_minus
 
     title = f"{state['done']} of {state['points']} points done, {state['contacts']} contacts"
     if len(result) <= _LISTED:
-        table = _table(title, ("point", *_headings(result), "A/A0", "friction drop (nN)", "beta"))
+        table = terminal.table(title, ("point", *_headings(result), "A/A0", "friction drop (nN)", "beta"))
         for point in result:
             if point.status != "done":
                 continue
@@ -173,7 +171,7 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
                 "-" if drop is None else plus_minus(drop, _nan(error)),
                 beta,
             )
-        _show(table)
+        terminal.show(table)
     else:
         print(title)
     _print_failures(state)

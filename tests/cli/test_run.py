@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import cli, runs
+from chemage import runs, terminal
 
 KEYS = {
     *("area_fraction", "kappa", "mean_contact_pressure", "patches", "perimeter_to_area", "sites", "hold_times"),
@@ -182,7 +182,7 @@ def test_a_result_that_appeared_meanwhile_is_not_overwritten(command, small, mon
 def test_only_stages_over_two_seconds_report(capsys, monkeypatch):
     now = [0.0]
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
-    with cli.progress_bars() as tell:
+    with terminal.progress_bars() as tell:
         for stage, seconds in (("quick", 1.9), ("slow", 2.5)):
             tell(stage, 0, 0)
             now[0] += seconds
@@ -199,12 +199,12 @@ def test_a_terminal_gets_bars(monkeypatch):
         def isatty(self):
             return True
 
-    terminal = Terminal()
-    monkeypatch.setattr("sys.stderr", terminal)
+    screen = Terminal()
+    monkeypatch.setattr("sys.stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
-    with cli.progress_bars() as tell:
+    with terminal.progress_bars() as tell:
         tell("contact", 0, 0)
         tell("ageing", 3, 10)
-    text = terminal.getvalue()
+    text = screen.getvalue()
     assert "contact" in text
     assert "3/10" in text
