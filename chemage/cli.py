@@ -368,10 +368,13 @@ def report(
 
 
 def _print_comparison(made: Comparison) -> None:
-    table = terminal.table("", ("", *(one.name for one in made.results)))
-    for label, texts in made.table():
-        table.add_row(label, *texts)
-    terminal.show(table)
+    names, rows = [one.name for one in made.results], made.table()
+    for first in range(0, len(names), 4):  # more columns cannot be read
+        chosen = slice(first, first + 4)
+        table = terminal.table("", ("", *names[chosen]))
+        for label, texts in rows:
+            table.add_row(label, *texts[chosen])
+        terminal.show(table)
     print(made.statement())
     for different in made.chemistry_differences():
         told = ("none" if value is None else f"{value}" for value in different.values)

@@ -42,6 +42,17 @@ def test_the_fields_that_differ_are_listed_with_both_values(two, small, command)
     assert "interaction.strength: 0.5 | 0.1" in out
 
 
+def test_many_results_are_told_four_at_a_time(two, command):
+    names = []
+    for number in range(5):
+        names.append(f"copy{number}.h5")
+        (two / names[-1]).write_bytes((two / f"at{40 if number < 4 else 80}.h5").read_bytes())
+    lines = [line.split() for line in command("compare", *names).out.splitlines()]
+    assert ["copy0", "copy1", "copy2", "copy3"] in lines
+    assert lines.index(["copy4"]) > lines.index(["load", *["40", "nN"] * 4])
+    assert ["load", "80", "nN"] in lines
+
+
 def test_json_and_csv_are_one_document_each(two, command):
     told = json.loads(command("compare", "at40.h5", "at80.h5", "--json", "--at", "1 min").out)
     assert told["same_chemistry"] is True
