@@ -7,6 +7,7 @@ and every bit of it, is the same on all of them.
 from __future__ import annotations
 
 import importlib
+import logging
 import os
 import pickle
 import queue
@@ -407,7 +408,7 @@ class Dask(Executor):
 
         def finished(inner: Future[Any]) -> None:
             if inner.cancelled():
-                outer.set_exception(ExecutorError("the Dask scheduler dropped the task, or is gone"))
+                outer.set_exception(ExecutorError("the Dask scheduler is gone, or has dropped the task"))
                 return
             error = inner.exception()
             if isinstance(error, KilledWorker):
@@ -462,13 +463,25 @@ def _dask(detail: str, workers: int | None, threads: int | None) -> Iterator[Poo
         },
     }
     # for as long as the cluster lives: workers are also started later, when it grows or one of them died
-    with dask_config.set(settings), _connected(distributed, where) as client:
+    with dask_config.set(settings), _quiet(), _connected(distributed, where) as client:
         pool = Dask(client)
         try:
             yield Pool(pool, "dask", each, pool.width, blames_one=False)
         finally:
             with suppress(Exception):
                 pool.shutdown(wait=False)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """What Dask logs as tracebacks while a worker or the scheduler goes away is told by our own errors."""
+    logger = logging.getLogger("distributed.client")
+    before = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
 
 
 @contextmanager
@@ -488,8 +501,6 @@ def _connected(distributed: Any, where: _Where) -> Iterator[Any]:
 
 
 def _local_options(count: int) -> dict[str, Any]:
-    import logging
-
     return {
         "n_workers": count,
         "threads_per_worker": 1,

@@ -42,6 +42,9 @@ MANY_POINTS = 100_000
 DISK_SHARE = 0.9
 
 
+_KEPT = "what is finished is kept, the same sweep goes on"
+
+
 class SweepWarning(UserWarning):
     """Something about a sweep that its user should know."""
 
@@ -53,6 +56,7 @@ class SweepProgress:
     #: ``validating`` or ``computing``
     stage: str
     points: int
+    #: points validated, or finished
     done: int
     failed: int
     contacts: int
@@ -753,9 +757,9 @@ def _settle(todo: _Todo, task: _Task, future: Future[dict[str, Any]], clock: _Cl
     except WorkerLost as error:
         todo.lost(task, error)
     except (BrokenExecutor, CancelledError) as error:
-        raise ExecutorError(
-            f"the executor gave up ({type(error).__name__}: {error}); what is finished is kept, the same sweep goes on"
-        ) from error
+        raise ExecutorError(f"the executor gave up ({type(error).__name__}: {error}); {_KEPT}") from error
+    except ExecutorError as error:
+        raise ExecutorError(f"{error}; {_KEPT}") from error
     else:
         clock.add(task, answer["seconds"])
         todo.finished(task, answer)

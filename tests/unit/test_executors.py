@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from textwrap import dedent
 
 import pytest
+from distributed import LocalCluster
 
 import chemage
 from chemage import threads
@@ -372,3 +373,24 @@ def test_dask_gives_up_on_a_task_that_kills_its_workers(cluster):
     with pytest.raises(WorkerLost, match=r"2 Dask workers died at this task; the last was at tcp://"):
         pool.executor.submit(work.die).result(60)
     assert pool.executor.submit(work.double, 21).result(60) == 42
+
+
+def test_a_scheduler_that_goes_away_ends_the_sweep_in_words(tiny, tmp_path, capfd):
+    cluster = LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=60)
+    lost = []
+
+    def tell(state):
+        if state.stage == "computing" and state.done and not lost:
+            lost.append(state)
+            cluster.close()
+
+    scene = {**tiny.scene(engine={"kind": "tiny-coin", "pause": 0.3}), "sweep": {"hold.seed": [0, 1, 2, 3, 4, 5]}}
+    where = f"dask:{cluster.scheduler_address}"
+    with pytest.raises(ExecutorError, match=r"scheduler is gone.*; what is finished is kept, the same sweep goes on"):
+        chemage.sweep(scene, tmp_path / "out", executor=where, progress=tell)
+    assert "Traceback" not in capfd.readouterr().err
+    done = chemage.load_sweep(tmp_path / "out").states().count("done")
+    assert 1 <= done < 6
+    tiny.forget()
+    assert chemage.sweep(scene, tmp_path / "out").states() == ["done"] * 6
+    assert len(tiny.computed("kinetics")) == 2 * (6 - done)
