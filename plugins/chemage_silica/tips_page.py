@@ -338,8 +338,8 @@ At {main.strength:g} eV, over hold times from {WINDOW[0]:g} to {WINDOW[1]:g} s:
 - **Area alone** leaves an rms deviation of {100 * area:.0f} % between the contacts.
 - **Area and mean pressure** leave {100 * pressure:.1f} %; **area and the distribution of the pressure** leave
   {100 * field:.1f} %. Neither has a free parameter: what a pressure does is taken from uniform contacts without a rim.
-- Adding the **rim**, in proportion to C/A with one fitted number a hold time, leaves {100 * rim:.1f} %; the finite number
-  of replicas makes {100 * main.noise:.1f} %.
+- Adding the **rim**, in proportion to C/A with one fitted number a hold time, leaves {100 * rim:.1f} %; the finite
+  number of replicas makes {100 * main.noise:.1f} %.
 
 So area is the first thing and pressure the second; tip or rough surface makes no further difference than through these
 and, by a few per cent, through the rim.
