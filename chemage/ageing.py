@@ -90,10 +90,10 @@ def age(
             path = checkpoints / f"replica-{number:05d}.h5"
             history = run_with_checkpoints(engine, lattice, times, temperature=kelvin, seed=noise, path=path)
         seen = _observations(contact, lattice, history, observe)
-        return _Replica(history.bonds, history.events, lattice.sites.size, history.engine, seen)
+        return _Replica(history.bonds, history.events, lattice.sites.size, history.engine, history.notes, seen)
 
-    # an engine with threads of its own takes the processors itself
-    side_by_side = 1 if engine.threads else min(replicas, workers or available())
+    # threads inside a run take their processors away from the other replicas
+    side_by_side = max(1, min(replicas, (workers or available()) // engine.concurrency()))
     done = list(_in_order(replica, replicas, side_by_side, progress))
     return Aging(
         hold_times=times,
@@ -105,6 +105,7 @@ def age(
         bond_force=chemistry.bond_force,
         front_factor=chemistry.front_factor,
         engine=done[0].engine,
+        notes=done[0].notes,
         contact=contact.summary(),
         observables=_stacked([one.seen for one in done]),
         provenance={
@@ -123,6 +124,7 @@ class _Replica(NamedTuple):
     events: int
     sites: int
     engine: str
+    notes: tuple[str, ...]
     seen: dict[str, np.ndarray]
 
 

@@ -532,6 +532,8 @@ class BondHistory(Record):
     """kind of the engine"""
     lattice_hash: str = ""
     """content hash of the lattice"""
+    notes: tuple[str, ...] = ()
+    """what the user should know of this run, in words"""
     resume: Named = {}
     """what the engine needs to go on bit for bit; private to it"""
 
@@ -612,6 +614,8 @@ class Aging(Record):
     front_factor: float = Field(default=1.0, ge=0, allow_inf_nan=False)
     """fraction of the bonds that load at once as the detachment front passes"""
     engine: str = ""
+    notes: tuple[str, ...] = ()
+    """what the first replica's run had to say"""
     contact: dict[str, float] = {}
     """the contact's measures, see :meth:`ContactSolution.summary`"""
     observables: Named = {}

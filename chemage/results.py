@@ -37,7 +37,7 @@ class Run:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know of this result, in words."""
-        notes = list(self.contact.notes)
+        notes = [*self.contact.notes, *(self.aging.notes if self.aging is not None else ())]
         if self.contact.area_fraction == 1 and not any(note.startswith("full contact") for note in notes):
             notes.append(
                 "full contact: every pixel carries pressure, and more load adds pressure but no contact area; "

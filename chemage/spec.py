@@ -225,12 +225,16 @@ class Engine(Spec, ABC):
     role = "engine"
     #: treats lattices whose sites interact
     interacting: ClassVar[bool] = True
-    #: uses several threads inside one run
+    #: can use several threads inside one run
     threads: ClassVar[bool] = False
     #: can go on from a history bit for bit
     restart: ClassVar[bool] = True
     #: samples the master equation without approximation
     exact: ClassVar[bool] = True
+
+    def concurrency(self) -> int:
+        """Threads that one run of this very choice uses; replicas run side by side on what is left."""
+        return 1
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
         """What a replica will cost at room temperature, as far as it can be told: ``cpu_seconds``, ``bytes``."""
