@@ -60,6 +60,9 @@ class Own(Tally):
     kind = "own"
     threads = True
 
+    def concurrency(self):
+        return 4
+
 
 class Never(ContactSolver):
     """Is not asked."""
@@ -165,10 +168,14 @@ def test_replicas_run_side_by_side(contact):
     assert all(name.startswith("chemage-replica") for name in Tally.workers_seen)
 
 
-def test_an_engine_with_threads_of_its_own_runs_alone(contact):
+def test_replicas_share_the_processors_with_an_engine_that_uses_several(contact):
     made = ca.age(contact, chemistry(), engine=Own(), hold_times=TIMES, temperature=300, replicas=4, workers=4)
     assert made.engine == "own"
     assert Tally.workers_seen == {threading.main_thread().name}
+    Tally.delays.update(dict.fromkeys(range(4), 0.05))
+    Tally.workers_seen.clear()
+    ca.age(contact, chemistry(), engine=Own(), hold_times=TIMES, temperature=300, replicas=4, workers=8)
+    assert len(Tally.workers_seen) == 2
 
 
 @pytest.mark.parametrize("workers", [1, 2, 4])
