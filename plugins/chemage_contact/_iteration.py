@@ -373,7 +373,14 @@ class Outcome:
     notes: list[str]
 
 
-def resampled(source: Array, shape: tuple[int, int], dtype: Any, periodic: bool, team: Team) -> Array:
+def resampled(
+    source: Array,
+    shape: tuple[int, int],
+    dtype: Any,
+    periodic: bool,
+    team: Team,
+    kernel: Callable[..., None] = kernels.resample,
+) -> Array:
     """Bilinear resampling of (nx, ny) to another grid of the same extent whose first pixels coincide."""
     tables = []
     for n, m in zip(source.shape, shape, strict=True):
@@ -381,7 +388,7 @@ def resampled(source: Array, shape: tuple[int, int], dtype: Any, periodic: bool,
         low = np.minimum(x.astype(np.int64), n - 1)
         tables += [low, (low + 1) % n if periodic else np.minimum(low + 1, n - 1), x - low]
     target = np.empty(shape, dtype)
-    team.run(kernels.resample, shape[0], source, *tables, target)
+    team.run(kernel, shape[0], source, *tables, target)
     return target
 
 
@@ -450,7 +457,7 @@ def _solve(
         if p is None:
             p = _first_guess(grid, h, kappa, offset)
         elif p.shape != shape:
-            p = resampled(p, shape, state, body.periodic, team)
+            p = resampled(p, shape, state, body.periodic, team, kernels.resample_pressure)
         if p is start:
             p = np.array(start, dtype=state)
         end: Outcome | None = None

@@ -300,6 +300,23 @@ def multiply(lo, hi, spectrum, symbol):
 
 
 @njit(**_OPTIONS)
+def resample_pressure(lo, hi, source, i0, i1, wi, j0, j1, wj, target):
+    """As ``resample``, but zero where the nearer half of what is interpolated carries no pressure.
+
+    Bilinear interpolation alone would widen every patch by up to a coarse pixel.
+    """
+    for i in range(lo, hi):
+        a, b = source[i0[i]], source[i1[i]]
+        w = wi[i]
+        for j in range(target.shape[1]):
+            p00, p01, p10, p11 = a[j0[j]], a[j1[j]], b[j0[j]], b[j1[j]]
+            u = wj[j]
+            value = (1.0 - w) * ((1.0 - u) * p00 + u * p01) + w * ((1.0 - u) * p10 + u * p11)
+            inside = (1.0 - w) * ((1.0 - u) * (p00 > 0) + u * (p01 > 0)) + w * ((1.0 - u) * (p10 > 0) + u * (p11 > 0))
+            target[i, j] = value if inside >= 0.5 else 0.0
+
+
+@njit(**_OPTIONS)
 def resample(lo, hi, source, i0, i1, wi, j0, j1, wj, target):
     """Bilinear resampling, rows lo … hi of target: weight wi of row i1 against row i0, and likewise for columns."""
     for i in range(lo, hi):

@@ -66,9 +66,14 @@ def solve_tamaas(heights: np.ndarray, pressure: float, options: dict[str, Any]) 
         tamaas.model_type.basic_2d, [n * PIXEL for n in heights.shape], list(heights.shape)
     )
     model.E, model.nu = MODULUS, 0.0
-    solver = tamaas.PolonskyKeerRey(model, heights, options["tolerance"])
-    solver.max_iter = 5000
-    error, timing = timed(lambda: solver.solve(pressure))
+
+    def work() -> float:
+        model.traction[...] = 0.0
+        solver = tamaas.PolonskyKeerRey(model, heights, options["tolerance"])
+        solver.max_iter = 5000
+        return solver.solve(pressure)
+
+    error, timing = timed(work)
     return np.array(model.traction).reshape(heights.shape), timing | {"own_error": float(error)}
 
 
@@ -92,9 +97,15 @@ def solve_contactmechanics(
 
 
 def timed(work: Callable[[], Any]) -> tuple[Any, dict[str, float]]:
-    wall, cpu = time.perf_counter(), time.process_time()
-    result = work()
-    return result, {"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu}
+    """Its result and the least of up to three times; what takes over five seconds is run once."""
+    walls, cpus = [], []
+    result = None
+    while len(walls) < 3 and sum(cpus) < 5.0:
+        wall, cpu = time.perf_counter(), time.process_time()
+        result = work()
+        walls.append(time.perf_counter() - wall)
+        cpus.append(time.process_time() - cpu)
+    return result, {"wall": min(walls), "cpu": min(cpus)}
 
 
 SOLVERS = {"fft-bem": solve_fft_bem, "tamaas": solve_tamaas, "contactmechanics": solve_contactmechanics}

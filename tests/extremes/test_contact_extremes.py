@@ -241,7 +241,7 @@ def test_a_stall_is_reported_as_such():
     end = _iteration.solve(body, scaled, stiffness=2e-3, settings=settings)
     assert not end.converged
     assert end.iterations < settings.max_iterations
-    assert 1e-9 < end.error < 1e-5
+    assert 1e-9 < end.error < 1e-4
 
 
 def test_tolerances_down_to_rounding_are_reached():
