@@ -332,9 +332,7 @@ def _flip(i, records, neighbours, coupling, breaking, per_class, arena, first, r
 
 @jit
 def _turn(i, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights, counters, near):
-    _flip(
-        i, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights, counters, near
-    )
+    _flip(i, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights, counters, near)
 
 
 @jit
@@ -356,8 +354,29 @@ def _put_back(i, records, breaking, per_class, arena, first, room, counts, weigh
 
 @jit
 def _dwell(
-    rng, i, high, low, limit, rate_back, leave_back, records, neighbours, coupling, breaking, nu, per_unit, per_class,
-    arena, first, room, counts, weights, counters, near, tally, hold,
+    rng,
+    i,
+    high,
+    low,
+    limit,
+    rate_back,
+    leave_back,
+    records,
+    neighbours,
+    coupling,
+    breaking,
+    nu,
+    per_unit,
+    per_class,
+    arena,
+    first,
+    room,
+    counts,
+    weights,
+    counters,
+    near,
+    tally,
+    hold,
 ):
     """Follow site i, which flips to and fro, until something else is attempted or the time ``limit`` comes.
 
@@ -398,8 +417,25 @@ def _dwell(
 
 @jit
 def advance(
-    k0, k1, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins,
-    records, arena, first, room, counts, weights, clock, counters, tally, attempts,
+    k0,
+    k1,
+    neighbours,
+    coupling,
+    breaking,
+    nu,
+    per_unit,
+    hold_times,
+    superbasins,
+    records,
+    arena,
+    first,
+    room,
+    counts,
+    weights,
+    clock,
+    counters,
+    tally,
+    attempts,
 ):
     """Go on for at most ``attempts`` attempts, or to the last hold time (then ``counters[DONE]`` is 1).
 
@@ -408,16 +444,53 @@ def advance(
     for ``room[c]``. superbasins, tally: as for the direct method.
     """
     _advance(
-        k0, k1, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins, records, arena, first, room,
-        counts, weights, clock, counters, tally, attempts, np.empty((neighbours.shape[1] + 1, 2), np.int64),
+        k0,
+        k1,
+        neighbours,
+        coupling,
+        breaking,
+        nu,
+        per_unit,
+        hold_times,
+        superbasins,
+        records,
+        arena,
+        first,
+        room,
+        counts,
+        weights,
+        clock,
+        counters,
+        tally,
+        attempts,
+        np.empty((neighbours.shape[1] + 1, 2), np.int64),
         np.empty(5, np.uint64),
     )
 
 
 @jit
 def _advance(
-    k0, k1, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins, records, arena, first, room,
-    counts, weights, clock, counters, tally, attempts, near, rng,
+    k0,
+    k1,
+    neighbours,
+    coupling,
+    breaking,
+    nu,
+    per_unit,
+    hold_times,
+    superbasins,
+    records,
+    arena,
+    first,
+    room,
+    counts,
+    weights,
+    clock,
+    counters,
+    tally,
+    attempts,
+    near,
+    rng,
 ):
     neighbours = bare(neighbours)
     coupling = bare(coupling)
@@ -491,8 +564,29 @@ def _advance(
             rng[3] = np.uint64(event - 1)
             rng[4] = np.uint64(2)  # blocks 0 and 1 were the attempt's own
             high, low, last = _dwell(
-                rng, i, high, low, hold_times[hold], rate_back, leave_back, records, neighbours, coupling, breaking,
-                nu, per_unit, per_class, arena, first, room, counts, weights, counters, near, tally, hold,
+                rng,
+                i,
+                high,
+                low,
+                hold_times[hold],
+                rate_back,
+                leave_back,
+                records,
+                neighbours,
+                coupling,
+                breaking,
+                nu,
+                per_unit,
+                per_class,
+                arena,
+                first,
+                room,
+                counts,
+                weights,
+                counters,
+                near,
+                tally,
+                hold,
             )
         total = _total(counts, weights, counters)
     clock[HIGH] = high

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -16,6 +17,8 @@ from chemage.threads import available
 from chemage.units import KB
 from chemage_kinetics import _common
 
+#: Where a number's lowest byte stands in memory.
+LOWEST_BYTE = 0 if sys.byteorder == "little" else 7
 #: Events between two looks at the keyboard.
 SLICE = 1 << 19
 
@@ -32,6 +35,11 @@ def aligned(size: int) -> np.ndarray:
     room = np.empty(size + 8)
     offset = (-room.ctypes.data // 8) % 8
     return room[offset : offset + size]
+
+
+def bonded(words: np.ndarray) -> np.ndarray:
+    """(n,) bool: the lowest bit of each int64."""
+    return (words.view(np.uint8).reshape(words.size, 8)[:, LOWEST_BYTE] & 1).view(np.bool_)
 
 
 def fingerprint(lattice: ReactionLattice) -> np.ndarray:
@@ -150,6 +158,8 @@ class Job:
 
     def history(self, state: np.ndarray, **resume: np.ndarray) -> BondHistory:
         """The finished history. ``resume`` is the engine's own continuation."""
+        for array in (state, *resume.values()):
+            array.setflags(write=False)  # handed over: the history need not copy them
         earlier = self.start if isinstance(self.start, BondHistory) else None
         before = np.zeros(2, np.int64) if earlier is None else np.array([earlier.formed[-1], earlier.broken[-1]])
         # Counts stop at 2**61 (see `_common`), so their sums are taken in floating point first.

@@ -52,9 +52,7 @@ def draw_times(k0, k1, pixels, forming, breaking, nu, per_unit, start, state, ti
 
 
 @jit
-def _follow(
-    k0, k1, pixels, forming, breaking, nu, per_unit, hold_times, first, last, state, times, draws, tally, rng
-):
+def _follow(k0, k1, pixels, forming, breaking, nu, per_unit, hold_times, first, last, state, times, draws, tally, rng):
     pixels = bare(pixels)
     forming = bare(forming)
     breaking = bare(breaking)
@@ -116,7 +114,20 @@ def follow(k0, k1, pixels, forming, breaking, nu, per_unit, hold_times, first, l
     """Follow the sites ``first`` to ``last`` - 1 to the last hold time. tally: (m, 3) int64, bonds formed, broken, and
     the difference, between the hold time before and this one."""
     _follow(
-        k0, k1, pixels, forming, breaking, nu, per_unit, hold_times, first, last, state, times, draws, tally,
+        k0,
+        k1,
+        pixels,
+        forming,
+        breaking,
+        nu,
+        per_unit,
+        hold_times,
+        first,
+        last,
+        state,
+        times,
+        draws,
+        tally,
         np.empty(5, np.uint64),
     )
 

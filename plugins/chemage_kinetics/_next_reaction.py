@@ -55,7 +55,7 @@ STREAM = STREAMS["next-reaction"]
 def find_patches(neighbours, order, starts, label):
     """Connected patches by breadth-first search; returns their number.
 
-    order: (n,) int32, sites patch by patch; starts: (n + 1,) int64, where each patch begins in ``order``; label: (n,)
+    order: (n,) int32, sites patch by patch; starts: (n + 1,) int32, where each patch begins in ``order``; label: (n,)
     int32 scratch of zeros.
     """
     n, k = neighbours.shape
@@ -85,9 +85,7 @@ def find_patches(neighbours, order, starts, label):
 
 @hot
 def _before(high, low, site, other_high, other_low, other_site):
-    return high < other_high or (
-        high == other_high and (low < other_low or (low == other_low and site < other_site))
-    )
+    return high < other_high or (high == other_high and (low < other_low or (low == other_low and site < other_site)))
 
 
 @hot
@@ -223,9 +221,7 @@ def _offer(keys, sites, place, size, times, site, final, present, base, scratch,
 
 
 @jit
-def _open(
-    sorted_sites, begin, end, bucket, keys, sites, place, size, times, final, base, scratch, chain, home, heads
-):
+def _open(sorted_sites, begin, end, bucket, keys, sites, place, size, times, final, base, scratch, chain, home, heads):
     """Take the entries of one bucket into the heap; returns its size."""
     at = begin
     link = np.int64(heads[bucket])
@@ -381,9 +377,7 @@ def _turn(
 
 
 @jit
-def _offer_around(
-    i, neighbours, keys, sites, place, size, times, final, present, base, scratch, chain, home, heads
-):
+def _offer_around(i, neighbours, keys, sites, place, size, times, final, present, base, scratch, chain, home, heads):
     for s in range(-1, neighbours.shape[1]):
         j = np.int64(neighbours[i, s]) if s >= 0 else i
         if j >= 0:
@@ -393,8 +387,29 @@ def _offer_around(
 
 @jit
 def _stay(
-    rng, i, high, low, span, limit, rate_here, rate_back, around_here, around_back, words, neighbours, coupling,
-    breaking, nu, per_unit, times, draws, k0, k1, pixels, tally, hold,
+    rng,
+    i,
+    high,
+    low,
+    span,
+    limit,
+    rate_here,
+    rate_back,
+    around_here,
+    around_back,
+    words,
+    neighbours,
+    coupling,
+    breaking,
+    nu,
+    per_unit,
+    times,
+    draws,
+    k0,
+    k1,
+    pixels,
+    tally,
+    hold,
 ):
     """Follow site i as a two-state chain for ``span`` seconds at most, and draw the pending times around it anew."""
     rng[0] = k0
@@ -459,8 +474,28 @@ def _drop_around(keys, sites, place, size, i, neighbours):
 
 @jit
 def follow(
-    k0, k1, pixels, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins,
-    order, starts, first, last, words, times, draws, place, chain, home, tally, events,
+    k0,
+    k1,
+    pixels,
+    neighbours,
+    coupling,
+    breaking,
+    nu,
+    per_unit,
+    hold_times,
+    superbasins,
+    order,
+    starts,
+    first,
+    last,
+    words,
+    times,
+    draws,
+    place,
+    chain,
+    home,
+    tally,
+    events,
 ):
     """Follow the patches ``first`` to ``last`` - 1 to the last hold time, or for about ``events`` events.
 
@@ -476,17 +511,71 @@ def follow(
     keys = np.empty((most + 1, 2))
     sites = np.empty(most + 1, np.int32)
     return _follow(
-        k0, k1, pixels, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins, order, starts, first,
-        last, words, times, draws, place, chain, home, tally, events, keys, sites, np.empty(most, np.int32),
-        np.empty(neighbours.shape[1], np.int64), np.empty(BUCKETS + 1, np.int64), np.empty(BUCKETS, np.int64),
-        np.empty(1), np.empty(5, np.uint64),
+        k0,
+        k1,
+        pixels,
+        neighbours,
+        coupling,
+        breaking,
+        nu,
+        per_unit,
+        hold_times,
+        superbasins,
+        order,
+        starts,
+        first,
+        last,
+        words,
+        times,
+        draws,
+        place,
+        chain,
+        home,
+        tally,
+        events,
+        keys,
+        sites,
+        np.empty(most, np.int32),
+        np.empty(neighbours.shape[1], np.int64),
+        np.empty(BUCKETS + 1, np.int64),
+        np.empty(BUCKETS, np.int64),
+        np.empty(1),
+        np.empty(5, np.uint64),
     )
 
 
 @jit
 def _follow(
-    k0, k1, pixels, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins, order, starts, first, last,
-    words, times, draws, place, chain, home, tally, events, keys, sites, room, sooner, ends, heads, number, rng,
+    k0,
+    k1,
+    pixels,
+    neighbours,
+    coupling,
+    breaking,
+    nu,
+    per_unit,
+    hold_times,
+    superbasins,
+    order,
+    starts,
+    first,
+    last,
+    words,
+    times,
+    draws,
+    place,
+    chain,
+    home,
+    tally,
+    events,
+    keys,
+    sites,
+    room,
+    sooner,
+    ends,
+    heads,
+    number,
+    rng,
 ):
     pixels = bare(pixels)
     neighbours = bare(neighbours)
@@ -532,8 +621,21 @@ def _follow(
                 begin = ends[present - 1] if present > 0 else starts[p]
                 if ends[present] > begin or heads[present] >= 0:
                     size = _open(
-                        order, begin, ends[present], present, keys, sites, place, size, times, final, base, scratch,
-                        chain, home, heads,
+                        order,
+                        begin,
+                        ends[present],
+                        present,
+                        keys,
+                        sites,
+                        place,
+                        size,
+                        times,
+                        final,
+                        base,
+                        scratch,
+                        chain,
+                        home,
+                        heads,
                     )
                     if superbasins is not None and aside >= 0:
                         size = _drop_around(keys, sites, place, size, aside, neighbours)
@@ -547,8 +649,29 @@ def _follow(
                     span = min(span, (keys[0, 0] - high) + (keys[0, 1] - low))
                 if span * min(rate_here, rate_back) >= FLICKER:
                     _stay(
-                        rng, i, high, low, span, hold_times[hold], rate_here, rate_back, around_here, around_back,
-                        words, neighbours, coupling, breaking, nu, per_unit, times, draws, k0, k1, pixels, tally, hold,
+                        rng,
+                        i,
+                        high,
+                        low,
+                        span,
+                        hold_times[hold],
+                        rate_here,
+                        rate_back,
+                        around_here,
+                        around_back,
+                        words,
+                        neighbours,
+                        coupling,
+                        breaking,
+                        nu,
+                        per_unit,
+                        times,
+                        draws,
+                        k0,
+                        k1,
+                        pixels,
+                        tally,
+                        hold,
                     )
                 size = _offer_around(
                     i, neighbours, keys, sites, place, size, times, final, present, base, scratch, chain, home, heads
@@ -583,7 +706,21 @@ def _follow(
                 rate_back = _own_rate(i, words, breaking, nu, per_unit)
                 around_back = _around(i, words, neighbours, breaking, nu, per_unit)
             found = _turn(
-                i, high, low, words, neighbours, coupling, breaking, nu, per_unit, times, draws, k0, k1, pixels, final,
+                i,
+                high,
+                low,
+                words,
+                neighbours,
+                coupling,
+                breaking,
+                nu,
+                per_unit,
+                times,
+                draws,
+                k0,
+                k1,
+                pixels,
+                final,
                 sooner,
             )
             count_flip(tally, hold, words[i])

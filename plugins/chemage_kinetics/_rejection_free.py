@@ -221,8 +221,25 @@ def _flip(i, words, neighbours, coupling, breaking, nu, per_unit, tree, starts, 
 
 @jit
 def _dwell(
-    rng, i, high, low, limit, rate_back, leave_back, words, neighbours, coupling, breaking, nu, per_unit, tree, starts,
-    dirty, near, tally, hold,
+    rng,
+    i,
+    high,
+    low,
+    limit,
+    rate_back,
+    leave_back,
+    words,
+    neighbours,
+    coupling,
+    breaking,
+    nu,
+    per_unit,
+    tree,
+    starts,
+    dirty,
+    near,
+    tally,
+    hold,
 ):
     """Follow site i, which flips to and fro, until something else happens or the time ``limit`` comes.
 
@@ -258,8 +275,22 @@ def _dwell(
 
 @jit
 def advance(
-    k0, k1, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins,
-    words, tree, starts, clock, counters, tally, events,
+    k0,
+    k1,
+    neighbours,
+    coupling,
+    breaking,
+    nu,
+    per_unit,
+    hold_times,
+    superbasins,
+    words,
+    tree,
+    starts,
+    clock,
+    counters,
+    tally,
+    events,
 ):
     """Go on for at most ``events`` events, or to the last hold time (then ``counters[DONE]`` is 1).
 
@@ -270,15 +301,49 @@ def advance(
     dirty = np.empty(neighbours.shape[1] + 1, np.int64)
     near = np.empty((neighbours.shape[1], 2), np.int64)
     _advance(
-        k0, k1, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins, words, tree, starts, clock,
-        counters, tally, events, dirty, near, np.empty(5, np.uint64),
+        k0,
+        k1,
+        neighbours,
+        coupling,
+        breaking,
+        nu,
+        per_unit,
+        hold_times,
+        superbasins,
+        words,
+        tree,
+        starts,
+        clock,
+        counters,
+        tally,
+        events,
+        dirty,
+        near,
+        np.empty(5, np.uint64),
     )
 
 
 @jit
 def _advance(
-    k0, k1, neighbours, coupling, breaking, nu, per_unit, hold_times, superbasins, words, tree, starts, clock,
-    counters, tally, events, dirty, near, rng,
+    k0,
+    k1,
+    neighbours,
+    coupling,
+    breaking,
+    nu,
+    per_unit,
+    hold_times,
+    superbasins,
+    words,
+    tree,
+    starts,
+    clock,
+    counters,
+    tally,
+    events,
+    dirty,
+    near,
+    rng,
 ):
     neighbours = bare(neighbours)
     coupling = bare(coupling)
@@ -336,8 +401,25 @@ def _advance(
             rng[3] = np.uint64(event - 1)
             rng[4] = np.uint64(1)  # block 0 was the event's own
             high, low, last = _dwell(
-                rng, i, high, low, hold_times[hold], rate_back, leave_back, words, neighbours, coupling, breaking,
-                nu, per_unit, tree, starts, dirty, near, tally, hold,
+                rng,
+                i,
+                high,
+                low,
+                hold_times[hold],
+                rate_back,
+                leave_back,
+                words,
+                neighbours,
+                coupling,
+                breaking,
+                nu,
+                per_unit,
+                tree,
+                starts,
+                dirty,
+                near,
+                tally,
+                hold,
             )
             total = _block_sum(tree, starts[starts.size - 2])
     clock[HIGH] = high

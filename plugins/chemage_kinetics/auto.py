@@ -48,7 +48,7 @@ class Auto(Engine):
         if not lattice.interacting or lattice.neighbours is None:
             return Independent(workers=self.workers), "no site interacts with another, so the closed form holds"
         n = lattice.sites.size
-        starts = np.empty(n + 1, np.int64)
+        starts = np.empty(n + 1, np.int32)
         patches = graph.find_patches(lattice.neighbours, np.empty(n, np.int32), starts, np.zeros(n, np.int32))
         largest = int(np.diff(starts[: patches + 1]).max(initial=0))
         shape = f"the largest of {patches} patches holds {largest} of {n} sites"
@@ -65,7 +65,11 @@ class Auto(Engine):
         return (NextReaction() if interacting else Independent()).expected(sites, interacting)
 
     def _run(
-        self, lattice: ReactionLattice, hold_times: np.ndarray, temperature: float, seed: Seed,
+        self,
+        lattice: ReactionLattice,
+        hold_times: np.ndarray,
+        temperature: float,
+        seed: Seed,
         start: BondHistory | np.ndarray | None,
     ) -> BondHistory:
         engine, reason = self.choose(lattice)

@@ -8,7 +8,7 @@ import numpy as np
 
 from chemage.spec import Engine
 from chemage_kinetics import _bkl as kernel
-from chemage_kinetics._driver import SLICE, Job, room_temperature_cost
+from chemage_kinetics._driver import SLICE, Job, bonded, room_temperature_cost
 
 if TYPE_CHECKING:
     from chemage.objects import BondHistory, ReactionLattice
@@ -32,7 +32,11 @@ class BKL(Engine):
         return room_temperature_cost(sites, 900e-9, 25e-9, 43)
 
     def _run(
-        self, lattice: ReactionLattice, hold_times: np.ndarray, temperature: float, seed: Seed,
+        self,
+        lattice: ReactionLattice,
+        hold_times: np.ndarray,
+        temperature: float,
+        seed: Seed,
         start: BondHistory | np.ndarray | None,
     ) -> BondHistory:
         job = Job(self.kind, lattice, hold_times, temperature, seed, start)
@@ -58,12 +62,28 @@ class BKL(Engine):
         arena = kernel.place(order, words, records, first, room, counts, weights, counters)
         while not counters[kernel.DONE]:
             kernel.advance(
-                job.k0, job.k1, job.neighbours, job.coupling, job.breaking, job.nu, job.per_unit, job.hold_times,
-                self.superbasins or None, records, arena, first, room, counts, weights, clock, counters, job.tally,
+                job.k0,
+                job.k1,
+                job.neighbours,
+                job.coupling,
+                job.breaking,
+                job.nu,
+                job.per_unit,
+                job.hold_times,
+                self.superbasins or None,
+                records,
+                arena,
+                first,
+                room,
+                counts,
+                weights,
+                clock,
+                counters,
+                job.tally,
                 SLICE,
             )
         return job.history(
-            (records[:, 0] & 1).astype(np.bool_),
+            bonded(np.ascontiguousarray(records[:, 0])),
             clock=clock,
             event=counters[kernel.EVENT : kernel.EVENT + 1].copy(),
             last=counters[kernel.LAST : kernel.LAST + 1].copy(),

@@ -46,7 +46,11 @@ class Independent(Engine):
         return room_temperature_cost(sites, 100e-9, 60e-9, 25)
 
     def _run(
-        self, lattice: ReactionLattice, hold_times: np.ndarray, temperature: float, seed: Seed,
+        self,
+        lattice: ReactionLattice,
+        hold_times: np.ndarray,
+        temperature: float,
+        seed: Seed,
         start: BondHistory | np.ndarray | None,
     ) -> BondHistory:
         job = Job(self.kind, lattice, hold_times, temperature, seed, start)
@@ -57,14 +61,35 @@ class Independent(Engine):
         else:
             times, draws = np.empty((n, 2)), job.carried_array("draws", np.zeros(n, np.int64))
             kernel.draw_times(
-                job.k0, job.k1, lattice.sites, lattice.forming, job.breaking, job.nu, job.per_unit, job.time, state,
-                times, draws,
+                job.k0,
+                job.k1,
+                lattice.sites,
+                lattice.forming,
+                job.breaking,
+                job.nu,
+                job.per_unit,
+                job.time,
+                state,
+                times,
+                draws,
             )
 
         def follow(first: int, last: int, tally: np.ndarray) -> int:
             kernel.follow(
-                job.k0, job.k1, lattice.sites, lattice.forming, job.breaking, job.nu, job.per_unit, job.hold_times,
-                first, last, state, times, draws, tally,
+                job.k0,
+                job.k1,
+                lattice.sites,
+                lattice.forming,
+                job.breaking,
+                job.nu,
+                job.per_unit,
+                job.hold_times,
+                first,
+                last,
+                state,
+                times,
+                draws,
+                tally,
             )
             return last
 
@@ -72,7 +97,11 @@ class Independent(Engine):
         return job.history(state, times=times, draws=draws)
 
     def mean(
-        self, lattice: ReactionLattice, hold_times: Sequence[float] | np.ndarray, *, temperature: float | str,
+        self,
+        lattice: ReactionLattice,
+        hold_times: Sequence[float] | np.ndarray,
+        *,
+        temperature: float | str,
         start: BondHistory | np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """The exact mean number of bonds at each hold time, and its variance; both (m,), no sampling.

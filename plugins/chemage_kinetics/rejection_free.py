@@ -8,7 +8,7 @@ import numpy as np
 
 from chemage.spec import Engine
 from chemage_kinetics import _rejection_free as kernel
-from chemage_kinetics._driver import SLICE, Job, aligned, room_temperature_cost
+from chemage_kinetics._driver import SLICE, Job, aligned, bonded, room_temperature_cost
 
 if TYPE_CHECKING:
     from chemage.objects import BondHistory, ReactionLattice
@@ -32,7 +32,11 @@ class RejectionFree(Engine):
         return room_temperature_cost(sites, 550e-9, 15e-9, 18)
 
     def _run(
-        self, lattice: ReactionLattice, hold_times: np.ndarray, temperature: float, seed: Seed,
+        self,
+        lattice: ReactionLattice,
+        hold_times: np.ndarray,
+        temperature: float,
+        seed: Seed,
         start: BondHistory | np.ndarray | None,
     ) -> BondHistory:
         job = Job(self.kind, lattice, hold_times, temperature, seed, start)
@@ -51,11 +55,25 @@ class RejectionFree(Engine):
             counters[kernel.EVENT] = job.carried("event") + 1  # the pending event's own draw has been looked at
         while not counters[kernel.DONE]:
             kernel.advance(
-                job.k0, job.k1, job.neighbours, job.coupling, job.breaking, job.nu, job.per_unit, job.hold_times,
-                self.superbasins or None, words, tree, starts, clock, counters, job.tally, SLICE,
+                job.k0,
+                job.k1,
+                job.neighbours,
+                job.coupling,
+                job.breaking,
+                job.nu,
+                job.per_unit,
+                job.hold_times,
+                self.superbasins or None,
+                words,
+                tree,
+                starts,
+                clock,
+                counters,
+                job.tally,
+                SLICE,
             )
         return job.history(
-            (words & 1).astype(np.bool_),
+            bonded(words),
             clock=clock,
             event=counters[kernel.EVENT : kernel.EVENT + 1].copy(),
             last=counters[kernel.LAST : kernel.LAST + 1].copy(),
