@@ -81,7 +81,7 @@ def run(
     from chemage.scene import is_sweep, load_scene
 
     if is_sweep(scene):
-        from chemage import sweep_cli
+        from chemage.sweeps import cli as sweep_cli
 
         if checkpoints is not None:
             raise _user_error("--checkpoints is for a single run; a sweep goes on from its own folder anyway")
@@ -187,7 +187,7 @@ def check(scene: SceneArg, changes: SetOpt = None, yes: YesOpt = False, as_json:
     from chemage.scene import is_sweep, load_scene
 
     if is_sweep(scene):
-        from chemage import sweep_cli
+        from chemage.sweeps import cli as sweep_cli
 
         return sweep_cli.check(scene, _changes(changes), yes=yes, as_json=as_json)
     made = plan(load_scene(scene, _changes(changes)))
@@ -205,7 +205,7 @@ def check(scene: SceneArg, changes: SetOpt = None, yes: YesOpt = False, as_json:
 @app.command()
 def status(folder: Annotated[Path, typer.Argument(help="the folder of a sweep")], as_json: JsonOpt = False) -> None:
     """Tell which points of a sweep are done, which failed and which are missing."""
-    from chemage import sweep_cli
+    from chemage.sweeps import cli as sweep_cli
 
     sweep_cli.status(folder, as_json=as_json)
 

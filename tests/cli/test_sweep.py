@@ -14,7 +14,7 @@ import time
 import pytest
 
 import chemage
-from chemage import sweeps
+from chemage.sweeps import running as sweeps
 from chemage.text import plus_minus
 
 SCENE = """
@@ -231,7 +231,7 @@ def test_ctrl_c_keeps_what_is_finished(scene, tiny, executor):
 
 
 def test_without_a_terminal_a_line_tells_how_far_it_is(scene, monkeypatch, capsys):
-    from chemage.sweeps import show_progress
+    from chemage.sweeps.progress import show_progress
 
     slow(scene, 0.15)
     with show_progress(seconds=0.1) as tell:
@@ -276,8 +276,8 @@ def test_a_terminal_shows_bars(scene):
 
 @pytest.mark.parametrize(("answer", "status"), [("n\n", 2), ("y\n", 0)])
 def test_a_terminal_is_asked(scene, answer, status):
-    limit = "import sys; from chemage import sweeps, cli; sweeps.MANY_POINTS = 5; sys.argv = sys.argv[1:]; cli.main()"
-    words = [sys.executable, "-c", limit, "chemage", "run", str(scene)]
+    limit = "from chemage import cli; from chemage.sweeps import running; running.MANY_POINTS = 5; cli.main()"
+    words = [sys.executable, "-c", limit, "run", str(scene)]
     code, seen = on_a_terminal(words, answer)
     assert "the sweep has 6 points (2 x 3); go on? [y/N]" in seen
     assert code == status

@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import sweeps
 from chemage.errors import ExecutorError, InputError, SceneError, StoreError
-from chemage.sweep_folder import CannotWrite, compute
+from chemage.sweeps import running as sweeps
+from chemage.sweeps.folder import CannotWrite, compute
 
 AXES = """
 [sweep]

@@ -19,9 +19,10 @@ import chemage.schema
 from chemage.errors import InputError, SceneError, StoreError
 from chemage.objects import Aging, ContactSolution
 from chemage.scene import override, parse_scene
-from chemage.sweep_folder import pack, pack_aging, unpack, unpack_aging
-from chemage.sweep_grid import Grid, order_of
-from chemage.sweeps import SweepProgress, SweepWarning, read_grid, survey_of, told
+from chemage.sweeps.folder import pack, pack_aging, unpack, unpack_aging
+from chemage.sweeps.grid import Grid, order_of
+from chemage.sweeps.progress import SweepProgress, told
+from chemage.sweeps.running import SweepWarning, read_grid, survey_of
 
 AXES = """
 [sweep]

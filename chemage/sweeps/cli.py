@@ -13,8 +13,10 @@ import typer
 from chemage import terminal
 from chemage.errors import ChemageError
 from chemage.runs import jsonable
-from chemage.sweep_grid import Survey, shown
-from chemage.sweeps import SweepResult, load_sweep, read_grid, room_for, show_progress, survey_of, sweep
+from chemage.sweeps.grid import Survey, shown
+from chemage.sweeps.progress import show_progress
+from chemage.sweeps.result import SweepResult, load_sweep
+from chemage.sweeps.running import read_grid, room_for, survey_of, sweep
 
 #: results are listed on the screen up to this many points
 _LISTED = 24

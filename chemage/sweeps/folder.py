@@ -37,7 +37,7 @@ from chemage.objects import Aging, ContactSolution, Surface, frozen
 from chemage.pipeline import make_surface, solve_contact
 from chemage.runs import Run, run
 from chemage.scene import Scene
-from chemage.sweep_grid import Grid
+from chemage.sweeps.grid import Grid
 
 #: layout of the folder; a reader refuses a newer one
 FORMAT = 1

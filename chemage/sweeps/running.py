@@ -1,40 +1,30 @@
-"""Sweeps: one scene, many points. :func:`sweep` computes them into a folder, :func:`load_sweep` reads it.
-
-Stages are shared by content hash: a contact is solved once for all points that rest on it, and a point whose file is in
-the folder is never computed again. Contacts and points are independent tasks; a point is handed out as soon as its
-contact is there. See docs/sweeps.md.
+"""Computing a sweep: every point validated, then contacts and points handed out as independent tasks, a point as soon
+as its contact is there. What is in the folder is never computed again.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
-import sys
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from chemage.errors import ExecutorError, InputError, SceneError, StoreError, WorkerLost
 from chemage.executors import Pool, open_pool
-from chemage.objects import Aging, ContactSolution
 from chemage.runs import versions
-from chemage.scene import Scene, located, override, scene_data
-from chemage.sweep_folder import FORMAT, Folder, compute, failure, solve, unpack_aging
-from chemage.sweep_grid import Axis, Grid, Survey, check_base, order_of, shown, survey
-from chemage.sweep_table import Table
+from chemage.scene import located, override, scene_data
+from chemage.sweeps.folder import FORMAT, Folder, compute, failure, solve
+from chemage.sweeps.grid import Grid, Survey, check_base, order_of, survey
+from chemage.sweeps.progress import SweepProgress, Tell, display
+from chemage.sweeps.result import SweepResult
 from chemage.threads import restored as threads_restored
-
-if TYPE_CHECKING:
-    import pandas
-    import xarray
 
 #: more points than this are asked about before they are looked at
 MANY_POINTS = 100_000
@@ -49,290 +39,7 @@ class SweepWarning(UserWarning):
     """Something about a sweep that its user should know."""
 
 
-@dataclass(frozen=True)
-class SweepProgress:
-    """How far a sweep is."""
-
-    #: ``validating`` or ``computing``
-    stage: str
-    points: int
-    #: points validated, or finished
-    done: int
-    failed: int
-    contacts: int
-    contacts_done: int
-    #: tasks that run side by side
-    workers: int
-    #: wall seconds since this run of the sweep began
-    elapsed: float
-    #: wall seconds still to go, None while there is nothing to tell from
-    remaining: float | None
-
-
-Tell = Callable[[SweepProgress], None]
 Confirm = Callable[[str], bool]
-
-
-@dataclass(frozen=True)
-class Point:
-    """One point of a sweep, read from the folder when asked."""
-
-    result: SweepResult
-    index: int
-
-    @property
-    def changes(self) -> dict[str, Any]:
-        """Dotted path -> value that makes this point what it is, as it was written."""
-        return self.result.grid.changes(self.index)
-
-    @property
-    def values(self) -> dict[str, Any]:
-        """Dotted path -> value as the scene understood it: numbers in internal units."""
-        return {path: column[self.index] for path, column in self.result.swept.items()}
-
-    @property
-    def key(self) -> str:
-        """Content hash of everything the result depends on."""
-        return self.result.keys[self.index]
-
-    @cached_property
-    def _content(self) -> dict[str, Any]:
-        return self.result.store.read_point(self.key) or {"status": "missing"}
-
-    @property
-    def status(self) -> str:
-        """``done``, ``failed`` or ``missing``."""
-        return self._content["status"]
-
-    @property
-    def error(self) -> str:
-        """Why it failed; empty otherwise."""
-        told = self._content.get("error")
-        return f"{told['stage']}: {told['type']}: {told['message']}" if told else ""
-
-    @property
-    def summary(self) -> dict[str, Any]:
-        """The numbers of :meth:`chemage.Run.summary`.
-
-        Raises
-        ------
-        StoreError
-            The point is not done.
-        """
-        if self.status != "done":
-            raise StoreError(
-                f"point {self.index} of {self.result.folder} is {self.status}{self.error and ': '}{self.error}"
-            )
-        return self._content["summary"]
-
-    def scene(self) -> Scene:
-        """The validated scene of this point."""
-        return self.result.grid.scene(self.index)
-
-    def aging(self) -> Aging:
-        """Ageing, bonds of every replica included.
-
-        Raises
-        ------
-        StoreError
-            The point is not done, or its scene stops at the contact.
-        """
-        if not self.summary["hold_times"]:
-            raise StoreError(
-                f"point {self.index} of {self.result.folder} has no ageing: its scene stops at the contact"
-            )
-        return unpack_aging(self._content["aging"])
-
-    def contact(self) -> ContactSolution:
-        """The contact this point rests on.
-
-        Raises
-        ------
-        StoreError
-            It is not in the folder.
-        """
-        found = self.result.store.read_contact(self.result.contact_key(self.index))
-        if found is None:
-            raise StoreError(f"the contact of point {self.index} is not in {self.result.folder}")
-        return found
-
-    def __repr__(self) -> str:
-        return f"<Point {self.index}: {', '.join(f'{path} = {shown(value)}' for path, value in self.changes.items())}>"
-
-
-def _no_counts() -> dict[str, int]:
-    return {"points": 0, "done": 0, "failed": 0, "missing": 0}
-
-
-class SweepResult:
-    """A sweep's folder, done or not: a sequence of :class:`Point`."""
-
-    def __init__(self, folder: str | Path) -> None:
-        self.folder = Path(folder)
-        self.store = Folder(self.folder)
-        self._manifest = self.store.read_manifest()
-        self.grid = Grid.fromdict(self._manifest["grid"])
-        self.keys: list[str] = self._manifest["keys"]
-
-    @property
-    def name(self) -> str:
-        """The scene's name."""
-        return str(self.grid.base.get("name", "scene"))
-
-    @property
-    def digest(self) -> str:
-        """Content hash of the whole sweep."""
-        return self._manifest["digest"]
-
-    @property
-    def axes(self) -> tuple[Axis, ...]:
-        """What varies; the last axis moves fastest."""
-        return self.grid.axes
-
-    @cached_property
-    def swept(self) -> dict[str, list[Any]]:
-        """Dotted path -> its value at every point, as the scene understood it: numbers in internal units."""
-        resolved = self._manifest["resolved"]
-        columns: dict[str, list[Any]] = {path: [] for axis in self.axes for path in axis.paths}
-        for point in range(len(self)):
-            for axis, place in enumerate(self.grid.positions(point)):
-                for path, value in zip(self.axes[axis].paths, resolved[axis][place], strict=True):
-                    columns[path].append(value)
-        return columns
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Dotted path -> unit of :attr:`swept`, empty where it has none."""
-        return self._manifest["units"]
-
-    def contact_key(self, point: int) -> str:
-        """Content hash of the contact that ``point`` rests on."""
-        return self._manifest["contacts"][self._manifest["contact_of"][point]]
-
-    def __len__(self) -> int:
-        return len(self.keys)
-
-    def __getitem__(self, index: int) -> Point:
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"point {index} of a sweep of {len(self)}")
-        return Point(self, index % len(self))
-
-    def __iter__(self) -> Iterator[Point]:
-        return (Point(self, index) for index in range(len(self)))
-
-    def where(self, values: Mapping[str, Any]) -> list[Point]:
-        """The points at which every dotted path has the value given, as it was written or as it was understood.
-
-        Raises
-        ------
-        InputError
-            A path that is not swept.
-        """
-        for path in values:
-            if path not in self.swept:
-                raise InputError.of(path, values[path], f"is not swept; swept are {', '.join(self.swept)}")
-        return [
-            point
-            for point in self
-            if all(
-                value == point.values[path] or (path in point.changes and value == point.changes[path])
-                for path, value in values.items()
-            )
-        ]
-
-    def states(self) -> list[str]:
-        """``done``, ``failed`` or ``missing`` for each point, as the folder is now."""
-        known: dict[str, str] = {}
-        for key in self.keys:
-            if key not in known:
-                known[key] = self.store.state(key)
-        return [known[key] for key in self.keys]
-
-    @property
-    def failed(self) -> list[Point]:
-        """The points that failed."""
-        return [self[index] for index, state in enumerate(self.states()) if state == "failed"]
-
-    def table(self) -> Table:
-        """The numbers of all points, read from the folder now."""
-        points = (self.store.read_point(key) for key in self.keys)
-        return Table.collect(self.swept, self.units, points)
-
-    def to_pandas(self) -> pandas.DataFrame:
-        """One row a point: status, what was swept, the numbers. Needs pandas."""
-        return self.table().to_pandas()
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Dimensions point, hold_time, replica: also friction and bonds at each hold time. Needs xarray."""
-        return self.table().to_xarray()
-
-    def write_tables(self) -> tuple[Path, Path]:
-        """Write ``results.csv`` and ``results.h5`` into the folder."""
-        table = self.table()
-        names = self.folder / "results.csv", self.folder / "results.h5"
-        table.write_csv(names[0])
-        made = self._manifest["versions"]
-        table.write_hdf5(
-            names[1],
-            {
-                "chemage": made["chemage"],
-                "chemage_sweep": FORMAT,
-                "Conventions": "CF-1.8",
-                "sweep": json.dumps(self.grid.todict()),
-                "digest": self.digest,
-                "versions": json.dumps(made),
-            },
-        )
-        return names
-
-    def status(self) -> dict[str, Any]:
-        """Counts of points done, failed and missing, in all and for each value of each axis; and what failed."""
-        states = self.states()
-        counts = [[_no_counts() for _ in axis.values] for axis in self.axes]
-        total = _no_counts()
-        for point, state in enumerate(states):
-            rows = [axis[place] for axis, place in zip(counts, self.grid.positions(point), strict=True)]
-            for row in (total, *rows):
-                row["points"] += 1
-                row[state] += 1
-        axes = [
-            {
-                "axis": axis.name,
-                "rows": [
-                    {"values": dict(zip(axis.paths, values, strict=True)), **row}
-                    for values, row in zip(axis.values, found, strict=True)
-                ],
-            }
-            for axis, found in zip(self.axes, counts, strict=True)
-        ]
-        contacts: list[str] = self._manifest["contacts"]
-        return {
-            "name": self.name,
-            "folder": str(self.folder),
-            **total,
-            "contacts": len(contacts),
-            "contacts_done": sum(self.store.has_contact(key) for key in contacts),
-            "axes": axes,
-            "failures": [
-                {"point": index, "changes": self[index].changes, "error": self[index].error}
-                for index, state in enumerate(states)
-                if state == "failed"
-            ],
-        }
-
-    def __repr__(self) -> str:
-        return f"<SweepResult {self.folder}: {len(self)} points, {' x '.join(str(n) for n in self.grid.shape)}>"
-
-
-def load_sweep(folder: str | Path) -> SweepResult:
-    """The sweep in ``folder``, finished or not.
-
-    Raises
-    ------
-    StoreError
-        It is not the folder of a sweep, or a newer chemage made it.
-    """
-    return SweepResult(folder)
 
 
 # -- before anything runs ---------------------------------------------------------------------------------------------
@@ -517,7 +224,7 @@ def sweep(
     begin = time.perf_counter()
     agree = (lambda text: True) if confirm is True else (confirm or None)
     with ExitStack() as stack:
-        tell = stack.enter_context(_display(progress))
+        tell = stack.enter_context(display(progress))
         stack.enter_context(threads_restored())  # tasks that run in this process set their own
         found = survey_of(read_grid(scene, changes), tell=tell, confirm=agree)
         folder = Folder(Path(out).absolute())
@@ -766,77 +473,3 @@ def _settle(todo: _Todo, task: _Task, future: Future[dict[str, Any]], clock: _Cl
 
 
 # -- telling ----------------------------------------------------------------------------------------------------------
-
-
-@contextmanager
-def _display(progress: Tell | bool | None) -> Iterator[Tell | None]:
-    if progress is True:
-        with show_progress() as tell:
-            yield tell
-    else:
-        yield progress or None
-
-
-@contextmanager
-def show_progress(seconds: float = 5.0) -> Iterator[Tell]:
-    """Bars on stderr; where that is no terminal, a line every few ``seconds``."""
-    if not sys.stderr.isatty():
-        begin = time.perf_counter()
-        last, printed = begin, ""
-
-        def line(state: SweepProgress) -> None:
-            nonlocal last, printed
-            now = time.perf_counter()
-            ended = state.stage == "computing" and state.done + state.failed == state.points
-            if (now > last + seconds or (ended and last > begin)) and told(state) != printed:
-                last, printed = now, told(state)
-                print(printed, file=sys.stderr, flush=True)
-
-        yield line
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-    columns = (
-        TextColumn("{task.description:<10}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[note]}"),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
-        tasks: dict[str, Any] = {}
-
-        def bar(name: str, done: int, total: int, note: str) -> None:
-            if name not in tasks:
-                tasks[name] = bars.add_task(name, total=total, note=note)
-            bars.update(tasks[name], completed=done, total=total, note=note)
-
-        def draw(state: SweepProgress) -> None:
-            if state.stage == "validating":
-                bar("validating", state.done, state.points, _left(state.remaining))
-                return
-            bar("contacts", state.contacts_done, state.contacts, "")
-            failed = f"{state.failed} failed, " if state.failed else ""
-            bar("points", state.done + state.failed, state.points, f"{failed}{_left(state.remaining)}")
-
-        yield draw
-
-
-def told(state: SweepProgress) -> str:
-    """How far a sweep is, in a line."""
-    if state.stage == "validating":
-        return f"sweep: {state.done} of {state.points} points validated, {_left(state.remaining)}"
-    failed = f", {state.failed} failed" if state.failed else ""
-    return (
-        f"sweep: {state.done} of {state.points} points{failed}, {state.contacts_done} of {state.contacts} contacts, "
-        f"{_left(state.remaining)}"
-    )
-
-
-def _left(seconds: float | None) -> str:
-    if seconds is None:
-        return "remaining time not known yet"
-    whole = round(seconds)
-    if whole >= 3600:
-        return f"{whole // 3600} h {whole % 3600 // 60:02d} min left"
-    return f"{whole // 60} min {whole % 60:02d} s left" if whole >= 60 else f"{whole} s left"

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage.store import fresh_file
-from chemage.sweep_grid import shown
+from chemage.sweeps.grid import shown
 
 if TYPE_CHECKING:
     import pandas

@@ -1,0 +1,283 @@
+"""A sweep read from its folder, done or not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from chemage.errors import InputError, StoreError
+from chemage.objects import Aging, ContactSolution
+from chemage.scene import Scene
+from chemage.sweeps.folder import FORMAT, Folder, unpack_aging
+from chemage.sweeps.grid import Axis, Grid, shown
+from chemage.sweeps.table import Table
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+
+@dataclass(frozen=True)
+class Point:
+    """One point of a sweep, read from the folder when asked."""
+
+    result: SweepResult
+    index: int
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Dotted path -> value that makes this point what it is, as it was written."""
+        return self.result.grid.changes(self.index)
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Dotted path -> value as the scene understood it: numbers in internal units."""
+        return {path: column[self.index] for path, column in self.result.swept.items()}
+
+    @property
+    def key(self) -> str:
+        """Content hash of everything the result depends on."""
+        return self.result.keys[self.index]
+
+    @cached_property
+    def _content(self) -> dict[str, Any]:
+        return self.result.store.read_point(self.key) or {"status": "missing"}
+
+    @property
+    def status(self) -> str:
+        """``done``, ``failed`` or ``missing``."""
+        return self._content["status"]
+
+    @property
+    def error(self) -> str:
+        """Why it failed; empty otherwise."""
+        told = self._content.get("error")
+        return f"{told['stage']}: {told['type']}: {told['message']}" if told else ""
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The numbers of :meth:`chemage.Run.summary`.
+
+        Raises
+        ------
+        StoreError
+            The point is not done.
+        """
+        if self.status != "done":
+            raise StoreError(
+                f"point {self.index} of {self.result.folder} is {self.status}{self.error and ': '}{self.error}"
+            )
+        return self._content["summary"]
+
+    def scene(self) -> Scene:
+        """The validated scene of this point."""
+        return self.result.grid.scene(self.index)
+
+    def aging(self) -> Aging:
+        """Ageing, bonds of every replica included.
+
+        Raises
+        ------
+        StoreError
+            The point is not done, or its scene stops at the contact.
+        """
+        if not self.summary["hold_times"]:
+            raise StoreError(
+                f"point {self.index} of {self.result.folder} has no ageing: its scene stops at the contact"
+            )
+        return unpack_aging(self._content["aging"])
+
+    def contact(self) -> ContactSolution:
+        """The contact this point rests on.
+
+        Raises
+        ------
+        StoreError
+            It is not in the folder.
+        """
+        found = self.result.store.read_contact(self.result.contact_key(self.index))
+        if found is None:
+            raise StoreError(f"the contact of point {self.index} is not in {self.result.folder}")
+        return found
+
+    def __repr__(self) -> str:
+        return f"<Point {self.index}: {', '.join(f'{path} = {shown(value)}' for path, value in self.changes.items())}>"
+
+
+def _no_counts() -> dict[str, int]:
+    return {"points": 0, "done": 0, "failed": 0, "missing": 0}
+
+
+class SweepResult:
+    """A sweep's folder, done or not: a sequence of :class:`Point`."""
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        self.store = Folder(self.folder)
+        self._manifest = self.store.read_manifest()
+        self.grid = Grid.fromdict(self._manifest["grid"])
+        self.keys: list[str] = self._manifest["keys"]
+
+    @property
+    def name(self) -> str:
+        """The scene's name."""
+        return str(self.grid.base.get("name", "scene"))
+
+    @property
+    def digest(self) -> str:
+        """Content hash of the whole sweep."""
+        return self._manifest["digest"]
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """What varies; the last axis moves fastest."""
+        return self.grid.axes
+
+    @cached_property
+    def swept(self) -> dict[str, list[Any]]:
+        """Dotted path -> its value at every point, as the scene understood it: numbers in internal units."""
+        resolved = self._manifest["resolved"]
+        columns: dict[str, list[Any]] = {path: [] for axis in self.axes for path in axis.paths}
+        for point in range(len(self)):
+            for axis, place in enumerate(self.grid.positions(point)):
+                for path, value in zip(self.axes[axis].paths, resolved[axis][place], strict=True):
+                    columns[path].append(value)
+        return columns
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Dotted path -> unit of :attr:`swept`, empty where it has none."""
+        return self._manifest["units"]
+
+    def contact_key(self, point: int) -> str:
+        """Content hash of the contact that ``point`` rests on."""
+        return self._manifest["contacts"][self._manifest["contact_of"][point]]
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def __getitem__(self, index: int) -> Point:
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"point {index} of a sweep of {len(self)}")
+        return Point(self, index % len(self))
+
+    def __iter__(self) -> Iterator[Point]:
+        return (Point(self, index) for index in range(len(self)))
+
+    def where(self, values: Mapping[str, Any]) -> list[Point]:
+        """The points at which every dotted path has the value given, as it was written or as it was understood.
+
+        Raises
+        ------
+        InputError
+            A path that is not swept.
+        """
+        for path in values:
+            if path not in self.swept:
+                raise InputError.of(path, values[path], f"is not swept; swept are {', '.join(self.swept)}")
+        return [
+            point
+            for point in self
+            if all(
+                value == point.values[path] or (path in point.changes and value == point.changes[path])
+                for path, value in values.items()
+            )
+        ]
+
+    def states(self) -> list[str]:
+        """``done``, ``failed`` or ``missing`` for each point, as the folder is now."""
+        known: dict[str, str] = {}
+        for key in self.keys:
+            if key not in known:
+                known[key] = self.store.state(key)
+        return [known[key] for key in self.keys]
+
+    @property
+    def failed(self) -> list[Point]:
+        """The points that failed."""
+        return [self[index] for index, state in enumerate(self.states()) if state == "failed"]
+
+    def table(self) -> Table:
+        """The numbers of all points, read from the folder now."""
+        points = (self.store.read_point(key) for key in self.keys)
+        return Table.collect(self.swept, self.units, points)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """One row a point: status, what was swept, the numbers. Needs pandas."""
+        return self.table().to_pandas()
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Dimensions point, hold_time, replica: also friction and bonds at each hold time. Needs xarray."""
+        return self.table().to_xarray()
+
+    def write_tables(self) -> tuple[Path, Path]:
+        """Write ``results.csv`` and ``results.h5`` into the folder."""
+        table = self.table()
+        names = self.folder / "results.csv", self.folder / "results.h5"
+        table.write_csv(names[0])
+        made = self._manifest["versions"]
+        table.write_hdf5(
+            names[1],
+            {
+                "chemage": made["chemage"],
+                "chemage_sweep": FORMAT,
+                "Conventions": "CF-1.8",
+                "sweep": json.dumps(self.grid.todict()),
+                "digest": self.digest,
+                "versions": json.dumps(made),
+            },
+        )
+        return names
+
+    def status(self) -> dict[str, Any]:
+        """Counts of points done, failed and missing, in all and for each value of each axis; and what failed."""
+        states = self.states()
+        counts = [[_no_counts() for _ in axis.values] for axis in self.axes]
+        total = _no_counts()
+        for point, state in enumerate(states):
+            rows = [axis[place] for axis, place in zip(counts, self.grid.positions(point), strict=True)]
+            for row in (total, *rows):
+                row["points"] += 1
+                row[state] += 1
+        axes = [
+            {
+                "axis": axis.name,
+                "rows": [
+                    {"values": dict(zip(axis.paths, values, strict=True)), **row}
+                    for values, row in zip(axis.values, found, strict=True)
+                ],
+            }
+            for axis, found in zip(self.axes, counts, strict=True)
+        ]
+        contacts: list[str] = self._manifest["contacts"]
+        return {
+            "name": self.name,
+            "folder": str(self.folder),
+            **total,
+            "contacts": len(contacts),
+            "contacts_done": sum(self.store.has_contact(key) for key in contacts),
+            "axes": axes,
+            "failures": [
+                {"point": index, "changes": self[index].changes, "error": self[index].error}
+                for index, state in enumerate(states)
+                if state == "failed"
+            ],
+        }
+
+    def __repr__(self) -> str:
+        return f"<SweepResult {self.folder}: {len(self)} points, {' x '.join(str(n) for n in self.grid.shape)}>"
+
+
+def load_sweep(folder: str | Path) -> SweepResult:
+    """The sweep in ``folder``, finished or not.
+
+    Raises
+    ------
+    StoreError
+        It is not the folder of a sweep, or a newer chemage made it.
+    """
+    return SweepResult(folder)
