@@ -52,7 +52,7 @@ _S32 = np.uint64(32)
 _ULP = 2.0**-52
 
 
-@nb.njit(inline="never", cache=True, nogil=True)
+@nb.njit(nogil=True)
 def philox(c0, c1, c2, c3, k0, k1):
     """Ten rounds of Philox4x32: four counter words and two key words (uint64 below 2**32) to four such words."""
     for _ in range(10):
@@ -64,13 +64,13 @@ def philox(c0, c1, c2, c3, k0, k1):
     return c0, c1, c2, c3
 
 
-@nb.njit(inline="never", cache=True, nogil=True)
+@nb.njit(nogil=True)
 def to_double(high, low):
     """Two words below 2**32 to a double (k + 1/2) 2**-52, k of 52 bits: at least 2**-53, at most 1 - 2**-53."""
     return (np.float64((high << _S20) | (low >> _S12)) + 0.5) * _ULP
 
 
-@nb.njit(inline="never", cache=True, nogil=True)
+@nb.njit(nogil=True)
 def uniform_pair(k0, k1, stream, index, block):
     """Draws 2*block and 2*block + 1 of one index: two doubles in (0, 1). For use inside kernels.
 
@@ -83,7 +83,7 @@ def uniform_pair(k0, k1, stream, index, block):
     return to_double(r0, r1), to_double(r2, r3)
 
 
-@nb.njit(inline="never", cache=True, nogil=True)
+@nb.njit(nogil=True)
 def uniform(k0, k1, stream, index, draw):
     """One double in (0, 1), the scalar form of `uniforms`. For use inside kernels."""
     d = np.uint64(draw)
@@ -91,7 +91,7 @@ def uniform(k0, k1, stream, index, draw):
     return second if d & _S1 else first
 
 
-@nb.njit(inline="never", cache=True, nogil=True)
+@nb.njit(nogil=True)
 def pair_uniform(k0, k1, stream, first, second):
     """One double in (0, 1) for an unordered pair of indices below 2**48, the scalar form of `pair_uniforms`."""
     a = np.uint64(min(first, second))

@@ -28,6 +28,7 @@ from chemage_kinetics._common import (
     fixed_barrier,
     fixed_coupling,
     hot,
+    inner,
     jit,
     later,
     past,
@@ -163,7 +164,7 @@ def _group_weight(g, counts):
     )
 
 
-@jit
+@inner
 def _spread(arena, first, room, counts, wanted):
     """Share the arena out anew, with some room for every class and as much again for the class ``wanted``.
 
@@ -189,7 +190,7 @@ def _spread(arena, first, room, counts, wanted):
     room[counts.size] = top
 
 
-@jit
+@inner
 def _enlarge(arena, first, room, counts, c):
     """More room for class c: at the free end of the arena, which begins at room[-1], or by sharing it out anew."""
     size = 2 * room[c] + 8
@@ -278,12 +279,12 @@ def _pick_class(target, counts, weights, counters):
     return chosen
 
 
-@jit
+@inner
 def _pick_class_cold(target, counts, weights, counters):
     return _pick_class(target, counts, weights, counters)
 
 
-@jit
+@inner
 def _accepts(u, i, c, records, breaking, per_class):
     """Thinning: whether the attempt of site i, from class c, counts, with the probability rate / 2**-c."""
     barrier = _barrier(i, records, breaking)
@@ -330,12 +331,12 @@ def _flip(i, records, neighbours, coupling, breaking, per_class, arena, first, r
                 _weigh(c, counts, weights, counters)
 
 
-@jit
+@inner
 def _turn(i, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights, counters, near):
     _flip(i, records, neighbours, coupling, breaking, per_class, arena, first, room, counts, weights, counters, near)
 
 
-@jit
+@inner
 def _set_aside(i, records, arena, first, counts, weights, counters):
     """Take site i out of the draw; returns the weight of all others."""
     c = _remove(i, records, arena, first, counts)
@@ -344,7 +345,7 @@ def _set_aside(i, records, arena, first, counts, weights, counters):
     return _total(counts, weights, counters)
 
 
-@jit
+@inner
 def _put_back(i, records, breaking, per_class, arena, first, room, counts, weights, counters):
     c = _site_class(i, records, breaking, per_class)
     if c >= 0:
@@ -352,7 +353,7 @@ def _put_back(i, records, breaking, per_class, arena, first, room, counts, weigh
         _weigh(c, counts, weights, counters)
 
 
-@jit
+@inner
 def _dwell(
     rng,
     i,
@@ -468,7 +469,7 @@ def advance(
     )
 
 
-@jit
+@inner
 def _advance(
     k0,
     k1,

@@ -40,9 +40,13 @@ STREAMS = {"rejection-free": KINETICS, "bkl": KINETICS + 1, "next-reaction": KIN
 
 _HUGE = 2.0**50
 
+#: For what Python calls.
 jit = nb.njit(cache=True, nogil=True, error_model="numpy")
+#: For what only kernels call: compiled into them, so it needs neither wrappers nor a place in the cache.
+_INNER: Any = {"nogil": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+inner = nb.njit(**_INNER)
 #: For what a kernel does at every event: an array costs up to ten arguments in a call, so these are never called.
-hot = nb.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+hot = nb.njit(forceinline=True, **_INNER)
 
 
 def _typed_prefetch(typingctx, address):
@@ -82,7 +86,7 @@ def _typed_bare(typingctx, array):
 bare: Any = intrinsic(_typed_bare)
 
 
-@jit
+@inner
 def prefetch(array, first, last):
     """Ask for the cache lines of rows ``first`` to ``last`` - 1, without waiting for them. Never reads out of bounds:
     a prefetch outside the array is harmless."""
@@ -93,13 +97,13 @@ def prefetch(array, first, last):
         address += np.uint64(64)
 
 
-@jit
+@inner
 def fixed_barrier(energy):
     """eV to fixed point, cut off at ±2**20 eV."""
     return np.int64(np.rint(min(max(energy, -LARGEST_BARRIER), LARGEST_BARRIER) * UNITS_PER_EV))
 
 
-@jit
+@inner
 def fixed_coupling(energy):
     """eV to fixed point, cut off at ±2**15 eV."""
     return np.int64(np.rint(min(max(np.float64(energy), -LARGEST_COUPLING), LARGEST_COUPLING) * UNITS_PER_EV))
@@ -119,7 +123,7 @@ def start_words(forming, neighbours, coupling, state, words):
                     words[j] += 2 * fixed_coupling(coupling[i, s])
 
 
-@jit
+@inner
 def rate(barrier, nu, per_unit):
     """nu exp(-E/kT) for a fixed-point barrier; nu where E <= 0. ``per_unit`` is 1/kT over one fixed-point unit."""
     if barrier <= 0:
@@ -127,7 +131,7 @@ def rate(barrier, nu, per_unit):
     return nu * math.exp(-(barrier * per_unit))
 
 
-@jit
+@inner
 def later(high, low, step):
     """(high + low) + step, step >= 0 and finite, as a normalised pair of doubles."""
     s = high + step
@@ -137,26 +141,26 @@ def later(high, low, step):
     return top, low - (top - s)
 
 
-@jit
+@inner
 def past(high, low, time):
     """Whether the instant high + low comes after ``time``."""
     return high > time or (high == time and low > 0.0)
 
 
-@jit
+@inner
 def until(high, low, time):
     """Seconds from the instant high + low to ``time``, not negative."""
     return max((time - high) - low, 0.0)
 
 
-@jit
+@inner
 def _add(total, more):
     if more >= 2.0e18 or total + np.int64(more) > MOST:
         return MOST
     return total + np.int64(more)
 
 
-@jit
+@inner
 def count_flip(tally, hold, word):
     """Note a flip that has taken place; ``word & 1`` is the new state. tally: (m, 3) formed, broken, difference."""
     if word & 1:
@@ -167,7 +171,7 @@ def count_flip(tally, hold, word):
         tally[hold, 2] -= 1
 
 
-@jit
+@inner
 def count_sojourn(tally, hold, word, out_here, out_there, other):
     """Note the flips of a sojourn from the state ``word & 1``; counts stop at 2**61, the difference is exact."""
     bonded = word & 1
@@ -181,7 +185,7 @@ def count_sojourn(tally, hold, word, out_here, out_there, other):
 # `rng` is a uint64 array (k0, k1, stream, index, next block): a private sequence within one index.
 
 
-@jit
+@inner
 def two_uniforms(rng):
     """The next two uniforms of a private sequence."""
     pair = uniform_pair(rng[0], rng[1], rng[2], rng[3], rng[4])
@@ -189,7 +193,7 @@ def two_uniforms(rng):
     return pair
 
 
-@jit
+@inner
 def gamma(rng, shape):
     """A gamma variate of unit rate and shape >= 1 (Marsaglia & Tsang 2000); the sum of ``shape`` unit exponentials."""
     d = shape - 1.0 / 3.0
@@ -206,7 +210,7 @@ def gamma(rng, shape):
             return d * v
 
 
-@jit
+@inner
 def _last_cycle(rng, cycles, here, there, sum_here, sum_there, left):
     """Where in ``cycles`` cycles of known total duration the time ``left`` falls.
 
@@ -236,7 +240,7 @@ def _last_cycle(rng, cycles, here, there, sum_here, sum_there, left):
     return done, sum_here / here <= left
 
 
-@jit
+@inner
 def sojourn(rng, here, there, leave_here, leave_there, span):
     """The absorbing two-state chain: one site flips to and fro until something else happens or ``span`` seconds pass.
 

@@ -14,6 +14,7 @@ from chemage_kinetics._common import (
     count_sojourn,
     fixed_barrier,
     hot,
+    inner,
     jit,
     later,
     past,
@@ -51,7 +52,7 @@ def draw_times(k0, k1, pixels, forming, breaking, nu, per_unit, start, state, ti
             times[i, 0], times[i, 1] = later(start, 0.0, wait)
 
 
-@jit
+@inner
 def _follow(k0, k1, pixels, forming, breaking, nu, per_unit, hold_times, first, last, state, times, draws, tally, rng):
     pixels = bare(pixels)
     forming = bare(forming)

@@ -28,6 +28,7 @@ from chemage_kinetics._common import (
     fixed_barrier,
     fixed_coupling,
     hot,
+    inner,
     jit,
     later,
     past,
@@ -134,7 +135,7 @@ def _sink(keys, sites, place, size, at, high, low, site):
     place[site] = at
 
 
-@jit
+@inner
 def _drop(keys, sites, place, size, site):
     """Take a site out of the heap; returns the new size."""
     at = np.int64(place[site])
@@ -220,7 +221,7 @@ def _offer(keys, sites, place, size, times, site, final, present, base, scratch,
     return size + 1
 
 
-@jit
+@inner
 def _open(sorted_sites, begin, end, bucket, keys, sites, place, size, times, final, base, scratch, chain, home, heads):
     """Take the entries of one bucket into the heap; returns its size."""
     at = begin
@@ -242,7 +243,7 @@ def _open(sorted_sites, begin, end, bucket, keys, sites, place, size, times, fin
     return size
 
 
-@jit
+@inner
 def _sort(order, begin, end, times, final, base, scratch, ends, room):
     """Sort the sites of a patch by bucket, those with no event before ``final`` last; ``ends`` (BUCKETS + 1,) where
     each bucket ends."""
@@ -294,7 +295,7 @@ def _draw(k0, k1, site, pixel, words, breaking, nu, per_unit, high, low, times, 
     times[site, 0], times[site, 1] = later(high, low, wait)
 
 
-@jit
+@inner
 def _draw_cold(k0, k1, site, pixel, words, breaking, nu, per_unit, high, low, times, draws):
     _draw(k0, k1, site, pixel, words, breaking, nu, per_unit, high, low, times, draws)
 
@@ -306,7 +307,7 @@ def draw_times(k0, k1, pixels, words, breaking, nu, per_unit, clock, times, draw
         _draw(k0, k1, i, pixels[i], words, breaking, nu, per_unit, clock[HIGH], clock[LOW], times, draws)
 
 
-@jit
+@inner
 def _own_rate(site, words, breaking, nu, per_unit):
     word = words[site]
     if word & 1 == 0:
@@ -316,7 +317,7 @@ def _own_rate(site, words, breaking, nu, per_unit):
     return 0.0
 
 
-@jit
+@inner
 def _around(site, words, neighbours, breaking, nu, per_unit):
     """Total rate of a site's neighbours."""
     total = 0.0
@@ -376,7 +377,7 @@ def _turn(
     return found
 
 
-@jit
+@inner
 def _offer_around(i, neighbours, keys, sites, place, size, times, final, present, base, scratch, chain, home, heads):
     for s in range(-1, neighbours.shape[1]):
         j = np.int64(neighbours[i, s]) if s >= 0 else i
@@ -385,7 +386,7 @@ def _offer_around(i, neighbours, keys, sites, place, size, times, final, present
     return size
 
 
-@jit
+@inner
 def _stay(
     rng,
     i,
@@ -446,7 +447,7 @@ def _stay(
         times[chosen, 1] = low
 
 
-@jit
+@inner
 def _choose(site, u, words, neighbours, breaking, nu, per_unit):
     """The neighbour whose event ended a sojourn, by its rate."""
     target = u * _around(site, words, neighbours, breaking, nu, per_unit)
@@ -463,7 +464,7 @@ def _choose(site, u, words, neighbours, breaking, nu, per_unit):
     return chosen
 
 
-@jit
+@inner
 def _drop_around(keys, sites, place, size, i, neighbours):
     size = _drop(keys, sites, place, size, i)
     for s in range(neighbours.shape[1]):
@@ -544,7 +545,7 @@ def follow(
     )
 
 
-@jit
+@inner
 def _follow(
     k0,
     k1,

@@ -21,6 +21,7 @@ from chemage_kinetics._common import (
     fixed_barrier,
     fixed_coupling,
     hot,
+    inner,
     jit,
     later,
     past,
@@ -107,7 +108,7 @@ def _refresh(tree, starts, dirty, count):
     return _block_sum(tree, starts[starts.size - 2])
 
 
-@jit
+@inner
 def _set_leaf(tree, starts, dirty, leaf, value):
     tree[leaf] = value
     dirty[0] = leaf >> 3
@@ -151,7 +152,7 @@ def _pick(tree, starts, target, words, neighbours, coupling, breaking):
     return node
 
 
-@jit
+@inner
 def _pick_plainly(tree, starts, target):
     node = 0
     for level in range(starts.size - 2, -1, -1):
@@ -212,14 +213,14 @@ def _rates(i, found, words, breaking, nu, per_unit, tree, starts, dirty, near):
     return _refresh(tree, starts, dirty, count)
 
 
-@jit
+@inner
 def _flip(i, words, neighbours, coupling, breaking, nu, per_unit, tree, starts, dirty, near):
     """Form or break the bond of site i: new energies and rates around it; returns the total rate."""
     found = _shift(i, words, neighbours, coupling, tree, starts[1], near)
     return _rates(i, found, words, breaking, nu, per_unit, tree, starts, dirty, near)
 
 
-@jit
+@inner
 def _dwell(
     rng,
     i,
@@ -323,7 +324,7 @@ def advance(
     )
 
 
-@jit
+@inner
 def _advance(
     k0,
     k1,
