@@ -30,6 +30,8 @@ from chemage.spec import nearest
 
 #: how often a task is tried again after its worker died
 RETRIES = 1
+#: seconds a Dask cluster that we started on this machine may be without any worker; others may stand in a queue
+PATIENCE = 120.0
 #: seconds to wait for a Dask scheduler
 ANSWER_TIME = 4.0
 NAMES = ("serial", "processes", "dask")
@@ -395,10 +397,12 @@ def _answer(message: bytes) -> bytes:
 class Dask(Executor):
     """Tasks on the workers of a ``distributed.Client``. Dask itself tries a task again when its worker dies."""
 
-    def __init__(self, client: Any) -> None:
-        self._client = client
+    def __init__(self, client: Any, wanted: int = 0) -> None:
+        # ``wanted`` workers of a cluster of our own; 0: somebody else looks after them
+        self._client, self._wanted = client, wanted
         self._inner = client.get_executor(pure=False)
         self._known = (0.0, 1)
+        self._alive, self._revived = time.monotonic(), 0
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         from distributed.scheduler import KilledWorker
@@ -424,13 +428,38 @@ class Dask(Executor):
         return outer
 
     def width(self) -> int:
-        """Threads of the workers there are now, at least 1; asked anew every second."""
+        """Threads of the workers there are now, at least 1; asked anew every second.
+
+        Raises
+        ------
+        ExecutorError
+            A cluster of our own has had no worker for ``PATIENCE`` seconds; tasks would wait for ever.
+        """
         when, width = self._known
-        if time.monotonic() > when + 1:
+        now = time.monotonic()
+        if now > when + 1:
             with suppress(OSError):
-                width = max(1, sum(self._client.nthreads().values()))
-            self._known = (time.monotonic(), width)
+                found = sum(self._client.nthreads().values())
+                width = max(1, found)
+                if found:
+                    self._alive, self._revived = now, 0
+                elif self._wanted:
+                    self._revive(now - self._alive)
+            self._known = (now, width)
         return width
+
+    def _revive(self, seconds: float) -> None:
+        """Dask gives a worker up that dies while it starts; a cluster of our own is told to start others."""
+        if seconds > PATIENCE:
+            raise ExecutorError(
+                f"the Dask cluster has had no worker for {seconds:.0f} s; look at its logs. "
+                "What is finished is kept, the same sweep goes on"
+            )
+        if seconds > 10 * (self._revived + 1):
+            self._revived += 1
+            cluster = self._client.cluster
+            with suppress(Exception):
+                cluster.scale(len(cluster.worker_spec) + self._wanted)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         self._inner.shutdown(wait=wait and not cancel_futures)
@@ -464,7 +493,7 @@ def _dask(detail: str, workers: int | None, threads: int | None) -> Iterator[Poo
     }
     # for as long as the cluster lives: workers are also started later, when it grows or one of them died
     with dask_config.set(settings), _quiet(), _connected(distributed, where) as client:
-        pool = Dask(client)
+        pool = Dask(client, where.workers or 1 if where.local else 0)
         try:
             yield Pool(pool, "dask", each, pool.width, blames_one=False)
         finally:

@@ -16,7 +16,7 @@ from distributed import LocalCluster
 import chemage
 from chemage import threads
 from chemage.errors import ExecutorError, InputError, StoreError, WorkerLost
-from chemage.executors import Processes, Serial, open_pool
+from chemage.executors import Dask, Processes, Serial, open_pool
 
 WORK = """
 import os, signal, sys, time
@@ -394,3 +394,56 @@ def test_a_scheduler_that_goes_away_ends_the_sweep_in_words(tiny, tmp_path, capf
     tiny.forget()
     assert chemage.sweep(scene, tmp_path / "out").states() == ["done"] * 6
     assert len(tiny.computed("kinetics")) == 2 * (6 - done)
+
+
+class Deserted:
+    """A Dask client whose cluster has lost its workers, and gets one back after being told to grow ``after`` times."""
+
+    def __init__(self, after: int) -> None:
+        self.after, self.cluster, self.worker_spec = after, self, {0: None}
+        self.asked: list[int] = []
+
+    def get_executor(self, pure: bool) -> None:
+        assert not pure
+
+    def nthreads(self) -> dict[str, int]:
+        return {"tcp://a": 1} if len(self.asked) >= self.after else {}
+
+    def scale(self, count: int) -> None:
+        self.asked.append(count)
+
+
+def test_a_cluster_of_our_own_without_workers_is_told_to_start_others(monkeypatch):
+    now = [1000.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    client = Deserted(after=2)
+    pool = Dask(client, wanted=2)
+    for _ in range(30):
+        now[0] += 1.5
+        pool.width()
+    assert client.asked == [3, 3]
+
+
+def test_a_cluster_of_our_own_that_stays_without_workers_is_an_error(monkeypatch):
+    now = [1000.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    pool = Dask(Deserted(after=1000), wanted=2)
+
+    def wait_on() -> None:
+        for _ in range(1000):
+            now[0] += 1.5
+            pool.width()
+
+    with pytest.raises(ExecutorError, match=r"no worker for 12\d s.*the same sweep goes on"):
+        wait_on()
+
+
+def test_workers_of_somebody_else_may_stand_in_a_queue(monkeypatch):
+    now = [1000.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    client = Deserted(after=1000)
+    pool = Dask(client)
+    for _ in range(1000):
+        now[0] += 10
+        assert pool.width() == 1
+    assert not client.asked
