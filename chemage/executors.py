@@ -438,13 +438,16 @@ class Dask(Executor):
         when, width = self._known
         now = time.monotonic()
         if now > when + 1:
-            with suppress(OSError):
+            found = None
+            with suppress(
+                OSError, RuntimeError
+            ):  # no answer: the scheduler is busy, or gone, which its tasks will tell
                 found = sum(self._client.nthreads().values())
                 width = max(1, found)
-                if found:
-                    self._alive, self._revived = now, 0
-                elif self._wanted:
-                    self._revive(now - self._alive)
+            if found:
+                self._alive, self._revived = now, 0
+            elif found == 0 and self._wanted:
+                self._revive(now - self._alive)
             self._known = (now, width)
         return width
 

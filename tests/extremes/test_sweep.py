@@ -357,7 +357,9 @@ def test_a_killed_worker_costs_its_point_a_retry_and_nothing_else(tiny, tmp_path
         assert point.error.startswith("ageing: WorkerLost: ")
         assert "died" in point.error
     assert len(tiny.computed("kinetics 300")) == 2, "what is well runs once, whoever dies beside it"
-    assert len(tiny.computed("kinetics 301")) == 3, "one death, one more try"
+    # Dask may have given a worker a task that waits behind the one it dies of: that one is begun once more as well
+    more = 0 if executor == "processes" else 1
+    assert 3 <= len(tiny.computed("kinetics 301")) <= 3 + more, "one death, one more try"
     if executor == "processes":
         assert len(tiny.computed("kinetics 302")) == 4, "each is tried twice"
     assert len(tiny.computed("contact")) == 1
