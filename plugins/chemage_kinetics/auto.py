@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import logging
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from chemage.spec import Engine
+from chemage.threads import available
 from chemage_kinetics import _next_reaction as graph
 from chemage_kinetics.independent import Independent
 from chemage_kinetics.next_reaction import NextReaction
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 WORTH_SHARING = 50_000
 #: ... if no patch holds more than this part of them.
 LARGEST_SHARE = 0.6
-
-log = logging.getLogger("chemage.kinetics")
 
 
 class Auto(Engine):
@@ -60,6 +58,10 @@ class Auto(Engine):
         few = "few sites" if n < WORTH_SHARING else "most sites in one patch"
         return RejectionFree(superbasins=self.superbasins), f"{shape}: with {few} the sum tree costs least"
 
+    def concurrency(self) -> int:
+        """Threads of one run: ``workers``."""
+        return self.workers or available()
+
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""
         return (NextReaction() if interacting else Independent()).expected(sites, interacting)
@@ -73,5 +75,6 @@ class Auto(Engine):
         start: BondHistory | np.ndarray | None,
     ) -> BondHistory:
         engine, reason = self.choose(lattice)
-        log.info("engine auto takes %s: %s", engine.kind, reason)
-        return engine._run(lattice, hold_times, temperature, seed, start).model_copy(update={"engine": self.kind})
+        history = engine._run(lattice, hold_times, temperature, seed, start)
+        note = f"engine auto took {engine.kind}: {reason}"
+        return history.model_copy(update={"engine": self.kind, "notes": (note, *history.notes)})

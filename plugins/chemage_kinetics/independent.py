@@ -41,6 +41,10 @@ class Independent(Engine):
     workers: int = Field(default=1, ge=0)
     """threads to share the sites between; 0 takes one for each processor this process may use"""
 
+    def concurrency(self) -> int:
+        """Threads of one run: ``workers``."""
+        return self.workers or available()
+
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""
         return room_temperature_cost(sites, 100e-9, 60e-9, 25)

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from chemage.spec import Engine
+from chemage.threads import available
 from chemage_kinetics import _next_reaction as kernel
 from chemage_kinetics._driver import SLICE, Job, bonded, room_temperature_cost, run_pieces
 
@@ -35,6 +36,10 @@ class NextReaction(Engine):
     """threads to follow patches on; 0 takes one for each processor this process may use"""
     superbasins: bool = False
     """follow a site that flips to and fro as an absorbing two-state chain (exact; Novotny 1995)"""
+
+    def concurrency(self) -> int:
+        """Threads of one run: ``workers``."""
+        return self.workers or available()
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""
