@@ -9,6 +9,7 @@ from pydantic import Field
 
 from chemage.errors import InputError
 from chemage.spec import Engine, check_times, temperature_value
+from chemage.threads import available
 from chemage.units import KB
 from chemage_kinetics import _common
 from chemage_kinetics import _independent as kernel
