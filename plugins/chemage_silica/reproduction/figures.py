@@ -87,7 +87,8 @@ def fig3(studies: Studies) -> Figure:
             values = [mean(p.at(time) / p.summary["load"] for p in group).value for group in by_slope.values()]
             over_slope.plot(list(by_slope), values, "o-", ms=3, color=colour, label=f"{time:g} s")
         over_slope.set(xlabel="h'$_{rms}$", ylabel="Δμ", title=title, yscale="log")
-        over_slope.legend(frameon=False, fontsize=7)
+        if row == 0:  # the same times below, where a legend would lie on the curves
+            over_slope.legend(frameon=False, fontsize=7)
     return figure
 
 
@@ -111,7 +112,7 @@ def fig4(studies: Studies) -> Figure:
 
 def fig5(studies: Studies) -> Figure:
     """Δμ·A0/A against C/A over the rows of Table 1."""
-    figure, (axes,) = _figure(1)
+    figure, (axes,) = _figure(1, width=7.0)
     groups = grouped(studies["rows"], "surface.hurst", "surface.zeta", "surface.eta")
     for row, colour in zip(published.TABLE_1, COLOURS, strict=False):
         group = groups[row.hurst, row.zeta, row.eta]
@@ -123,8 +124,8 @@ def fig5(studies: Studies) -> Figure:
             color=colour,
             label=f"{row.name}: H {row.hurst:g}, ζ {row.zeta:g}, η {row.eta:g}",
         )
-    axes.set(xlabel="C/A (1/nm)", ylabel="Δμ A$_0$/A at 1e3 s", ylim=(0, None))
-    axes.legend(frameon=False, fontsize=6)
+    axes.set(xlabel="C/A (1/nm)", ylabel="Δμ A$_0$/A at 1e3 s (axis does not start at 0)")
+    axes.legend(frameon=False, fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 
@@ -159,10 +160,9 @@ def table1(studies: Studies) -> Figure:
                 capsize=2,
                 label=row.name,
             )
-    for axes, label, scale in ((left, "patches", "log"), (right, "C/A (1/nm)", "linear")):
-        low, high = axes.get_xlim()
-        axes.plot([max(low, 1e-2), high], [max(low, 1e-2), high], color="#aaaaaa", lw=0.8, zorder=0)
-        axes.set(xlabel=f"{label}, paper", ylabel=f"{label}, ours", xscale=scale, yscale=scale)
+    for axes, label, scale, ends in ((left, "patches", "log", (8, 1500)), (right, "C/A (1/nm)", "linear", (0, 1.1))):
+        axes.plot(ends, ends, color="#aaaaaa", lw=0.8, zorder=0)
+        axes.set(xlabel=f"{label}, paper", ylabel=f"{label}, ours", xscale=scale, yscale=scale, xlim=ends, ylim=ends)
     left.legend(frameon=False, fontsize=7)
     return figure
 

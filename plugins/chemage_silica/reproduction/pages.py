@@ -22,11 +22,13 @@ CAPTIONS = {
 
 #: the most likely reason where a number is off, by target
 REASONS = {
-    "kappa": """The paper counts pixels on one realisation. E* = 35.3 GPa is used; the stated E and ν make 35.79
-GPa, which would change the area by −1.4 %.""",
-    "table1": """One realisation in the paper. Patches are few where ζ is small or η = 1, and scatter between seeds
-is large there; 8-connectivity and the pixel size at the rim decide how many tiny patches are
-counted.""",
+    "kappa": """The paper gives 2.1 for the reference and "2 to 2.3" for the rows (2.15 above); it counts pixels
+on one realisation. E* = 35.3 GPa is used; the stated E and ν make 35.79 GPa, which would change
+the area by −1.4 %.""",
+    "table1": """One realisation in the paper. With η = 1 (cross) the longest waves carry most of the height, a
+contact is a handful of islands, and no two surfaces are alike. Patches are few where ζ is small
+or η = 1, and scatter between seeds is large there; 8-connectivity and the pixel size at the rim
+decide how many tiny patches are counted.""",
     "fig3": """The molecular-dynamics table of barriers is not published; the triangular stand-in is fitted to
 the set with ΔV, so the set without ΔV is the independent one. The paper's caption gives the
 second set to panel (b); it belongs to panel (d).""",
