@@ -45,6 +45,23 @@ SetOpt = Annotated[
 ]
 
 
+def _version(wanted: bool) -> None:
+    if wanted:
+        from chemage import __version__
+
+        print(f"chemage {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="print the version and exit")
+    ] = False,
+) -> None:
+    pass
+
+
 # -- run --------------------------------------------------------------------------------------------------------------
 
 

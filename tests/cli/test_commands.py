@@ -259,3 +259,9 @@ def test_a_terminal_without_greek_letters(small):
 def test_the_command_is_installed():
     (point,) = [p for p in metadata.entry_points(group="console_scripts") if p.name == "chemage"]
     assert point.value == "chemage.cli:main"
+
+
+def test_version_is_the_installed_one(command):
+    done = command("--version")
+    assert done.status == 0
+    assert done.out == f"chemage {metadata.version('chemage')}\n"
