@@ -138,11 +138,6 @@ class Unit:
         return f"Unit({self.unit!r})"
 
 
-def quantity(unit: str, **bounds: Any) -> Any:
-    """``Annotated[float, Unit(unit, ...)]``."""
-    return Annotated[float, Unit(unit, **bounds)]
-
-
 Length = Annotated[float, Unit("nm", gt=0)]
 Force = Annotated[float, Unit("nN", ge=0)]
 Pressure = Annotated[float, Unit("GPa", gt=0)]

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from chemage.errors import InputError, UnitError
 from chemage.spec import Spec
-from chemage.units import EV_PER_GPA_NM3, KB, Energy, Length, Temperature, Unit, convert, quantity, registry
+from chemage.units import EV_PER_GPA_NM3, KB, Energy, Length, Temperature, Unit, convert, registry
 
 INTERNAL = ("nm", "nN", "GPa", "eV", "s", "K", "Hz", "nm**3")
 
@@ -221,9 +221,9 @@ def test_the_schema_carries_units():
     assert "nN/nm" in str(properties["stretch"])
 
 
-def test_quantity_makes_the_annotation():
+def test_a_unit_makes_the_annotation():
     class Other(Spec):
-        area: quantity("nm**2", gt=0) = 1.0  # pyright: ignore[reportInvalidTypeForm]
+        area: Annotated[float, Unit("nm**2", gt=0)] = 1.0
 
     assert Other(area="1 um**2").area == 1e6
     with pytest.raises(InputError, match=r"area: 0\.0: Input should be greater than 0"):
