@@ -446,9 +446,7 @@ def tradeoff(
             plus_minus(row.beta, row.beta_stderr) if row.beta == row.beta else "",
             row.remark,
         )
-    for column in table.columns:
-        column.no_wrap = True
-    terminal.show(table, width=130)
+    terminal.show(table, width=180)
 
 
 def _number(value: float, digits: int = 3) -> str:

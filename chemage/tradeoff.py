@@ -241,7 +241,8 @@ def figure(found: Tradeoff) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    knobs = [knob for knob in dict.fromkeys(row.knob for row in found.rows) if _errors(found, knob)]
+    named = dict.fromkeys(row.knob for row in found.rows if row.knob != "engine")  # engines are exact
+    knobs = [knob for knob in named if _errors(found, knob)]
     drawn = Figure(figsize=(4.6 * max(len(knobs), 1), 3.9), layout="constrained", dpi=130)
     FigureCanvasAgg(drawn)
     for knob, axes in zip(knobs, np.atleast_1d(drawn.subplots(1, max(len(knobs), 1))), strict=False):
@@ -250,7 +251,16 @@ def figure(found: Tradeoff) -> Figure:
         for x, y, label in points:
             axes.annotate(label, (x, y), textcoords="offset points", xytext=(5, 4), fontsize=7)
         axes.set(xlabel="CPU seconds", ylabel=name, title=knob)
+        axes.set_xlim(_decade([point[0] for point in points]))
+        axes.set_ylim(_decade([point[1] for point in points]))
     return drawn
+
+
+def _decade(values: list[float]) -> tuple[float, float]:
+    """Bounds around positive ``values``, a decade apart at least: small differences must not look large."""
+    low, high = min(values), max(values)
+    middle, reach = math.sqrt(low * high), max(math.sqrt(high / low) * 1.5, math.sqrt(10.0))
+    return middle / reach, middle * reach
 
 
 def _errors(found: Tradeoff, knob: str) -> Any:
