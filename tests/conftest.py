@@ -126,7 +126,7 @@ def small_text():
 @pytest.fixture
 def small(tmp_path, monkeypatch):
     """The file of a small whole scene, in an empty working folder."""
-    folder = tmp_path / "work"
+    folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)
     file = folder / "small.toml"

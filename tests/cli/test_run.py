@@ -112,7 +112,7 @@ def no_computing(monkeypatch):
         ("y", ["--out", "."], ". is a folder"),
         ("y", ["--out", "missing/x.h5"], "the folder missing does not exist"),
         ("y", ["--out", "small.toml", "--force"], "small.toml is what this scene is read from"),
-        ("y", ["--out", "./../work/small.toml", "--force"], "is what this scene is read from"),
+        ("y", ["--out", "./../here/small.toml", "--force"], "is what this scene is read from"),
         ("y", ["--out", "/dev/null", "--force"], "/dev/null is a device or a pipe"),
         ("y", ["--out", "n" * 300], "File name too long"),
     ],
