@@ -10,14 +10,39 @@ import hashlib
 import json
 import time
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from chemage.errors import InputError, StoreError
-from chemage.objects import BondHistory, ReactionLattice
+from chemage.objects import BondHistory, ReactionLattice, Record
 from chemage.pipeline import run_kinetics
 from chemage.spec import Engine, Seed, check_times, temperature_value
 from chemage.store import read_parts, write_parts
+
+_Kept = TypeVar("_Kept", bound=Record)
+
+
+def taken_up(path: Path, name: str, kind: type[_Kept], key: str, other: str) -> _Kept | None:
+    """The object ``name`` that :func:`keep` put into ``path`` under ``key``; None if nothing is there.
+
+    Raises
+    ------
+    StoreError
+        With the message ``other``: the file was kept under another key.
+    """
+    if not path.exists():
+        return None
+    parts, attributes = read_parts(path)
+    found = parts.get(name)
+    if attributes.get("checkpoint") != key or not isinstance(found, kind):
+        raise StoreError(other)
+    return found
+
+
+def keep(path: Path, name: str, thing: Record, key: str) -> None:
+    """Put ``thing`` into ``path``, in place of what was kept there before."""
+    write_parts(path, {name: thing}, {"checkpoint": key}, force=True)
 
 
 def run_with_checkpoints(
@@ -43,13 +68,8 @@ def run_with_checkpoints(
         raise InputError(f"engine {engine.kind!r} cannot go on from a history; run it without checkpoints")
     times, kelvin = check_times(hold_times), temperature_value(temperature)
     key = _key(engine, lattice, times, kelvin, seed)
-    done: BondHistory | None = None
-    if path.exists():
-        parts, attributes = read_parts(path)
-        found = parts.get("history")
-        if attributes.get("checkpoint") != key or not isinstance(found, BondHistory):
-            raise StoreError(f"{path} is the checkpoint of another run; remove it, or choose another folder")
-        done = found
+    other = f"{path} is the checkpoint of another run; remove it, or choose another folder"
+    done = taken_up(path, "history", BondHistory, key, other)
     at = 0 if done is None else done.hold_times.size
     piece = 1
     written = time.monotonic()
@@ -62,7 +82,7 @@ def run_with_checkpoints(
         # short pieces are joined, so that starting the engine anew stays a small part of the work
         piece = piece * 2 if now - begin < every / 8 else max(1, piece // 2)
         if now - written > every or at >= times.size:
-            write_parts(path, {"history": done}, {"checkpoint": key}, force=True)
+            keep(path, "history", done, key)
             written = time.monotonic()
     assert done is not None
     return done

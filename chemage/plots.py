@@ -27,13 +27,16 @@ BLACK = "#000000"
 _MAP_PIXELS = 900
 
 
-def _figure(width: float, height: float, columns: int = 1) -> tuple[Figure, list[Axes]]:
+def panels(
+    width: float, height: float, columns: int = 1, rows: int = 1, *, dpi: float = 150
+) -> tuple[Figure, list[Axes]]:
+    """An empty figure, ``width`` by ``height`` inches, and its plots row by row. Made without pyplot."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout="constrained", dpi=150)
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=dpi)
     FigureCanvasAgg(figure)
-    return figure, list(np.atleast_1d(figure.subplots(1, columns)))
+    return figure, list(np.ravel(figure.subplots(rows, columns)))
 
 
 def pooled(values: np.ndarray, pool: Callable[..., np.ndarray], most: int = _MAP_PIXELS) -> np.ndarray:
@@ -58,7 +61,7 @@ def _map(axes: Axes, values: np.ndarray, extent: tuple[float, float, float, floa
 
 def surface_figure(surface: Surface) -> Figure:
     """The height map, and the power spectral density where the surface is periodic."""
-    figure, axes = _figure(10.5, 4.2, 2)
+    figure, axes = panels(10.5, 4.2, 2)
     nx, ny = surface.shape
     _draw_heights(axes[0], surface)
     if surface.periodic and surface.rms_height > 0 and min(surface.shape) > 3:
@@ -76,7 +79,7 @@ def surface_figure(surface: Surface) -> Figure:
 
 def pressure_figure(contact: ContactSolution) -> Figure:
     """The pressure over the whole contact, and the neighbourhood of its largest patch with the patches' outlines."""
-    figure, axes = _figure(10.5, 4.8, 2)
+    figure, axes = panels(10.5, 4.8, 2)
     _draw_pressure(axes[0], contact)
     _draw_largest_patch(axes[1], contact)
     return figure
@@ -166,7 +169,7 @@ def barriers_figure(run: Run) -> Figure | None:
         return None
     seen = run.aging.observables
     edges = seen["barrier_edges"][0]
-    figure, (axes,) = _figure(5.4, 4.0)
+    figure, (axes,) = panels(5.4, 4.0)
     energy = np.linspace(edges[0], edges[-1], 801)
     intrinsic = _intrinsic_density(run.scene["forming"], energy)
     if intrinsic is not None:
@@ -202,7 +205,7 @@ def friction_figure(run: Run) -> Figure | None:
     if run.aging is None:
         return None
     aging, fit = run.aging, run.fit()
-    figure, axes = _figure(10.5, 4.2, 2)
+    figure, axes = panels(10.5, 4.2, 2)
     shown = aging.hold_times > 0
     t = aging.hold_times[shown]
     _with_errors(axes[0], t, aging.mean_friction_drop[shown], aging.friction_drop_stderr[shown], BLUE)
@@ -288,7 +291,7 @@ def save_figures(named: Mapping[str, Figure], folder: Path, *, force: bool = Fal
 
 def blank(width: float, height: float) -> tuple[Figure, Axes]:
     """An empty figure of one plot, ``width`` by ``height`` inches."""
-    figure, (axes,) = _figure(width, height)
+    figure, (axes,) = panels(width, height)
     return figure, axes
 
 

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from chemage.ageing import age
+from chemage.checkpoints import keep, taken_up
 from chemage.errors import ChemageError, StoreError
 from chemage.objects import ContactSolution, Surface
 from chemage.pipeline import make_surface, solve_contact
 from chemage.results import Run, jsonable
 from chemage.scene import Scene
-from chemage.store import read_parts, write_parts
 
 __all__ = ["Progress", "Run", "jsonable", "run", "versions"]
 
@@ -90,14 +90,11 @@ def _solved(scene: Scene, surface: Surface, checkpoints: Path | None) -> Contact
     except OSError as error:
         raise StoreError(f"cannot make the folder {checkpoints}: {error.strerror}") from error
     path, key = checkpoints / "contact.h5", scene.keys()["contact"]
-    if path.exists():
-        parts, attributes = read_parts(path)
-        found = parts.get("contact")
-        if attributes.get("checkpoint") != key or not isinstance(found, ContactSolution):
-            raise StoreError(f"{checkpoints} holds checkpoints of another scene; choose another folder")
-        return found
-    solution = solve_contact(scene.contact, surface, scene.load)
-    write_parts(path, {"contact": solution}, {"checkpoint": key})
+    other = f"{checkpoints} holds checkpoints of another scene; choose another folder"
+    solution = taken_up(path, "contact", ContactSolution, key, other)
+    if solution is None:
+        solution = solve_contact(scene.contact, surface, scene.load)
+        keep(path, "contact", solution, key)
     return solution
 
 

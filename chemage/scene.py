@@ -340,11 +340,6 @@ def _kinetics(
 # -- files ------------------------------------------------------------------------------------------------------------
 
 
-def installed_scenes() -> dict[str, str]:
-    """Scenes that come with plugins: name -> ``"package:file.toml"``."""
-    return registry.current().scenes()
-
-
 def installed_text(name: str) -> str:
     """The text of an installed scene."""
     target = registry.current().scene_target(name)

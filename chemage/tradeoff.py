@@ -238,16 +238,15 @@ def l2_error(values: np.ndarray, exact: np.ndarray) -> float:
 
 def figure(found: Tradeoff) -> Figure:
     """Error against CPU seconds, a panel for each knob that has an error to show."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from chemage.plots import BLUE, panels
 
     named = dict.fromkeys(row.knob for row in found.rows if row.knob != "engine")  # engines are exact
     knobs = [knob for knob in named if _errors(found, knob)]
-    drawn = Figure(figsize=(4.6 * max(len(knobs), 1), 3.9), layout="constrained", dpi=130)
-    FigureCanvasAgg(drawn)
-    for knob, axes in zip(knobs, np.atleast_1d(drawn.subplots(1, max(len(knobs), 1))), strict=False):
+    columns = max(len(knobs), 1)
+    drawn, plots = panels(4.6 * columns, 3.9, columns, dpi=130)
+    for knob, axes in zip(knobs, plots, strict=False):
         name, points = _errors(found, knob)
-        axes.loglog([point[0] for point in points], [point[1] for point in points], "o-", ms=4, color="#0072B2")
+        axes.loglog([point[0] for point in points], [point[1] for point in points], "o-", ms=4, color=BLUE)
         for x, y, label in points:
             axes.annotate(label, (x, y), textcoords="offset points", xytext=(5, 4), fontsize=7)
         axes.set(xlabel="CPU seconds", ylabel=name, title=knob)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from chemage.plots import panels
 from chemage_silica.tips import NOTHING, SITES, STAGES, UNIFORM, WINDOW, Aged, Study, left_over
 
 if TYPE_CHECKING:
@@ -212,12 +213,7 @@ _LABELS = {"tip": "tips", "rough": "rough, equal nominal pressure", "equal area"
 
 
 def _figure(columns: int) -> tuple[Figure, list[Axes]]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(4.8 * columns, 3.8), layout="constrained", dpi=90)
-    FigureCanvasAgg(figure)
-    return figure, list(np.atleast_1d(figure.subplots(1, columns)))
+    return panels(4.8 * columns, 3.8, columns, dpi=90)
 
 
 def _groups(study: Study) -> list[str]:

@@ -15,7 +15,7 @@ import pytest
 
 import chemage
 from chemage import registry
-from chemage.scene import installed_scenes, load_scene
+from chemage.scene import load_scene
 from chemage.spec import ROLES
 
 PNG, PDF = b"\x89PNG\r\n\x1a\n", b"%PDF-"
@@ -211,7 +211,7 @@ def test_plugins_list_names_every_kind_and_scene(command):
     for role in ROLES:
         for kind in plugins.kinds(role):
             assert re.search(rf"{role} +{kind} +chemage ", done.out), (role, kind)
-    for name in installed_scenes():
+    for name in registry.current().scenes():
         assert re.search(rf"scene +{name} +chemage ", done.out)
     listed = json.loads(command("plugins", "list", "--json").out)
     assert {(c["role"], c["kind"]) for c in listed["choices"]} == {(r, k) for r in ROLES for k in plugins.kinds(r)}

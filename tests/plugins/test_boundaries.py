@@ -18,6 +18,7 @@ PUBLIC = {
     "chemage.hookspecs",
     "chemage.measures",
     "chemage.objects",
+    "chemage.plots",
     "chemage.random",
     "chemage.registry",
     "chemage.runs",

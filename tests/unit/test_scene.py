@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from chemage import registry
 from chemage.errors import InputError, SceneError, StoreError
-from chemage.scene import installed_scenes, load_scene, override, parse_scene, scene_data
+from chemage.scene import load_scene, override, parse_scene, scene_data
 from chemage.units import convert
 
 
@@ -133,7 +134,7 @@ def test_a_scene_is_read_back_from_its_data(data):
     assert again.todict() == scene.todict()
 
 
-@pytest.mark.parametrize("name", sorted(installed_scenes()))
+@pytest.mark.parametrize("name", sorted(registry.current().scenes()))
 def test_installed_scenes_are_read_back_from_their_data(name):
     data = scene_data(name)[0]
     data.pop("sweep", None)

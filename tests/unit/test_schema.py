@@ -10,7 +10,7 @@ import pytest
 
 from chemage import registry
 from chemage.errors import SceneError
-from chemage.scene import installed_scenes, load_scene, override, parse_scene, scene_data
+from chemage.scene import load_scene, override, parse_scene, scene_data
 from chemage.schema import options_of, scene_schema
 from chemage.spec import ROLES
 
@@ -35,7 +35,7 @@ def data(small_text):
     return tomllib.loads(small_text)
 
 
-@pytest.mark.parametrize("name", sorted(installed_scenes()))
+@pytest.mark.parametrize("name", sorted(registry.current().scenes()))
 def test_installed_scenes_fit(problems, name):
     data = scene_data(name)[0]
     assert problems(data) == []

@@ -60,6 +60,7 @@ def write(
     result: sweeps.SweepResult, names: list[str], folder: Path, *, seeds: tuple[int, ...], pixels: int
 ) -> tuple[list[checks.Line], list[checks.Claim]]:
     """Figures and page of a finished sweep into ``folder``; what an earlier call drew there is drawn anew."""
+    from chemage.plots import save_figures
     from chemage.runs import versions
     from chemage.store import fresh_file
     from chemage_silica.reproduction import checks, figures, pages
@@ -67,10 +68,7 @@ def write(
 
     found = studies_of((Point.of(point) for point in result), names)
     lines, claims = checks.lines(found, names), checks.claims(found, names)
-    (folder / "figures").mkdir(parents=True, exist_ok=True)
-    for name in names:
-        with fresh_file(folder / "figures" / f"{name}.png", force=True) as part:
-            figures.DRAW[name](found).savefig(part, format="png")
+    save_figures({name: figures.DRAW[name](found) for name in names}, folder / "figures", force=True)
     text = pages.page(lines, claims, names, seeds=seeds, pixels=pixels, figures="figures", versions=versions())
     with fresh_file(folder / "reproduction.md", force=True) as part:
         part.write_text(text, encoding="utf-8")

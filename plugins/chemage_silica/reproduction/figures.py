@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from chemage.plots import panels
 from chemage_silica.reproduction import published
 from chemage_silica.reproduction.checks import LOAD, SLOPE, VOLUME, Studies
 from chemage_silica.reproduction.points import Point, curve, grouped, mean
@@ -19,12 +20,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 
 
 def _figure(columns: int, rows: int = 1, width: float = 4.6, height: float = 3.9) -> tuple[Figure, list[Axes]]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width * columns, height * rows), layout="constrained", dpi=130)
-    FigureCanvasAgg(figure)
-    return figure, list(np.ravel(figure.subplots(rows, columns)))
+    return panels(width * columns, height * rows, columns, rows, dpi=130)
 
 
 def fig1(studies: Studies) -> Figure:
