@@ -49,22 +49,24 @@ inner = nb.njit(**_INNER)
 hot = nb.njit(forceinline=True, **_INNER)
 
 
-def _typed_prefetch(typingctx, address):
-    """Ask for the cache line at a memory address, without waiting for it."""
+def _typed_touch(typingctx, array, row):
+    """Ask for the cache line where a row of an array starts, without waiting for it; harmless outside the array."""
 
     def codegen(context, builder, signature, args):
-        byte = ir.IntType(8).as_pointer()
-        word = ir.IntType(32)
+        view = context.make_array(signature.args[0])(context, builder, args[0])
+        byte, word, long = ir.IntType(8).as_pointer(), ir.IntType(32), ir.IntType(64)
         fetch = builder.module.declare_intrinsic(
             "llvm.prefetch", (byte,), ir.FunctionType(ir.VoidType(), [byte, word, word, word])
         )
-        builder.call(fetch, [builder.inttoptr(args[0], byte), word(0), word(3), word(1)])
+        step = builder.mul(args[1], builder.extract_value(view.strides, 0))
+        address = builder.add(builder.ptrtoint(view.data, long), step)
+        builder.call(fetch, [builder.inttoptr(address, byte), word(0), word(3), word(1)])
         return context.get_dummy_value()
 
-    return types.void(types.uintp), codegen
+    return types.void(array, types.int64), codegen
 
 
-_prefetch: Any = intrinsic(_typed_prefetch)
+touch: Any = intrinsic(_typed_touch)
 
 
 def _typed_bare(typingctx, array):
@@ -84,17 +86,6 @@ def _typed_bare(typingctx, array):
 
 
 bare: Any = intrinsic(_typed_bare)
-
-
-@inner
-def prefetch(array, first, last):
-    """Ask for the cache lines of rows ``first`` to ``last`` - 1, without waiting for them. Never reads out of bounds:
-    a prefetch outside the array is harmless."""
-    address = np.uint64(array.ctypes.data) + np.uint64(first * array.strides[0])
-    end = np.uint64(array.ctypes.data) + np.uint64(last * array.strides[0])
-    while address < end:
-        _prefetch(address)
-        address += np.uint64(64)
 
 
 @inner

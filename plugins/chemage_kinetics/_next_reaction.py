@@ -8,9 +8,10 @@ the patches nor the number of threads can be seen in the result.
 When a neighbour's event changes a site's rate from r to r', its pending time moves from t + d to t + d r / r' (Gibson &
 Bruck 2000): the exponential of the change in barrier, no logarithm and no random number.
 
-The queue is lazy. Sites are sorted once into buckets of time, four to an octave, and only the bucket at hand is a heap,
-small enough for the nearest cache. A time that moves later leaves its entry, in a bucket or in the heap, where it is:
-entries are lower bounds, and are corrected when their turn comes.
+The queue is lazy. Sites are sorted once into buckets of time, the finer the more sites there are, and only the bucket
+at hand is a heap, small enough for the nearest cache. A time that moves later leaves its entry, in a bucket or in the
+heap, where it is: entries are lower bounds, and are corrected when their turn comes. None of this can be seen in the
+result, which depends on the times alone.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ from chemage_kinetics._common import (
     jit,
     later,
     past,
-    prefetch,
     rate,
     sojourn,
+    touch,
     until,
 )
 
@@ -43,8 +44,16 @@ FLICKER = 8.0
 #: Draws below this number are single uniforms of a site, above it the private sequences of sojourns.
 _SOJOURN_BLOCKS = np.uint64(1 << 40)
 
-#: Buckets of time: four to an octave, this many back from the last hold time; all that is earlier is the first one.
-BUCKETS = 256
+#: Buckets of time cover so many octaves back from the last hold time; all that is earlier is in the first one.
+OCTAVES = 64
+#: A patch of up to so many sites has a single bucket; larger ones have four to an octave, and so many that not many
+#: more than a thousand sites are in the heap at once, up to MOST_BUCKETS.
+ONE_BUCKET = 256
+MOST_BUCKETS = 256 * OCTAVES
+#: Sites that move to a bucket to come are noted in chunks of one cache line: the next chunk of the bucket, how many
+#: sites, the sites.
+NEXT, COUNT, ENTRIES = 0, 1, 2
+HELD = 14
 #: How many sites ahead a list of scattered sites is fetched.
 AHEAD = 12
 
@@ -90,7 +99,7 @@ def _before(high, low, site, other_high, other_low, other_site):
 
 
 @hot
-def _rise(keys, sites, place, at, high, low, site):
+def _rise(keys, sites, spot, at, high, low, site):
     """Put an entry at heap position ``at`` or above, where it belongs."""
     while at > 0:
         above = (at - 1) >> 2
@@ -99,16 +108,16 @@ def _rise(keys, sites, place, at, high, low, site):
         keys[at, 0] = keys[above, 0]
         keys[at, 1] = keys[above, 1]
         sites[at] = sites[above]
-        place[sites[at]] = at
+        spot[sites[at], 0] = at
         at = above
     keys[at, 0] = high
     keys[at, 1] = low
     sites[at] = site
-    place[site] = at
+    spot[site, 0] = at
 
 
 @hot
-def _sink(keys, sites, place, size, at, high, low, site):
+def _sink(keys, sites, spot, size, at, high, low, site):
     """Put an entry at heap position ``at`` or below, where it belongs."""
     while True:
         child = 4 * at + 1
@@ -127,21 +136,21 @@ def _sink(keys, sites, place, size, at, high, low, site):
         keys[at, 0] = keys[best, 0]
         keys[at, 1] = keys[best, 1]
         sites[at] = sites[best]
-        place[sites[at]] = at
+        spot[sites[at], 0] = at
         at = best
     keys[at, 0] = high
     keys[at, 1] = low
     sites[at] = site
-    place[site] = at
+    spot[site, 0] = at
 
 
 @inner
-def _drop(keys, sites, place, size, site):
+def _drop(keys, sites, spot, size, site):
     """Take a site out of the heap; returns the new size."""
-    at = np.int64(place[site])
+    at = np.int64(spot[site, 0])
     if at < 0:
         return size
-    place[site] = -1
+    spot[site, 0] = -1
     size -= 1
     if at < size:
         high = keys[size, 0]
@@ -149,36 +158,59 @@ def _drop(keys, sites, place, size, site):
         moved = np.int64(sites[size])
         above = (at - 1) >> 2
         if at > 0 and _before(high, low, moved, keys[above, 0], keys[above, 1], np.int64(sites[above])):
-            _rise(keys, sites, place, at, high, low, moved)
+            _rise(keys, sites, spot, at, high, low, moved)
         else:
-            _sink(keys, sites, place, size, at, high, low, moved)
+            _sink(keys, sites, spot, size, at, high, low, moved)
     return size
 
 
-@hot
-def _bucket(time, base, scratch):
-    """The bucket of a time: exponent and two leading bits of a positive double, counted from ``base``.
+@inner
+def _grid(sites, final, scratch):
+    """How a patch of so many sites is cut into buckets, see `_bucket`."""
+    bits = 2
+    while sites >> (14 + bits) > 0 and OCTAVES << bits < MOST_BUCKETS:
+        bits += 1
+    last = (OCTAVES << bits) - 1 if sites > ONE_BUCKET else 0
+    scratch[0][0] = final
+    return (scratch[1][0] >> (52 - bits)) - last, 52 - bits, last
 
-    ``scratch`` is a pair of views, as float64 and int64, of one number.
+
+@hot
+def _bucket(time, grid, scratch):
+    """The bucket of a time: exponent and some leading bits of a positive double.
+
+    ``grid`` is (what is taken from that number, bits that are left out, the last bucket); ``scratch`` a pair of views,
+    as float64 and int64, of one number.
     """
     scratch[0][0] = time
-    number = (scratch[1][0] >> 50) - base
-    return min(max(number, 0), BUCKETS - 1)
+    return min(max((scratch[1][0] >> grid[1]) - grid[0], 0), grid[2])
 
 
 @hot
-def _rehome(site, bucket, chain, home, heads):
-    """Enter a site in a bucket to come. False where it stands in the chain of a later one and cannot be."""
-    if home[site] < 0:
-        home[site] = bucket
-        chain[site] = heads[bucket]
-        heads[bucket] = site
+def _rehome(site, bucket, spot, heads, pool, spare):
+    """Enter a site in a bucket to come. False where it stands in a later one and cannot be."""
+    if spot[site, 1] < 0:
+        spot[site, 1] = bucket
+        chunk = heads[bucket]
+        if chunk < 0 or pool[chunk, COUNT] == HELD:
+            fresh = spare[0]
+            if fresh >= 0:
+                spare[0] = np.int64(pool[fresh, NEXT])
+            else:
+                fresh = spare[1]
+                spare[1] += 1
+            pool[fresh, NEXT] = chunk
+            pool[fresh, COUNT] = 0
+            heads[bucket] = fresh
+            chunk = fresh
+        pool[chunk, ENTRIES + pool[chunk, COUNT]] = site
+        pool[chunk, COUNT] += 1
         return True
-    return home[site] <= bucket
+    return spot[site, 1] <= bucket
 
 
 @hot
-def _valid_top(keys, sites, place, size, times, final, present, base, scratch, chain, home, heads):
+def _valid_top(keys, sites, spot, size, times, final, present, grid, scratch, heads, pool, spare):
     """Correct the entries at the top until the first is right; returns the size."""
     while size > 0:
         site = np.int64(sites[0])
@@ -188,87 +220,100 @@ def _valid_top(keys, sites, place, size, times, final, present, base, scratch, c
             break
         gone = past(high, low, final)
         if not gone:
-            bucket = _bucket(high, base, scratch)
-            gone = bucket > present and _rehome(site, bucket, chain, home, heads)
+            bucket = _bucket(high, grid, scratch)
+            gone = bucket > present and _rehome(site, bucket, spot, heads, pool, spare)
         if gone:
-            place[site] = -1
+            spot[site, 0] = -1
             size -= 1
             if size == 0:
                 break
             high = keys[size, 0]
             low = keys[size, 1]
             site = np.int64(sites[size])
-        _sink(keys, sites, place, size, np.int64(0), high, low, site)
+        _sink(keys, sites, spot, size, np.int64(0), high, low, site)
     return size
 
 
 @hot
-def _offer(keys, sites, place, size, times, site, final, present, base, scratch, chain, home, heads):
+def _offer(keys, sites, spot, size, times, site, final, present, grid, scratch, heads, pool, spare):
     """See that the queue knows of a pending time that is new or earlier than it was; returns the size of the heap."""
     high = times[site, 0]
     low = times[site, 1]
-    at = np.int64(place[site])
+    at = np.int64(spot[site, 0])
     if at >= 0:
         if _before(high, low, site, keys[at, 0], keys[at, 1], site):
-            _rise(keys, sites, place, at, high, low, site)
+            _rise(keys, sites, spot, at, high, low, site)
         return size
     if past(high, low, final):
         return size
-    bucket = _bucket(high, base, scratch)
-    if bucket > present and _rehome(site, bucket, chain, home, heads):
+    bucket = _bucket(high, grid, scratch)
+    if bucket > present and _rehome(site, bucket, spot, heads, pool, spare):
         return size
-    _rise(keys, sites, place, size, high, low, site)
+    _rise(keys, sites, spot, size, high, low, site)
     return size + 1
 
 
 @inner
-def _open(sorted_sites, begin, end, bucket, keys, sites, place, size, times, final, base, scratch, chain, home, heads):
+def _offer_cold(keys, sites, spot, size, times, site, final, present, grid, scratch, heads, pool, spare):
+    return _offer(keys, sites, spot, size, times, site, final, present, grid, scratch, heads, pool, spare)
+
+
+@inner
+def _open(sorted_sites, begin, end, bucket, keys, sites, spot, size, times, final, grid, scratch, heads, pool, spare):
     """Take the entries of one bucket into the heap; returns its size."""
-    at = begin
-    link = np.int64(heads[bucket])
+    for at in range(begin, end):
+        if at + AHEAD < end:
+            touch(times, sorted_sites[at + AHEAD])
+            touch(spot, sorted_sites[at + AHEAD])
+        site = np.int64(sorted_sites[at])
+        if spot[site, 0] < 0:
+            size = _offer_cold(keys, sites, spot, size, times, site, final, bucket, grid, scratch, heads, pool, spare)
+    chunk = heads[bucket]
     heads[bucket] = -1
-    while at < end or link >= 0:
-        if at < end:
-            site = np.int64(sorted_sites[at])
-            at += 1
-            if at + AHEAD < end:
-                prefetch(times, sorted_sites[at + AHEAD], sorted_sites[at + AHEAD] + 1)
-                prefetch(place, sorted_sites[at + AHEAD], sorted_sites[at + AHEAD] + 1)
-        else:
-            site = link
-            link = np.int64(chain[site])
-            home[site] = -1
-        if place[site] < 0:
-            size = _offer(keys, sites, place, size, times, site, final, bucket, base, scratch, chain, home, heads)
+    while chunk >= 0:
+        following = np.int64(pool[chunk, NEXT])
+        touch(pool, following)
+        for e in range(ENTRIES, ENTRIES + pool[chunk, COUNT]):
+            touch(times, pool[chunk, e])
+            touch(spot, pool[chunk, e])
+        for e in range(ENTRIES, ENTRIES + pool[chunk, COUNT]):
+            site = np.int64(pool[chunk, e])
+            spot[site, 1] = -1
+            if spot[site, 0] < 0:
+                size = _offer_cold(
+                    keys, sites, spot, size, times, site, final, bucket, grid, scratch, heads, pool, spare
+                )
+        pool[chunk, NEXT] = spare[0]
+        spare[0] = chunk
+        chunk = following
     return size
 
 
 @inner
-def _sort(order, begin, end, times, final, base, scratch, ends, room):
-    """Sort the sites of a patch by bucket, those with no event before ``final`` last; ``ends`` (BUCKETS + 1,) where
+def _sort(order, begin, end, times, final, grid, scratch, ends, room):
+    """Sort the sites of a patch by bucket, those with no event before ``final`` last; ``ends`` (buckets + 2,) where
     each bucket ends."""
-    counts = np.zeros(BUCKETS + 2, np.int64)
+    buckets = grid[2] + 1
+    for b in range(buckets + 2):
+        ends[b] = 0
     for o in range(begin, end):
         i = np.int64(order[o])
         if o + AHEAD < end:
-            prefetch(times, order[o + AHEAD], order[o + AHEAD] + 1)
+            touch(times, order[o + AHEAD])
         room[o - begin] = i
-        if past(times[i, 0], times[i, 1], final):
-            counts[BUCKETS + 1] += 1
-        else:
-            counts[_bucket(times[i, 0], base, scratch) + 1] += 1
-    counts[0] = begin
-    for b in range(BUCKETS + 1):
-        counts[b + 1] += counts[b]
+        b = buckets if past(times[i, 0], times[i, 1], final) else _bucket(times[i, 0], grid, scratch)
+        ends[b + 1] += 1
+    ends[0] = begin
+    for b in range(buckets + 1):
+        ends[b + 1] += ends[b]
+    # Now where each bucket begins; filling them moves that to their ends.
     for o in range(end - begin):
         i = np.int64(room[o])
         if o + AHEAD < end - begin:
-            prefetch(times, room[o + AHEAD], room[o + AHEAD] + 1)
-        b = BUCKETS if past(times[i, 0], times[i, 1], final) else _bucket(times[i, 0], base, scratch)
-        order[counts[b]] = i
-        counts[b] += 1
-    for b in range(BUCKETS + 1):
-        ends[b] = counts[b]
+            touch(times, room[o + AHEAD])
+        b = buckets if past(times[i, 0], times[i, 1], final) else _bucket(times[i, 0], grid, scratch)
+        order[ends[b]] = i
+        ends[b] += 1
 
 
 @hot
@@ -344,8 +389,8 @@ def _turn(
         # Asked for in a short loop of its own, so that the latencies overlap.
         j = np.int64(neighbours[site, s])
         if j >= 0:
-            prefetch(words, j, j + 1)
-            prefetch(times, j, j + 1)
+            touch(words, j)
+            touch(times, j)
     for s in range(neighbours.shape[1]):
         j = np.int64(neighbours[site, s])
         if j < 0:
@@ -378,11 +423,11 @@ def _turn(
 
 
 @inner
-def _offer_around(i, neighbours, keys, sites, place, size, times, final, present, base, scratch, chain, home, heads):
+def _offer_around(i, neighbours, keys, sites, spot, size, times, final, present, grid, scratch, heads, pool, spare):
     for s in range(-1, neighbours.shape[1]):
         j = np.int64(neighbours[i, s]) if s >= 0 else i
         if j >= 0:
-            size = _offer(keys, sites, place, size, times, j, final, present, base, scratch, chain, home, heads)
+            size = _offer(keys, sites, spot, size, times, j, final, present, grid, scratch, heads, pool, spare)
     return size
 
 
@@ -465,12 +510,43 @@ def _choose(site, u, words, neighbours, breaking, nu, per_unit):
 
 
 @inner
-def _drop_around(keys, sites, place, size, i, neighbours):
-    size = _drop(keys, sites, place, size, i)
+def _drop_around(keys, sites, spot, size, i, neighbours):
+    size = _drop(keys, sites, spot, size, i)
     for s in range(neighbours.shape[1]):
         if neighbours[i, s] >= 0:
-            size = _drop(keys, sites, place, size, np.int64(neighbours[i, s]))
+            size = _drop(keys, sites, spot, size, np.int64(neighbours[i, s]))
     return size
+
+
+@hot
+def _look_ahead(keys, sites, size, words, neighbours, coupling, breaking, times, draws, pixels, spot):
+    """Ask for the memory of the next events while there is time.
+
+    The next event is the first of the four below the top, most likely, and the one after it is another of them: the
+    rows of all four are asked for, and the neighbours of the first, by the row that was asked for before.
+    """
+    after = np.int64(1)
+    for c in range(1, min(5, size)):
+        if keys[c, 0] < keys[after, 0]:
+            after = np.int64(c)
+        j = np.int64(sites[c])
+        touch(words, j)
+        touch(neighbours, j)
+        touch(neighbours, j + 1)
+        touch(coupling, j)
+        touch(coupling, j + 1)
+    i = np.int64(sites[after])
+    touch(times, i)
+    touch(draws, i)
+    touch(pixels, i)
+    if breaking.size > 0:
+        touch(breaking, i)
+    for s in range(neighbours.shape[1]):
+        j = np.int64(neighbours[i, s])
+        if j >= 0:
+            touch(words, j)
+            touch(times, j)
+            touch(spot, j)
 
 
 @jit
@@ -492,18 +568,16 @@ def follow(
     words,
     times,
     draws,
-    place,
-    chain,
-    home,
+    spot,
     tally,
     events,
 ):
     """Follow the patches ``first`` to ``last`` - 1 to the last hold time, or for about ``events`` events.
 
-    times: (n, 2) float64 pending times as pairs; draws: (n,) int64 numbers drawn so far; place, chain: (n,) int32 and
-    home: (n,) int16, a site's place in the heap, the next in its bucket, and that bucket; superbasins, tally: as for
-    the direct method. Returns the first patch not finished: its queue is made again from ``times`` when it is taken up,
-    so nothing else needs to be kept.
+    times: (n, 2) float64 pending times as pairs; draws: (n,) int64 numbers drawn so far; spot: (n, 2) int32 scratch, a
+    site's place in the heap and the bucket to come where it is noted; superbasins, tally: as for the direct method.
+    Returns the first patch not finished: its queue is made again from ``times`` when it is taken up, so nothing else
+    needs to be kept.
     """
     most = 0
     for p in range(first, last):
@@ -529,17 +603,17 @@ def follow(
         words,
         times,
         draws,
-        place,
-        chain,
-        home,
+        spot,
         tally,
         events,
         keys,
         sites,
         np.empty(most, np.int32),
         np.empty(neighbours.shape[1], np.int64),
-        np.empty(BUCKETS + 1, np.int64),
-        np.empty(BUCKETS, np.int64),
+        np.empty(MOST_BUCKETS + 2, np.int64),
+        np.empty(MOST_BUCKETS, np.int64),
+        np.empty((most // HELD + MOST_BUCKETS + 1, ENTRIES + HELD), np.int32),
+        np.empty(2, np.int64),
         np.empty(1),
         np.empty(5, np.uint64),
     )
@@ -564,9 +638,7 @@ def _follow(
     words,
     times,
     draws,
-    place,
-    chain,
-    home,
+    spot,
     tally,
     events,
     keys,
@@ -575,6 +647,8 @@ def _follow(
     sooner,
     ends,
     heads,
+    pool,
+    spare,
     number,
     rng,
 ):
@@ -587,9 +661,9 @@ def _follow(
     words = bare(words)
     times = bare(times)
     draws = bare(draws)
-    place = bare(place)
-    chain = bare(chain)
-    home = bare(home)
+    spot = bare(spot)
+    pool = bare(pool)
+    spare = bare(spare)
     tally = bare(tally)
     keys = bare(keys)
     sites = bare(sites)
@@ -598,15 +672,16 @@ def _follow(
     rng = bare(rng)
     scratch = (bare(number), bare(number.view(np.int64)))
     final = hold_times[hold_times.size - 1]
-    number[0] = final
-    base = (scratch[1][0] >> 50) - (BUCKETS - 1)
     for p in range(first, last):
-        _sort(order, starts[p], starts[p + 1], times, final, base, scratch, ends, room)
+        grid = _grid(np.int64(starts[p + 1]) - starts[p], final, scratch)
         for o in range(starts[p], starts[p + 1]):
-            place[order[o]] = -1
-            home[order[o]] = -1
-        for b in range(BUCKETS):
+            spot[order[o], 0] = -1
+            spot[order[o], 1] = -1
+        _sort(order, starts[p], starts[p + 1], times, final, grid, scratch, ends, room)
+        for b in range(grid[2] + 1):
             heads[b] = -1
+        spare[0] = -1
+        spare[1] = 0
         # Typed, or numba compiles what they are passed to for the literals, too.
         size = np.int64(0)
         hold = np.int64(0)
@@ -615,9 +690,9 @@ def _follow(
         high = low = span = 0.0
         rate_here = rate_back = around_here = around_back = 0.0
         while True:
-            size = _valid_top(keys, sites, place, size, times, final, present, base, scratch, chain, home, heads)
+            size = _valid_top(keys, sites, spot, size, times, final, present, grid, scratch, heads, pool, spare)
             # The heap may hold entries of buckets to come; they wait until theirs is open.
-            if present < BUCKETS - 1 and (size == 0 or _bucket(keys[0, 0], base, scratch) > present):
+            if present < grid[2] and (size == 0 or _bucket(keys[0, 0], grid, scratch) > present):
                 present += 1
                 begin = ends[present - 1] if present > 0 else starts[p]
                 if ends[present] > begin or heads[present] >= 0:
@@ -628,18 +703,18 @@ def _follow(
                         present,
                         keys,
                         sites,
-                        place,
+                        spot,
                         size,
                         times,
                         final,
-                        base,
+                        grid,
                         scratch,
-                        chain,
-                        home,
                         heads,
+                        pool,
+                        spare,
                     )
                     if superbasins is not None and aside >= 0:
-                        size = _drop_around(keys, sites, place, size, aside, neighbours)
+                        size = _drop_around(keys, sites, spot, size, aside, neighbours)
                 continue
             if superbasins is not None and aside >= 0:
                 # Now the next event elsewhere in the patch is known: follow the site set aside until then, or until a
@@ -675,7 +750,7 @@ def _follow(
                         hold,
                     )
                 size = _offer_around(
-                    i, neighbours, keys, sites, place, size, times, final, present, base, scratch, chain, home, heads
+                    i, neighbours, keys, sites, spot, size, times, final, present, grid, scratch, heads, pool, spare
                 )
                 continue
             if size == 0:
@@ -685,20 +760,7 @@ def _follow(
             events -= 1
             i = np.int64(sites[0])
             if size > 1:
-                # The next event is the first of the four below the top, most likely: have its memory brought in.
-                after = 1
-                for c in range(2, min(5, size)):
-                    if keys[c, 0] < keys[after, 0]:
-                        after = c
-                j = np.int64(sites[after])
-                prefetch(neighbours, j, j + 1)
-                prefetch(coupling, j, j + 1)
-                prefetch(words, j, j + 1)
-                prefetch(times, j, j + 1)
-                prefetch(draws, j, j + 1)
-                prefetch(pixels, j, j + 1)
-                if breaking.size > 0:
-                    prefetch(breaking, j, j + 1)
+                _look_ahead(keys, sites, size, words, neighbours, coupling, breaking, times, draws, pixels, spot)
             high = times[i, 0]
             low = times[i, 1]
             while past(high, low, hold_times[hold]):
@@ -728,7 +790,7 @@ def _follow(
             _draw(k0, k1, i, pixels[i], words, breaking, nu, per_unit, high, low, times, draws)
             for s in range(found):
                 size = _offer(
-                    keys, sites, place, size, times, sooner[s], final, present, base, scratch, chain, home, heads
+                    keys, sites, spot, size, times, sooner[s], final, present, grid, scratch, heads, pool, spare
                 )
             if superbasins is not None:
                 # Does the site flip far more often than anything around it? Then set it and its neighbours aside.
@@ -738,5 +800,5 @@ def _follow(
                 span = until(high, low, hold_times[hold])
                 if FLICKER * max(around_here, around_back) <= slower and span * slower >= FLICKER:
                     aside = i
-                    size = _drop_around(keys, sites, place, size, i, neighbours)
+                    size = _drop_around(keys, sites, spot, size, i, neighbours)
     return last

@@ -45,6 +45,7 @@ class BKL(Engine):
         first = np.empty(kernel.CLASSES, np.int64)
         room = np.empty(kernel.CLASSES + 1, np.int64)
         counts = np.empty(kernel.CLASSES, np.int64)
+        slots = np.empty((kernel.CLASSES, 2), np.int64)
         weights = np.empty(kernel.GROUPS)
         clock = np.array([job.time, 0.0])
         counters = np.zeros(6, np.int64)
@@ -59,7 +60,7 @@ class BKL(Engine):
         else:
             counters[kernel.EVENT] = job.carried("event") + 1  # the pending event's own draw has been looked at
             order = kernel.sort(words, job.breaking, job.per_unit * kernel.SHARE, records, counts)
-        arena = kernel.place(order, words, records, first, room, counts, weights, counters)
+        arena = kernel.place(order, words, records, first, room, counts, slots, weights, counters)
         while not counters[kernel.DONE]:
             kernel.advance(
                 job.k0,
@@ -71,11 +72,13 @@ class BKL(Engine):
                 job.per_unit,
                 job.hold_times,
                 self.superbasins or None,
+                n >= kernel.FAR,
                 records,
                 arena,
                 first,
                 room,
                 counts,
+                slots,
                 weights,
                 clock,
                 counters,

@@ -56,12 +56,10 @@ class NextReaction(Engine):
         job = Job(self.kind, lattice, hold_times, temperature, seed, start)
         n = lattice.sites.size
         words = job.words()
-        place = np.zeros(n, np.int32)
+        spot = np.zeros((n, 2), np.int32)
         order = np.empty(n, np.int32)
-        chain = np.empty(n, np.int32)
-        home = np.empty(n, np.int16)
         starts = np.empty(n + 1, np.int32)
-        patches = kernel.find_patches(job.neighbours, order, starts, place)
+        patches = kernel.find_patches(job.neighbours, order, starts, spot.reshape(-1)[:n])
         starts = starts[: patches + 1].copy()
         if job.resume is not None:
             times, draws = np.array(job.resume["times"]), np.array(job.resume["draws"])
@@ -71,6 +69,9 @@ class NextReaction(Engine):
             kernel.draw_times(
                 job.k0, job.k1, lattice.sites, words, job.breaking, job.nu, job.per_unit, clock, times, draws
             )
+
+        # A patch that is taken up again sorts its sites anew, so a slice is not much shorter than that takes.
+        events = max(SLICE, int(np.diff(starts).max(initial=0)))
 
         def follow(first: int, last: int, tally: np.ndarray) -> int:
             return kernel.follow(
@@ -91,11 +92,9 @@ class NextReaction(Engine):
                 words,
                 times,
                 draws,
-                place,
-                chain,
-                home,
+                spot,
                 tally,
-                SLICE,
+                events,
             )
 
         run_pieces(job, follow, _pieces(starts), self.workers)

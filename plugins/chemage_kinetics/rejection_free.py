@@ -45,14 +45,21 @@ class RejectionFree(Engine):
         tree = aligned(int(starts[-1]))
         kernel.fill(words, job.breaking, job.nu, job.per_unit, tree, starts)
         clock = np.array([job.time, 0.0])
-        counters = np.zeros(4, np.int64)
+        sites, rates = np.full(kernel.ROOM, -1), aligned(kernel.ROOM + 8)
+        rates[:] = 0.0
+        far = words.size >= kernel.FAR
+        counters = np.zeros(6, np.int64)
         counters[kernel.LAST] = -1
         if job.resume is not None:
             clock[:] = job.resume["clock"]
             counters[kernel.EVENT] = job.resume["event"][0]
+            counters[kernel.DRAWN] = job.resume["drawn"][0]
             counters[kernel.LAST] = job.resume["last"][0]
+            if job.resume["fast"].size:
+                counters[kernel.LISTED] = kernel.relist(job.resume["fast"], tree, starts, sites, rates)
         else:
             counters[kernel.EVENT] = job.carried("event") + 1  # the pending event's own draw has been looked at
+            counters[kernel.DRAWN] = job.carried("drawn")
         while not counters[kernel.DONE]:
             kernel.advance(
                 job.k0,
@@ -64,9 +71,12 @@ class RejectionFree(Engine):
                 job.per_unit,
                 job.hold_times,
                 self.superbasins or None,
+                far,
                 words,
                 tree,
                 starts,
+                sites,
+                rates,
                 clock,
                 counters,
                 job.tally,
@@ -76,5 +86,7 @@ class RejectionFree(Engine):
             bonded(words),
             clock=clock,
             event=counters[kernel.EVENT : kernel.EVENT + 1].copy(),
+            drawn=counters[kernel.DRAWN : kernel.DRAWN + 1].copy(),
+            fast=sites[: counters[kernel.LISTED]].copy(),
             last=counters[kernel.LAST : kernel.LAST + 1].copy(),
         )

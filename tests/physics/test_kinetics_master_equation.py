@@ -138,6 +138,44 @@ def test_all_states_at_five_times_follow_the_master_equation(kind, name, tempera
         assert abs(history.bonds[0] / copies - mean) < 4.5 * spread / math.sqrt(copies)
 
 
+@pytest.mark.parametrize(("copies", "runs"), [(40, 200), (8000, 1)])
+def test_the_list_of_fast_sites_changes_no_probability(copies, runs, monkeypatch):
+    """On large lattices `rejection-free` keeps fast sites apart and foresees its choices; here on small ones, too."""
+    monkeypatch.setattr("chemage_kinetics._rejection_free.FAR", 9)
+    name, temperature = "2x4 with a hole", 300.0
+    one = patch(name, temperature)
+    times, expected = solution(name, temperature)
+    lattice = copies_of(one, copies)
+    engine = registry.engine("rejection-free")
+    seen = np.zeros((times.size, expected.shape[1]))
+    listed = 0
+    for seed in range(runs):
+        history = None
+        for t, time in enumerate(times):
+            history = engine.run(lattice, [time], temperature=temperature, seed=seed, start=history)
+            seen[t] += states(history, one["forming"].size)
+            listed += history.resume["fast"].size
+        whole = engine.run(lattice, times, temperature=temperature, seed=seed)
+        assert whole.state.tolist() == history.state.tolist()
+        assert whole.formed[-1] == history.formed[-1]
+    assert (listed > 0) == (copies < 1000)
+    for t, probability in enumerate(expected):
+        assert agrees(seen[t], copies * runs * probability) > CHANCE, f"{times[t]} s"
+
+
+@pytest.mark.parametrize("sites", [9, 400, 3000])
+def test_looking_ahead_is_invisible(sites, monkeypatch):
+    """`bkl` foresees its attempts on large lattices, to have their memory at hand; that changes nothing else."""
+    one = patch("3x3", 300.0)
+    lattice = copies_of(one, -(-sites // 9))
+    times = solution("3x3", 300.0)[0]
+    plain = registry.engine("bkl").run(lattice, times, temperature=300.0, seed=2)
+    monkeypatch.setattr("chemage_kinetics._bkl.FAR", 0)
+    ahead = registry.engine("bkl").run(lattice, times, temperature=300.0, seed=2)
+    assert plain.formed.tolist() == ahead.formed.tolist()
+    assert plain.state.tolist() == ahead.state.tolist()
+
+
 @pytest.mark.parametrize("kind", PLAIN)
 def test_events_are_those_of_the_master_equation(kind):
     """The mean number of bonds formed is the integral of the forming rate over the distribution."""

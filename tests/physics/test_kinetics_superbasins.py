@@ -167,6 +167,34 @@ def test_the_acceleration_follows_the_master_equation(kind, flicker):
     assert abs(_z(formed, expm(augmented * times[-1])[8, 0])) < 4.5
 
 
+def test_the_acceleration_follows_the_master_equation_beside_a_list_of_fast_sites(monkeypatch):
+    """As a large lattice has it: one trio that flickers among three that do not, in one lattice."""
+    monkeypatch.setattr("chemage_kinetics._rejection_free.FAR", 9)
+    hot, hot_matrix, temperature = trio(3000.0, 1.0)
+    calm, calm_matrix, _ = trio(3.0, 1.0)
+    trios = [calm, hot, calm, calm]
+    lattice = ReactionLattice(
+        pixels=(4, 3),
+        sites=np.arange(12),
+        forming=np.concatenate([t.forming for t in trios]),
+        breaking=np.concatenate([t.breaking for t in trios]),
+        neighbours=np.concatenate([np.where(t.neighbours < 0, -1, t.neighbours + 3 * i) for i, t in enumerate(trios)]),
+        coupling=np.concatenate([t.coupling for t in trios]),
+    )
+    engine = registry.engine("rejection-free", superbasins=True)
+    runs, time = 3000, 0.4
+    seen = np.zeros((4, 8))
+    for seed in range(runs):
+        first = engine.run(lattice, [0.1], temperature=temperature, seed=seed)
+        history = engine.run(lattice, [time], temperature=temperature, seed=seed, start=first)
+        for i, state in enumerate(history.state.reshape(4, 3) @ [1, 2, 4]):
+            seen[i, state] += 1
+    for i, matrix in enumerate([calm_matrix, hot_matrix, calm_matrix, calm_matrix]):
+        expected = runs * expm(matrix * time)[:, 0]
+        assert stats.chisquare(seen[i], expected).pvalue > CHANCE
+    assert history.events > 300  # the flips that were not followed one by one are counted
+
+
 @pytest.mark.parametrize("kind", ENGINES)
 def test_the_acceleration_is_one(kind):
     """A thousand million flips between two events of the neighbours, in no time."""
