@@ -134,7 +134,7 @@ class Job:
     def coupling(self) -> np.ndarray:
         """(n, k) eV, float64 or float32."""
         found = self.lattice.coupling
-        return frozen_empty(self.lattice.sites.size, 0) if found is None else found
+        return frozen_empty(self.lattice.sites.size, 0, dtype=np.float32) if found is None else found
 
     @property
     def breaking(self) -> np.ndarray:

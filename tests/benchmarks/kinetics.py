@@ -30,7 +30,7 @@ TIMES = np.geomspace(1e-3, 1e5, 33)
 ENGINES = ("rejection-free", "bkl", "next-reaction")
 
 
-def lattice_on(pixels: tuple[int, int], sites: np.ndarray, seed: int, single: bool = False) -> ReactionLattice:
+def lattice_on(pixels: tuple[int, int], sites: np.ndarray, seed: int) -> ReactionLattice:
     """Barriers uniform on .8 to 1.4 eV less 0.04 P, P Rayleigh of mean 1.6 GPa; breaking 1.1 ± .02 eV; I_b = .5 eV."""
     pairs = chemage.interaction("elastic-pairs", strength=0.5, bias=0.1)
     pressure = 1.6 * np.sqrt(-4.0 / np.pi * np.log(cr.uniforms(seed, 900, sites)))
@@ -38,8 +38,6 @@ def lattice_on(pixels: tuple[int, int], sites: np.ndarray, seed: int, single: bo
     breaking = chemage.barriers("gaussian", mean=1.1, std=0.02).quantile(cr.uniforms(seed, cr.BREAKING, sites))
     neighbours = pairs.neighbours(pixels, True, sites)
     coupling = pairs.coupling(sites, neighbours, seed)
-    if single:
-        coupling = coupling.astype(np.float32)
     for array in (forming, breaking, coupling):
         array.setflags(write=False)
     return ReactionLattice(
@@ -47,9 +45,9 @@ def lattice_on(pixels: tuple[int, int], sites: np.ndarray, seed: int, single: bo
     )
 
 
-def full(side: int, seed: int = 1, single: bool = False) -> ReactionLattice:
+def full(side: int, seed: int = 1) -> ReactionLattice:
     """``side`` × ``side`` pixels, all in contact, periodic."""
-    return lattice_on((side, side), np.arange(side * side), seed, single)
+    return lattice_on((side, side), np.arange(side * side), seed)
 
 
 def rough_sites(side: int, fraction: float, seed: int = 3) -> np.ndarray:
@@ -79,14 +77,13 @@ def table(title: str, head: list[str], rows: list[list[str]]) -> str:
 def warm_up() -> None:
     small = full(5)
     for kind in ENGINES:
-        for single in (False, True):
-            registry.engine(kind).run(full(5, single=single), [1.0], temperature=300)
+        registry.engine(kind).run(small, [1.0], temperature=300)
     bare = ReactionLattice(pixels=(5, 5), sites=small.sites, forming=small.forming, breaking=small.breaking)
     registry.engine("independent").run(bare, [1.0], temperature=300)
 
 
 def events() -> str:
-    lattice, build, _ = timed(lambda: full(1000), 2)
+    lattice, build, _ = timed(lambda: full(1000))
     rows = []
     for kind in ENGINES:
         history, cpu, _ = timed(lambda kind=kind: registry.engine(kind).run(lattice, TIMES, temperature=300, seed=0))
@@ -103,7 +100,7 @@ def rough_geometry() -> str:
         ("1e5 sites, 400 K to 300 s", 705, 0.2, 400.0, 300.0),
     ):
         sites = rough_sites(side, fraction)
-        lattice, build, _ = timed(lambda side=side, sites=sites: lattice_on((side, side), sites, 3), 2)
+        lattice, build, _ = timed(lambda side=side, sites=sites: lattice_on((side, side), sites, 3))
         times = np.geomspace(1e-3, end, 33)
         for kind, options in (*((kind, {}) for kind in ENGINES), ("next-reaction", {"workers": 2})):
             engine = registry.engine(kind, **options)
@@ -128,7 +125,7 @@ def grow(kind: str, side: int) -> dict[str, float]:
         return int(next(line for line in text.splitlines() if line.startswith(what)).split()[1]) * 1024
 
     before = memory("VmRSS")
-    lattice = full(side, single=True)
+    lattice = full(side)
     built = memory("VmHWM")
     held = memory("VmRSS")
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # the peak starts anew
@@ -176,7 +173,7 @@ def scaling() -> str:
         "lattice and run, peak",
         "building the lattice, peak",
     ]
-    return table("Growth with the number of sites: full contact, couplings in single precision", head, rows)
+    return table("Growth with the number of sites: full contact", head, rows)
 
 
 FIRST_CALL = """

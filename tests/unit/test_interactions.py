@@ -92,7 +92,7 @@ def test_every_pair_has_one_energy_and_the_lattice_accepts_it(contact, seed):
     here, slot = np.nonzero(table >= 0)
     there = table[here, slot]
     phi = random.pair_uniforms(seed, random.PAIR, sites[here], sites[there])
-    np.testing.assert_array_equal(coupling[here, slot], 0.5 * (phi - 0.1))
+    np.testing.assert_array_equal(coupling[here, slot], (0.5 * (phi - 0.1)).astype(np.float32))
     assert not coupling[table < 0].any()
     # the lattice itself refuses a graph or couplings that are not symmetric
     ca.ReactionLattice(pixels=pixels, sites=sites, forming=np.ones(sites.size), neighbours=table, coupling=coupling)
