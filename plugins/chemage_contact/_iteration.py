@@ -25,9 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -36,6 +34,7 @@ from numpy.typing import NDArray
 from . import _kernels as kernels
 from ._operators import Substrate, fast_length
 from ._split import Split, suits
+from ._team import Live, Team
 from ._transforms import Transforms
 
 Array = NDArray[Any]
@@ -51,9 +50,9 @@ PRECISIONS: dict[str, tuple[type[np.floating[Any]], type[np.floating[Any]]]] = {
 #: transforms only and the plain preconditioner; no preconditioner. After the last the solve has stalled.
 PATIENCE = (20, 20, 100)
 #: How far the error may fall on changes of the gap alone before the gap is evaluated anew: exact, and split operator.
-EXACT_TRUST, SPLIT_TRUST = 1e-5, 0.3
+EXACT_TRUST, SPLIT_TRUST = 1e-5, 0.15
 #: Iterations with the split operator after which the gap is evaluated anew in any case.
-SPLIT_TURNS = 8
+SPLIT_TURNS = 10
 #: The restricted inverse also carries what flows out of the working set, which the inverse of the restricted operator
 #: does not: this share of it is taken away, and it is worked out anew after so many iterations.
 OUTWARD_SHARE = 0.65
@@ -64,49 +63,34 @@ APPROACH_FLOOR = {"single": 0.1, "mixed": 1e-6, "double": 1e-6}
 #: Pressure cut off below zero is left out of the gap if it would change it by less than this part of the error.
 NEGLIGIBLE = 0.01
 #: A coarse grid is only a start: solved this well, and never smaller than this many pixels along an edge.
-COARSE_TOLERANCE = 1e-3
+COARSE_TOLERANCE = 5e-3
 COARSEST = 48
 COARSE_ITERATIONS = 30
 
 
-class Team:
-    """Runs a kernel over whole blocks or rows on a few threads; the kernels release the interpreter lock."""
-
-    def __init__(self, threads: int) -> None:
-        self.threads = max(1, threads)
-        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
-
-    def run(self, kernel: Callable[..., None], count: int, *args: Any) -> None:
-        """Call ``kernel(lo, hi, *args)`` so that the ranges cover 0 … count."""
-        if self._pool is None or count < 512:
-            kernel(0, count, *args)
-            return
-        edges = [count * k // self.threads for k in range(self.threads + 1)]
-        for job in [self._pool.submit(kernel, a, b, *args) for a, b in pairwise(edges)]:
-            job.result()
-
-    def close(self) -> None:
-        """Let the threads go."""
-        if self._pool is not None:
-            self._pool.shutdown()
-
-
 class Convolution:
-    """A substrate's operator in one precision, in pixel units: displacement = symbol/pixel applied to pressure."""
+    """A substrate's operator in one precision, in pixel units: displacement = symbol/pixel applied to pressure.
 
-    def __init__(self, body: Substrate, dtype: Any, library: str, team: Team, *, floating: bool) -> None:
+    ``symbol`` is ``body.symbol()``, which takes a while.
+    """
+
+    def __init__(self, body: Substrate, symbol: Array, dtype: Any, library: str, team: Team, *, floating: bool) -> None:
         self.shape, self.dtype, self.team = body.shape, np.dtype(dtype), team
         self.unit = math.sqrt(body.pixel[0] * body.pixel[1])
         self._transforms = Transforms(body.shape, body.padded, library, team.threads)
         self._plain = self._transforms
         if body.padded != body.shape:
             self._plain = Transforms(body.shape, body.shape, library, team.threads)
-        symbol = body.symbol() / self.unit
+        self._symbol = (symbol / self.unit).astype(self.dtype)
         if floating and body.padded == body.shape:
-            symbol[0, 0] = 0.0  # a uniform displacement only shifts the offset, but would drown the rest in rounding
-        self._symbol = symbol.astype(self.dtype)
+            self._symbol[0, 0] = 0.0  # a uniform displacement only shifts the offset, but its rounding drowns the rest
         self._inverse: Array | None = None
         self._body = body
+        self._buffer: Array | None = None
+        self._turn: Array | None = None
+        if body.padded == body.shape and body.shape[1] % 2 == 0:
+            angles = 2.0 * math.pi / body.shape[1] * np.arange(body.shape[1] // 2)
+            self._turn = np.exp(-1j * angles).astype(np.result_type(self.dtype, np.complex64))
 
     @property
     def transforms(self) -> int:
@@ -120,8 +104,7 @@ class Convolution:
     def energy(self, spectrum: Array) -> float:
         """xᵀGx from the spectrum of x, by Parseval's theorem."""
         rows, columns = self._transforms.padded
-        part = np.zeros((spectrum.shape[0], 1))
-        self.team.run(kernels.quadratic_form, spectrum.shape[0], spectrum, self._symbol, columns, part)
+        part = self.team.table(kernels.quadratic_form, spectrum.shape[0], 1, spectrum, self._symbol, columns)
         return float(part.sum()) / (rows * columns)
 
     def displacement(self, spectrum: Array) -> Array:
@@ -130,16 +113,30 @@ class Convolution:
         return self._transforms.backward(spectrum)
 
     def apply(self, x: Array) -> Array:
-        """Gx of a pressure x (nx, ny), rounded to this precision first."""
-        return self.displacement(self.spectrum(np.asarray(x, dtype=self.dtype)))
+        """Gx of a pressure x (nx, ny), rounded to this precision first; lasts until the next call."""
+        if self._turn is None:
+            return self.displacement(self.spectrum(np.asarray(x, dtype=self.dtype)))
+        if self._buffer is None:
+            self._buffer = np.empty(self.shape, self.dtype)
+        return self._packed(x, self._symbol, self._buffer)
 
     def precondition(self, v: Array) -> Array:
         """Approximately G⁻¹v."""
         if self._inverse is None:
             self._inverse = (self._body.inverse() * self.unit).astype(self.dtype)
+        if self._turn is not None:
+            return self._packed(v, self._inverse, np.empty(self.shape, self.dtype))
         spectrum = self._plain.forward(v)
         self.team.run(kernels.multiply, spectrum.shape[0], spectrum, self._inverse)
         return self._plain.backward(spectrum)
+
+    def _packed(self, x: Array, symbol: Array, buffer: Array) -> Array:
+        """x times a symbol, in the memory of ``buffer`` (nx, ny)."""
+        nx = self.shape[0]
+        self.team.run(kernels.convert, nx, x, buffer)
+        z = self._plain.in_place(buffer.view(np.result_type(self.dtype, np.complex64)), True)
+        self.team.run(kernels.multiply_packed, nx // 2 + 1, z, symbol, self._turn)
+        return self._plain.in_place(z, False).view(self.dtype)
 
 
 @dataclass
@@ -151,7 +148,6 @@ class Settings:
     max_iterations: int = 500
     levels: int | None = None
     library: str = "scipy"
-    threads: int = 1
     #: 0: every acceleration; 1: Fourier transforms and the plain preconditioner; 2: no preconditioner
     caution: int = 0
 
@@ -191,7 +187,8 @@ class _Grid:
         #: displacement = stiffness · (pixel-unit operator applied to dimensionless pressure)
         self.kappa = stiffness
         self.floating = offset is None
-        self.operator = Convolution(body, self.work, settings.library, team, floating=self.floating)
+        self._symbol = body.symbol()
+        self.operator = Convolution(body, self._symbol, self.work, settings.library, team, floating=self.floating)
         self._exact = self.operator if self.state == self.work else None
         nx, ny = heights.shape
         self.per_row = math.ceil(ny / kernels.WIDTH)
@@ -200,8 +197,7 @@ class _Grid:
         self.blocks = nx * self.per_row
         self.part = np.zeros((self.blocks, 7))
         self.active = np.zeros((self.blocks, 4))
-        self.everywhere = np.ones(self.blocks, np.uint8)
-        self.live = self.everywhere
+        self.everywhere = self._live(np.ones(self.blocks, np.bool_))
         self.history: list[tuple[float, float]] = []
 
     @property
@@ -213,29 +209,42 @@ class _Grid:
     def exact(self) -> Convolution:
         """The operator in the precision of the state."""
         if self._exact is None:
-            self._exact = Convolution(self.body, self.state, self.settings.library, self.team, floating=self.floating)
+            make = (self.body, self._symbol, self.state, self.settings.library, self.team)
+            self._exact = Convolution(*make, floating=self.floating)
         return self._exact
 
+    @property
+    def uniform(self) -> float:
+        """Displacement under the mean pressure, which the operator leaves out where the offset is free."""
+        padded = self.body.padded != self.body.shape
+        return 0.0 if padded or not self.floating else float(self._symbol[0, 0]) / self.operator.unit
+
     def gap(self, p: Array, exact: bool, out: Array | None = None) -> Array:
-        """Gap before the offset, G p - h, in the precision of the state, or in the cheaper one of the work."""
+        """Gap before the offset, G p - h, in the precision of the state, or in the cheaper one of the work.
+
+        Leaves the sums of the gap and of the pixels in contact in ``part``.
+        """
         u = (self.exact() if exact else self.operator).apply(p)
-        r = out if out is not None else u if u.dtype == self.state else np.empty(p.shape, self.state)
-        self.team.run(kernels.subtract, p.shape[0], u, self.h, self.kappa, r)
+        r = np.empty(p.shape, self.state) if out is None else out
+        self._run(kernels.subtract, self.everywhere, u, self.h, self.kappa, p, r, self.part)
         return r
 
-    def _run(self, kernel: Callable[..., None], blocks: Array, *args: Any) -> None:
-        self.team.run(kernel, self.blocks, self.width, blocks, *args)
+    def _run(self, kernel: Callable[..., None], live: Live, *args: Any) -> None:
+        self.team.run(kernel, live.blocks, self.width, live.mask, *args)
 
     def _sum(self, columns: int) -> list[float]:
         return [float(x) for x in self.part[:, :columns].sum(axis=0)]
 
-    def _near_working_set(self) -> Array:
-        """Blocks with a pixel of the working set in them or up to two rows away."""
+    def _live(self, mask: Array) -> Live:
+        return Live(mask.astype(np.uint8), self.per_row, self.team.threads)
+
+    def _working_set(self, reach: int) -> Live:
+        """Blocks with a pixel of the working set in them or up to ``reach`` rows away."""
         here = (self.active[:, 2] > 0.0).reshape(-1, self.per_row)
         near = here.copy()
-        for shift in (1, 2):
+        for shift in range(1, reach + 1):
             near |= np.roll(here, shift, axis=0) | np.roll(here, -shift, axis=0)
-        return near.ravel().astype(np.uint8)
+        return self._live(near.ravel())
 
     def solve(self, p: Array, tolerance: float, limit: int, exact: bool) -> Outcome:
         """Iterate from p (nx, ny, state precision, changed in place) until both errors are below tolerance.
@@ -247,15 +256,16 @@ class _Grid:
         v = np.empty(p.shape, self.work)
         d = np.zeros(p.shape, self.work)
         y: Array = d
-        z = np.zeros_like(d)
-        outward = np.zeros_like(d)
+        # zeros, not zeros_like: memory that is never live is never touched
+        z = np.zeros(p.shape, self.work)
+        outward = np.zeros(p.shape, self.work)
         caution = self.settings.caution
         split = caution == 0 and suits(self.body)
         make = (self.body, self.work, self.settings.library, self.team, self.width)
         near = Split(*make, inverse=False, floating=self.floating) if split else None
         near_inverse = Split(*make, inverse=True, floating=False) if split else None
         if split:
-            y = np.zeros_like(d)
+            y = np.zeros(p.shape, self.work)
         notes: list[str] = []
         steepest = True
         iteration = best_at = since = 0
@@ -267,8 +277,6 @@ class _Grid:
         while True:
             # Where things stand
             scope = self.everywhere if fresh or not split else live
-            if fresh:
-                run(kernels.contact_sums, scope, p, r, part)
             total, count = self._sum(2)
             offset = self.offset_fixed
             if offset is None:
@@ -281,7 +289,7 @@ class _Grid:
             del self.history[iteration:]
             self.history.append((rms, deepest))
             if fresh or not split:
-                live = self._near_working_set() if split else (active[:, 2] > 0.0).astype(np.uint8)
+                live = self._working_set(2 if split else 0)
             if fresh:
                 refreshed, since = error, 0
             if error < 0.5 * best:
@@ -297,7 +305,7 @@ class _Grid:
                     steepest, best, best_at, since = True, error, iteration, 0
                     if split:
                         split, near, near_inverse = False, None, None
-                        live = (active[:, 2] > 0.0).astype(np.uint8)
+                        live = self._working_set(0)
                 else:
                     hopeless = True
             if error < aim or hopeless:
@@ -317,11 +325,12 @@ class _Grid:
             # Direction
             iteration += 1
             since += 1
+            clear = since == 1 or not split  # blocks that were live before may not be any more
             if caution == 0 and (since - 1) % OUTWARD_TURNS == 0:
-                run(kernels.indicator, live, v, z)
-                outward = near_inverse.apply(z, live, outward) if near_inverse else self.operator.precondition(z)
+                run(kernels.indicator, live, v, z, clear)
+                outward = near_inverse.apply(z, live, outward, part) if near_inverse else self.operator.precondition(z)
             if near_inverse:
-                near_inverse.apply(v, live, z)
+                near_inverse.apply(v, live, z, part)
             else:
                 z = self.operator.precondition(v) if caution < 2 else v
             run(kernels.products, live, v, z, outward, OUTWARD_SHARE if caution == 0 else 0.0, d, y, part)
@@ -331,13 +340,12 @@ class _Grid:
             beta = -zy / dy if not steepest and dy > 0.0 else 0.0
             if beta < 0.0 or zv + beta * dv <= 0.0:
                 beta = 0.0
-            run(kernels.direction, live, v, z, d, beta, zm + beta * dm, part)
+            run(kernels.direction, live, v, z, d, beta, zm + beta * dm, clear, part)
             largest = math.sqrt(self._sum(1)[0])
             # Step
             spectrum: Array = d
             if near:
-                near.apply(d, live, y)
-                run(kernels.dot, live, d, y, part)
+                near.apply(d, live, y, part)
                 curvature = self.kappa * self._sum(1)[0]
             else:
                 spectrum = self.operator.spectrum(d)
@@ -351,7 +359,7 @@ class _Grid:
             run(kernels.move, live, p, d, step, scale)
             if self.kappa * math.sqrt(cut_squares) > NEGLIGIBLE * error:
                 factor = self.kappa
-                y = near.apply(d, live, y) if near else self.operator.displacement(self.operator.spectrum(d))
+                y = near.apply(d, live, y, part) if near else self.operator.displacement(self.operator.spectrum(d))
             else:
                 factor = self.kappa * step
                 y = y if split else self.operator.displacement(spectrum)
@@ -371,6 +379,17 @@ class Outcome:
     converged: bool
     iterations: int
     notes: list[str]
+
+
+def sums(p: Array, r: Array, team: Team) -> tuple[float, float, float]:
+    """Σ p, Σ p·|r| and the least p, of two arrays (nx, ny)."""
+    part = team.table(kernels.totals, p.shape[0], 3, p, r)
+    return float(part[:, 0].sum()), float(part[:, 1].sum()), float(part[:, 2].min(initial=math.inf))
+
+
+def rescale(p: Array, factor: float, team: Team) -> float:
+    """Multiply p (nx, ny) in place; returns the new sum."""
+    return float(team.table(kernels.scale, p.shape[0], 1, p, p.dtype.type(factor)).sum())
 
 
 def resampled(
@@ -420,6 +439,7 @@ def solve(
     offset: float | None = None,
     start: Array | None = None,
     settings: Settings,
+    team: Team,
 ) -> Result:
     """Solve on ``body`` for dimensionless ``heights`` (nx, ny; rms 1, highest point 0, state precision).
 
@@ -427,22 +447,6 @@ def solve(
     otherwise the gap is G p - h + offset and the load follows (negative: approach since first touch). ``start`` is a
     pressure to begin from instead of a coarser grid. Never raises for lack of convergence: look at ``converged``.
     """
-    team = Team(settings.threads)
-    try:
-        return _solve(body, heights, stiffness, offset, start, settings, team)
-    finally:
-        team.close()
-
-
-def _solve(
-    body: Substrate,
-    heights: Array,
-    stiffness: float,
-    offset: float | None,
-    start: Array | None,
-    settings: Settings,
-    team: Team,
-) -> Result:
     state = PRECISIONS[settings.precision][0]
     shapes = grids(body.shape, 1 if start is not None else settings.levels)
     levels: list[tuple[tuple[int, int], int]] = []
@@ -462,8 +466,9 @@ def _solve(
             p = np.array(start, dtype=state)
         end: Outcome | None = None
         if offset is None:
-            p *= 1.0 / float(p.mean(dtype=np.float64))
-            if here.padded == here.shape and p.min() > 0.0:
+            total, _, least = sums(p, p, team)
+            rescale(p, p.size / total, team)
+            if here.padded == here.shape and least > 0.0:
                 end = _full_contact(grid, h, kappa)
         tolerance = settings.tolerance if depth == 0 else max(settings.tolerance, COARSE_TOLERANCE)
         limit = settings.max_iterations if depth == 0 else min(settings.max_iterations, COARSE_ITERATIONS)
@@ -472,13 +477,10 @@ def _solve(
         levels.append((shape, end.iterations))
         if depth == 0:
             end.gap += end.offset
-            uniform = 0.0
-            if offset is None and body.padded == body.shape:
-                uniform = stiffness * float(body.symbol()[0, 0]) / grid.operator.unit
             return Result(
                 p,
                 end.gap,
-                end.offset - uniform,
+                end.offset - stiffness * grid.uniform,
                 end.rms_gap,
                 end.penetration,
                 end.converged,

@@ -26,29 +26,8 @@ _OPTIONS = {"cache": True, "nogil": True, "fastmath": {"reassoc", "nsz", "contra
 
 
 @njit(**_OPTIONS)
-def contact_sums(lo, hi, width, live, p, r, part):
-    """part[b] = (Σ r, Σ 1) over p > 0. Reads p, r."""
-    ny = p.shape[1]
-    per_row = (ny + width - 1) // width
-    for b in range(lo, hi):
-        total = 0.0
-        count = 0.0
-        if live[b]:
-            row = b // per_row
-            start = (b - row * per_row) * width
-            stop = min(ny, start + width)
-            pb, rb = p[row, start:stop], r[row, start:stop]
-            for i in range(pb.size):
-                weight = 1.0 if pb[i] > 0 else 0.0
-                total += weight * rb[i]
-                count += weight
-        part[b, 0] = total
-        part[b, 1] = count
-
-
-@njit(**_OPTIONS)
 def advance(lo, hi, width, live, p, r, y, factor, part):
-    """r += factor·y, and the sums of ``contact_sums``. Reads p, y; updates r."""
+    """r += factor·y; part[b] = (Σ r, Σ 1) over p > 0. Reads p, y; updates r."""
     ny = p.shape[1]
     per_row = (ny + width - 1) // width
     for b in range(lo, hi):
@@ -112,8 +91,8 @@ def residual(lo, hi, width, live, p, r, offset, v, part):
 
 
 @njit(**_OPTIONS)
-def indicator(lo, hi, width, live, v, out):
-    """out = 1 on the working set, 0 elsewhere. Reads v."""
+def indicator(lo, hi, width, live, v, out, clear):
+    """out = 1 on the working set, 0 elsewhere, also in blocks that are not live if ``clear``. Reads v."""
     ny = v.shape[1]
     per_row = (ny + width - 1) // width
     for b in range(lo, hi):
@@ -124,7 +103,7 @@ def indicator(lo, hi, width, live, v, out):
         if live[b]:
             for i in range(vb.size):
                 ob[i] = 1 if vb[i] != 0 else 0
-        else:
+        elif clear:
             ob[:] = 0
 
 
@@ -174,8 +153,9 @@ def products(lo, hi, width, live, v, z, outward, share, d, y, part):
 
 
 @njit(**_OPTIONS)
-def direction(lo, hi, width, live, v, z, d, beta, shift, part):
-    """d = z + beta·d - shift on the working set, 0 elsewhere; part[b] = Σ d². Reads v, z; updates d."""
+def direction(lo, hi, width, live, v, z, d, beta, shift, clear, part):
+    """d = z + beta·d - shift on the working set, 0 elsewhere, also in blocks that are not live if ``clear``;
+    part[b] = Σ d². Reads v, z; updates d."""
     ny = v.shape[1]
     per_row = (ny + width - 1) // width
     for b in range(lo, hi):
@@ -190,26 +170,9 @@ def direction(lo, hi, width, live, v, z, d, beta, shift, part):
                 value = value if vb[i] != 0 else 0.0
                 db[i] = value
                 squares += value * value
-        else:
+        elif clear:
             db[:] = 0
         part[b, 0] = squares
-
-
-@njit(**_OPTIONS)
-def dot(lo, hi, width, live, d, y, part):
-    """part[b] = Σ d·y. Reads both."""
-    ny = d.shape[1]
-    per_row = (ny + width - 1) // width
-    for b in range(lo, hi):
-        total = 0.0
-        if live[b]:
-            row = b // per_row
-            start = (b - row * per_row) * width
-            stop = min(ny, start + width)
-            db, yb = d[row, start:stop], y[row, start:stop]
-            for i in range(db.size):
-                total += float(db[i]) * float(yb[i])
-        part[b, 0] = total
 
 
 @njit(**_OPTIONS)
@@ -262,12 +225,105 @@ def move(lo, hi, width, live, p, d, step, scale):
 
 
 @njit(**_OPTIONS)
-def subtract(lo, hi, u, h, factor, r):
-    """r = factor·u - h, rows lo … hi. Reads u, h; writes r."""
+def subtract(lo, hi, width, live, u, h, factor, p, r, part):
+    """r = factor·u - h in every block; part[b] = (Σ r, Σ 1) over p > 0. Reads u, h, p; writes r."""
+    ny = p.shape[1]
+    per_row = (ny + width - 1) // width
+    for b in range(lo, hi):
+        row = b // per_row
+        start = (b - row * per_row) * width
+        stop = min(ny, start + width)
+        ub, hb, pb, rb = u[row, start:stop], h[row, start:stop], p[row, start:stop], r[row, start:stop]
+        total = 0.0
+        count = 0.0
+        for i in range(pb.size):
+            new = factor * ub[i] - hb[i]
+            rb[i] = new
+            weight = 1.0 if pb[i] > 0 else 0.0
+            total += weight * new
+            count += weight
+        part[b, 0] = total
+        part[b, 1] = count
+
+
+@njit(**_OPTIONS)
+def convert(lo, hi, x, out):
+    """out = x in another precision, rows lo … hi."""
     for i in range(lo, hi):
-        ub, hb, rb = u[i], h[i], r[i]
+        xb, ob = x[i], out[i]
+        for j in range(xb.size):
+            ob[j] = xb[j]
+
+
+@njit(**_OPTIONS)
+def totals(lo, hi, p, r, part):
+    """part[row] = (Σ p, Σ p·|r|, least p). Reads p, r."""
+    for i in range(lo, hi):
+        pb, rb = p[i], r[i]
+        total = 0.0
+        weighted = 0.0
+        for j in range(pb.size):
+            total += pb[j]
+            weighted += float(pb[j]) * abs(float(rb[j]))
+        least = np.inf
+        for j in range(pb.size):
+            least = min(least, pb[j])
+        part[i, 0] = total
+        part[i, 1] = weighted
+        part[i, 2] = least
+
+
+@njit(**_OPTIONS)
+def scale(lo, hi, p, factor, part):
+    """p *= factor; part[row] = Σ p. Updates p."""
+    for i in range(lo, hi):
+        pb = p[i]
+        total = 0.0
+        for j in range(pb.size):
+            new = pb[j] * factor
+            pb[j] = new
+            total += new
+        part[i, 0] = total
+
+
+@njit(**_OPTIONS)
+def extremes(lo, hi, heights, part):
+    """part[row] = (least, largest height). Reads heights."""
+    for i in range(lo, hi):
+        hb = heights[i]
+        low = np.inf
+        high = -np.inf
         for j in range(hb.size):
-            rb[j] = factor * ub[j] - hb[j]
+            low = min(low, hb[j])
+            high = max(high, hb[j])
+        part[i, 0] = low
+        part[i, 1] = high
+
+
+@njit(**_OPTIONS)
+def moments(lo, hi, heights, top, factor, part):
+    """part[row] = (mean, Σ (x - mean)²) of x = (heights - top)·factor. Reads heights, twice but from cache."""
+    for i in range(lo, hi):
+        hb = heights[i]
+        total = 0.0
+        for j in range(hb.size):
+            total += (hb[j] - top) * factor
+        mean = total / hb.size
+        squares = 0.0
+        for j in range(hb.size):
+            x = (hb[j] - top) * factor - mean
+            squares += x * x
+        part[i, 0] = mean
+        part[i, 1] = squares
+
+
+@njit(**_OPTIONS)
+def standardise(lo, hi, heights, top, factor, out):
+    """out = (heights - top)·factor. Reads heights; writes out."""
+    for i in range(lo, hi):
+        hb, ob = heights[i], out[i]
+        for j in range(hb.size):
+            ob[j] = (hb[j] - top) * factor
 
 
 @njit(**_OPTIONS)
@@ -297,6 +353,37 @@ def multiply(lo, hi, spectrum, symbol):
         s, g = spectrum[i], symbol[j]
         for k in range(columns):
             s[k] = s[k] * g[k]
+
+
+@njit(**_OPTIONS)
+def multiply_packed(lo, hi, z, symbol, turn):
+    """The spectrum of a real array times a symbol, both of them packed: in place, rows lo … hi of 0 … nx//2 and -lo …
+
+    z (nx, m) is the transform of x[:, 0::2] + i x[:, 1::2] of a real x (nx, 2m), turn[l] = exp(-2πi·l/2m). With
+    even = (z(k, l) + z*(-k, -l))/2 and odd = (z(k, l) - z*(-k, -l))/2i the spectrum of x is even + turn·odd at l and
+    even - turn·odd at l + m. Both are multiplied and packed again. The symbol is that of ``multiply``; the one at
+    l + m is the one at (-k, m - l).
+    """
+    nx, m = z.shape
+    quarter = z.real.dtype.type(0.25)
+    for k in range(lo, hi):
+        j = (nx - k) % nx
+        here, there = z[k], z[j]
+        g = symbol[k]
+        back = symbol[j if symbol.shape[0] == nx else k]
+        for i in range(m if k != j else m // 2 + 1):
+            o = m - i if i > 0 else 0
+            a, b = here[i], there[o]
+            even_re, even_im = a.real + b.real, a.imag - b.imag
+            odd_re, odd_im = a.imag + b.imag, b.real - a.real
+            mean, half = quarter * (g[i] + back[m - i]), quarter * (g[i] - back[m - i])
+            w = turn[i]
+            new_re = mean * even_re + half * (w.real * odd_re - w.imag * odd_im)
+            new_im = mean * even_im + half * (w.real * odd_im + w.imag * odd_re)
+            other_re = mean * odd_re + half * (w.real * even_re + w.imag * even_im)
+            other_im = mean * odd_im + half * (w.real * even_im - w.imag * even_re)
+            here[i] = complex(new_re - other_im, new_im + other_re)
+            there[o] = complex(new_re + other_im, other_re - new_im)
 
 
 @njit(**_OPTIONS)
@@ -420,8 +507,8 @@ def _stencil_row(x0, x1, x2, x3, x4, weights, out):
 
 
 @njit(**_OPTIONS)
-def local(lo, hi, width, live, x, stencil, coarse, out):
-    """out = stencil * x + interpolated coarse, in live blocks of rows lo … hi; periodic.
+def local(lo, hi, width, live, x, stencil, coarse, out, part):
+    """out = stencil * x + interpolated coarse, in live blocks of rows lo … hi; periodic. part[b] = Σ x·out.
 
     ``stencil[a, b]`` weighs the up to four neighbours at distances (a, b) ≤ REACH. x must be zero in blocks that are
     not live. ``width`` and the number of columns are multiples of ``RATIO``. Reads 2·REACH + 1 rows of x, which stay
@@ -438,6 +525,7 @@ def local(lo, hi, width, live, x, stencil, coarse, out):
         weight = x.dtype.type((row - base * RATIO) / RATIO)
         upper, lower = coarse[base], coarse[(base + 1) % coarse.shape[0]]
         for s in range(per_row):
+            part[row * per_row + s, 0] = 0.0
             if not live[row * per_row + s]:
                 continue
             if not ready:
@@ -464,3 +552,8 @@ def local(lo, hi, width, live, x, stencil, coarse, out):
                         pair[j] = half * (above[left] + below[left])
                         pair[REACH + n + j] = half * (above[right] + below[right])
             _stencil_row(pairs[0], pairs[1], pairs[2], pairs[3], pairs[4], stencil, out_block)
+            product = 0.0
+            x_block = x[row, start:stop]
+            for j in range(n):
+                product += float(x_block[j]) * float(out_block[j])
+            part[row * per_row + s, 0] = product

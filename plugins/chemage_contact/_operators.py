@@ -69,14 +69,14 @@ def wave_numbers(shape: tuple[int, int], pixel: tuple[float, float]) -> Floats:
     """|q| in 1/nm on the quarter (nx//2+1, ny//2+1) of the spectrum that symmetry leaves."""
     qx = 2.0 * math.pi / (shape[0] * pixel[0]) * np.arange(shape[0] // 2 + 1)
     qy = 2.0 * math.pi / (shape[1] * pixel[1]) * np.arange(shape[1] // 2 + 1)
-    return np.hypot(qx[:, None], qy)
+    q = np.add.outer(qx * qx, qy * qy)
+    return np.sqrt(q, out=q)
 
 
 def _regularised(q: Floats) -> Floats:
-    """|q| with half of its smallest other value in place of zero (1 on a grid of one pixel)."""
-    q = q.copy()
-    others = q.ravel()[1:]
-    q[0, 0] = 0.5 * float(others.min()) if others.size else 1.0
+    """|q|, changed in place: half of its smallest other value instead of zero (1 on a grid of one pixel)."""
+    others = [float(edge.min()) for edge in (q[1:, 0], q[0, 1:]) if edge.size]
+    q[0, 0] = 0.5 * min(others, default=2.0)
     return q
 
 
@@ -93,7 +93,8 @@ class PeriodicHalfSpace:
         return self.shape
 
     def symbol(self) -> Floats:
-        values = 2.0 / _regularised(wave_numbers(self.shape, self.pixel))
+        q = _regularised(wave_numbers(self.shape, self.pixel))
+        values = np.divide(2.0, q, out=q)
         values[0, 0] = 0.0
         return values
 

@@ -21,7 +21,7 @@ from ._operators import Substrate
 from ._transforms import Transforms
 
 if TYPE_CHECKING:
-    from ._iteration import Team
+    from ._team import Live, Team
 
 Array = NDArray[Any]
 Floats = NDArray[np.float64]
@@ -55,20 +55,22 @@ class Split:
         far = symbol(body.regrid(coarse)) * _far(coarse)
         if floating:
             far[0, 0] = 0.0
-        self._far = (far / RATIO**2).astype(dtype)
+        self._far = _whole(far / RATIO**2, coarse[0]).astype(dtype)
         sample = body.window((SAMPLE, SAMPLE))
         small = (SAMPLE // RATIO, SAMPLE // RATIO)
         self._stencil = _fitted(symbol(sample), symbol(sample.regrid(small)) * _far(small)).astype(dtype)
         self._coarse = np.empty(coarse, dtype)
 
-    def apply(self, x: Array, live: Array, out: Array) -> Array:
-        """The convolution of x (nx, ny; zero in blocks that are not live) in live blocks of ``out``."""
-        rows = self._coarse.shape[0]
-        self._run(kernels.restrict, rows, self._width, live, x, self._coarse)
+    def apply(self, x: Array, live: Live, out: Array, part: Array) -> Array:
+        """The convolution of x (nx, ny; zero in blocks that are not live) in live blocks of ``out``.
+
+        Leaves Σ x·out over each block in ``part[:, 0]``.
+        """
+        self._run(kernels.restrict, live.coarse, self._width, live.mask, x, self._coarse)
         spectrum = self._transforms.forward(self._coarse)
-        spectrum[:] *= _whole(self._far, spectrum.shape[0])
+        spectrum *= self._far
         far = self._transforms.backward(spectrum)
-        self._run(kernels.local, x.shape[0], self._width, live, x, self._stencil, far, out)
+        self._run(kernels.local, live.rows, self._width, live.mask, x, self._stencil, far, out, part)
         return out
 
 

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft as sfft
 
+#: Pixels below which one thread transforms faster than two.
+SHARED = 1 << 17
 LIBRARIES = ("scipy", "ducc0", "pyfftw", "mkl_fft")
 
 Array = NDArray[Any]
@@ -28,11 +30,12 @@ class Transforms:
     """
 
     def __init__(self, shape: tuple[int, int], padded: tuple[int, int], library: str, workers: int) -> None:
-        self.shape, self.padded, self.library, self.workers = shape, padded, library, workers
+        self.shape, self.padded, self.library = shape, padded, library
+        self.workers = workers if padded[0] * padded[1] >= SHARED else 1
         self.count = 0
         if library not in LIBRARIES:
             raise ValueError(f"no Fourier transform library {library!r}: choose one of {', '.join(LIBRARIES)}")
-        self._forward, self._backward = _pair(library)
+        self._forward, self._backward, self._in_place = _functions(library)
 
     def forward(self, x: Array) -> Array:
         """Half spectrum of x, which is left alone."""
@@ -43,6 +46,15 @@ class Transforms:
         """The real array of a half spectrum, cropped to ``shape``; the spectrum is destroyed."""
         self.count += 1
         return self._backward(spectrum, self.shape, self.padded, self.workers)
+
+    def in_place(self, z: Array, forward: bool) -> Array:
+        """The complex transform of z, or back, in its own memory where the library can. The result is what counts.
+
+        With z a view of a real array, pairs of neighbours taken for complex numbers, this is a transform of that array
+        without the memory of a spectrum, which takes longer to get from the system than a pass over it.
+        """
+        self.count += 1
+        return self._in_place(z, forward, self.workers)
 
 
 def _scipy_forward(x: Array, padded: tuple[int, int], workers: int) -> Array:
@@ -57,6 +69,10 @@ def _scipy_backward(s: Array, shape: tuple[int, int], padded: tuple[int, int], w
     return np.ascontiguousarray(x[:, : shape[1]])
 
 
+def _scipy_in_place(z: Array, forward: bool, workers: int) -> Array:
+    return np.asarray((sfft.fft2 if forward else sfft.ifft2)(z, overwrite_x=True, workers=workers))
+
+
 def _pad(x: Array, padded: tuple[int, int]) -> Array:
     if x.shape == padded:
         return x
@@ -65,9 +81,9 @@ def _pad(x: Array, padded: tuple[int, int]) -> Array:
     return full
 
 
-def _pair(library: str) -> tuple[Callable[..., Array], Callable[..., Array]]:
+def _functions(library: str) -> tuple[Callable[..., Array], Callable[..., Array], Callable[..., Array]]:
     if library == "scipy":
-        return _scipy_forward, _scipy_backward
+        return _scipy_forward, _scipy_backward, _scipy_in_place
     try:
         if library == "ducc0":
             ducc = importlib.import_module("ducc0.fft")
@@ -79,7 +95,11 @@ def _pair(library: str) -> tuple[Callable[..., Array], Callable[..., Array]]:
                 x = ducc.c2r(s, axes=(0, 1), lastsize=padded[1], forward=False, inorm=2, nthreads=workers)
                 return np.ascontiguousarray(x[: shape[0], : shape[1]])
 
-            return forward, backward
+            def in_place(z: Array, forward: bool, workers: int) -> Array:
+                norm = 0 if forward else 2
+                return ducc.c2c(z, axes=(0, 1), forward=forward, inorm=norm, out=z, nthreads=workers)
+
+            return forward, backward, in_place
         name = "pyfftw.interfaces.scipy_fft" if library == "pyfftw" else "mkl_fft.interfaces.scipy_fft"
         module = importlib.import_module(name)
         if library == "pyfftw":
@@ -97,4 +117,8 @@ def _pair(library: str) -> tuple[Callable[..., Array], Callable[..., Array]]:
         x = module.irfft2(s, s=padded, workers=workers)
         return np.ascontiguousarray(x[: shape[0], : shape[1]])
 
-    return forward2, backward2
+    def in_place2(z: Array, forward: bool, workers: int) -> Array:
+        transform = module.fft2 if forward else module.ifft2
+        return np.ascontiguousarray(transform(z, overwrite_x=True, workers=workers))
+
+    return forward2, backward2, in_place2

@@ -15,7 +15,9 @@ from chemage.spec import ContactSolver, force
 from chemage.threads import available
 from chemage.units import Length, Pressure, Unit, convert
 from chemage_contact import _iteration as iteration
+from chemage_contact import _kernels as kernels
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate
+from chemage_contact._team import Team
 
 #: What single precision can reach, relative to the rms height, with a margin.
 SINGLE_LIMIT = 1e-6
@@ -104,21 +106,23 @@ class FFTBEM(ContactSolver):
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
         if load == 0:
             return self._untouched(surface, 0.0)
-        scaled, unit = _dimensionless(surface, load / surface.nominal_area / self.modulus, self.precision)
         pressure = load / surface.nominal_area
         if not (pressure > 0.0 and math.isfinite(pressure)):
             raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
         if self.precision == "single" and not (load / surface.pixel_size**2 > 1e-35 and pressure < 1e35):
             raise InputError.of("load", load, "the pressure leaves the range of float32", "use precision = 'mixed'")
         initial = _usable(start, surface, load)
-        result = iteration.solve(
-            self._body(surface),
-            scaled,
-            stiffness=pressure / self.modulus * (surface.pixel_size / unit),
-            start=initial,
-            settings=self._settings(),
-        )
-        return self._finish(surface, result, unit, pressure, load)
+        with self._team() as team:
+            scaled, unit = _dimensionless(surface, pressure / self.modulus, self.precision, team)
+            result = iteration.solve(
+                self._body(surface),
+                scaled,
+                stiffness=pressure / self.modulus * (surface.pixel_size / unit),
+                start=initial,
+                settings=self._settings(),
+                team=team,
+            )
+            return self._finish(surface, result, unit, pressure, load, team)
 
     def sweep(self, surface: Surface, loads: Sequence[float | str]) -> list[ContactSolution]:
         """Contacts of ``surface`` under each of ``loads`` (nN, or strings), in the order given.
@@ -160,11 +164,13 @@ class FFTBEM(ContactSolver):
                     f"the surface is flat after {limit:.6g} nm and the mean plane goes no further",
                     "give a smaller approach, or a load",
                 )
-        scaled, unit = _dimensionless(surface, approach / max(surface.shape) / surface.pixel_size, self.precision)
-        pressure = self.modulus * (unit / surface.pixel_size)
-        result = iteration.solve(body, scaled, stiffness=1.0, offset=-approach / unit, settings=self._settings())
-        load = float(result.pressure.sum(dtype=np.float64)) * pressure * surface.pixel_size**2
-        return self._finish(surface, result, unit, pressure, load)
+        strain = approach / max(surface.shape) / surface.pixel_size
+        with self._team() as team:
+            scaled, unit = _dimensionless(surface, strain, self.precision, team)
+            pressure = self.modulus * (unit / surface.pixel_size)
+            settings = self._settings()
+            result = iteration.solve(body, scaled, stiffness=1.0, offset=-approach / unit, settings=settings, team=team)
+            return self._finish(surface, result, unit, pressure, None, team)
 
     def _periodic(self, surface: Surface) -> bool:
         return surface.periodic if self.boundary == "auto" else self.boundary == "periodic"
@@ -188,8 +194,10 @@ class FFTBEM(ContactSolver):
             max_iterations=self.max_iterations,
             levels=self.levels,
             library=self.fft,
-            threads=self.threads or available(),
         )
+
+    def _team(self) -> Team:
+        return Team(self.threads or available())
 
     def _provenance(self, surface: Surface) -> dict[str, Any]:
         options = self.identity()
@@ -218,13 +226,20 @@ class FFTBEM(ContactSolver):
         )
 
     def _finish(
-        self, surface: Surface, result: iteration.Result, unit: float, pressure: float, load: float
+        self,
+        surface: Surface,
+        result: iteration.Result,
+        unit: float,
+        pressure: float,
+        load: float | None,
+        team: Team,
     ) -> ContactSolution:
+        """The solution in nm, GPa and nN; without a ``load`` it is what the pressures add up to."""
         values = result.pressure
         area = surface.pixel_size**2
-        total = float(values.sum(dtype=np.float64))
-        weighted = float(np.vdot(values, np.abs(result.gap)))
+        total, weighted, least = iteration.sums(values, result.gap, team)
         complementarity = weighted / total if weighted else 0.0
+        load = total * pressure * area if load is None else load
         notes = list(result.notes)
         if not result.converged:
             message = self._failure(result)
@@ -236,11 +251,11 @@ class FFTBEM(ContactSolver):
                     tolerance=self.tolerance,
                 )
             notes.append(message)
-        if values.size and float(values.min()) > 0.0:
+        if values.size and least > 0.0:
             notes.append("full contact: every pixel touches, and more load only adds uniform pressure")
         # The last rounding of the load: what is left after thousands of single-precision changes.
-        values *= values.dtype.type(pressure * (load / (total * pressure * area)) if load > 0 else pressure)
-        force_error = abs(float(values.sum(dtype=np.float64)) * area / load - 1.0) if load > 0 else 0.0
+        factor = pressure * (load / (total * pressure * area)) if load > 0 else pressure
+        force_error = abs(iteration.rescale(values, factor, team) * area / load - 1.0) if load > 0 else 0.0
         if not force_error < 1e-3:
             raise InputError.of("load", load, f"the pressure leaves the range of {values.dtype} numbers")
         values.setflags(write=False)
@@ -314,26 +329,28 @@ def _report(
     }
 
 
-def _dimensionless(surface: Surface, strain: float, precision: str) -> tuple[np.ndarray, float]:
+def _dimensionless(surface: Surface, strain: float, precision: str, team: Team) -> tuple[np.ndarray, float]:
     """Heights below the highest point in units of their rms value, and that unit in nm.
 
-    A flat surface has none (one whose heights differ by rounding only counts as flat); the displacement under a mean
-    ``strain`` (pressure over modulus) serves instead.
+    A flat surface has none (one whose heights differ by rounding only, or vanish, counts as flat); the displacement
+    under a mean ``strain`` (pressure over modulus) serves instead.
     """
+    heights = surface.heights
+    nx, ny = heights.shape
     state = iteration.PRECISIONS[precision][0]
-    top = float(surface.heights.max())
-    scaled = np.subtract(surface.heights, top, dtype=np.float64)
-    unit = float(np.abs(scaled).max())
-    if unit > 8.0 * float(np.finfo(surface.heights.dtype).eps) * abs(top):
-        # Through the largest value, so that squares of 1e-200 nm do not vanish.
-        scaled *= 1.0 / unit if unit > 1e-300 else 0.0
-        spread = float(scaled.std())
-        scaled *= 1.0 / spread
-        unit *= spread
-    else:
-        scaled[:] = 0.0
-        unit = strain * max(surface.shape) * surface.pixel_size
-    return scaled.astype(state, copy=False), unit
+    part = team.table(kernels.extremes, nx, 2, heights)
+    top = float(part[:, 1].max())
+    unit = top - float(part[:, 0].min())
+    if unit <= max(8.0 * float(np.finfo(heights.dtype).eps) * abs(top), 1e-290):
+        return np.zeros((nx, ny), state), strain * max(nx, ny) * surface.pixel_size
+    # Through the largest value, so that squares of 1e-200 nm do not vanish.
+    factor = 1.0 / unit
+    part = team.table(kernels.moments, nx, 2, heights, top, factor)
+    means = part[:, 0]
+    spread = math.sqrt(float(part[:, 1].sum()) / (nx * ny) + float(means.var()))
+    scaled = np.empty((nx, ny), state)
+    team.run(kernels.standardise, nx, heights, top, factor / spread, scaled)
+    return scaled, unit * spread
 
 
 def _usable(start: ContactSolution | None, surface: Surface, load: float) -> np.ndarray | None:

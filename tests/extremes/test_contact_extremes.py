@@ -234,11 +234,12 @@ def test_a_stall_is_reported_as_such():
     reached = FFTBEM(modulus=MODULUS, tolerance=1e-12, on_failure="return").solve(surface, 1000.0)
     assert reached.converged == (reached.residual < 1e-12)
     from chemage_contact import _iteration
+    from chemage_contact._team import Team
 
     body = FFTBEM(modulus=MODULUS)._body(surface)
     scaled = np.float32((rough().heights - rough().heights.max()) / rough().rms_height)
     settings = _iteration.Settings(tolerance=1e-9, precision="single")
-    end = _iteration.solve(body, scaled, stiffness=2e-3, settings=settings)
+    end = _iteration.solve(body, scaled, stiffness=2e-3, settings=settings, team=Team(1))
     assert not end.converged
     assert end.iterations < settings.max_iterations
     assert 1e-9 < end.error < 1e-4

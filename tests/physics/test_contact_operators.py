@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -10,16 +11,17 @@ from scipy.integrate import dblquad
 
 from chemage.objects import Surface
 from chemage_contact import FFTBEM, _kernels, _operators
-from chemage_contact._iteration import Convolution, Team, projected, resampled
+from chemage_contact._iteration import Convolution, projected, resampled
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer
 from chemage_contact._split import Split, suits
+from chemage_contact._team import Live, Team
 from chemage_surfaces import SelfAffine
 
 TEAM = Team(1)
 
 
 def convolved(body, x, dtype=np.float64):
-    operator = Convolution(body, dtype, "scipy", TEAM, floating=False)
+    operator = Convolution(body, body.symbol(), dtype, "scipy", TEAM, floating=False)
     return operator.apply(x) * operator.unit
 
 
@@ -107,7 +109,7 @@ def test_parseval_energy_is_the_product_of_pressure_and_displacement():
         PeriodicHalfSpace((9, 16), (0.5, 0.5)),
         FreeHalfSpace((11, 8), (0.5, 0.5)),
     ):
-        operator = Convolution(body, np.float64, "scipy", TEAM, floating=False)
+        operator = Convolution(body, body.symbol(), np.float64, "scipy", TEAM, floating=False)
         x = np.random.default_rng(2).standard_normal(body.shape)
         energy = operator.energy(operator.spectrum(x))
         assert energy == pytest.approx(float(np.vdot(x, operator.apply(x))), rel=1e-10)
@@ -126,7 +128,7 @@ def test_interpolation_is_the_transpose_of_restriction():
     x, coarse = rng.standard_normal((128, 132)), rng.standard_normal((32, 33))
     live, down, up = blocks(x.shape, 64), np.empty((32, 33)), np.empty((128, 132))
     _kernels.restrict(0, 32, 64, live, x, down)
-    _kernels.local(0, 128, 64, live, x, np.zeros((5, 5)), coarse, up)
+    _kernels.local(0, 128, 64, live, x, np.zeros((5, 5)), coarse, up, np.empty((384, 1)))
     assert np.vdot(down, coarse) == pytest.approx(np.vdot(x, up), rel=1e-12)
 
 
@@ -138,8 +140,9 @@ def test_stencil_is_a_periodic_convolution():
     quarter = rng.standard_normal((5, 5))
     quarter[2:, 4] = quarter[4, 2:] = 0  # corners beyond the reach
     reach = np.abs(np.arange(-4, 5))
-    out = np.empty_like(x)
-    _kernels.local(0, 128, 64, blocks(x.shape, 64), x, quarter, np.zeros((32, 40)), out)
+    out, part = np.empty_like(x), np.empty((384, 1))
+    _kernels.local(0, 128, 64, blocks(x.shape, 64), x, quarter, np.zeros((32, 40)), out, part)
+    assert part.sum() == pytest.approx(np.vdot(x, out), rel=1e-12)
     np.testing.assert_allclose(out, correlate(x, quarter[np.ix_(reach, reach)], mode="wrap"), atol=1e-12)
 
 
@@ -151,6 +154,7 @@ def test_split_operator_is_right_to_about_a_tenth(body, inverse):
     """In the norm of the operator, for white noise and for smooth pressures; this bounds the defect correction."""
     assert suits(body)
     team, width = TEAM, 128
+    part = np.empty((body.shape[0] * body.shape[1] // width, 1))
     split = Split(body, np.float64, "scipy", team, width, inverse=inverse, floating=not inverse)
     unit = 0.5
     symbol = body.inverse() * unit if inverse else body.symbol() / unit
@@ -165,7 +169,8 @@ def test_split_operator_is_right_to_about_a_tenth(body, inverse):
         x = np.fft.irfft2(np.fft.rfft2(noise) * (q < cut), s=body.shape)
         x -= x.mean()
         exact = np.fft.irfft2(np.fft.rfft2(x) * full, s=body.shape)
-        error = split.apply(x, blocks(body.shape, width), np.empty_like(x)) - exact
+        live = Live(blocks(body.shape, width), body.shape[1] // width, 1)
+        error = split.apply(x, live, np.empty_like(x), part) - exact
 
         def norm(f):
             return math.sqrt(np.vdot(f, np.fft.irfft2(np.fft.rfft2(f) * one_over, s=body.shape)))
@@ -180,11 +185,37 @@ def test_blocks_that_are_not_live_are_left_alone():
     live[30:50, 1] = 1
     x = np.zeros((128, 128))
     x[35:45, 70:90] = 1.0
-    everywhere = split.apply(x, blocks(x.shape, 64), np.empty_like(x)).copy()
-    out = split.apply(x, live.ravel(), np.full_like(x, np.nan))
+    part = np.empty((256, 1))
+    everywhere = split.apply(x, Live(blocks(x.shape, 64), 2, 1), np.empty_like(x), part).copy()
+    out = split.apply(x, Live(live.ravel(), 2, 1), np.full_like(x, np.nan), part)
     seen = np.isfinite(out)
     np.testing.assert_array_equal(seen, np.repeat(live, 64, axis=1).astype(bool))
     np.testing.assert_allclose(out[seen], everywhere[seen], rtol=1e-12)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3, 7])
+def test_shares_cover_everything_once_and_are_even_in_what_is_live(threads):
+    rng = np.random.default_rng(9)
+    mask = np.zeros((640, 5), np.uint8)
+    mask[500:620] = rng.random((120, 5)) < 0.9
+    mask[::7] = 1
+    shares = Live(mask.ravel(), 5, threads)
+    for edges, size in ((shares.blocks, 3200), (shares.rows, 640), (shares.coarse, 160)):
+        assert edges[0] == 0
+        assert edges[-1] == size
+        assert len(edges) == threads + 1
+        assert np.all(np.diff(edges) >= 0)
+    live = [mask.ravel()[a:b].sum() for a, b in itertools.pairwise(shares.blocks)]
+    assert max(live) - min(live) < 0.35 * mask.sum() / threads  # those left alone cost something, too
+    for count in (0, 5, 511, 512, 10_001):
+        seen = np.zeros(count, int)
+
+        def visit(lo, hi, seen=seen):
+            seen[lo:hi] += 1
+
+        with Team(threads) as team:
+            team.run(visit, count)
+        assert np.all(seen == 1)
 
 
 # -- helpers of the iteration -----------------------------------------------------------------------------------------
@@ -225,9 +256,8 @@ def test_an_own_substrate_needs_no_other_solver():
     unit = heights.std()
     scaled = (heights - heights.max()) / unit
     body = Anisotropic((128, 128), (0.5, 0.5))
-    found = _iteration.solve(
-        body, scaled, stiffness=0.2 / 35.3 * 0.5 / unit, settings=_iteration.Settings(tolerance=1e-6)
-    )
+    settings = _iteration.Settings(tolerance=1e-6)
+    found = _iteration.solve(body, scaled, stiffness=0.2 / 35.3 * 0.5 / unit, settings=settings, team=TEAM)
     assert found.converged
     plain = Surface(heights=heights, pixel_size=0.5)
     isotropic = FFTBEM(modulus=35.3).solve(plain, 0.2 * plain.nominal_area)

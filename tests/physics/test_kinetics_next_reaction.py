@@ -31,7 +31,9 @@ def lattice_of(side: int, spread: float) -> ReactionLattice:
     )
 
 
-def plainly(lattice: ReactionLattice, times: list[float], temperature: float, seed: int) -> tuple[np.ndarray, list[int]]:
+def plainly(
+    lattice: ReactionLattice, times: list[float], temperature: float, seed: int
+) -> tuple[np.ndarray, list[int]]:
     """The state at the end, and the bonds formed up to each time."""
     n = lattice.sites.size
     neighbours, coupling, breaking = (np.asarray(a) for a in (lattice.neighbours, lattice.coupling, lattice.breaking))
