@@ -140,6 +140,30 @@ class Convolution:
 
 
 @dataclass
+class Heights:
+    """Heights (nx, ny) as they came, and what makes them dimensionless: (values - top)·factor has rms 1 and no positive
+    entry. Kernels work that out on the fly, which saves an array."""
+
+    values: Array
+    top: float = 0.0
+    factor: float = 1.0
+
+    def scaled(self, dtype: Any, team: Team) -> Array:
+        """The dimensionless heights."""
+        out = np.empty(self.values.shape, dtype)
+        team.run(kernels.standardise, out.shape[0], self.values, self.top, self.factor, out)
+        return out
+
+    def regrid(self, shape: tuple[int, int], dtype: Any, periodic: bool, team: Team) -> Heights:
+        """The dimensionless heights on another grid."""
+        return Heights(
+            Heights(resampled(self.values, shape, np.float64, periodic, team), self.top, self.factor).scaled(
+                dtype, team
+            )
+        )
+
+
+@dataclass
 class Settings:
     """How to solve; the same on all grids."""
 
@@ -179,18 +203,22 @@ class _Grid:
     """The iteration on one grid."""
 
     def __init__(
-        self, body: Substrate, heights: Array, stiffness: float, offset: float | None, settings: Settings, team: Team
+        self, body: Substrate, heights: Heights, stiffness: float, offset: float | None, settings: Settings, team: Team
     ) -> None:
         self.body, self.settings, self.team, self.offset_fixed = body, settings, team, offset
         self.state, self.work = PRECISIONS[settings.precision]
-        self.h = heights
+        self.heights = heights
         #: displacement = stiffness · (pixel-unit operator applied to dimensionless pressure)
         self.kappa = stiffness
         self.floating = offset is None
-        self._symbol = body.symbol()
-        self.operator = Convolution(body, self._symbol, self.work, settings.library, team, floating=self.floating)
+        symbol = body.symbol()
+        self.operator = Convolution(body, symbol, self.work, settings.library, team, floating=self.floating)
+        padded = body.padded != body.shape
+        #: displacement under the mean pressure, which the operator leaves out where the offset is free
+        self.uniform = 0.0 if padded or not self.floating else float(symbol[0, 0]) / self.operator.unit
+        self._symbol = symbol if self.state != self.work else None
         self._exact = self.operator if self.state == self.work else None
-        nx, ny = heights.shape
+        nx, ny = body.shape
         self.per_row = math.ceil(ny / kernels.WIDTH)
         self.width = min(ny, 16 * math.ceil(ny / self.per_row / 16))
         self.per_row = math.ceil(ny / self.width)
@@ -209,15 +237,10 @@ class _Grid:
     def exact(self) -> Convolution:
         """The operator in the precision of the state."""
         if self._exact is None:
+            assert self._symbol is not None
             make = (self.body, self._symbol, self.state, self.settings.library, self.team)
             self._exact = Convolution(*make, floating=self.floating)
         return self._exact
-
-    @property
-    def uniform(self) -> float:
-        """Displacement under the mean pressure, which the operator leaves out where the offset is free."""
-        padded = self.body.padded != self.body.shape
-        return 0.0 if padded or not self.floating else float(self._symbol[0, 0]) / self.operator.unit
 
     def gap(self, p: Array, exact: bool, out: Array | None = None) -> Array:
         """Gap before the offset, G p - h, in the precision of the state, or in the cheaper one of the work.
@@ -226,7 +249,8 @@ class _Grid:
         """
         u = (self.exact() if exact else self.operator).apply(p)
         r = np.empty(p.shape, self.state) if out is None else out
-        self._run(kernels.subtract, self.everywhere, u, self.h, self.kappa, p, r, self.part)
+        h = self.heights
+        self._run(kernels.subtract, self.everywhere, u, h.values, h.top, h.factor, self.kappa, p, r, self.part)
         return r
 
     def _run(self, kernel: Callable[..., None], live: Live, *args: Any) -> None:
@@ -433,7 +457,7 @@ def grids(shape: tuple[int, int], levels: int | None) -> list[tuple[int, int]]:
 
 def solve(
     body: Substrate,
-    heights: Array,
+    heights: Heights,
     *,
     stiffness: float,
     offset: float | None = None,
@@ -441,7 +465,7 @@ def solve(
     settings: Settings,
     team: Team,
 ) -> Result:
-    """Solve on ``body`` for dimensionless ``heights`` (nx, ny; rms 1, highest point 0, state precision).
+    """Solve on ``body`` for ``heights``.
 
     ``stiffness`` is (unit of pressure)·pixel/(E*·unit of height). With ``offset`` None the mean pressure is 1;
     otherwise the gap is G p - h + offset and the load follows (negative: approach since first touch). ``start`` is a
@@ -454,12 +478,12 @@ def solve(
     for depth in range(len(shapes) - 1, -1, -1):
         shape = shapes[depth]
         here = body if depth == 0 else body.regrid(shape)
-        h = heights if depth == 0 else resampled(heights, shape, state, body.periodic, team)
+        h = heights if depth == 0 else heights.regrid(shape, state, body.periodic, team)
         # Displacements are counted in pixels of the grid at hand.
         kappa = stiffness * math.sqrt(here.pixel[0] * here.pixel[1] / (body.pixel[0] * body.pixel[1]))
         grid = _Grid(here, h, kappa, offset, settings, team)
         if p is None:
-            p = _first_guess(grid, h, kappa, offset)
+            p = _first_guess(grid, kappa, offset)
         elif p.shape != shape:
             p = resampled(p, shape, state, body.periodic, team, kernels.resample_pressure)
         if p is start:
@@ -469,7 +493,7 @@ def solve(
             total, _, least = sums(p, p, team)
             rescale(p, p.size / total, team)
             if here.padded == here.shape and least > 0.0:
-                end = _full_contact(grid, h, kappa)
+                end = _full_contact(grid, kappa)
         tolerance = settings.tolerance if depth == 0 else max(settings.tolerance, COARSE_TOLERANCE)
         limit = settings.max_iterations if depth == 0 else min(settings.max_iterations, COARSE_ITERATIONS)
         end = end or grid.solve(p, tolerance, limit, depth == 0)
@@ -493,21 +517,21 @@ def solve(
     raise AssertionError("there is always a finest grid")
 
 
-def _flattening(grid: _Grid, h: Array, kappa: float) -> Array:
+def _flattening(grid: _Grid, kappa: float) -> Array:
     """Pressure with mean 0 that presses the heights flat: exact where nothing is padded."""
-    q = grid.exact().precondition(np.asarray(h, dtype=grid.state))
+    q = grid.exact().precondition(grid.heights.scaled(grid.state, grid.team))
     q -= q.dtype.type(q.mean(dtype=np.float64))
     # At vanishing loads only its shape is of use.
     q *= q.dtype.type(1.0 / max(kappa, 1e-12))
     return q
 
 
-def _full_contact(grid: _Grid, h: Array, kappa: float) -> Outcome | None:
+def _full_contact(grid: _Grid, kappa: float) -> Outcome | None:
     """The solution if every pixel touches, else None.
 
     The gap is worked out from the varying part of the pressure: under a large mean the sum would not resolve it.
     """
-    varying = _flattening(grid, h, kappa)
+    varying = _flattening(grid, kappa)
     if float(varying.min()) <= -1.0:
         return None
     r = grid.gap(varying, True)
@@ -518,9 +542,9 @@ def _full_contact(grid: _Grid, h: Array, kappa: float) -> Outcome | None:
     return Outcome(varying, r, offset, rms, 0.0, rms < grid.settings.tolerance, 0, [])
 
 
-def _first_guess(grid: _Grid, h: Array, kappa: float, offset: float | None) -> Array:
+def _first_guess(grid: _Grid, kappa: float, offset: float | None) -> Array:
     """The admissible pressure nearest to the one that presses the heights flat."""
     if offset is None:
-        return projected(_flattening(grid, h, kappa) + 1.0).astype(grid.state)
-    q = grid.operator.precondition(np.asarray(h, dtype=grid.work) - grid.work(offset))
+        return projected(_flattening(grid, kappa) + 1.0).astype(grid.state)
+    q = grid.operator.precondition(grid.heights.scaled(grid.work, grid.team) - grid.work(offset))
     return np.maximum(q, 0.0).astype(grid.state) / grid.state(kappa)

@@ -225,8 +225,8 @@ def move(lo, hi, width, live, p, d, step, scale):
 
 
 @njit(**_OPTIONS)
-def subtract(lo, hi, width, live, u, h, factor, p, r, part):
-    """r = factor·u - h in every block; part[b] = (Σ r, Σ 1) over p > 0. Reads u, h, p; writes r."""
+def subtract(lo, hi, width, live, u, h, top, scale, factor, p, r, part):
+    """r = factor·u - (h - top)·scale in every block; part[b] = (Σ r, Σ 1) over p > 0. Reads u, h, p; writes r."""
     ny = p.shape[1]
     per_row = (ny + width - 1) // width
     for b in range(lo, hi):
@@ -237,7 +237,7 @@ def subtract(lo, hi, width, live, u, h, factor, p, r, part):
         total = 0.0
         count = 0.0
         for i in range(pb.size):
-            new = factor * ub[i] - hb[i]
+            new = factor * ub[i] - (hb[i] - top) * scale
             rb[i] = new
             weight = 1.0 if pb[i] > 0 else 0.0
             total += weight * new

@@ -113,7 +113,7 @@ class FFTBEM(ContactSolver):
             raise InputError.of("load", load, "the pressure leaves the range of float32", "use precision = 'mixed'")
         initial = _usable(start, surface, load)
         with self._team() as team:
-            scaled, unit = _dimensionless(surface, pressure / self.modulus, self.precision, team)
+            scaled, unit = _dimensionless(surface, pressure / self.modulus, team)
             result = iteration.solve(
                 self._body(surface),
                 scaled,
@@ -166,7 +166,7 @@ class FFTBEM(ContactSolver):
                 )
         strain = approach / max(surface.shape) / surface.pixel_size
         with self._team() as team:
-            scaled, unit = _dimensionless(surface, strain, self.precision, team)
+            scaled, unit = _dimensionless(surface, strain, team)
             pressure = self.modulus * (unit / surface.pixel_size)
             settings = self._settings()
             result = iteration.solve(body, scaled, stiffness=1.0, offset=-approach / unit, settings=settings, team=team)
@@ -329,7 +329,7 @@ def _report(
     }
 
 
-def _dimensionless(surface: Surface, strain: float, precision: str, team: Team) -> tuple[np.ndarray, float]:
+def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[iteration.Heights, float]:
     """Heights below the highest point in units of their rms value, and that unit in nm.
 
     A flat surface has none (one whose heights differ by rounding only, or vanish, counts as flat); the displacement
@@ -337,20 +337,15 @@ def _dimensionless(surface: Surface, strain: float, precision: str, team: Team) 
     """
     heights = surface.heights
     nx, ny = heights.shape
-    state = iteration.PRECISIONS[precision][0]
     part = team.table(kernels.extremes, nx, 2, heights)
     top = float(part[:, 1].max())
     unit = top - float(part[:, 0].min())
     if unit <= max(8.0 * float(np.finfo(heights.dtype).eps) * abs(top), 1e-290):
-        return np.zeros((nx, ny), state), strain * max(nx, ny) * surface.pixel_size
+        return iteration.Heights(heights, top, 0.0), strain * max(nx, ny) * surface.pixel_size
     # Through the largest value, so that squares of 1e-200 nm do not vanish.
-    factor = 1.0 / unit
-    part = team.table(kernels.moments, nx, 2, heights, top, factor)
-    means = part[:, 0]
-    spread = math.sqrt(float(part[:, 1].sum()) / (nx * ny) + float(means.var()))
-    scaled = np.empty((nx, ny), state)
-    team.run(kernels.standardise, nx, heights, top, factor / spread, scaled)
-    return scaled, unit * spread
+    part = team.table(kernels.moments, nx, 2, heights, top, 1.0 / unit)
+    spread = math.sqrt(float(part[:, 1].sum()) / (nx * ny) + float(part[:, 0].var()))
+    return iteration.Heights(heights, top, 1.0 / unit / spread), unit * spread
 
 
 def _usable(start: ContactSolution | None, surface: Surface, load: float) -> np.ndarray | None:

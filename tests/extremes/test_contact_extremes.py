@@ -239,7 +239,7 @@ def test_a_stall_is_reported_as_such():
     body = FFTBEM(modulus=MODULUS)._body(surface)
     scaled = np.float32((rough().heights - rough().heights.max()) / rough().rms_height)
     settings = _iteration.Settings(tolerance=1e-9, precision="single")
-    end = _iteration.solve(body, scaled, stiffness=2e-3, settings=settings, team=Team(1))
+    end = _iteration.solve(body, _iteration.Heights(scaled), stiffness=2e-3, settings=settings, team=Team(1))
     assert not end.converged
     assert end.iterations < settings.max_iterations
     assert 1e-9 < end.error < 1e-4

@@ -257,7 +257,9 @@ def test_an_own_substrate_needs_no_other_solver():
     scaled = (heights - heights.max()) / unit
     body = Anisotropic((128, 128), (0.5, 0.5))
     settings = _iteration.Settings(tolerance=1e-6)
-    found = _iteration.solve(body, scaled, stiffness=0.2 / 35.3 * 0.5 / unit, settings=settings, team=TEAM)
+    found = _iteration.solve(
+        body, _iteration.Heights(scaled), stiffness=0.2 / 35.3 * 0.5 / unit, settings=settings, team=TEAM
+    )
     assert found.converged
     plain = Surface(heights=heights, pixel_size=0.5)
     isotropic = FFTBEM(modulus=35.3).solve(plain, 0.2 * plain.nominal_area)
