@@ -14,6 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from chemage import registry
 from chemage.errors import InputError, StoreError
 from chemage.objects import BondHistory, ReactionLattice, Record
 from chemage.pipeline import run_kinetics
@@ -68,7 +69,7 @@ def run_with_checkpoints(
         raise InputError(f"engine {engine.kind!r} cannot go on from a history; run it without checkpoints")
     times, kelvin = check_times(hold_times), temperature_value(temperature)
     key = _key(engine, lattice, times, kelvin, seed)
-    other = f"{path} is the checkpoint of another run; remove it, or choose another folder"
+    other = f"{path} is the checkpoint of another run (or of other plugins); remove it, or choose another folder"
     done = taken_up(path, "history", BondHistory, key, other)
     at = 0 if done is None else done.hold_times.size
     piece = 1
@@ -90,5 +91,6 @@ def run_with_checkpoints(
 
 def _key(engine: Engine, lattice: ReactionLattice, times: np.ndarray, temperature: float, seed: Seed) -> str:
     origin = [str(seed.entropy), list(seed.spawn_key)] if isinstance(seed, np.random.SeedSequence) else int(seed)
-    content = [engine.digest(), lattice.digest(), times.tolist(), temperature, origin]
+    plugins = registry.current().answering()
+    content = [engine.digest(), lattice.digest(), times.tolist(), temperature, origin, plugins]
     return hashlib.blake2b(json.dumps(content).encode(), digest_size=16).hexdigest()

@@ -121,6 +121,16 @@ class Registry:
             record.kinds, record.scenes = {}, {}
             raise
 
+    def answering(self) -> list[str]:
+        """Names of the plugins, other than chemage itself, that answer or wrap one of the stages, sorted: what they do
+        is part of a result, but not of its scene."""
+        found = {
+            implementation.plugin_name.split(" (")[0]
+            for name in hookspecs.STAGES
+            for implementation in getattr(self.manager.hook, name).get_hookimpls()
+        }
+        return sorted(found - {"chemage"})
+
     # -- choices ------------------------------------------------------------------------------------------------------
 
     def kinds(self, role: str) -> list[str]:

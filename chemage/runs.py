@@ -10,6 +10,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, TypeVar
 
+from chemage import registry
 from chemage.ageing import age
 from chemage.checkpoints import keep, taken_up
 from chemage.errors import ChemageError, StoreError
@@ -89,8 +90,8 @@ def _solved(scene: Scene, surface: Surface, checkpoints: Path | None) -> Contact
         checkpoints.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StoreError(f"cannot make the folder {checkpoints}: {error.strerror}") from error
-    path, key = checkpoints / "contact.h5", scene.keys()["contact"]
-    other = f"{checkpoints} holds checkpoints of another scene; choose another folder"
+    path, key = checkpoints / "contact.h5", " ".join([scene.keys()["contact"], *registry.current().answering()])
+    other = f"{checkpoints} holds checkpoints of another scene (or of other plugins); choose another folder"
     solution = taken_up(path, "contact", ContactSolution, key, other)
     if solution is None:
         solution = solve_contact(scene.contact, surface, scene.load)
@@ -100,7 +101,7 @@ def _solved(scene: Scene, surface: Surface, checkpoints: Path | None) -> Contact
 
 def versions(scene: Scene | None = None) -> dict[str, str]:
     """Versions of chemage, of the distributions whose plugins ``scene`` uses, and of what they rest on."""
-    from chemage import __version__, registry
+    from chemage import __version__
 
     found = {"chemage": __version__, "python": platform.python_version()}
     for name in ("numpy", "scipy", "numba", "h5py"):

@@ -21,8 +21,6 @@ from chemage.errors import ChemageError, InputError, PluginError, SceneError
 from chemage.scene import REQUIRED, SECTIONS, Scene, override, parse_scene
 from chemage.units import Unit
 
-_ARROWS = ("chemage_make_surface", "chemage_solve_contact", "chemage_build_lattice", "chemage_run_kinetics")
-
 
 @dataclass(frozen=True)
 class Axis:
@@ -250,7 +248,7 @@ def survey(grid: Grid, tell: Callable[[int, int], None] | None = None) -> Survey
     SceneError
         Naming each thing that is wrong with its path, the first point where it is, and that point's values.
     """
-    result = Survey(grid, hooks=_wrapping_plugins())
+    result = Survey(grid, hooks=registry.current().answering())
     result.resolved = [[[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes]
     known: dict[str, int] = {}
     wrong: dict[tuple[str, str], list[int]] = {}
@@ -369,16 +367,6 @@ def _unit(path: str, scene: Scene) -> str:
     # the unit of an optional field stands one level deeper
     places = [info.metadata, *(getattr(part, "__metadata__", ()) for part in get_args(info.annotation))]
     return next((mark.unit for place in places for mark in place if isinstance(mark, Unit)), "")
-
-
-def _wrapping_plugins() -> list[str]:
-    manager = registry.current().manager
-    found = {
-        implementation.plugin_name.split(" (")[0]
-        for name in _ARROWS
-        for implementation in getattr(manager.hook, name).get_hookimpls()
-    }
-    return sorted(found - {"chemage"})
 
 
 def order_of(contacts: list[Contact]) -> list[int]:

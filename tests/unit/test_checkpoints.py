@@ -81,6 +81,25 @@ def test_checkpoints_of_another_run_are_refused(small: ca.Scene, tmp_path: Path)
         ca.run(ca.load_scene("silica-rough", {**SMALL, "contact.load": "300 nN"}), checkpoints=tmp_path)
 
 
+def test_checkpoints_of_other_plugins_are_refused(small: ca.Scene, tmp_path: Path):
+    """What a plugin that wraps a stage has changed must not be taken up without it, nor the other way round."""
+
+    class Cold:
+        @ca.hookimpl
+        def chemage_run_kinetics(self, engine, lattice, hold_times, seed, start):
+            return engine.run(lattice, hold_times, temperature=200.0, seed=seed, start=start)
+
+    ca.run(small, checkpoints=tmp_path / "plain")
+    installed = ca.registry.Registry()
+    installed.register(Cold(), "cold")
+    with ca.registry.using(installed):
+        with pytest.raises(StoreError, match="or of other plugins"):
+            ca.run(small, checkpoints=tmp_path / "plain")
+        ca.run(small, checkpoints=tmp_path / "cold")
+    with pytest.raises(StoreError, match="or of other plugins"):
+        ca.run(small, checkpoints=tmp_path / "cold")
+
+
 def test_killed_run_goes_on(small: ca.Scene, tmp_path: Path):
     command = [sys.executable, "-m", "chemage.cli", "run", "silica-rough", "--no-figures", "--checkpoints", "kept"]
     for path, value in {**SMALL, "contact.load": '"200 nN"', "hold.replicas": 60}.items():
