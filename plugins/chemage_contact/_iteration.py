@@ -156,11 +156,11 @@ class Heights:
 
     def regrid(self, shape: tuple[int, int], dtype: Any, periodic: bool, team: Team) -> Heights:
         """The dimensionless heights on another grid."""
-        return Heights(
-            Heights(resampled(self.values, shape, np.float64, periodic, team), self.top, self.factor).scaled(
-                dtype, team
-            )
-        )
+        sampled = resampled(self.values, shape, np.float64, periodic, team)
+        sampled.setflags(write=False)  # as those of a surface, or numba compiles kernels for both
+        found = Heights(sampled, self.top, self.factor).scaled(dtype, team)
+        found.setflags(write=False)
+        return Heights(found)
 
 
 @dataclass
