@@ -151,7 +151,7 @@ class Heights:
     def scaled(self, dtype: Any, team: Team) -> Array:
         """The dimensionless heights."""
         out = np.empty(self.values.shape, dtype)
-        team.run(kernels.standardise, out.shape[0], self.values, self.top, self.factor, out)
+        team.run(kernels.standardise, len(out), self.values, self.top, self.factor, out)
         return out
 
     def regrid(self, shape: tuple[int, int], dtype: Any, periodic: bool, team: Team) -> Heights:

@@ -15,9 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft as sfft
 
+from chemage.errors import InputError
+
 #: Pixels below which one thread transforms faster than two.
 SHARED = 1 << 17
-LIBRARIES = ("scipy", "ducc0", "pyfftw", "mkl_fft")
+#: What pip calls the libraries.
+PACKAGES = {"ducc0": "ducc0", "pyfftw": "pyfftw", "mkl_fft": "mkl-fft mkl-service"}
 
 Array = NDArray[Any]
 
@@ -26,15 +29,13 @@ class Transforms:
     """Forward and backward transforms between real (nx, ny) and half spectra (px, py//2+1), zero-padded to ``padded``
     = (px, py).
 
-    Counts the transforms it makes in ``count``. Raises ``ImportError`` when the library asked for is not installed.
+    Counts the transforms it makes in ``count``. Raises ``InputError`` when the library asked for is not installed.
     """
 
     def __init__(self, shape: tuple[int, int], padded: tuple[int, int], library: str, workers: int) -> None:
         self.shape, self.padded, self.library = shape, padded, library
         self.workers = workers if padded[0] * padded[1] >= SHARED else 1
         self.count = 0
-        if library not in LIBRARIES:
-            raise ValueError(f"no Fourier transform library {library!r}: choose one of {', '.join(LIBRARIES)}")
         self._forward, self._backward, self._in_place = _functions(library)
 
     def forward(self, x: Array) -> Array:
@@ -105,10 +106,8 @@ def _functions(library: str) -> tuple[Callable[..., Array], Callable[..., Array]
         if library == "pyfftw":
             importlib.import_module("pyfftw.interfaces.cache").enable()
     except ImportError as error:
-        raise ImportError(
-            f"the Fourier transform library {library!r} is not installed: pip install {library.replace('_', '-')}, "
-            "or choose fft = 'scipy', which always works"
-        ) from error
+        remedy = f"pip install {PACKAGES[library]}, or choose 'scipy', which is always there"
+        raise InputError.of("fft", library, f"cannot be imported ({error})", remedy) from error
 
     def forward2(x: Array, padded: tuple[int, int], workers: int) -> Array:
         return np.ascontiguousarray(module.rfft2(_pad(x, padded), workers=workers))
