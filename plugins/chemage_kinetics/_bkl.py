@@ -40,6 +40,7 @@ from chemage_kinetics._common import (
     rate,
     sojourn,
     touch,
+    touch_rows,
     two_uniforms,
     until,
 )
@@ -543,10 +544,7 @@ def _look_ahead(
     i = min(max(np.int64(arena[spots[e]]), 0), records.shape[0] - 1)  # not a site where the list has moved
     spots[e] = i
     touch(records, i)
-    touch(neighbours, i)
-    touch(neighbours, i + 1)
-    touch(coupling, i)
-    touch(coupling, i + 1)
+    touch_rows(i, neighbours, coupling)
     if breaking.size > 0:
         touch(breaking, i)
 
@@ -718,10 +716,7 @@ def _advance(
         if slot >= counts[c]:
             continue
         i = np.int64(arena[first[c] + slot])
-        touch(neighbours, i)
-        touch(neighbours, i + 1)
-        touch(coupling, i)
-        touch(coupling, i + 1)
+        touch_rows(i, neighbours, coupling)
         if not _accepts(draws[e, 3], i, c, records, breaking, per_class):
             if _site_class(i, records, breaking, per_class) != c:
                 _set_aside(i, records, arena, first, counts, slots, weights, counters)

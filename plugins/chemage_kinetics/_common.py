@@ -69,6 +69,15 @@ def _typed_touch(typingctx, array, row):
 touch: Any = intrinsic(_typed_touch)
 
 
+@hot
+def touch_rows(i, neighbours, coupling):
+    """Ask for the rows of site i, which may lie across two cache lines."""
+    touch(neighbours, i)
+    touch(neighbours, i + 1)
+    touch(coupling, i)
+    touch(coupling, i + 1)
+
+
 def _typed_bare(typingctx, array):
     """The same array without its owner, so that passing it about inside a kernel counts no references.
 

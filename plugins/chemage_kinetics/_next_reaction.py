@@ -36,6 +36,7 @@ from chemage_kinetics._common import (
     rate,
     sojourn,
     touch,
+    touch_rows,
     until,
 )
 
@@ -531,10 +532,7 @@ def _look_ahead(keys, sites, size, words, neighbours, coupling, breaking, times,
             after = np.int64(c)
         j = np.int64(sites[c])
         touch(words, j)
-        touch(neighbours, j)
-        touch(neighbours, j + 1)
-        touch(coupling, j)
-        touch(coupling, j + 1)
+        touch_rows(j, neighbours, coupling)
     i = np.int64(sites[after])
     touch(times, i)
     touch(draws, i)

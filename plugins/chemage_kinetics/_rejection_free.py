@@ -33,6 +33,7 @@ from chemage_kinetics._common import (
     rate,
     sojourn,
     touch,
+    touch_rows,
     two_uniforms,
     until,
 )
@@ -292,10 +293,7 @@ def _look_ahead(drawn, k0, k1, tree, starts, total, words, neighbours, coupling,
     node = min(8 * node + _descend(tree, 8 * node, draws[slot, 2])[0], words.size - 1)
     spots[slot] = node
     touch(words, node)
-    touch(neighbours, node)
-    touch(neighbours, node + 1)
-    touch(coupling, node)
-    touch(coupling, node + 1)
+    touch_rows(node, neighbours, coupling)
     if breaking.size > 0:
         touch(breaking, node)
 
