@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 #: A plugin module may set ``CHEMAGE_API = 1``; one made for another version is reported and skipped.
 API_VERSION = 1
 
-#: The hooks that are stages of a run: what answers or wraps one changes results.
-STAGES = ("chemage_make_surface", "chemage_solve_contact", "chemage_build_lattice", "chemage_run_kinetics")
+#: The hooks that are arrows of the pipeline: what answers or wraps one changes results.
+ARROWS = ("chemage_make_surface", "chemage_solve_contact", "chemage_build_lattice", "chemage_run_kinetics")
 
 hookspec = pluggy.HookspecMarker("chemage")
 hookimpl = pluggy.HookimplMarker("chemage")

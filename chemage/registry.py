@@ -122,11 +122,11 @@ class Registry:
             raise
 
     def answering(self) -> list[str]:
-        """Names of the plugins, other than chemage itself, that answer or wrap one of the stages, sorted: what they do
+        """Names of the plugins, other than chemage itself, that answer or wrap an arrow, sorted: what they do
         is part of a result, but not of its scene."""
         found = {
             implementation.plugin_name.split(" (")[0]
-            for name in hookspecs.STAGES
+            for name in hookspecs.ARROWS
             for implementation in getattr(self.manager.hook, name).get_hookimpls()
         }
         return sorted(found - {"chemage"})
