@@ -26,7 +26,9 @@ import numpy as np
 from chemage.random import uniform_pair
 from chemage_kinetics._common import (
     COLDEST,
+    LARGEST_BARRIER,
     STREAMS,
+    UNITS_PER_EV,
     bare,
     count_flip,
     count_sojourn,
@@ -98,25 +100,22 @@ def _site_class(i, records, breaking, per_class):
     return _class_of(_barrier(i, records, breaking), per_class)
 
 
-@jit
-def sort(words, breaking, per_class, records, counts):
-    """The sites in ascending order of class, those of zero rate last, and the number in each class; (n,) int32."""
-    counts[:] = 0
-    for i in range(words.size):
-        records[i, 0] = words[i]
-        c = _site_class(i, records, breaking, per_class)
-        records[i, 1] = c
-        if c >= 0:
-            counts[c] += 1
-    begin = np.zeros(counts.size + 1, np.int64)
-    for c in range(counts.size):
-        begin[c + 1] = begin[c] + counts[c]
-    order = np.empty(words.size, np.int32)
-    for i in range(words.size):
-        c = records[i, 1] if records[i, 1] >= 0 else counts.size
-        order[begin[c]] = i
-        begin[c] += 1
-    return order
+def sort(words: np.ndarray, breaking: np.ndarray, per_class: float, counts: np.ndarray) -> np.ndarray:
+    """The sites in ascending order of class, those of zero rate last, (n,) int32; fills ``counts`` (CLASSES,).
+
+    As `_site_class` has it, but on whole arrays: another kernel would be half a second of compilation.
+    """
+    barriers = words >> 1
+    bonded = np.flatnonzero(words & 1)
+    if breaking.size > 0:
+        limited = np.clip(breaking[bonded], -LARGEST_BARRIER, LARGEST_BARRIER)
+        barriers[bonded] = np.rint(limited * UNITS_PER_EV).astype(np.int64)
+    octaves = np.maximum(barriers, 0) * per_class
+    if breaking.size == 0:
+        octaves[bonded] = np.inf
+    classes = np.where(octaves >= CLASSES - 1.0, CLASSES, octaves).astype(np.int16)
+    counts[:] = np.bincount(classes, minlength=CLASSES + 1)[:CLASSES]
+    return np.argsort(classes, kind="stable").astype(np.int32)
 
 
 @jit
@@ -153,22 +152,13 @@ def place(order, words, records, first, room, counts, slots, weights, counters):
     return arena
 
 
-@jit
-def members(arena, first, counts, n):
+def members(arena: np.ndarray, first: np.ndarray, counts: np.ndarray, n: int) -> np.ndarray:
     """Every site, class by class in the order of the member lists, those of zero rate last; (n,) int32."""
-    order = np.empty(n, np.int32)
-    listed = np.zeros(n, np.bool_)
-    o = 0
-    for c in range(counts.size):
-        for m in range(counts[c]):
-            order[o] = arena[first[c] + m]
-            listed[order[o]] = True
-            o += 1
-    for i in range(n):
-        if not listed[i]:
-            order[o] = i
-            o += 1
-    return order
+    listed = [arena[first[c] : first[c] + counts[c]] for c in np.flatnonzero(counts)]
+    there = np.zeros(n, np.bool_)
+    for part in listed:
+        there[part] = True
+    return np.concatenate([*listed, np.flatnonzero(~there).astype(np.int32)])
 
 
 @hot

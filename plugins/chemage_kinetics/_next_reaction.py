@@ -317,7 +317,7 @@ def _sort(order, begin, end, times, final, grid, scratch, ends, room):
         ends[b] += 1
 
 
-@hot
+@inner
 def _draw(k0, k1, site, pixel, words, breaking, nu, per_unit, high, low, times, draws):
     """A new pending time for a site, from the instant high + low on. Infinite where the rate is zero."""
     word = words[site]
@@ -339,11 +339,6 @@ def _draw(k0, k1, site, pixel, words, breaking, nu, per_unit, high, low, times, 
         times[site, 1] = 0.0
         return
     times[site, 0], times[site, 1] = later(high, low, wait)
-
-
-@inner
-def _draw_cold(k0, k1, site, pixel, words, breaking, nu, per_unit, high, low, times, draws):
-    _draw(k0, k1, site, pixel, words, breaking, nu, per_unit, high, low, times, draws)
 
 
 @jit
@@ -417,7 +412,7 @@ def _turn(
                 found += 1
         else:
             # It had no event before the end of time: nothing is known of it, and the exponential forgets.
-            _draw_cold(k0, k1, j, pixels[j], words, breaking, nu, per_unit, high, low, times, draws)
+            _draw(k0, k1, j, pixels[j], words, breaking, nu, per_unit, high, low, times, draws)
             sooner[found] = j
             found += 1
     return found
@@ -483,11 +478,11 @@ def _stay(
         chosen = _choose(i, uniform(k0, k1, STREAM, pixels[i], draws[i]), words, neighbours, breaking, nu, per_unit)
         draws[i] += 1
     # Given that nothing around it has fired, the pending times are exponential anew.
-    _draw_cold(k0, k1, i, pixels[i], words, breaking, nu, per_unit, high, low, times, draws)
+    _draw(k0, k1, i, pixels[i], words, breaking, nu, per_unit, high, low, times, draws)
     for s in range(neighbours.shape[1]):
         j = np.int64(neighbours[i, s])
         if j >= 0:
-            _draw_cold(k0, k1, j, pixels[j], words, breaking, nu, per_unit, high, low, times, draws)
+            _draw(k0, k1, j, pixels[j], words, breaking, nu, per_unit, high, low, times, draws)
     if chosen >= 0:
         times[chosen, 0] = high
         times[chosen, 1] = low

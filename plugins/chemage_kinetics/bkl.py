@@ -59,7 +59,7 @@ class BKL(Engine):
             counts[:] = job.resume["counts"]
         else:
             counters[kernel.EVENT] = job.carried("event") + 1  # the pending event's own draw has been looked at
-            order = kernel.sort(words, job.breaking, job.per_unit * kernel.SHARE, records, counts)
+            order = kernel.sort(words, job.breaking, job.per_unit * kernel.SHARE, counts)
         arena = kernel.place(order, words, records, first, room, counts, slots, weights, counters)
         while not counters[kernel.DONE]:
             kernel.advance(
