@@ -90,15 +90,15 @@ class FFTBEM(ContactSolver):
         if not {"nx", "ny"} <= surface.keys():
             return {}
         pixels = surface["nx"] * surface["ny"]
-        known = {"bytes": pixels * {"single": 50.0, "mixed": 75.0, "double": 95.0}[self.precision]}
+        known = {"bytes": pixels * {"single": 40.0, "mixed": 55.0, "double": 65.0}[self.precision]}
         fraction = 0.1
         if {"pixel_size", "rms_slope"} <= surface.keys():
             x = load / (pixels * surface["pixel_size"] ** 2) / self.modulus
             x = x / surface["rms_slope"] if surface["rms_slope"] > 0 else math.inf if load > 0 else 0.0
             fraction = known["area_fraction"] = math.erf(2.2 * x / math.sqrt(4.0 / math.pi))
         digits = math.log10(1e-5 / self.tolerance)
-        work = (1.5e-7 + 3.5e-7 * math.sqrt(fraction)) * max(0.5, 1.0 + 0.2 * digits)
-        factor = {"single": 0.8, "mixed": 1.0, "double": 2.0}[self.precision] * (
+        work = (4e-8 + 5.5e-7 * math.sqrt(fraction)) * max(0.5, 1.0 + 0.2 * digits)
+        factor = {"single": 0.8, "mixed": 1.0, "double": 1.6}[self.precision] * (
             4.0 if self.boundary == "free" else 1.0
         )
         return known | {"cpu_seconds": pixels * work * factor}

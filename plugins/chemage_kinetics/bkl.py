@@ -29,7 +29,7 @@ class BKL(Engine):
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""
-        return room_temperature_cost(sites, 900e-9, 25e-9, 43)
+        return room_temperature_cost(sites, 650e-9, 25e-9, 46)
 
     def _run(
         self,

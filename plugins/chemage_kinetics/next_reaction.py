@@ -43,7 +43,7 @@ class NextReaction(Engine):
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""
-        return room_temperature_cost(sites, 550e-9, 70e-9, 67)
+        return room_temperature_cost(sites, 600e-9, 70e-9, 50)
 
     def _run(
         self,

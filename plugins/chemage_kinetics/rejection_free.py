@@ -29,7 +29,7 @@ class RejectionFree(Engine):
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""
-        return room_temperature_cost(sites, 550e-9, 15e-9, 18)
+        return room_temperature_cost(sites, 430e-9, 15e-9, 18)
 
     def _run(
         self,
