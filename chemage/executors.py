@@ -487,11 +487,15 @@ def _dask(detail: str, workers: int | None, threads: int | None) -> Iterator[Poo
     if where.local:
         count, each = _shares(where.workers, threads)
         where.options = {**_local_options(count), **where.options}
+    # Dask sets what a library reads at import in its own process, too, while it starts a worker; numba would then
+    # refuse to compile in this one, and needs it in the worker alone.
+    early = thread_budget.environment(each)
+    late = {name: early.pop(name) for name in ("CHEMAGE_THREADS", "NUMBA_NUM_THREADS")}
     settings: dict[str, Any] = {
         "distributed.scheduler.allowed-failures": RETRIES,
-        "distributed.nanny.pre-spawn-environ": {
-            **dask_config.get("distributed.nanny.pre-spawn-environ", {}),
-            **thread_budget.environment(each),
+        **{
+            name: {**dask_config.get(name, {}), **values}
+            for name, values in (("distributed.nanny.pre-spawn-environ", early), ("distributed.nanny.environ", late))
         },
     }
     # for as long as the cluster lives: workers are also started later, when it grows or one of them died

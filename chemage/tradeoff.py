@@ -247,19 +247,24 @@ def figure(found: Tradeoff) -> Figure:
     for knob, axes in zip(knobs, plots, strict=False):
         name, points = _errors(found, knob)
         axes.loglog([point[0] for point in points], [point[1] for point in points], "o-", ms=4, color=BLUE)
-        for x, y, label in points:
-            axes.annotate(label, (x, y), textcoords="offset points", xytext=(5, 4), fontsize=7)
+        for k, (x, y, label) in enumerate(points):  # above and below in turn, for those that are close together
+            axes.annotate(label, (x, y), textcoords="offset points", xytext=(5, -10 if k % 2 else 4), fontsize=7)
         axes.set(xlabel="CPU seconds", ylabel=name, title=knob)
-        axes.set_xlim(_decade([point[0] for point in points]))
-        axes.set_ylim(_decade([point[1] for point in points]))
+        _scale(axes.xaxis, [point[0] for point in points])
+        _scale(axes.yaxis, [point[1] for point in points])
     return drawn
 
 
-def _decade(values: list[float]) -> tuple[float, float]:
-    """Bounds around positive ``values``, a decade apart at least: small differences must not look large."""
+def _scale(axis: Any, values: list[float]) -> None:
+    """Bounds around positive ``values``, a decade apart at least: small differences must not look large. Few ticks."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     low, high = min(values), max(values)
-    middle, reach = math.sqrt(low * high), max(math.sqrt(high / low) * 1.5, math.sqrt(10.0))
-    return middle / reach, middle * reach
+    middle, reach = math.sqrt(low * high), max(2.0 * (high / low) ** 0.54, math.sqrt(10.0))
+    (axis.axes.set_xlim if axis.axis_name == "x" else axis.axes.set_ylim)(middle / reach, middle * reach)
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if reach < 6.0 else (1.0,), numticks=12))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _errors(found: Tradeoff, knob: str) -> Any:
