@@ -439,9 +439,8 @@ class Dask(Executor):
         now = time.monotonic()
         if now > when + 1:
             found = None
-            with suppress(
-                OSError, RuntimeError
-            ):  # no answer: the scheduler is busy, or gone, which its tasks will tell
+            # no answer: the scheduler is busy, or gone, which its tasks will tell
+            with suppress(OSError, RuntimeError):
                 found = sum(self._client.nthreads().values())
                 width = max(1, found)
             if found:

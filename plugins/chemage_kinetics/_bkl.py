@@ -4,17 +4,17 @@ A site in class c has a rate of at most 2**-c times the attempt frequency. The c
 E / (kT ln 2), so it costs no exponential. A class of so many slots weighs slots * 2**-c, a whole number: nothing
 accumulates. It has as many slots as members, rounded up by 1 part in 64 at most, so that its weight and the members'
 slots seldom change. An attempt draws a class by weight and a slot evenly, and takes the member that is there, if any,
-with the probability rate / 2**-c. The clock
-advances on every attempt, and a rejected attempt draws everything anew: the attempts are a Poisson process of known
-rate and the events a thinned one, so both times and choices are exact. (Weights that are exact sums of rates would need
-the rejected attempt to stay in its class; with bounds for weights that would be wrong.)
+with the probability rate / 2**-c. The clock advances on every attempt, and a rejected attempt draws everything anew:
+the attempts are a Poisson process of known rate and the events a thinned one, so both times and choices are exact.
+(Weights that are exact sums of rates would need the rejected attempt to stay in its class; with bounds for weights that
+would be wrong.)
 
 A site whose rate rises above its bound moves at once. One whose rate falls stays where it is, since the bound still
 holds, and moves when an attempt on it is rejected. Most blocked neighbours are never attempted, so an event moves one
 site instead of nine, and a bond that breaks again finds its neighbours where they were.
 
-From a hundred thousand sites on an attempt waits for memory more than it computes, so the next attempts are foreseen
-and their memory is asked for, see `_look_ahead`.
+From a quarter of a million sites on (FAR) an attempt waits for memory more than it computes, so the next attempts are
+foreseen and their memory is asked for, see `_look_ahead`.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ from chemage_kinetics._common import (
     sojourn,
     touch,
     touch_rows,
+    touch_site,
     two_uniforms,
     until,
 )
@@ -533,10 +534,7 @@ def _look_ahead(
     e = (event + 2) & (RING - 1)
     i = min(max(np.int64(arena[spots[e]]), 0), records.shape[0] - 1)  # not a site where the list has moved
     spots[e] = i
-    touch(records, i)
-    touch_rows(i, neighbours, coupling)
-    if breaking.size > 0:
-        touch(breaking, i)
+    touch_site(i, records, neighbours, coupling, breaking)
 
     i = spots[(event + 1) & (RING - 1)]
     for s in range(neighbours.shape[1]):

@@ -78,6 +78,15 @@ def touch_rows(i, neighbours, coupling):
     touch(coupling, i + 1)
 
 
+@hot
+def touch_site(i, words, neighbours, coupling, breaking):
+    """Ask for all that belongs to site i alone."""
+    touch(words, i)
+    touch_rows(i, neighbours, coupling)
+    if breaking.size > 0:
+        touch(breaking, i)
+
+
 def _typed_bare(typingctx, array):
     """The same array without its owner, so that passing it about inside a kernel counts no references.
 
@@ -129,6 +138,17 @@ def rate(barrier, nu, per_unit):
     if barrier <= 0:
         return nu
     return nu * math.exp(-(barrier * per_unit))
+
+
+@inner
+def own_rate(site, words, breaking, nu, per_unit):
+    """The rate of what a site does next, form its bond or break it; 0 for a bond that never breaks."""
+    word = words[site]
+    if word & 1 == 0:
+        return rate(word >> 1, nu, per_unit)
+    if breaking.size > 0:
+        return rate(fixed_barrier(breaking[site]), nu, per_unit)
+    return 0.0
 
 
 @inner

@@ -32,8 +32,8 @@ from chemage_kinetics._common import (
     inner,
     jit,
     later,
+    own_rate,
     past,
-    rate,
     sojourn,
     touch,
     touch_rows,
@@ -349,23 +349,13 @@ def draw_times(k0, k1, pixels, words, breaking, nu, per_unit, clock, times, draw
 
 
 @inner
-def _own_rate(site, words, breaking, nu, per_unit):
-    word = words[site]
-    if word & 1 == 0:
-        return rate(word >> 1, nu, per_unit)
-    if breaking.size > 0:
-        return rate(fixed_barrier(breaking[site]), nu, per_unit)
-    return 0.0
-
-
-@inner
 def _around(site, words, neighbours, breaking, nu, per_unit):
     """Total rate of a site's neighbours."""
     total = 0.0
     for s in range(neighbours.shape[1]):
         j = np.int64(neighbours[site, s])
         if j >= 0:
-            total += _own_rate(j, words, breaking, nu, per_unit)
+            total += own_rate(j, words, breaking, nu, per_unit)
     return total
 
 
@@ -496,7 +486,7 @@ def _choose(site, u, words, neighbours, breaking, nu, per_unit):
     for s in range(neighbours.shape[1]):
         j = np.int64(neighbours[site, s])
         if j >= 0:
-            w = _own_rate(j, words, breaking, nu, per_unit)
+            w = own_rate(j, words, breaking, nu, per_unit)
             if w > 0.0:
                 chosen = j
                 if target < w:
@@ -759,7 +749,7 @@ def _follow(
             while past(high, low, hold_times[hold]):
                 hold += 1
             if superbasins is not None:
-                rate_back = _own_rate(i, words, breaking, nu, per_unit)
+                rate_back = own_rate(i, words, breaking, nu, per_unit)
                 around_back = _around(i, words, neighbours, breaking, nu, per_unit)
             found = _turn(
                 i,
@@ -787,7 +777,7 @@ def _follow(
                 )
             if superbasins is not None:
                 # Does the site flip far more often than anything around it? Then set it and its neighbours aside.
-                rate_here = _own_rate(i, words, breaking, nu, per_unit)
+                rate_here = own_rate(i, words, breaking, nu, per_unit)
                 around_here = _around(i, words, neighbours, breaking, nu, per_unit)
                 slower = min(rate_here, rate_back)
                 span = until(high, low, hold_times[hold])

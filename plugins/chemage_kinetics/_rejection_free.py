@@ -2,13 +2,13 @@
 
 A node holds the sum of its eight children, which share one cache line (64 bytes). After an event the parents of every
 changed leaf are summed again from their children; nothing is ever subtracted, so slow rates keep their last bit next to
-rates 25 decades faster. A site much faster than all others together, as one whose bond has just broken by chance, is
-taken out of the tree into a short list while it lasts: the choices inside the tree then hardly depend on it.
+rates 25 decades faster.
 
-From a hundred thousand sites on an event waits for memory more than it computes: the sums on its path, the chosen
-leaf, the neighbour and coupling rows, and for each of the three or so rows of pixels touched one line of energies and
-two of rates. So the next choices in the tree are foreseen and their memory asked for, stage by stage, see
-`_look_ahead`.
+From a quarter of a million sites on (FAR) an event waits for memory more than it computes: the sums on its path, the
+chosen leaf, the neighbour and coupling rows, and for each of the three or so rows of pixels touched one line of
+energies and two of rates. So the next choices in the tree are foreseen and their memory asked for, stage by stage, see
+`_look_ahead`. A site with more than a thousandth of the rate of the whole tree, as one whose bond has just broken by
+chance, is taken out of it into a short list while it lasts: the choices inside the tree then hardly depend on it.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from chemage_kinetics._common import (
     bare,
     count_flip,
     count_sojourn,
-    fixed_barrier,
     fixed_coupling,
     hot,
     inner,
     jit,
     later,
+    own_rate,
     past,
     rate,
     sojourn,
     touch,
-    touch_rows,
+    touch_site,
     two_uniforms,
     until,
 )
@@ -80,15 +80,8 @@ def _block_sum(tree, b):
 @jit
 def fill(words, breaking, nu, per_unit, tree, starts):
     """Leaves from energies and states, then every level above; returns the total rate."""
-    reversible = breaking.size > 0
     for i in range(words.size):
-        word = words[i]
-        if word & 1 == 0:
-            tree[i] = rate(word >> 1, nu, per_unit)
-        elif reversible:
-            tree[i] = rate(fixed_barrier(breaking[i]), nu, per_unit)
-        else:
-            tree[i] = 0.0
+        tree[i] = own_rate(i, words, breaking, nu, per_unit)
     for i in range(words.size, starts[1]):
         tree[i] = 0.0
     for level in range(1, starts.size - 1):
@@ -292,10 +285,7 @@ def _look_ahead(drawn, k0, k1, tree, starts, total, words, neighbours, coupling,
     node = spots[slot]
     node = min(8 * node + _descend(tree, 8 * node, draws[slot, 2])[0], words.size - 1)
     spots[slot] = node
-    touch(words, node)
-    touch_rows(node, neighbours, coupling)
-    if breaking.size > 0:
-        touch(breaking, node)
+    touch_site(node, words, neighbours, coupling, breaking)
 
     node = spots[(drawn + 1) & (RING - 1)]
     for s in range(neighbours.shape[1]):
@@ -339,13 +329,7 @@ def _rates(i, found, far, words, breaking, nu, per_unit, tree, starts, dirty, ne
     for s in range(-1, found):
         if s < 0:
             j = i
-            word = words[i]
-            if word & 1 == 0:
-                value = rate(word >> 1, nu, per_unit)
-            elif breaking.size > 0:
-                value = rate(fixed_barrier(breaking[i]), nu, per_unit)
-            else:
-                value = 0.0
+            value = own_rate(i, words, breaking, nu, per_unit)
         else:
             j = near[s, 0]
             value = rate(near[s, 1], nu, per_unit)
