@@ -9,7 +9,7 @@ from pydantic import Field
 
 from chemage.spec import Engine
 from chemage.threads import available
-from chemage_kinetics import _next_reaction as graph
+from chemage_kinetics._patches import patches_of
 from chemage_kinetics.independent import Independent
 from chemage_kinetics.next_reaction import NextReaction
 from chemage_kinetics.rejection_free import RejectionFree
@@ -46,9 +46,8 @@ class Auto(Engine):
         if not lattice.interacting or lattice.neighbours is None:
             return Independent(workers=self.workers), "no site interacts with another, so the closed form holds"
         n = lattice.sites.size
-        starts = np.empty(n + 1, np.int32)
-        patches = graph.find_patches(lattice.neighbours, np.empty(n, np.int32), starts, np.zeros(n, np.int32))
-        largest = int(np.diff(starts[: patches + 1]).max(initial=0))
+        _, starts = patches_of(lattice.neighbours)
+        patches, largest = starts.size - 1, int(np.diff(starts).max(initial=0))
         shape = f"the largest of {patches} patches holds {largest} of {n} sites"
         if patches > 1 and self.superbasins:
             engine = NextReaction(workers=self.workers, superbasins=True)

@@ -10,10 +10,9 @@ from pydantic import Field
 from chemage.errors import InputError
 from chemage.spec import Engine, check_times, temperature_value
 from chemage.threads import available
-from chemage.units import KB
-from chemage_kinetics import _common
 from chemage_kinetics import _independent as kernel
-from chemage_kinetics._driver import Job, frozen_empty, room_temperature_cost, run_pieces
+from chemage_kinetics._common import Holds
+from chemage_kinetics._driver import Job, model_of, room_temperature_cost, run_pieces
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,46 +59,31 @@ class Independent(Engine):
     ) -> BondHistory:
         job = Job(self.kind, lattice, hold_times, temperature, seed, start)
         n = lattice.sites.size
-        state = job.state.copy()
         if job.resume is not None:
             times, draws = np.array(job.resume["times"]), np.array(job.resume["draws"])
         else:
             times, draws = np.empty((n, 2)), job.carried_array("draws", np.zeros(n, np.int64))
-            kernel.draw_times(
-                job.k0,
-                job.k1,
-                lattice.sites,
-                lattice.forming,
-                job.breaking,
-                job.nu,
-                job.per_unit,
-                job.time,
-                state,
-                times,
-                draws,
-            )
+        model = job.model
+        sites = kernel.Sites(
+            key=job.key,
+            pixels=lattice.sites,
+            forming=lattice.forming,
+            breaking=model.breaking,
+            nu=model.nu,
+            per_unit=model.per_unit,
+            state=job.state.copy(),
+            times=times,
+            draws=draws,
+        )
+        if job.resume is None:
+            kernel.draw_times(sites, job.time)
 
         def follow(first: int, last: int, tally: np.ndarray) -> int:
-            kernel.follow(
-                job.k0,
-                job.k1,
-                lattice.sites,
-                lattice.forming,
-                job.breaking,
-                job.nu,
-                job.per_unit,
-                job.hold_times,
-                first,
-                last,
-                state,
-                times,
-                draws,
-                tally,
-            )
+            kernel.follow(sites, Holds(job.hold_times, tally), np.empty(5, np.uint64), first, last)
             return last
 
         run_pieces(job, follow, [(first, min(first + PIECE, n)) for first in range(0, n, PIECE)], self.workers)
-        return job.history(state, times=times, draws=draws)
+        return job.history(sites.state, times=times, draws=draws)
 
     def mean(
         self,
@@ -131,9 +115,8 @@ class Independent(Engine):
         if times[0] < begin:
             raise InputError.of("hold_times", float(times[0]), f"the start is at {begin} s", "give later hold times")
         mean, variance = np.empty(times.size), np.empty(times.size)
-        breaking = frozen_empty(0) if lattice.breaking is None else lattice.breaking
-        per_unit = 1.0 / (KB * kelvin * _common.UNITS_PER_EV)
+        model = model_of(lattice, kelvin)
         kernel.moments(
-            lattice.forming, breaking, float(lattice.attempt_frequency), per_unit, state, times - begin, mean, variance
+            lattice.forming, model.breaking, model.nu, model.per_unit, state, times - begin, mean, variance
         )
         return mean, variance
