@@ -37,7 +37,7 @@ from chemage_kinetics._common import (
     rate,
     until,
 )
-from chemage_kinetics._memory import borrowed, hot, inner, jit, prefetch
+from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit, prefetch
 from chemage_kinetics._rate_classes import (
     SLOTS,
     Classes,
@@ -116,7 +116,7 @@ def new_run(key: Key, holds: Holds, classes: Classes, time: float) -> Run:
 
 
 @hot
-def _flip(i, classes, near):
+def _flip(i: Int, classes: Classes, near: np.ndarray) -> None:
     """Form or break the bond of site i; move it, and every neighbour now above its bound, to the right class."""
     records = classes.records
     model = classes.model
@@ -155,12 +155,12 @@ def _flip(i, classes, near):
 
 
 @inner
-def _flip_cold(i, classes, near):
+def _flip_cold(i: Int, classes: Classes, near: np.ndarray) -> None:
     _flip(i, classes, near)
 
 
 @hot
-def _start_sequence(run, attempt):
+def _start_sequence(run: Run, attempt: Int) -> None:
     """Set ``rng`` to the private sequence of the sojourn that follows an attempt."""
     run.rng[0] = run.key.k0
     run.rng[1] = run.key.k1
@@ -170,7 +170,9 @@ def _start_sequence(run, attempt):
 
 
 @hot
-def _dwell(run, i, high, low, hold, rate_back, leave_back):
+def _dwell(
+    run: Run, i: Int, high: Float, low: Float, hold: Int, rate_back: Float, leave_back: Float
+) -> tuple[Float, Float, Int]:
     """Follow site i, which flickers, until something else is attempted or the present hold time is reached.
 
     Returns the clock and the site of the last event.
@@ -213,7 +215,7 @@ def _dwell(run, i, high, low, hold, rate_back, leave_back):
 
 
 @hot
-def _draw(ahead, attempt):
+def _draw(ahead: Ahead, attempt: Int) -> None:
     """The four random numbers of an attempt."""
     e = attempt & (RING - 1)
     k0, k1 = ahead.key
@@ -222,7 +224,7 @@ def _draw(ahead, attempt):
 
 
 @hot
-def _look_ahead(ahead, classes, attempt, total):
+def _look_ahead(ahead: Ahead, classes: Classes, attempt: Int, total: Float) -> None:
     """Prefetch the memory of the next predicted attempts; a wrong prediction costs time and changes nothing.
 
     Three attempts ahead the entry in the list of members, two ahead the site's own rows, one ahead its neighbours: each
@@ -249,7 +251,7 @@ def _look_ahead(ahead, classes, attempt, total):
 
 
 @hot
-def _attempt(ahead, classes, e, total):
+def _attempt(ahead: Ahead, classes: Classes, e: Int, total: Float) -> tuple[Int, Float]:
     """The site that the attempt in row ``e`` of the ring selects and accepts, or -1; moves a rejected site whose class
     is out of date. Also returns the total weight afterwards."""
     c = select_class(ahead.draws[e, 1] * total, classes)
@@ -268,7 +270,7 @@ def _attempt(ahead, classes, e, total):
 
 
 @jit
-def advance(run, superbasins, attempts):
+def advance(run: Run, superbasins: bool | None, attempts: Int) -> None:
     """Go on for at most ``attempts`` attempts, or to the last hold time (then ``counters[DONE]`` is 1).
 
     superbasins: True or None, so that the two-state chain is compiled only where it is used.

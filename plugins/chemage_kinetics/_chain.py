@@ -1,4 +1,7 @@
-"""The absorbing two-state chain of a site that flickers, and the random variates it takes."""
+"""The absorbing two-state chain of a site that flickers, and the random variates it needs.
+
+``rng`` is a uint64 array (k0, k1, stream, index, next block): a private sequence of random numbers within one index.
+"""
 
 from __future__ import annotations
 
@@ -7,21 +10,19 @@ import math
 import numpy as np
 
 from chemage.random import uniform_pair
-from chemage_kinetics._memory import inner
+from chemage_kinetics._memory import Float, inner
 
-#: A site flickers where it flips more than so many times before anything else happens; it then is a two-state chain.
+#: A site that flips more than so many times before anything else happens is treated as a two-state chain.
 FLICKER = 8.0
-#: Where each site has random numbers of its own, blocks from here on belong to sojourns, with room for so many each.
+#: Where every site has random numbers of its own, the blocks from here on belong to its sojourns, so many to each.
 SOJOURN_BLOCKS = np.uint64(1 << 40)
 SOJOURN_DRAWS = np.int64(4096)
+#: With more cycles than these, a double does not resolve single flips.
 _HUGE = 2.0**50
 
 
-# `rng` is a uint64 array (k0, k1, stream, index, next block): a private sequence within one index.
-
-
 @inner
-def two_uniforms(rng):
+def two_uniforms(rng: np.ndarray) -> tuple[Float, Float]:
     """The next two uniforms of a private sequence."""
     pair = uniform_pair(rng[0], rng[1], rng[2], rng[3], rng[4])
     rng[4] += np.uint64(1)
@@ -29,7 +30,7 @@ def two_uniforms(rng):
 
 
 @inner
-def gamma(rng, shape):
+def gamma(rng: np.ndarray, shape: Float) -> Float:
     """A gamma variate of unit rate and shape >= 1 (Marsaglia & Tsang 2000); the sum of ``shape`` unit exponentials."""
     d = shape - 1.0 / 3.0
     c = 1.0 / math.sqrt(9.0 * d)
@@ -46,12 +47,14 @@ def gamma(rng, shape):
 
 
 @inner
-def _last_cycle(rng, cycles, here, there, sum_here, sum_there, left):
-    """Where in ``cycles`` cycles of known total duration the time ``left`` falls.
+def _last_cycle(
+    rng: np.ndarray, cycles: Float, here: Float, there: Float, sum_here: Float, sum_there: Float, left: Float
+) -> tuple[Float, bool]:
+    """Find where in ``cycles`` cycles of known total duration the time ``left`` ends.
 
-    The sums of unit exponentials over all cycles are known; they are split by beta variates (the law of a partial sum
-    given the whole) until one cycle remains. Returns (whole cycles done, whether the flip out of the first state also
-    was, time left).
+    The sums of unit exponentials over all cycles are given; they are split by beta variates (the distribution of a
+    partial sum given the whole) until one cycle remains. Returns the number of complete cycles, and whether the flip
+    out of the first state came in time as well.
     """
     done = 0.0
     while cycles > 1.0:
@@ -76,16 +79,35 @@ def _last_cycle(rng, cycles, here, there, sum_here, sum_there, left):
 
 
 @inner
-def sojourn(rng, here, there, leave_here, leave_there, span):
-    """The absorbing two-state chain: one site flips to and fro until something else happens or ``span`` seconds pass.
+def _exit(rng: np.ndarray, all_here: Float, all_there: Float, out_there: bool, left: Float) -> tuple[bool, bool, Float]:
+    """The last, incomplete cycle: whether the exit came in time, whether in the other state, and the time left."""
+    u, v = two_uniforms(rng)
+    spent = -math.log(u) / all_here
+    if spent > left:
+        return False, False, left
+    left -= spent
+    if not out_there:
+        return True, False, left
+    spent = -math.log(v) / all_there
+    if spent > left:
+        return False, True, left
+    return True, True, left - spent
 
-    The site leaves its present state at the rate ``here`` and its other state at ``there``; everything else happens at
-    the total rate ``leave_here`` or ``leave_there``, depending on the state. Both flip rates are positive.
-    Returns (time spent, whether something else ended it, whether the site ended in its other state, flips out of the
-    present state, flips out of the other state). Exact: the number of there-and-back cycles is geometric, the time in
-    each state is a sum of exponentials (a gamma variate), and where ``span`` ends first, the partial sums given the
-    whole are beta variates. Novotny, Phys. Rev. Lett. 74, 1 (1995) has the chain; drawing the cycles keeps the number
-    of events as well.
+
+@inner
+def sojourn(
+    rng: np.ndarray, here: Float, there: Float, leave_here: Float, leave_there: Float, span: Float
+) -> tuple[Float, bool, bool, Float, Float]:
+    """Sample the absorbing two-state chain: one site flickers until something else happens or ``span`` seconds pass.
+
+    The site leaves its present state at the rate ``here`` and its other state at ``there``, both positive; everything
+    else happens at the total rate ``leave_here`` or ``leave_there``, depending on the state. Returns the time spent,
+    whether something else ended it, whether the site ended in its other state, the number of flips out of the present
+    state, and that out of the other state.
+
+    Exact: the number of complete cycles is geometric, the time in each state is a sum of exponentials (a gamma
+    variate), and where ``span`` ends first, the partial sums given the whole are beta variates. The chain is that of
+    Novotny, Phys. Rev. Lett. 74, 1 (1995); drawing the cycles gives the number of events as well.
     """
     all_here = here + leave_here
     all_there = there + leave_there
@@ -102,7 +124,7 @@ def sojourn(rng, here, there, leave_here, leave_there, span):
         expected = left / mean
         if expected > _HUGE:
             if allowed > expected:
-                # No double tells single flips apart here: the state is stationary, the count normal to the last bit.
+                # The state is stationary here, and the count normal to the last bit.
                 u, v = two_uniforms(rng)
                 spread = math.sqrt(expected) * math.sqrt(1.0 / all_here**2 + 1.0 / all_there**2) / mean
                 x = math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v)
@@ -131,14 +153,5 @@ def sojourn(rng, here, there, leave_here, leave_there, span):
         left -= spent
         done += cycles
         allowed -= cycles
-    u, v = two_uniforms(rng)
-    spent = -math.log(u) / all_here
-    if spent > left:
-        return span, False, False, done, done
-    left -= spent
-    if not out_there:
-        return span - left, True, False, done, done
-    spent = -math.log(v) / all_there
-    if spent > left:
-        return span, False, True, done + 1.0, done
-    return span - (left - spent), True, True, done + 1.0, done
+    exited, other, left = _exit(rng, all_here, all_there, out_there, left)
+    return span - left if exited else span, exited, other, done + (1.0 if other else 0.0), done

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from chemage.random import KINETICS
-from chemage_kinetics._memory import hot, inner, jit, prefetch
+from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit, prefetch
 
 #: Fixed-point units in an electronvolt.
 UNITS_PER_EV = 2.0**40
@@ -66,7 +66,7 @@ class Holds(NamedTuple):
 
 
 @hot
-def prefetch_rows(i, model):
+def prefetch_rows(i: Int, model: Model) -> None:
     """Prefetch the graph rows of site i, which may lie across two cache lines."""
     prefetch(model.neighbours, i)
     prefetch(model.neighbours, i + 1)
@@ -75,7 +75,7 @@ def prefetch_rows(i, model):
 
 
 @hot
-def prefetch_site(i, words, model):
+def prefetch_site(i: Int, words: np.ndarray, model: Model) -> None:
     """Prefetch everything that belongs to site i alone."""
     prefetch(words, i)
     prefetch_rows(i, model)
@@ -87,20 +87,24 @@ def prefetch_site(i, words, model):
 
 
 @inner
-def fixed_barrier(energy):
+def fixed_barrier(energy: Float) -> Int:
     """eV to fixed point, limited to ±2**20 eV."""
     return np.int64(np.rint(min(max(energy, -LARGEST_BARRIER), LARGEST_BARRIER) * UNITS_PER_EV))
 
 
 @inner
-def fixed_coupling(energy):
+def fixed_coupling(energy: Float) -> Int:
     """eV to fixed point, limited to ±2**15 eV."""
     return np.int64(np.rint(min(max(np.float64(energy), -LARGEST_COUPLING), LARGEST_COUPLING) * UNITS_PER_EV))
 
 
 @jit
-def start_words(forming, model, state, words):
+def start_words(forming: np.ndarray, model: Model, state: np.ndarray, words: np.ndarray) -> None:
     """Fill ``words`` (n,) int64 with 2 * (forming barrier with the present neighbours) + bonded."""
+    forming = borrowed(forming)
+    model = borrowed(model)
+    state = borrowed(state)
+    words = borrowed(words)
     n, k = model.neighbours.shape
     for i in range(n):
         words[i] = 2 * fixed_barrier(forming[i]) + state[i]
@@ -113,7 +117,7 @@ def start_words(forming, model, state, words):
 
 
 @inner
-def rate(barrier, nu, per_unit):
+def rate(barrier: Int, nu: Float, per_unit: Float) -> Float:
     """nu exp(-E/kT) for a fixed-point barrier; nu where E <= 0. ``per_unit`` is 1/kT over one fixed-point unit."""
     if barrier <= 0:
         return nu
@@ -121,7 +125,7 @@ def rate(barrier, nu, per_unit):
 
 
 @inner
-def site_rate(site, words, model):
+def site_rate(site: Int, words: np.ndarray, model: Model) -> Float:
     """The rate at which a site changes its state: forms its bond or breaks it. 0 for a bond that never breaks."""
     word = words[site]
     if word & 1 == 0:
@@ -135,7 +139,7 @@ def site_rate(site, words, model):
 
 
 @inner
-def later(high, low, step):
+def later(high: Float, low: Float, step: Float) -> tuple[Float, Float]:
     """(high + low) + step, step >= 0 and finite, as a normalised pair of doubles."""
     s = high + step
     b = s - high
@@ -145,13 +149,13 @@ def later(high, low, step):
 
 
 @inner
-def past(high, low, time):
+def past(high: Float, low: Float, time: Float) -> bool:
     """Whether the instant high + low comes after ``time``."""
     return high > time or (high == time and low > 0.0)
 
 
 @inner
-def until(high, low, time):
+def until(high: Float, low: Float, time: Float) -> Float:
     """Seconds from the instant high + low to ``time``, not negative."""
     return max((time - high) - low, 0.0)
 
@@ -160,14 +164,14 @@ def until(high, low, time):
 
 
 @inner
-def _add(total, more):
+def _add(total: Float, more: Float) -> Int:
     if more >= 2.0e18 or total + np.int64(more) > MOST:
         return MOST
     return total + np.int64(more)
 
 
 @inner
-def count_flip(tally, hold, word):
+def count_flip(tally: np.ndarray, hold: Int, word: Int) -> None:
     """Count an event that has taken place; ``word & 1`` is the new state. tally: see `Holds`."""
     if word & 1:
         tally[hold, 0] += 1
@@ -178,7 +182,7 @@ def count_flip(tally, hold, word):
 
 
 @inner
-def count_sojourn(tally, hold, word, out_here, out_there, other):
+def count_sojourn(tally: np.ndarray, hold: Int, word: Int, out_here: Float, out_there: Float, other: bool) -> None:
     """Count the flips of a sojourn from the state ``word & 1``; counts stop at 2**61, the difference is exact."""
     bonded = word & 1
     tally[hold, 0] = _add(tally[hold, 0], out_there if bonded else out_here)

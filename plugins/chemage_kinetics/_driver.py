@@ -1,4 +1,4 @@
-"""What all engines do around their kernels: arrays from a lattice, a history from arrays, and the start from a history."""
+"""What all engines do around their kernels: arrays from a lattice, a history from arrays, a start from a history."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from chemage_kinetics._common import past
-from chemage_kinetics._memory import hot, inner, prefetch
+from chemage_kinetics._memory import Float, Int, hot, inner, prefetch
 
 #: Buckets of time cover so many octaves back from the last hold time; everything earlier is in the first one.
 OCTAVES = 64
@@ -105,12 +105,12 @@ def new_order(order: np.ndarray, starts: np.ndarray, most: int) -> Order:
 
 
 @hot
-def _before(high, low, site, other_high, other_low, other_site):
+def _before(high: Float, low: Float, site: Int, other_high: Float, other_low: Float, other_site: Int) -> bool:
     return high < other_high or (high == other_high and (low < other_low or (low == other_low and site < other_site)))
 
 
 @hot
-def _put(keys, sites, spot, at, high, low, site):
+def _put(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, at: Int, high: Float, low: Float, site: Int) -> None:
     keys[at, 0] = high
     keys[at, 1] = low
     sites[at] = site
@@ -118,7 +118,7 @@ def _put(keys, sites, spot, at, high, low, site):
 
 
 @hot
-def _move(keys, sites, spot, source, at):
+def _move(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, source: Int, at: Int) -> None:
     keys[at, 0] = keys[source, 0]
     keys[at, 1] = keys[source, 1]
     sites[at] = sites[source]
@@ -126,7 +126,7 @@ def _move(keys, sites, spot, source, at):
 
 
 @hot
-def _rise(keys, sites, spot, at, high, low, site):
+def _rise(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, at: Int, high: Float, low: Float, site: Int) -> None:
     """Put an entry at heap position ``at`` or above, where it belongs."""
     while at > 0:
         above = (at - 1) >> 2
@@ -138,7 +138,9 @@ def _rise(keys, sites, spot, at, high, low, site):
 
 
 @hot
-def _sink(keys, sites, spot, size, at, high, low, site):
+def _sink(
+    keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, size: Int, at: Int, high: Float, low: Float, site: Int
+) -> None:
     """Put an entry at heap position ``at`` or below, where it belongs."""
     while True:
         child = 4 * at + 1
@@ -160,7 +162,7 @@ def _sink(keys, sites, spot, size, at, high, low, site):
 
 
 @inner
-def drop(keys, sites, spot, size, site):
+def drop(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, size: Int, site: Int) -> Int:
     """Take a site out of the heap of ``size`` entries; returns the new size."""
     at = np.int64(spot[site, 0])
     if at < 0:
@@ -183,7 +185,7 @@ def drop(keys, sites, spot, size, site):
 
 
 @inner
-def _grid(sites, queue):
+def _grid(sites: Int, queue: Queue) -> Grid:
     """How a patch of so many sites is divided into buckets."""
     bits = 2
     while sites >> (14 + bits) > 0 and OCTAVES << bits < MOST_BUCKETS:
@@ -194,14 +196,14 @@ def _grid(sites, queue):
 
 
 @hot
-def bucket_of(time, grid, queue):
+def bucket_of(time: Float, grid: Grid, queue: Queue) -> Int:
     """The bucket of a time: exponent and some leading bits of a positive double."""
     queue.number[0] = time
     return min(max((queue.bits[0] >> grid.shift) - grid.offset, 0), grid.last)
 
 
 @hot
-def _list_later(site, bucket, queue):
+def _list_later(site: Int, bucket: Int, queue: Queue) -> bool:
     """List a site in the chunks of a later bucket. False where it is listed in one that is later still."""
     spot = queue.spot
     pool = queue.pool
@@ -226,7 +228,7 @@ def _list_later(site, bucket, queue):
 
 
 @hot
-def correct_top(queue, size, grid, present):
+def correct_top(queue: Queue, size: Int, grid: Grid, present: Int) -> Int:
     """Correct the entries at the top of the heap until the first is right; returns the size of the heap."""
     keys = queue.keys
     sites = queue.sites
@@ -253,8 +255,8 @@ def correct_top(queue, size, grid, present):
 
 
 @hot
-def offer(queue, size, site, grid, present):
-    """Enter a pending time that is new or earlier than before, if it is not in the queue; returns the size of the heap."""
+def offer(queue: Queue, size: Int, site: Int, grid: Grid, present: Int) -> Int:
+    """Enter a pending time that is new or earlier than before in the queue; returns the size of the heap."""
     high = queue.times[site, 0]
     low = queue.times[site, 1]
     at = np.int64(queue.spot[site, 0])
@@ -272,12 +274,12 @@ def offer(queue, size, site, grid, present):
 
 
 @inner
-def _offer_cold(queue, size, site, grid, present):
+def _offer_cold(queue: Queue, size: Int, site: Int, grid: Grid, present: Int) -> Int:
     return offer(queue, size, site, grid, present)
 
 
 @inner
-def open_bucket(queue, order, patch, size, grid, bucket):
+def open_bucket(queue: Queue, order: Order, patch: Int, size: Int, grid: Grid, bucket: Int) -> Int:
     """Take the entries of one bucket of a patch into the heap; returns its size."""
     begin = order.ends[bucket - 1] if bucket > 0 else np.int64(order.starts[patch])
     end = order.ends[bucket]
@@ -309,14 +311,14 @@ def open_bucket(queue, order, patch, size, grid, bucket):
 
 
 @hot
-def _sorting_bucket(queue, i, grid):
+def _sorting_bucket(queue: Queue, i: Int, grid: Grid) -> Int:
     """The bucket of site i; the one after the last where it has no event before the last hold time."""
     high = queue.times[i, 0]
     return grid.last + 1 if past(high, queue.times[i, 1], queue.final) else bucket_of(high, grid, queue)
 
 
 @inner
-def start_patch(queue, order, patch):
+def start_patch(queue: Queue, order: Order, patch: Int) -> Grid:
     """Empty the queue and sort the sites of a patch by bucket; returns the grid."""
     begin = np.int64(order.starts[patch])
     end = np.int64(order.starts[patch + 1])

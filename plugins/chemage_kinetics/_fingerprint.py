@@ -16,7 +16,7 @@ _R37 = np.uint64(37)
 
 
 @jit
-def _mix(words, seed):
+def _mix(words: np.ndarray, seed: np.uint64) -> np.uint64:
     """A 64-bit hash of uint64 words, to distinguish arrays; not for security."""
     a = seed ^ _P1
     b = seed + _P2
@@ -40,7 +40,7 @@ def _mix(words, seed):
 
 
 def fingerprint(lattice: ReactionLattice) -> np.ndarray:
-    """uint64 (1,), a hash of everything the kinetics depend on: pixels of the sites, barriers, graph, attempt frequency."""
+    """uint64 (1,), a hash of all that the kinetics depend on: pixels of the sites, barriers, graph, frequency."""
     value = np.array([lattice.attempt_frequency]).view(np.uint64)[0]
     for array in (lattice.sites, lattice.forming, lattice.breaking, lattice.neighbours, lattice.coupling):
         raw = np.empty(0, np.uint8) if array is None else array.reshape(-1).view(np.uint8)

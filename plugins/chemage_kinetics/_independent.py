@@ -21,7 +21,7 @@ from chemage_kinetics._common import (
     rate,
     until,
 )
-from chemage_kinetics._memory import borrowed, hot, jit
+from chemage_kinetics._memory import Float, Int, borrowed, hot, jit
 
 STREAM = STREAMS["independent"]
 
@@ -48,7 +48,7 @@ class Sites(NamedTuple):
 
 
 @hot
-def _draw(sites, i, barrier, high, low):
+def _draw(sites: Sites, i: Int, barrier: Int, high: Float, low: Float) -> tuple[Float, Float]:
     """A new pending time of site i, from the instant high + low on, as a pair. Infinite where the rate is zero."""
     draw = sites.draws[i]
     sites.draws[i] = draw + 1
@@ -61,8 +61,9 @@ def _draw(sites, i, barrier, high, low):
 
 
 @jit
-def draw_times(sites, start):
+def draw_times(sites: Sites, start: Float) -> None:
     """Draw the first pending times of all sites, from the time ``start`` (s) on."""
+    sites = borrowed(sites)
     for i in range(sites.pixels.size):
         if sites.state[i] and sites.breaking.size == 0:
             sites.times[i, 0] = np.inf
@@ -73,7 +74,17 @@ def draw_times(sites, start):
 
 
 @hot
-def _stay(sites, rng, i, bonded, forms, breaks, span, tally, hold):
+def _stay(
+    sites: Sites,
+    rng: np.ndarray,
+    i: Int,
+    bonded: bool,
+    forms: Int,
+    breaks: Int,
+    span: Float,
+    tally: np.ndarray,
+    hold: Int,
+) -> None:
     """Follow site i for ``span`` seconds, in which it flips many times: draw its state and the number of its flips."""
     rng[0] = sites.key.k0
     rng[1] = sites.key.k1
@@ -90,7 +101,7 @@ def _stay(sites, rng, i, bonded, forms, breaks, span, tally, hold):
 
 
 @hot
-def _follow_site(sites, holds, rng, i):
+def _follow_site(sites: Sites, holds: Holds, rng: np.ndarray, i: Int) -> None:
     """Follow site i, whose next event comes before the last hold time, to that time."""
     times = holds.times
     final = times[times.size - 1]
@@ -121,7 +132,7 @@ def _follow_site(sites, holds, rng, i):
 
 
 @jit
-def follow(sites, holds, rng, first, last):
+def follow(sites: Sites, holds: Holds, rng: np.ndarray, first: Int, last: Int) -> None:
     """Follow the sites ``first`` to ``last`` - 1 to the last hold time. rng: (5,) uint64 scratch, see `_chain`."""
     sites = borrowed(sites)
     holds = borrowed(holds)
@@ -132,7 +143,16 @@ def follow(sites, holds, rng, first, last):
 
 
 @jit
-def moments(forming, breaking, nu, per_unit, state, spans, mean, variance):
+def moments(
+    forming: np.ndarray,
+    breaking: np.ndarray,
+    nu: Float,
+    per_unit: Float,
+    state: np.ndarray,
+    spans: np.ndarray,
+    mean: np.ndarray,
+    variance: np.ndarray,
+) -> None:
     """Expected number of bonds after ``spans`` (m,) seconds, and its variance, for every site a two-state chain."""
     mean[:] = 0.0
     variance[:] = 0.0

@@ -33,8 +33,18 @@ from chemage_kinetics._common import (
     site_rate,
     until,
 )
-from chemage_kinetics._event_queue import Order, Queue, bucket_of, correct_top, drop, offer, open_bucket, start_patch
-from chemage_kinetics._memory import borrowed, hot, inner, jit, prefetch
+from chemage_kinetics._event_queue import (
+    Grid,
+    Order,
+    Queue,
+    bucket_of,
+    correct_top,
+    drop,
+    offer,
+    open_bucket,
+    start_patch,
+)
+from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit, prefetch
 
 STREAM = STREAMS["next-reaction"]
 
@@ -78,8 +88,8 @@ class Chain(NamedTuple):
 # -- one site ------------------------------------------------------------------------------------------------------
 
 
-@inner
-def _draw(site, high, low, sites, times):
+@hot
+def _draw(site: Int, high: Float, low: Float, sites: Sites, times: np.ndarray) -> None:
     """Draw a new pending time of a site, from the instant high + low on. Infinite where the rate is zero."""
     model = sites.model
     word = sites.words[site]
@@ -103,15 +113,22 @@ def _draw(site, high, low, sites, times):
     times[site, 0], times[site, 1] = later(high, low, wait)
 
 
+@inner
+def _draw_cold(site: Int, high: Float, low: Float, sites: Sites, times: np.ndarray) -> None:
+    _draw(site, high, low, sites, times)
+
+
 @jit
-def draw_times(sites, start, times):
+def draw_times(sites: Sites, start: Float, times: np.ndarray) -> None:
     """Draw the first pending times (n, 2) of all sites, from the time ``start`` (s) on."""
+    sites = borrowed(sites)
+    times = borrowed(times)
     for i in range(sites.words.size):
         _draw(i, start, 0.0, sites, times)
 
 
 @inner
-def _around(site, sites):
+def _around(site: Int, sites: Sites) -> Float:
     """Total rate of a site's neighbours."""
     total = 0.0
     for s in range(sites.model.neighbours.shape[1]):
@@ -122,7 +139,7 @@ def _around(site, sites):
 
 
 @hot
-def _flip(site, high, low, sites, queue, sooner):
+def _flip(site: Int, high: Float, low: Float, sites: Sites, queue: Queue, sooner: np.ndarray) -> Int:
     """Change the state of a site, and the energies and pending times of its neighbours; its own time is not drawn.
 
     Returns how many neighbours ``sooner`` lists: those whose time moved forward, or came to lie before the last hold
@@ -166,14 +183,14 @@ def _flip(site, high, low, sites, queue, sooner):
                 found += 1
         else:
             # Its pending time was infinite, so nothing is known of it: the exponential law has no memory.
-            _draw(j, high, low, sites, times)
+            _draw_cold(j, high, low, sites, times)
             sooner[found] = j
             found += 1
     return found
 
 
 @hot
-def _look_ahead(sites, queue, size):
+def _look_ahead(sites: Sites, queue: Queue, size: Int) -> None:
     """Prefetch the memory of the next predicted events.
 
     The next event is most likely the first of the four below the top, and the one after it another of them: the rows of
@@ -205,7 +222,7 @@ def _look_ahead(sites, queue, size):
 
 
 @inner
-def _choose(site, u, sites):
+def _choose(site: Int, u: Float, sites: Sites) -> Int:
     """The neighbour whose event ended a sojourn, by its rate; ``u`` uniform on (0, 1)."""
     target = u * _around(site, sites)
     chosen = -1
@@ -222,7 +239,7 @@ def _choose(site, u, sites):
 
 
 @inner
-def _stay(run, i, high, low, span, limit, chain, hold):
+def _stay(run: Run, i: Int, high: Float, low: Float, span: Float, limit: Float, chain: Chain, hold: Int) -> None:
     """Follow site i as a two-state chain for ``span`` seconds at most, and draw the pending times around it anew."""
     sites = run.sites
     times = run.queue.times
@@ -254,18 +271,18 @@ def _stay(run, i, high, low, span, limit, chain, hold):
         chosen = _choose(i, uniform(sites.key.k0, sites.key.k1, STREAM, sites.pixels[i], sites.draws[i]), sites)
         sites.draws[i] += 1
     # Given that there was no event around it, the pending times are exponential from now on.
-    _draw(i, high, low, sites, times)
+    _draw_cold(i, high, low, sites, times)
     for s in range(neighbours.shape[1]):
         j = np.int64(neighbours[i, s])
         if j >= 0:
-            _draw(j, high, low, sites, times)
+            _draw_cold(j, high, low, sites, times)
     if chosen >= 0:
         times[chosen, 0] = high
         times[chosen, 1] = low
 
 
 @inner
-def _drop_around(queue, size, i, neighbours):
+def _drop_around(queue: Queue, size: Int, i: Int, neighbours: np.ndarray) -> Int:
     """Take site i and its neighbours out of the heap; returns its size."""
     size = drop(queue.keys, queue.sites, queue.spot, size, i)
     for s in range(neighbours.shape[1]):
@@ -275,7 +292,7 @@ def _drop_around(queue, size, i, neighbours):
 
 
 @inner
-def _offer_around(queue, size, i, neighbours, grid, present):
+def _offer_around(queue: Queue, size: Int, i: Int, neighbours: np.ndarray, grid: Grid, present: Int) -> Int:
     """Enter site i and its neighbours in the queue; returns the size of the heap."""
     for s in range(-1, neighbours.shape[1]):
         j = np.int64(neighbours[i, s]) if s >= 0 else i
@@ -285,7 +302,9 @@ def _offer_around(queue, size, i, neighbours, grid, present):
 
 
 @hot
-def _end_aside(run, i, high, low, chain, hold, size, grid, present):
+def _end_aside(
+    run: Run, i: Int, high: Float, low: Float, chain: Chain, hold: Int, size: Int, grid: Grid, present: Int
+) -> Int:
     """Follow site i, set aside with its neighbours, until the next event elsewhere in the patch or around it, or the
     next hold time; then enter them in the queue again. Returns the size of the heap."""
     queue = run.queue
@@ -299,7 +318,7 @@ def _end_aside(run, i, high, low, chain, hold, size, grid, present):
 
 
 @hot
-def _flickers(chain, span):
+def _flickers(chain: Chain, span: Float) -> bool:
     """Whether a site changes its state far more often than anything around it, and often within ``span`` seconds."""
     slower = min(chain.here, chain.there)
     return FLICKER * max(chain.around_here, chain.around_there) <= slower and span * slower >= FLICKER
@@ -309,8 +328,8 @@ def _flickers(chain, span):
 
 
 @hot
-def _event(run, i, high, low, hold, size, grid, present):
-    """The event of site i: its new state and pending time, and those of its neighbours. Returns the size of the heap."""
+def _event(run: Run, i: Int, high: Float, low: Float, hold: Int, size: Int, grid: Grid, present: Int) -> Int:
+    """The event of site i: new states and pending times of it and its neighbours. Returns the size of the heap."""
     found = _flip(i, high, low, run.sites, run.queue, run.sooner)
     count_flip(run.holds.tally, hold, run.sites.words[i])
     _draw(i, high, low, run.sites, run.queue.times)
@@ -320,7 +339,7 @@ def _event(run, i, high, low, hold, size, grid, present):
 
 
 @jit
-def follow(run, first, last, superbasins, events):
+def follow(run: Run, first: Int, last: Int, superbasins: bool | None, events: Int) -> Int:
     """Follow the patches ``first`` to ``last`` - 1 to the last hold time, or for about ``events`` events.
 
     superbasins: True or None, so that the two-state chain is compiled only where it is used. Returns the first patch

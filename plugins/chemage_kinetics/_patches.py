@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from chemage_kinetics._memory import jit
+from chemage_kinetics._memory import Int, jit
 
 
 def patches_of(neighbours: np.ndarray, label: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -20,7 +20,7 @@ def patches_of(neighbours: np.ndarray, label: np.ndarray | None = None) -> tuple
 
 
 @jit
-def _find(neighbours, order, starts, label):
+def _find(neighbours: np.ndarray, order: np.ndarray, starts: np.ndarray, label: np.ndarray) -> Int:
     """Breadth-first search; returns the number of patches."""
     n, k = neighbours.shape
     patches = 0

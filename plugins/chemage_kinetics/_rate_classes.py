@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from chemage_kinetics._common import COLDEST, LARGEST_BARRIER, UNITS_PER_EV, Model, fixed_barrier
-from chemage_kinetics._memory import hot, inner, jit, prefetch
+from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit, prefetch
 
 #: Classes down to the smallest rate that is not zero, in groups of eight.
 CLASSES = 8 * math.ceil((COLDEST / math.log(2.0) + 1.0) / 8.0)
@@ -60,7 +60,7 @@ class Classes(NamedTuple):
 
 
 @hot
-def class_of(barrier, per_class):
+def class_of(barrier: Int, per_class: Float) -> Int:
     """The class of a fixed-point barrier; -1 where the rate is zero to double precision."""
     if barrier <= 0:
         return 0
@@ -71,7 +71,7 @@ def class_of(barrier, per_class):
 
 
 @hot
-def barrier_of(i, classes):
+def barrier_of(i: Int, classes: Classes) -> Int:
     """The fixed-point barrier to the next event of site i; not for a bonded site where bonds never break."""
     word = classes.records[i, 0]
     if word & 1 == 0:
@@ -80,7 +80,7 @@ def barrier_of(i, classes):
 
 
 @hot
-def site_class(i, classes):
+def site_class(i: Int, classes: Classes) -> Int:
     """The class of the present rate of site i, which may be another than the one it is in."""
     if classes.records[i, 0] & 1 and classes.model.breaking.size == 0:
         return -1
@@ -109,7 +109,7 @@ def sort(words: np.ndarray, breaking: np.ndarray, per_class: float) -> tuple[np.
 
 
 def new_classes(words: np.ndarray, model: Model, order: np.ndarray | None, counts: np.ndarray | None) -> Classes:
-    """Classes of the sites with these words; ``order`` and ``counts`` as `sort` or `members` give them, None: sorted."""
+    """The classes of the sites; ``order`` and ``counts`` as `sort` or `members` give them, or None: sorted here."""
     per_class = model.per_unit * PER_KT
     if order is None or counts is None:
         order, counts = sort(words, model.breaking, per_class)
@@ -130,8 +130,11 @@ def new_classes(words: np.ndarray, model: Model, order: np.ndarray | None, count
 
 
 @jit
-def _place(order, words, classes):
+def _place(order: np.ndarray, words: np.ndarray, classes: Classes) -> None:
     """Fill the classes from an order of the sites; the members of each class are counted already."""
+    order = borrowed(order)
+    words = borrowed(words)
+    classes = borrowed(classes)
     first = classes.first
     room = classes.room
     counts = classes.counts
@@ -178,7 +181,7 @@ def members(classes: Classes) -> np.ndarray:
 
 
 @hot
-def _group_weight(g, slots):
+def _group_weight(g: Int, slots: np.ndarray) -> Float:
     c = 8 * g
     return (
         (slots[c, SLOTS] * SCALE[c] + slots[c + 1, SLOTS] * SCALE[c + 1])
@@ -190,7 +193,7 @@ def _group_weight(g, slots):
 
 
 @hot
-def _recount(c, count, classes):
+def _recount(c: Int, count: Int, classes: Classes) -> None:
     """Set the new number of members of class c, one more or less; a group whose weight changes is marked by -1."""
     slots = classes.slots
     classes.counts[c] = count
@@ -207,7 +210,7 @@ def _recount(c, count, classes):
 
 
 @inner
-def _spread(arena, first, room, counts, wanted):
+def _spread(arena: np.ndarray, first: np.ndarray, room: np.ndarray, counts: np.ndarray, wanted: Int) -> None:
     """Distribute the arena anew, with some room for every class and as much again for the class ``wanted``.
 
     9/8 of all members and 4 places per class, and 1 more times the members of one class: within 5/2 n + 4 CLASSES.
@@ -233,7 +236,7 @@ def _spread(arena, first, room, counts, wanted):
 
 
 @inner
-def _enlarge(arena, first, room, counts, c):
+def _enlarge(arena: np.ndarray, first: np.ndarray, room: np.ndarray, counts: np.ndarray, c: Int) -> None:
     """More room for class c: at the free end of the arena, which begins at room[-1], or by distributing it anew."""
     size = 2 * room[c] + 8
     top = room[counts.size]
@@ -248,7 +251,7 @@ def _enlarge(arena, first, room, counts, c):
 
 
 @hot
-def remove(i, classes):
+def remove(i: Int, classes: Classes) -> Int:
     """Take site i out of its class: the last member moves to its place. Returns the class, or -1."""
     records = classes.records
     slot = records[i, 1]
@@ -268,7 +271,7 @@ def remove(i, classes):
 
 
 @hot
-def insert(i, c, classes):
+def insert(i: Int, c: Int, classes: Classes) -> None:
     """Make site i the last member of class c."""
     count = classes.counts[c]
     if count == classes.room[c]:
@@ -279,14 +282,14 @@ def insert(i, c, classes):
 
 
 @hot
-def prefetch_place(i, classes):
+def prefetch_place(i: Int, classes: Classes) -> None:
     """Prefetch the entry of site i, which is in a class, in the list of members."""
     slot = classes.records[i, 1]
     prefetch(classes.arena, classes.first[(slot >> 32) - 1] + (slot & _PLACE))
 
 
 @hot
-def weigh(c, classes):
+def weigh(c: Int, classes: Classes) -> None:
     """Sum again the weight of the group of class c, and note that it is in use."""
     g = c >> 3
     classes.weights[g] = _group_weight(g, classes.slots)
@@ -295,7 +298,7 @@ def weigh(c, classes):
 
 
 @hot
-def total_weight(classes):
+def total_weight(classes: Classes) -> Float:
     """Sum of all class weights; narrows the range of groups in use."""
     low = classes.used[0]
     high = classes.used[1]
@@ -312,7 +315,7 @@ def total_weight(classes):
 
 
 @inner
-def set_aside(i, classes):
+def set_aside(i: Int, classes: Classes) -> Float:
     """Exclude site i from the selection; returns the weight of all others."""
     c = remove(i, classes)
     if c >= 0:
@@ -321,7 +324,7 @@ def set_aside(i, classes):
 
 
 @inner
-def put_back(i, classes):
+def put_back(i: Int, classes: Classes) -> None:
     """Enter site i, which is in no class, in the class of its present rate."""
     c = site_class(i, classes)
     if c >= 0:
@@ -333,7 +336,7 @@ def put_back(i, classes):
 
 
 @hot
-def select_class(target, classes):
+def select_class(target: Float, classes: Classes) -> Int:
     """The class at which the running sum of weights passes ``target``, the fastest first; never an empty one."""
     group = classes.used[0]
     for g in range(classes.used[0], classes.used[1] + 1):
@@ -355,13 +358,13 @@ def select_class(target, classes):
 
 
 @inner
-def select_class_cold(target, classes):
+def select_class_cold(target: Float, classes: Classes) -> Int:
     """`select_class`, as a function of its own, to be compiled once."""
     return select_class(target, classes)
 
 
 @inner
-def accepts(u, i, c, classes):
+def accepts(u: Float, i: Int, c: Int, classes: Classes) -> bool:
     """Thinning: whether the attempt of site i, from class c, is accepted, with the probability rate / 2**-c."""
     barrier = barrier_of(i, classes)
     if barrier <= 0:

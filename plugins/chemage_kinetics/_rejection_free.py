@@ -30,7 +30,7 @@ from chemage_kinetics._common import (
     site_rate,
     until,
 )
-from chemage_kinetics._memory import borrowed, hot, inner, jit, prefetch
+from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit, prefetch
 from chemage_kinetics._sum_tree import (
     UPPER,
     Rates,
@@ -115,14 +115,14 @@ def new_run(key: Key, holds: Holds, model: Model, words: np.ndarray, rates: Rate
 
 
 @hot
-def _draw(ahead, drawn):
+def _draw(ahead: Ahead, drawn: Int) -> None:
     """The two random numbers that select the ``drawn``-th site from the tree."""
     slot = drawn & (RING - 1)
     ahead.draws[slot, 0], ahead.draws[slot, 1] = uniform_pair(ahead.key.k0, ahead.key.k1, STREAM, drawn, OF_SELECTION)
 
 
 @hot
-def _begin(ahead, rates, total, slot):
+def _begin(ahead: Ahead, rates: Rates, total: Float, slot: Int) -> None:
     """First stage of predicting a selection: down to the last level but two."""
     node = 0
     top = rates.starts.size - 2
@@ -138,19 +138,20 @@ def _begin(ahead, rates, total, slot):
 
 
 @hot
-def _look_ahead(ahead, system, drawn, total):
+def _look_ahead(ahead: Ahead, system: System, drawn: Int, total: Float) -> None:
     """Prefetch the memory of the next predicted events; a wrong prediction costs time and changes nothing.
 
-    Four selections ahead the sums above the leaves, three ahead the leaves, two ahead the site's own rows, one ahead its
-    neighbours: each stage finds in cache what the stage before has prefetched.
+    Four selections ahead the sums above the leaves, three ahead the leaves, two ahead the site's own rows, one ahead
+    its neighbours: each stage finds in cache what the stage before has prefetched.
     """
     tree = system.rates.tree
+    above = system.rates.starts[1]
     _draw(ahead, drawn + 4)
     _begin(ahead, system.rates, total, (drawn + 4) & (RING - 1))
 
     slot = (drawn + 3) & (RING - 1)
     node = ahead.spots[slot]
-    child, ahead.draws[slot, 2] = descend(tree, system.rates.starts[1] + 8 * node, ahead.draws[slot, 2])
+    child, ahead.draws[slot, 2] = descend(tree, above + 8 * node, ahead.draws[slot, 2])
     ahead.spots[slot] = 8 * node + child
     prefetch(tree, 8 * ahead.spots[slot])
 
@@ -165,16 +166,17 @@ def _look_ahead(ahead, system, drawn, total):
         j = np.int64(system.model.neighbours[node, s])
         if j >= 0:
             prefetch(system.words, j)
-            prefetch_leaf(system.rates, j)
+            prefetch_leaf(tree, above, j)
 
 
 @hot
-def _shift(system, i):
+def _shift(system: System, i: Int) -> Int:
     """Change the state of site i and the energies of its neighbours; returns how many unbonded ones ``near`` lists.
 
     The neighbours' lines are all prefetched in this short loop, so that their latencies overlap; the next loop, long
     with exponentials, finds them in cache.
     """
+    above = system.rates.starts[1]
     word = system.words[i] ^ 1
     system.words[i] = word
     sign = 2 if word & 1 else -2
@@ -182,7 +184,7 @@ def _shift(system, i):
     for s in range(system.model.neighbours.shape[1]):
         j = np.int64(system.model.neighbours[i, s])
         if j >= 0:
-            prefetch_leaf(system.rates, j)
+            prefetch_leaf(system.rates.tree, above, j)
             word = system.words[j] + sign * fixed_coupling(system.model.coupling[i, s])
             system.words[j] = word
             if word & 1 == 0:
@@ -193,7 +195,7 @@ def _shift(system, i):
 
 
 @hot
-def _update(system, i, found):
+def _update(system: System, i: Int, found: Int) -> Float:
     """New rates of site i and of the ``found`` sites in ``near``, and all sums above; returns the tree's total."""
     fast = threshold(system.rates)
     count = np.int64(0)
@@ -210,13 +212,13 @@ def _update(system, i, found):
 
 
 @inner
-def _flip(system, i):
+def _flip(system: System, i: Int) -> None:
     """Form or break the bond of site i: new energies and rates around it."""
     _update(system, i, _shift(system, i))
 
 
 @hot
-def _start_sequence(run, event):
+def _start_sequence(run: Run, event: Int) -> None:
     """Set ``rng`` to the private sequence of the sojourn that follows an event."""
     run.rng[0] = run.key.k0
     run.rng[1] = run.key.k1
@@ -226,7 +228,9 @@ def _start_sequence(run, event):
 
 
 @hot
-def _dwell(run, i, high, low, hold, rate_back, leave_back):
+def _dwell(
+    run: Run, i: Int, high: Float, low: Float, hold: Int, rate_back: Float, leave_back: Float
+) -> tuple[Float, Float, Int]:
     """Follow site i, which flickers, until something else happens or the present hold time is reached.
 
     Returns the clock and the site of the last event.
@@ -268,7 +272,7 @@ def _dwell(run, i, high, low, hold, rate_back, leave_back):
 
 
 @hot
-def _select(ahead, system, v, drawn, total, listed):
+def _select(ahead: Ahead, system: System, v: Float, drawn: Int, total: Float, listed: Float) -> tuple[Int, Float, Int]:
     """Select the site of an event, ``v`` uniform on (0, 1); returns the site, its rate, and selections drawn so far."""
     rates = system.rates
     v *= total + listed
@@ -285,7 +289,7 @@ def _select(ahead, system, v, drawn, total, listed):
 
 
 @jit
-def advance(run, superbasins, events):
+def advance(run: Run, superbasins: bool | None, events: Int) -> None:
     """Go on for at most ``events`` events, or to the last hold time (then ``counters[DONE]`` is 1).
 
     superbasins: True or None, so that the two-state chain is compiled only where it is used.

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage_kinetics._common import site_rate
-from chemage_kinetics._memory import hot, inner, jit, prefetch
+from chemage_kinetics._common import Model, site_rate
+from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit, prefetch
 
 WAYS = 8
 #: Selecting a leaf takes one random number for this many upper levels and another one for the levels below.
@@ -50,7 +50,7 @@ class Rates(NamedTuple):
 def empty_rates(sites: int, slots: int, listing: bool) -> Rates:
     """Memory for the rates of ``sites`` sites with ``slots`` neighbours each; see `fill`."""
     starts = _levels(sites)
-    rates = _aligned(ROOM + 8)
+    rates = _aligned(int(ROOM) + 8)
     rates[:] = 0.0
     return Rates(
         tree=_aligned(int(starts[-1])),
@@ -85,27 +85,30 @@ def _aligned(size: int) -> np.ndarray:
 
 
 @hot
-def _block_sum(tree, b):
+def _block_sum(tree: np.ndarray, b: Int) -> Float:
     return ((tree[b] + tree[b + 1]) + (tree[b + 2] + tree[b + 3])) + (
         (tree[b + 4] + tree[b + 5]) + (tree[b + 6] + tree[b + 7])
     )
 
 
 @hot
-def tree_total(rates):
+def tree_total(rates: Rates) -> Float:
     """Total rate of the tree."""
     return _block_sum(rates.tree, rates.starts[rates.starts.size - 2])
 
 
 @hot
-def list_total(rates):
+def list_total(rates: Rates) -> Float:
     """Total rate of the listed sites."""
     return _block_sum(rates.rates, ROOM)
 
 
 @jit
-def fill(words, model, rates):
+def fill(words: np.ndarray, model: Model, rates: Rates) -> None:
     """Fill the leaves from energies and states, then every level above."""
+    words = borrowed(words)
+    model = borrowed(model)
+    rates = borrowed(rates)
     tree = rates.tree
     starts = rates.starts
     for i in range(words.size):
@@ -122,7 +125,7 @@ def fill(words, model, rates):
 
 
 @hot
-def mark(rates, block, count):
+def mark(rates: Rates, block: Int, count: Int) -> Int:
     """Add a block to the first ``count`` of ``dirty`` if it is not one of them; returns their number."""
     for d in range(count):
         if rates.dirty[d] == block:
@@ -132,7 +135,7 @@ def mark(rates, block, count):
 
 
 @hot
-def refresh(rates, count):
+def refresh(rates: Rates, count: Int) -> Float:
     """Sum again every ancestor of the ``count`` leaf blocks in ``dirty``; returns the total of the tree."""
     tree = rates.tree
     dirty = rates.dirty
@@ -152,7 +155,7 @@ def refresh(rates, count):
 
 
 @hot
-def _find(i, rates):
+def _find(i: Int, rates: Rates) -> Int:
     """The position of site i in the list, or -1. Without a branch, so that it runs on vector registers."""
     found = 0
     for h in range(rates.listed[0]):
@@ -161,20 +164,20 @@ def _find(i, rates):
 
 
 @hot
-def _enter(h, i, value, rates):
+def _enter(h: Int, i: Int, value: Float, rates: Rates) -> None:
     rates.sites[h] = i
     rates.rates[h] = value
     rates.rates[ROOM + (h >> 3)] = _block_sum(rates.rates, h & ~7)
 
 
 @hot
-def threshold(rates):
+def threshold(rates: Rates) -> Float:
     """The rate above which a site is listed."""
     return FAST * tree_total(rates) if rates.listing else np.inf
 
 
 @hot
-def settle(i, value, fast, rates):
+def settle(i: Int, value: Float, fast: Float, rates: Rates) -> None:
     """Give site i its rate: in the list if it is above ``fast`` and there is room, otherwise in its leaf."""
     count = rates.listed[0]
     if count > 0 and rates.tree[i] == 0.0:  # as it is for listed sites
@@ -195,12 +198,12 @@ def settle(i, value, fast, rates):
 
 
 @inner
-def _settle_cold(i, value, fast, rates):
+def _settle_cold(i: Int, value: Float, fast: Float, rates: Rates) -> None:
     settle(i, value, fast, rates)
 
 
 @jit
-def relist(fast, rates):
+def relist(fast: np.ndarray, rates: Rates) -> None:
     """Move the sites ``fast`` (int64) from a newly filled tree to the list, in the order in which they were there."""
     for h in range(fast.size):
         _enter(h, fast[h], rates.tree[fast[h]], rates)
@@ -211,14 +214,14 @@ def relist(fast, rates):
 
 
 @inner
-def rate_of(i, rates):
+def rate_of(i: Int, rates: Rates) -> Float:
     """The rate of site i, whether it is listed or not."""
     h = _find(i, rates)
     return rates.rates[h] if h >= 0 else rates.tree[i]
 
 
 @inner
-def set_aside(i, rates):
+def set_aside(i: Int, rates: Rates) -> Float:
     """Exclude site i from the selection; returns the total rate of all others."""
     _settle_cold(i, 0.0, np.inf, rates)
     rates.dirty[0] = i >> 3
@@ -226,7 +229,7 @@ def set_aside(i, rates):
 
 
 @inner
-def put_back(i, value, rates):
+def put_back(i: Int, value: Float, rates: Rates) -> None:
     """Undo `set_aside`: site i has the rate ``value``."""
     _settle_cold(i, value, threshold(rates), rates)
     rates.dirty[0] = i >> 3
@@ -237,7 +240,7 @@ def put_back(i, value, rates):
 
 
 @hot
-def descend(tree, base, target):
+def descend(tree: np.ndarray, base: Int, target: Float) -> tuple[Int, Float]:
     """The child at which the running sum passes ``target``, never one of zero rate; and the rest of the target."""
     chosen = 0
     for s in range(8):
@@ -251,11 +254,11 @@ def descend(tree, base, target):
 
 
 @hot
-def select(rates, target, v):
+def select(rates: Rates, target: Float, v: Float) -> Int:
     """The leaf at which the running sum of rates passes ``target``; never one of zero rate.
 
-    With a ``v`` that is not 0, ``target`` selects only one of the nodes UPPER levels down, and ``v`` a leaf below it. An
-    event elsewhere hardly changes the first selection and does not affect the second, so both can be predicted.
+    With a ``v`` that is not 0, ``target`` selects only one of the nodes UPPER levels down, and ``v`` a leaf below it.
+    An event elsewhere hardly changes the first selection and does not affect the second, so both can be predicted.
     """
     node = 0
     top = rates.starts.size - 2
@@ -268,20 +271,20 @@ def select(rates, target, v):
 
 
 @inner
-def select_cold(rates, target):
+def select_cold(rates: Rates, target: Float) -> Int:
     """`select` with a single random number; a function of its own, to be compiled once."""
     return select(rates, target, 0.0)
 
 
 @hot
-def select_listed(rates, target):
+def select_listed(rates: Rates, target: Float) -> Int:
     """The position in the list at which the running sum of rates passes ``target``."""
     block, target = descend(rates.rates, ROOM, target)
     return 8 * block + descend(rates.rates, 8 * block, target)[0]
 
 
 @hot
-def prefetch_leaf(rates, i):
-    """Prefetch the leaf of site i and the sum above it."""
-    prefetch(rates.tree, i)
-    prefetch(rates.tree, rates.starts[1] + (i >> 3))
+def prefetch_leaf(tree: np.ndarray, above: Int, i: Int) -> None:
+    """Prefetch the leaf of site i and the sum above it; ``above``: where the second level of the tree starts."""
+    prefetch(tree, i)
+    prefetch(tree, above + (i >> 3))

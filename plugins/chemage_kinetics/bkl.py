@@ -19,14 +19,15 @@ if TYPE_CHECKING:
 class BKL(Engine):
     """The n-fold way of Bortz, Kalos and Lebowitz for rates that all differ: classes by powers of two, and thinning.
 
-    Memory: 39 bytes a site besides the lattice. Time per event hardly depends on the number of sites.
+    Memory: 46 bytes per site besides the lattice. Time per event hardly depends on the number of sites.
     """
 
     kind = "bkl"
     cite = ("Bortz, Kalos and Lebowitz, J. Comput. Phys. 17, 10 (1975), doi:10.1016/0021-9991(75)90060-1",)
 
     superbasins: bool = False
-    """follow a site that flips to and fro as an absorbing two-state chain (exact; Novotny 1995)"""
+    """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
+    cost does not depend on the number of its events (Novotny 1995); default: no"""
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""

@@ -1,4 +1,4 @@
-"""Engine ``independent``: sites that do not interact, by the closed form of the two-state chain."""
+"""Engine ``independent``: sites that do not interact, each a two-state chain."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ PIECE = 50_000
 
 
 class Independent(Engine):
-    """Non-interacting sites: exact, and the cost of a site does not depend on how often it flips.
+    """Sites that do not interact: exact, at a cost per site that does not depend on the number of its events.
 
-    A site that flips many times before a hold time gets its state and its number of flips from the law of the
-    alternating renewal process. The sample is the same to the last bit on any number of threads. Refuses lattices that
-    interact.
+    Where a site has many events before a hold time, its state and their number are drawn from the distributions of the
+    alternating renewal process. Results are the same to the last bit on any number of threads. Lattices whose sites
+    interact are refused.
     """
 
     kind = "independent"
@@ -39,7 +39,7 @@ class Independent(Engine):
     speed_only = ("workers",)
 
     workers: int = Field(default=1, ge=0)
-    """threads to share the sites between; 0 takes one for each processor this process may use"""
+    """threads that share the sites; 0: one per processor that this process may use; default: 1"""
 
     def concurrency(self) -> int:
         """Threads of one run: ``workers``."""
@@ -110,13 +110,11 @@ class Independent(Engine):
             given = start if isinstance(start, np.ndarray) else start.state
             begin = 0.0 if isinstance(start, np.ndarray) else start.time
             if given.shape != state.shape:
-                raise InputError.of("start", given.shape, f"expected {state.shape}", "one entry a site")
+                raise InputError.of("start", given.shape, f"expected {state.shape}", "give one entry per site")
             state[:] = given
         if times[0] < begin:
             raise InputError.of("hold_times", float(times[0]), f"the start is at {begin} s", "give later hold times")
         mean, variance = np.empty(times.size), np.empty(times.size)
         model = model_of(lattice, kelvin)
-        kernel.moments(
-            lattice.forming, model.breaking, model.nu, model.per_unit, state, times - begin, mean, variance
-        )
+        kernel.moments(lattice.forming, model.breaking, model.nu, model.per_unit, state, times - begin, mean, variance)
         return mean, variance

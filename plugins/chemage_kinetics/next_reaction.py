@@ -1,4 +1,4 @@
-"""Engine ``next-reaction``: every site has its own clock; patches are followed one by one, on any number of threads."""
+"""Engine ``next-reaction``: every site has the time of its next event; patches are followed one by one."""
 
 from __future__ import annotations
 
@@ -19,15 +19,14 @@ if TYPE_CHECKING:
     from chemage.objects import BondHistory, ReactionLattice
     from chemage.spec import Seed
 
-#: Sites in a piece of work: small enough to share out evenly, large enough to forget the call.
+#: Sites in a piece of work: small enough to balance the threads, large enough to amortise the call overhead.
 PIECE = 20_000
 
 
 class NextReaction(Engine):
-    """Next-reaction method (Gibson & Bruck 2000), patch by patch, with a counter of random numbers for every site.
+    """Next-reaction method (Gibson & Bruck 2000), patch by patch; every site has random numbers of its own.
 
-    The trajectory is the same to the last bit on any number of threads. Memory: 50 to 60 bytes a site besides the
-    lattice.
+    Results are the same to the last bit on any number of threads. Memory: 50 to 60 bytes per site besides the lattice.
     """
 
     kind = "next-reaction"
@@ -36,9 +35,10 @@ class NextReaction(Engine):
     speed_only = ("workers",)
 
     workers: int = Field(default=1, ge=0)
-    """threads to follow patches on; 0 takes one for each processor this process may use"""
+    """threads that follow patches; 0: one per processor that this process may use; default: 1"""
     superbasins: bool = False
-    """follow a site that flips to and fro as an absorbing two-state chain (exact; Novotny 1995)"""
+    """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
+    cost does not depend on the number of its events (Novotny 1995); default: no"""
 
     def concurrency(self) -> int:
         """Threads of one run: ``workers``."""

@@ -17,16 +17,17 @@ if TYPE_CHECKING:
 
 
 class RejectionFree(Engine):
-    """Direct method on an eight-way sum tree (Gillespie 1976): one event, one draw, no rejections.
+    """Direct method on an eight-way sum tree (Gillespie 1976): every attempt is an event, there are no rejections.
 
-    Memory: 17 bytes a site besides the lattice. Time per event grows as log8 of the number of sites.
+    Memory: 18 bytes per site besides the lattice. Time per event grows as log8 of the number of sites.
     """
 
     kind = "rejection-free"
     cite = ("Gillespie, J. Comput. Phys. 22, 403 (1976), doi:10.1016/0021-9991(76)90041-3",)
 
     superbasins: bool = False
-    """follow a site that flips to and fro as an absorbing two-state chain (exact; Novotny 1995)"""
+    """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
+    cost does not depend on the number of its events (Novotny 1995); default: no"""
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""
