@@ -11,13 +11,13 @@ from threading import Event
 import numpy as np
 
 from chemage.objects import BondHistory, ReactionLattice
-from chemage.random import key
 from chemage.spec import Seed
 from chemage.threads import available
 from chemage.units import KB
 from chemage_kinetics import _common
 from chemage_kinetics._common import Holds, Key, Model
 from chemage_kinetics._fingerprint import fingerprint
+from chemage_kinetics._noise import noise_key
 
 #: Position of a number's lowest byte in memory.
 LOWEST_BYTE = 0 if sys.byteorder == "little" else 7
@@ -73,7 +73,7 @@ class Job:
     """(m, 3) int64, see `Holds`"""
 
     def __post_init__(self) -> None:
-        self.key = Key(*key(self.seed))
+        self.key = noise_key(self.seed, _common.STREAMS[self.kind], self.lattice)
         self.model = model_of(self.lattice, self.temperature)
         self.mark = fingerprint(self.lattice)
         self.tally = np.zeros((self.hold_times.size, 3), np.int64)
