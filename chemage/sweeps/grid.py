@@ -16,10 +16,13 @@ from typing import Any, get_args
 
 import numpy as np
 
-from chemage import registry
-from chemage.errors import ChemageError, InputError, PluginError, SceneError
-from chemage.scene import REQUIRED, SECTIONS, Scene, override, parse_scene
-from chemage.units import Unit
+from chemage.experiments.estimate import cost
+from chemage.experiments.scene import REQUIRED, SECTIONS, Scene, parse_scene
+from chemage.experiments.scene_files import override
+from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
+from chemage.foundation.messages import nearest
+from chemage.foundation.units import Unit
+from chemage.plugins import registry
 
 
 @dataclass(frozen=True)
@@ -169,8 +172,6 @@ def _lines(table: Mapping[str, Any], where: str, problems: list[tuple[str, str]]
 
 
 def _wrong_path(path: str) -> str | None:
-    from chemage.spec import nearest
-
     root, _, rest = path.partition(".")
     known = [name for name in SECTIONS if name != "sweep"]
     if root not in known:
@@ -218,7 +219,7 @@ class Survey:
     #: for each axis, position and path: the value as the scene understood it
     resolved: list[list[list[Any]]] = field(default_factory=list)
     units: dict[str, str] = field(default_factory=dict)
-    #: plugins that answer or wrap an arrow
+    #: plugins, with their versions, that implement the hook of a stage
     hooks: list[str] = field(default_factory=list)
     digest: str = ""
 
@@ -248,7 +249,7 @@ def survey(grid: Grid, tell: Callable[[int, int], None] | None = None) -> Survey
     SceneError
         Naming each thing that is wrong with its path, the first point where it is, and that point's values.
     """
-    result = Survey(grid, hooks=registry.current().answering())
+    result = Survey(grid, hooks=registry.current().implementing(*registry.current().stage_hooks(), "chemage_observe"))
     result.resolved = [[[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes]
     known: dict[str, int] = {}
     wrong: dict[tuple[str, str], list[int]] = {}
@@ -298,45 +299,28 @@ def shown(value: Any) -> str:
 
 
 def _add(result: Survey, point: int, scene: Scene, known: dict[str, int]) -> None:
-    keys = scene.keys()
+    keys, costs = scene.keys(), cost(scene)
     result.keys.append(keys["result"])
     result.agings.append(keys["aging"])
-    surface = scene.surface.expected()
     if keys["contact"] not in known:
         known[keys["contact"]] = len(result.contacts)
-        solve = scene.contact.expected(surface, scene.load)
-        pixels = surface.get("nx", 0.0) * surface.get("ny", 0.0)
-        stored = 12 * pixels * solve.get("area_fraction", 1.0) + (
-            8 * pixels if getattr(scene.contact, "gap", False) else 0
-        )
         result.contacts.append(
-            Contact(keys["contact"], keys["surface"], point, solve.get("cpu_seconds"), 3000 + stored)
+            Contact(keys["contact"], keys["surface"], point, costs.contact_cpu_seconds, 3000 + costs.contact_file)
         )
-        _note_memory(result, solve)
+        _note_memory(result, costs.contact_bytes)
     result.contact_of.append(known[keys["contact"]])
-    hold, engine, chemistry = scene.hold, scene.engine, scene.chemistry
+    result.cpu_seconds.append(costs.kinetics_cpu_seconds)
     result.bytes += 5000
-    if hold is None or engine is None or chemistry is None:
-        result.cpu_seconds.append(0.0)
-        return
-    times = hold.hold_times.size
-    result.bytes += times * (90 + 11 * hold.replicas)
-    contact = scene.contact.expected(surface, scene.load)
-    if "area_fraction" not in contact or "nx" not in surface or "ny" not in surface:
-        result.cpu_seconds.append(None)
-        result.memory = None
-        return
-    sites = contact["area_fraction"] * surface["nx"] * surface["ny"] * chemistry.hydroxylation
-    one = engine.expected(sites, chemistry.interaction is not None)
-    result.cpu_seconds.append(one["cpu_seconds"] * hold.replicas if "cpu_seconds" in one else None)
-    _note_memory(result, one)
+    if scene.hold is not None:
+        result.bytes += scene.hold.hold_times.size * (90 + 11 * scene.hold.replicas)
+        _note_memory(result, costs.replica_bytes)
 
 
-def _note_memory(result: Survey, cost: Mapping[str, float]) -> None:
-    if "bytes" not in cost:
+def _note_memory(result: Survey, size: float | None) -> None:
+    if size is None:
         result.memory = None
     elif result.memory is not None:
-        result.memory = max(result.memory, cost["bytes"])
+        result.memory = max(result.memory, size)
 
 
 def _resolve(result: Survey, axis: int, place: int, scene: Scene) -> None:

@@ -9,10 +9,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from chemage.errors import InputError, StoreError
-from chemage.objects import Aging, ContactSolution
-from chemage.scene import Scene
-from chemage.sweeps.folder import FORMAT, Folder, unpack_aging
+from chemage.ageing.aging import Aging
+from chemage.contacts.solution import ContactSolution
+from chemage.experiments.run import Run
+from chemage.experiments.scene import Scene
+from chemage.foundation.codec import from_json
+from chemage.foundation.errors import InputError, StoreError
+from chemage.sweeps.folder import FORMAT, Folder
 from chemage.sweeps.grid import Axis, Grid, shown
 from chemage.sweeps.table import Table
 
@@ -89,7 +92,7 @@ class Point:
             raise StoreError(
                 f"point {self.index} of {self.result.folder} has no ageing: its scene stops at the contact"
             )
-        return unpack_aging(self._content["aging"])
+        return from_json(Aging, self._content["aging"])
 
     def contact(self) -> ContactSolution:
         """The contact this point rests on.
@@ -103,6 +106,25 @@ class Point:
         if found is None:
             raise StoreError(f"the contact of point {self.index} is not in {self.result.folder}")
         return found
+
+    def run(self) -> Run:
+        """This point as a finished run, without its surface.
+
+        Raises
+        ------
+        StoreError
+            The point is not done, or its contact is not in the folder.
+        """
+        scene, summary = self.scene(), self.summary
+        return Run(
+            scene.todict(),
+            self.contact(),
+            aging=self.aging() if summary["hold_times"] else None,
+            timings=summary["timings"],
+            versions=summary["versions"],
+            keys=summary["keys"],
+            cite=tuple(summary["cite"]),
+        )
 
     def __repr__(self) -> str:
         return f"<Point {self.index}: {', '.join(f'{path} = {shown(value)}' for path, value in self.changes.items())}>"

@@ -16,15 +16,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from chemage.errors import ExecutorError, InputError, SceneError, StoreError, WorkerLost
-from chemage.executors import Pool, open_pool
-from chemage.runs import versions
-from chemage.scene import located, override, scene_data
-from chemage.sweeps.folder import FORMAT, Folder, compute, failure, solve
+from chemage.experiments.provenance import versions
+from chemage.experiments.scene_files import located, override, scene_data
+from chemage.foundation.errors import ExecutorError, InputError, SceneError, StoreError, WorkerLost
+from chemage.foundation.threads import restored as threads_restored
+from chemage.sweeps.executors.opening import open_pool
+from chemage.sweeps.executors.pool import Pool
+from chemage.sweeps.folder import FORMAT, Folder
 from chemage.sweeps.grid import Grid, Survey, check_base, order_of, survey
 from chemage.sweeps.progress import SweepProgress, Tell, display
 from chemage.sweeps.result import SweepResult
-from chemage.threads import restored as threads_restored
+from chemage.sweeps.tasks import compute, failure, solve
 
 #: more points than this are asked about before they are looked at
 MANY_POINTS = 100_000

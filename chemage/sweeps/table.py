@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.store import fresh_file
+from chemage.foundation.files import fresh_file
 from chemage.sweeps.grid import shown
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft as sfft
 
-from chemage.errors import InputError
+from chemage import InputError
 
 #: Pixels below which one thread transforms faster than two.
 SHARED = 1 << 17

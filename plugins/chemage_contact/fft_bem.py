@@ -9,11 +9,19 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage.errors import ConvergenceError, InputError
-from chemage.objects import ContactSolution, Surface
-from chemage.spec import ContactSolver, force
-from chemage.threads import available
-from chemage.units import Length, Pressure, Unit, convert
+from chemage import (
+    ContactSolution,
+    ContactSolver,
+    ConvergenceError,
+    InputError,
+    Length,
+    Pressure,
+    Surface,
+    Unit,
+    convert,
+    force,
+)
+from chemage.foundation.threads import available
 from chemage_contact import _iteration as iteration
 from chemage_contact import _kernels as kernels
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate

@@ -7,10 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from chemage.errors import InputError
-from chemage.objects import ContactSolution, Surface
-from chemage.spec import ContactSolver
-from chemage.units import Pressure
+from chemage import ContactSolution, ContactSolver, InputError, Pressure, Surface
 
 
 class Hertz(ContactSolver):

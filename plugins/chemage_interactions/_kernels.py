@@ -8,7 +8,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from chemage.random import pair_uniform
+from chemage.foundation.random import pair_uniform
 
 #: slots of a site's row, (row, column) steps; slot 7 − s is the way back
 SLOTS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))

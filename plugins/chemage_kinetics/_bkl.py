@@ -23,7 +23,7 @@ import math
 
 import numpy as np
 
-from chemage.random import uniform_pair
+from chemage.foundation.random import uniform_pair
 from chemage_kinetics._common import (
     COLDEST,
     LARGEST_BARRIER,

@@ -23,7 +23,7 @@ from llvmlite.ir import Constant
 from numba.core import types
 from numba.extending import intrinsic
 
-from chemage.random import KINETICS, uniform_pair
+from chemage.foundation.random import KINETICS, uniform_pair
 
 #: Fixed-point units in an electronvolt.
 UNITS_PER_EV = 2.0**40

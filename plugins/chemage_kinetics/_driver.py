@@ -10,11 +10,9 @@ from threading import Event
 
 import numpy as np
 
-from chemage.objects import BondHistory, ReactionLattice
-from chemage.random import key
-from chemage.spec import Seed
-from chemage.threads import available
-from chemage.units import KB
+from chemage import KB, BondHistory, ReactionLattice, Seed
+from chemage.foundation.random import key
+from chemage.foundation.threads import available
 from chemage_kinetics import _common
 
 #: Where a number's lowest byte stands in memory.

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from chemage.random import uniform
+from chemage.foundation.random import uniform
 from chemage_kinetics._common import (
     STREAMS,
     bare,

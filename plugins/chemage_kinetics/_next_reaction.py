@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from chemage.random import uniform
+from chemage.foundation.random import uniform
 from chemage_kinetics._common import (
     STREAMS,
     bare,

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from pydantic import Field
 
-from chemage.spec import Engine
-from chemage.threads import available
+from chemage import Engine
+from chemage.foundation.threads import available
 from chemage_kinetics import _next_reaction as kernel
 from chemage_kinetics._driver import SLICE, Job, bonded, room_temperature_cost, run_pieces
 
 if TYPE_CHECKING:
-    from chemage.objects import BondHistory, ReactionLattice
-    from chemage.spec import Seed
+    from chemage import BondHistory, ReactionLattice, Seed
 
 #: Sites in a piece of work: small enough to share out evenly, large enough to forget the call.
 PIECE = 20_000

@@ -1,25 +1,32 @@
-"""The barriers a contact offers, and those that are left once bonds have formed."""
+"""The forming barriers of a contact before any bond has formed, and those that are left at the end."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Self
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage.objects import BondHistory, ContactSolution, ReactionLattice
-from chemage.spec import Observable
-from chemage.units import Energy
+from chemage import BondHistory, Chemistry, ContactSolution, Energy, Observable, Observed, ReactionLattice
+from chemage.reports.figures import BLUE, GREEN, GREY, ORANGE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 class BarrierSpectrum(Observable):
     """Histograms of the forming barriers, as densities per site (1/eV): of all sites before any bond formed
-    (``barriers_start``), of the sites still open at the end (``barriers_open``, with what bonded neighbours add), and
+    (``barriers_start``), of the sites still unbonded at the end (``barriers_open``, with the coupling of bonded
+    neighbours), and
     the start barriers of the sites that are bonded at the end (``barriers_bonded``). Li et al. 2018, Fig. 2(a).
     """
 
     kind = "barrier-spectrum"
+    figures: ClassVar[Mapping[str, str]] = {
+        "barriers": "Distributions of the forming barrier: before any bond has formed, and of the sites that are still "
+        "unbonded at the last hold time."
+    }
 
     lower: Energy = 0.0
     """lower edge of the histogram"""
@@ -55,3 +62,55 @@ class BarrierSpectrum(Observable):
             "barriers_open": density(now[~bonded]),
             "barriers_bonded": density(forming[bonded]),
         }
+
+    def draw(self, figure: str, axes: Axes, results: Sequence[Observed]) -> None:
+        """One result: intrinsic barriers, and those of all, unbonded and bonded sites. Several: all and unbonded."""
+        filled = _draw_one(axes, results[0]) if len(results) == 1 else _draw_several(axes, results)
+        axes.set(xlabel="barrier to forming a bond (eV)", ylabel="density per site (1/eV)", ylim=(0, None))
+        if filled:
+            axes.set_xlim(min(filled), max(filled))
+        axes.legend(frameon=False, fontsize=8 if len(results) == 1 else 7)
+
+
+def _draw_one(axes: Axes, one: Observed) -> list[float]:
+    """Draw one result; the energies between which there is something to see."""
+    seen, last = one.aging.observables, f"{one.aging.hold_times[-1]:.3g} s"
+    edges = seen["barrier_edges"][0]
+    energy = np.linspace(edges[0], edges[-1], 801)
+    intrinsic = _intrinsic_density(one.chemistry, energy)
+    if intrinsic is not None:
+        axes.plot(energy, intrinsic, color=GREY, lw=1.2, label="intrinsic")
+    lowered = one.chemistry is not None and one.chemistry.activation_volume > 0
+    for name, colour, label in (
+        ("barriers_start", BLUE, "lowered by pressure" if lowered else "of the sites"),
+        ("barriers_open", ORANGE, f"unbonded at {last}"),
+        ("barriers_bonded", GREEN, f"bonded at {last} (initial barrier)"),
+    ):
+        axes.stairs(seen[name].mean(axis=0), edges, color=colour, lw=1.4, label=label)
+    filled = np.flatnonzero(seen["barriers_start"].mean(axis=0) + seen["barriers_open"].mean(axis=0))
+    if not filled.size:
+        return []
+    return [edges[max(filled[0] - 3, 0)], edges[min(filled[-1] + 4, edges.size - 1)]]
+
+
+def _intrinsic_density(chemistry: Chemistry | None, energy: np.ndarray) -> np.ndarray | None:
+    density = chemistry.forming.density(energy) if chemistry is not None else None
+    return density if density is not None and np.isfinite(density).all() else None
+
+
+def _draw_several(axes: Axes, results: Sequence[Observed]) -> list[float]:
+    """Draw several results, unbonded sites dashed; the energies between which there is something to see."""
+    limits: list[float] = []
+    for one in results:
+        seen = one.aging.observables
+        edges = seen["barrier_edges"][0]
+        for name, dashes, label in (
+            ("barriers_start", "-", one.label),
+            ("barriers_open", "--", f"{one.label}, unbonded at {one.aging.hold_times[-1]:g} s"),
+        ):
+            density = seen[name].mean(axis=0)
+            axes.stairs(density, edges, color=one.color, lw=1.3, ls=dashes, label=label)
+            filled = np.flatnonzero(density > density.max() * 1e-3)
+            if filled.size:
+                limits += [edges[filled[0]] - 0.05, edges[filled[-1] + 1] + 0.05]
+    return limits

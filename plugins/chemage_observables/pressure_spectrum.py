@@ -7,9 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import Field
 
-from chemage.objects import BondHistory, ContactSolution, ReactionLattice
-from chemage.spec import Observable
-from chemage.units import Pressure
+from chemage import BondHistory, ContactSolution, Observable, Pressure, ReactionLattice
 
 
 class PressureSpectrum(Observable):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from chemage.hookspecs import hookimpl
+from chemage import hookimpl
 
 if TYPE_CHECKING:
     from chemage_silica.barriers import MDSilica as MDSilica
@@ -29,14 +29,6 @@ def chemage_scenes() -> dict[str, str]:
         "silica-tips": "chemage_silica.scenes:silica-tips.toml",
         "silica-patch": "chemage_silica.scenes:silica-patch.toml",
     }
-
-
-@hookimpl
-def chemage_cli() -> list[tuple[str, Any]]:
-    from chemage_silica.reproduction.command import reproduce
-    from chemage_silica.tips import study
-
-    return [("reproduce", reproduce), ("study", study)]
 
 
 def __getattr__(name: str) -> Any:

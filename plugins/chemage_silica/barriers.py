@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from chemage.spec import Barriers
+from chemage import Barriers
 from chemage_barriers import PiecewiseLinearDensity, parse_columns
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BeforeValidator
 
 import chemage
-from chemage.spec import Seed, SurfaceMaker
+from chemage import Seed, SurfaceMaker
 
 #: pixels of the largest grid; its heights alone take 128 GiB
 MOST_PIXELS = 2**34

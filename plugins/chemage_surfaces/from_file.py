@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import os
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, SerializeAsAny, field_validator
 
-from chemage.errors import InputError, PluginError, StoreError
-from chemage.objects import Surface
-from chemage.spec import Reader, Seed, SurfaceMaker
-from chemage.units import Length, Unit
+from chemage import InputError, Length, Reader, Seed, StoreError, Surface, SurfaceMaker, Unit, reader_for, registry
 from chemage_surfaces._options import provenance
 
 
@@ -27,8 +26,8 @@ FilePath = Annotated[str, BeforeValidator(lambda value: str(value) if isinstance
 class FromFile(SurfaceMaker):
     """Heights from a file, higher = nearer to the counter-body.
 
-    The file's ending chooses among the installed readers, unless ``reader`` names one. A measured map is taken as not
-    periodic unless the file or ``periodic`` says otherwise.
+    The ending of the file selects one of the installed readers, unless ``reader`` names one. A measured map is taken as
+    not periodic unless the file or ``periodic`` states otherwise.
     """
 
     kind = "from-file"
@@ -38,7 +37,7 @@ class FromFile(SurfaceMaker):
     reader: SerializeAsAny[Reader] | None = None
     """kind of reader, or a table with its ``kind`` and options; None: by the file's ending"""
     pixel_size: Length | None = None
-    """edge of a pixel, nm; needed where the file does not state it, and taken before what it states"""
+    """edge of a pixel, nm; required where the file does not state it, and used instead of what it states"""
     height_unit: Annotated[float, Unit("nm", gt=0), BeforeValidator(_named_unit)] = 1.0
     """unit of the heights in the file, nm: "um", or a number to multiply them by"""
     detrend: Literal["none", "mean", "plane"] = "none"
@@ -49,8 +48,6 @@ class FromFile(SurfaceMaker):
     @field_validator("reader", mode="before")
     @classmethod
     def _reader(cls, value: Any) -> Any:
-        from chemage import registry
-
         if isinstance(value, str):
             return registry.current().make("reader", value, {})
         if isinstance(value, dict):
@@ -62,24 +59,18 @@ class FromFile(SurfaceMaker):
     def identity(self) -> dict[str, Any]:
         """Kind, options, and a hash of the file's bytes: an edited file is another surface.
 
+        The file is read once as long as its size and time of change stay what they are.
+
         Raises
         ------
         StoreError
             The file cannot be read.
         """
-        return {**super().identity(), "file_blake2b": self._file_hash()}
+        return {**super().identity(), "file_blake2b": _hash(self.path, _stamp(self.path))}
 
     def expected(self) -> dict[str, float]:
-        found = self.make()
-        nx, ny = found.shape
-        return {"nx": nx, "ny": ny, "pixel_size": found.pixel_size}
-
-    def _file_hash(self) -> str:
-        try:
-            with open(self.path, "rb") as file:
-                return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
-        except OSError as error:
-            raise StoreError(f"{self.path}: {error.strerror or error}") from None
+        """Grid and rms slope of the surface in the file, which is read once as long as it does not change."""
+        return dict(_measured(self, _stamp(self.path)))
 
     def make(self, seed: Seed = 0) -> Surface:
         """The surface in the file. ``seed`` is ignored.
@@ -87,14 +78,14 @@ class FromFile(SurfaceMaker):
         Raises
         ------
         StoreError
-            The file is missing, truncated, or not of the reader's format.
+            The file is missing, truncated, not of the reader's format, or no reader accepts its ending.
         InputError
-            No reader or several answer to the file's ending; the pixel size is unknown; heights are not finite.
+            Several readers accept the file's ending; the pixel size is unknown; heights are not finite.
         """
-        reader = self.reader or self._by_ending()
+        reader = self.reader or reader_for(self.path)
         if self.pixel_size is not None and "pixel_size" in type(reader).model_fields:
             reader = reader.replace(pixel_size=self.pixel_size)
-        content = self._file_hash()
+        content = _hash(self.path, _stamp(self.path))
         found = reader.read(self.path)
         if not isinstance(found, Surface):
             raise InputError(f"{self.path}: reader {reader.kind!r} gives a {type(found).__name__}, not a surface")
@@ -110,29 +101,33 @@ class FromFile(SurfaceMaker):
             provenance={**provenance(self), "reader": reader.kind, "file_blake2b": content},
         )
 
-    def _by_ending(self) -> Reader:
-        from chemage import registry
 
-        current, ending = registry.current(), Path(self.path).suffix.lower()
-        answering, known = {}, set()
-        for kind in current.kinds("reader"):
-            try:
-                cls = current.choice("reader", kind)
-            except PluginError:
-                continue  # `chemage plugins check` reports it; it must not stop the readers that work
-            known |= set(cls.suffixes)
-            if ending in cls.suffixes:
-                answering[kind] = cls
-        if not answering:
-            raise InputError(
-                f"path = {self.path!r}: no reader for files ending in {ending!r} (there are readers for "
-                f"{', '.join(sorted(known))}); name one with reader = ..."
-            )
-        if len(answering) > 1:
-            raise InputError(
-                f"path = {self.path!r}: readers {', '.join(sorted(answering))} all answer; give reader = ..."
-            )
-        return next(iter(answering.values()))()
+#: what tells one content of a file from another without reading it: size and time of change in ns, and which file it is
+_Stamp = tuple[int, int, int, int]
+
+
+def _stamp(path: str) -> _Stamp:
+    try:
+        found = os.stat(path)
+    except OSError as error:
+        raise StoreError(f"{path}: {error.strerror or error}") from None
+    return found.st_size, found.st_mtime_ns, found.st_ino, found.st_dev
+
+
+@lru_cache(maxsize=64)
+def _hash(path: str, stamp: _Stamp) -> str:
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
+    except OSError as error:
+        raise StoreError(f"{path}: {error.strerror or error}") from None
+
+
+@lru_cache(maxsize=64)
+def _measured(maker: FromFile, stamp: _Stamp) -> tuple[tuple[str, float], ...]:
+    found = maker.make()
+    nx, ny = found.shape
+    return ("nx", nx), ("ny", ny), ("pixel_size", found.pixel_size), ("rms_slope", found.rms_slope)
 
 
 def _without_trend(heights: np.ndarray, *, plane: bool) -> np.ndarray:

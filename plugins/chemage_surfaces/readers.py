@@ -14,10 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from chemage.errors import InputError, StoreError
-from chemage.objects import Surface
-from chemage.spec import Reader
-from chemage.units import Length, convert
+from chemage import InputError, Length, Reader, StoreError, Surface, convert
 
 if TYPE_CHECKING:
     import h5py

@@ -7,10 +7,8 @@ from typing import Annotated, ClassVar, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage.objects import Surface
-from chemage.spec import Seed, SurfaceMaker, checked_seed
-from chemage.threads import available
-from chemage.units import Length, Unit
+from chemage import Length, Seed, Surface, SurfaceMaker, Unit, checked_seed
+from chemage.foundation.threads import available
 from chemage_surfaces._options import Pixels, provenance
 
 

@@ -6,9 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from chemage.objects import Surface
-from chemage.spec import Seed, SurfaceMaker
-from chemage.units import Length
+from chemage import Length, Seed, Surface, SurfaceMaker
 from chemage_surfaces._options import Pixels, provenance
 
 

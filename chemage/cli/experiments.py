@@ -1,0 +1,230 @@
+"""The commands of an experiment: run, check, tradeoff, schema, init."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from chemage.cli import terminal
+from chemage.cli.options import ForceOpt, JsonOpt, SceneArg, SetOpt, YesOpt, changed_fields, user_error
+from chemage.cli.results import print_run
+from chemage.experiments.scene import Scene
+
+
+def run(
+    scene: SceneArg,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="result file, default NAME.h5 here; folder of a sweep, default NAME-sweep"),
+    ] = None,
+    changes: SetOpt = None,
+    replicas: Annotated[int | None, typer.Option(help="short for --set hold.replicas=N")] = None,
+    seed: Annotated[int | None, typer.Option(help="of disorder and kinetics; short for --set hold.seed=N")] = None,
+    threads: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="replicas computed at the same time (default: one per processor); in a sweep, threads per point"
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="of a sweep: points computed at the same time; default: one per processor")
+    ] = None,
+    executor: Annotated[
+        str | None, typer.Option(help="of a sweep: serial, processes, dask, dask:ADDRESS, dask:CLASS, dask:FILE.toml")
+    ] = None,
+    yes: YesOpt = False,
+    checkpoints: Annotated[
+        Path | None, typer.Option(help="folder in which contact and replicas are kept during the run, and resumed from")
+    ] = None,
+    figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
+    as_json: JsonOpt = False,
+    force: ForceOpt = False,
+) -> None:
+    """Run a scene end to end; write one result file and its figures. A scene with [sweep] fills a folder, in which
+    completed points are skipped."""
+    from chemage.experiments import run as experiments
+    from chemage.experiments.estimate import plan
+    from chemage.experiments.scene_files import is_sweep, load_scene
+    from chemage.foundation.files import preflight
+    from chemage.reports import run_figures
+    from chemage.store.results import write
+
+    if is_sweep(scene):
+        from chemage.cli import sweeps
+
+        if checkpoints is not None:
+            raise user_error("--checkpoints is for a single run; a sweep resumes from its own folder")
+
+        return sweeps.run(
+            scene,
+            out,
+            changed_fields(changes, replicas, seed),
+            executor=executor or ("processes" if (workers or 1) > 1 else "serial"),
+            workers=workers,
+            threads=threads,
+            yes=yes,
+            as_json=as_json,
+            force=force,
+        )
+    for option, given in (("--executor", executor), ("--workers", workers)):
+        if given is not None:
+            raise user_error(f"{option} is for sweeps, and {scene} has no [sweep]; --threads is for a single run")
+    one = load_scene(scene, changed_fields(changes, replicas, seed))
+    path = out or Path(f"{one.name}.h5")
+    _spare_inputs(path, scene, one)
+    preflight(path, force=force, size=plan(one).numbers.get("file", 0))
+    folder = path.with_name(f"{path.stem}-figures")
+    if figures:
+        _preflight_folder(folder, force)
+    pictures: list[Path] = []
+    with terminal.progress_bars() as tell:
+        result = experiments.run(one, progress=tell, threads=threads, checkpoints=checkpoints)
+        tell("writing", 0, 0)
+        write(path, result, force=force)
+        tell("writing", 1, 1)
+        with _kept(path):
+            if figures:
+                tell("drawing", 0, 0)
+                pictures = run_figures.save(result, folder, force=True)
+                tell("drawing", 1, 1)
+    if as_json:
+        print(json.dumps({**result.summary(), "file": str(path), "figures": [str(p) for p in pictures]}))
+        return
+    print_run(result)
+    print(f"\nresult   {path}")
+    for picture in pictures:
+        print(f"figure   {picture}")
+
+
+def _spare_inputs(path: Path, source: str, one: Scene) -> None:
+    """Refuse to write over the scene file, or over a file that the scene reads, even with ``--force``."""
+    read = [part["path"] for part in one.todict().values() if isinstance(part, dict) and "path" in part]
+    for name in (source, *read):
+        if os.path.realpath(name) == os.path.realpath(path):
+            raise user_error(f"{path} is what this scene is read from; choose another --out")
+
+
+def _preflight_folder(folder: Path, force: bool) -> None:
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise user_error(f"{folder}, the folder for the figures, is a file; choose another --out, or --no-figures")
+    if not force and any(folder.iterdir()):
+        raise user_error(f"{folder} is already there; choose another --out, or overwrite with --force")
+
+
+@contextmanager
+def _kept(path: Path) -> Iterator[None]:
+    """Say of errors in this block that the result itself was written before."""
+    from chemage.foundation.errors import StoreError
+
+    try:
+        yield
+    except StoreError as error:
+        raise StoreError(f"{error}\nthe result itself is in {path}; `chemage plot {path}` draws its figures") from error
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the result is in {path}, its figures are not all drawn") from None
+
+
+def check(scene: SceneArg, changes: SetOpt = None, yes: YesOpt = False, as_json: JsonOpt = False) -> None:
+    """Validate a scene, at every point of a sweep, and estimate what it needs and costs; nothing is computed."""
+    from chemage.experiments.estimate import plan
+    from chemage.experiments.scene_files import is_sweep, load_scene
+    from chemage.foundation.text import jsonable
+
+    if is_sweep(scene):
+        from chemage.cli import sweeps
+
+        return sweeps.check(scene, changed_fields(changes), yes=yes, as_json=as_json)
+    made = plan(load_scene(scene, changed_fields(changes)))
+    if as_json:
+        print(json.dumps(jsonable(made.todict())))
+        return
+    table = terminal.table(f"{scene} is valid")
+    for name, text in made.rows():
+        table.add_row(name, text)
+    terminal.show(table)
+    for note in made.notes:
+        print(f"note: {note}")
+
+
+def tradeoff(
+    scene: SceneArg,
+    changes: SetOpt = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="figure (png, pdf or svg); default none")] = None,
+    as_json: JsonOpt = False,
+    force: ForceOpt = False,
+) -> None:
+    """Measure speed against accuracy on a scene: each setting changed on its own, its cost and its error."""
+    from chemage.experiments.scene_files import load_scene
+    from chemage.experiments.tradeoff import tradeoff as measure
+    from chemage.foundation.files import fresh_file, preflight
+    from chemage.foundation.text import plus_minus
+    from chemage.reports.tradeoff_figure import figure
+
+    one = load_scene(scene, changed_fields(changes))
+    if out is not None:
+        preflight(out, force=force)
+    with terminal.progress_bars() as tell:
+        found = measure(one, tell=lambda what: tell(what, 0, 0))
+    if out is not None:
+        with fresh_file(out, force=force) as part:
+            figure(found).savefig(part, format=out.suffix.removeprefix(".") or "png")
+    if as_json:
+        print(json.dumps(found.todict()))
+        return
+    table = terminal.table(
+        f"Speed against accuracy: {one.name} (* as in the scene)",
+        ("option", "value", "CPU s", "wall s", "A/A0", "area err", "p err", "beta", ""),
+    )
+    for row in found.rows:
+        table.add_row(
+            row.knob,
+            row.setting + (" *" if row.own else ""),
+            _number(row.cpu_seconds),
+            _number(row.wall_seconds),
+            _number(row.area_fraction, 5),
+            _number(row.area_error, 2),
+            _number(row.pressure_error, 2),
+            plus_minus(row.beta, row.beta_stderr) if row.beta == row.beta else "",
+            row.remark,
+        )
+    terminal.show(table, width=180)
+
+
+def _number(value: float, digits: int = 3) -> str:
+    return f"{value:.{digits}g}" if value == value else ""
+
+
+def schema() -> None:
+    """Print the JSON Schema of scene files, every installed plugin included."""
+    from chemage.experiments.schema import scene_schema
+
+    print(json.dumps(scene_schema(), indent=2))
+
+
+def init(
+    file: Annotated[Path, typer.Argument(help="the scene file to write")] = Path("scene.toml"),
+    like: Annotated[str, typer.Option("--like", help="installed scene to start from")] = "silica-rough",
+    force: ForceOpt = False,
+) -> None:
+    """Write a commented scene file to start from."""
+    from chemage.experiments.scene_files import installed_text
+    from chemage.foundation.files import fresh_file
+    from chemage.foundation.messages import nearest
+    from chemage.plugins import registry
+
+    plugins = registry.current()
+    if like not in plugins.scenes():
+        names = sorted(plugins.scenes())
+        raise user_error(f"no installed scene {like!r}{nearest(like, names)}; installed: {', '.join(names) or 'none'}")
+    text = installed_text(like)
+    with fresh_file(file, force=force) as part:
+        part.write_text(text, encoding="utf-8")
+    print(f"{file} is a copy of {like}; change it, then: chemage check {file} && chemage run {file}")

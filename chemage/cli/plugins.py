@@ -1,0 +1,117 @@
+"""The commands about plugins: list, show, new, check."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from chemage.cli import terminal
+from chemage.cli.options import JsonOpt, user_error
+
+plugins_app = typer.Typer(no_args_is_help=True, help="What is installed, where it comes from, and whether it works.")
+
+
+@plugins_app.command("list")
+def plugins_list(as_json: JsonOpt = False) -> None:
+    """List every installed component, by role, and where it comes from."""
+    from chemage.plugins import registry
+
+    plugins = registry.current()
+    rows = [
+        {"role": role, "kind": kind, "from": record.source, "target": record.kinds[role][kind]}
+        for role in plugins.roles
+        for kind in plugins.kinds(role)
+        for record in plugins.offers(role, kind)
+    ]
+    broken = [{"plugin": r.name, "from": r.source, "error": r.error} for r in plugins.records if r.error]
+    if as_json:
+        print(json.dumps({"components": rows, "scenes": plugins.scenes(), "broken": broken}))
+        return
+    table = terminal.table("", ("role", "kind", "from"))
+    for row in rows:
+        table.add_row(row["role"], row["kind"], row["from"])
+    for record in plugins.records:
+        for name in record.scenes:
+            table.add_row("scene", name, record.source)
+    terminal.show(table)
+    for item in broken:
+        print(f"skipped: {item['plugin']} ({item['from']}): {item['error']}")
+
+
+@plugins_app.command("show")
+def plugins_show(
+    kind: Annotated[str, typer.Argument(help="a kind, such as fft-bem")],
+    role: Annotated[str | None, typer.Option(help="where several roles have this kind")] = None,
+    as_json: JsonOpt = False,
+) -> None:
+    """Explain a component: what it does, its options with units and defaults, what to cite."""
+    from chemage.experiments.schema import options_of
+    from chemage.foundation.messages import nearest
+    from chemage.plugins import registry
+
+    plugins = registry.current()
+    roles = [name for name in plugins.roles if kind in plugins.kinds(name) and role in (None, name)]
+    if not roles:
+        known = sorted({k for name in plugins.roles if role in (None, name) for k in plugins.kinds(name)})
+        raise user_error(f"no kind {kind!r}{nearest(kind, known)}; installed: {', '.join(known)}")
+    shown = []
+    for name in roles:
+        cls: Any = plugins.component(name, kind)
+        source = plugins.offers(name, kind)[0].source
+        shown.append(
+            {
+                "role": name,
+                "kind": kind,
+                "from": source,
+                "about": (cls.__doc__ or "").strip(),
+                "options": options_of(cls),
+                "cite": list(cls.cite),
+            }
+        )
+    if as_json:
+        print(json.dumps(shown))
+        return
+    import inspect
+
+    for one in shown:
+        print(f"{one['role']} {one['kind']}  ({one['from']})\n\n{inspect.cleandoc(one['about'])}\n")
+        table = terminal.table("", ("option", "unit", "default", "meaning"))
+        for option in one["options"]:
+            table.add_row(option["name"], option["unit"], option["default"], option["meaning"])
+        if one["options"]:
+            terminal.show(table)
+        for text in one["cite"]:
+            print(f"cite: {text}")
+
+
+@plugins_app.command("new")
+def plugins_new(
+    name: Annotated[str, typer.Argument(help="the kind it will offer, such as my-barriers")],
+    role: Annotated[str, typer.Option(help="role of the component, such as barriers; `plugins list` shows all")],
+    folder: Annotated[Path, typer.Option("--in", help="where to make the folder chemage-NAME")] = Path(),
+) -> None:
+    """Make the folder of a new plugin: a small working component of the role, its entry point, and tests."""
+    from chemage.scaffold.new import new
+
+    files = new(name, role, folder)
+    for path in files:
+        print(path)
+    print(f"\nnow: pip install -e {files[0].parent} && chemage plugins show {name}")
+
+
+@plugins_app.command("check")
+def plugins_check() -> None:
+    """Import every registered target and report what is broken; exit status 1 if anything is."""
+    from chemage.plugins import registry
+
+    plugins = registry.current()
+    problems = plugins.check()
+    for problem in problems:
+        print(problem)
+    count = sum(len(kinds) for record in plugins.records for kinds in record.kinds.values())
+    print(f"{len(plugins.records)} plugins, {count} components, {len(problems)} problems")
+    if problems:
+        raise typer.Exit(1)

@@ -1,0 +1,1 @@
+"""The scaffold: the folder of a new plugin."""

@@ -1,0 +1,1 @@
+"""Executors: where a sweep computes (this process, several processes, a Dask cluster)."""

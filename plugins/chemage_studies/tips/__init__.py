@@ -1,0 +1,1 @@
+"""What scaling by contact area explains between tips and rough contacts."""
