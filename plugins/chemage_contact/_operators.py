@@ -2,7 +2,7 @@
 
 A substrate knows its grid and returns a ``symbol``, the factor between the transforms of pressure and displacement
 for unit contact modulus, in nm: u(q) = symbol(q)·p(q)/E*. To add one (another boundary, another material) write a
-class with these members; the iteration never asks what it is.
+class with these members; the iteration depends on nothing else.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 
 class Substrate(Protocol):
-    """What the solver needs to know of an elastic body."""
+    """The interface of an elastic body to the solver."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -183,7 +183,7 @@ class FreeHalfSpace:
         kernel = _love(np.minimum(x, px - x)[: px // 2 + 1], np.minimum(y, py - y)[: py // 2 + 1], self.pixel)
         half = _cosine(kernel, py, 1)
         full = _cosine(half, px, 0)
-        # The truncated kernel is positive definite on the pixels that count; rounding must not say otherwise.
+        # The truncated kernel is positive definite on the unpadded pixels; negative values are rounding errors.
         return np.maximum(full, 0.0)
 
     def inverse(self) -> Floats:
@@ -213,8 +213,8 @@ def _love(x: Floats, y: Floats, pixel: tuple[float, float]) -> Floats:
     ax, ay = pixel
 
     def corner(sx: float, sy: float) -> Floats:
-        # Antiderivative of 1/r: x asinh(y/|x|) + y asinh(x/|y|); pixel corners are at half-integers, so neither is
-        # ever zero.
+        # Antiderivative of 1/r: x asinh(y/|x|) + y asinh(x/|y|); pixel corners are at half-integers, so x and y are
+        # never zero.
         xs = ((x + sx) * ax)[:, None]
         ys = ((y + sy) * ay)[None, :]
         return xs * np.arcsinh(ys / np.abs(xs)) + ys * np.arcsinh(xs / np.abs(ys))

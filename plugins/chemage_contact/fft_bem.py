@@ -24,10 +24,11 @@ from chemage import (
 from chemage.foundation.threads import available
 from chemage_contact import _iteration as iteration
 from chemage_contact import _kernels as kernels
+from chemage_contact._kernels import Heights
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate
 from chemage_contact._team import Team
 
-#: What single precision can reach, relative to the rms height, with a margin.
+#: The smallest tolerance that single precision reaches, with a margin.
 SINGLE_LIMIT = 1e-6
 
 
@@ -58,36 +59,36 @@ class FFTBEM(ContactSolver):
     tolerance: float = Field(default=1e-5, gt=0, lt=1, allow_inf_nan=False)
     """largest error of the gap, relative to the rms height (or to the approach since first touch, where smaller)"""
     precision: Literal["single", "double", "mixed"] = "mixed"
-    """mixed: iterate in single, keep pressure and gap in double (as accurate as double); single: half the memory"""
+    """mixed: iterate in single, pressure and gap in double precision (as accurate as double); single: least memory"""
     boundary: Literal["auto", "periodic", "free"] = "auto"
-    """auto: as the surface is; free: an isolated contact on an infinite half-space"""
+    """periodic or free (an isolated contact on an infinite half-space); auto: periodic if the surface is"""
     levels: int | None = Field(default=None, ge=1)
-    """grids from fine to coarse to start from; 1: the given grid only; absent: as many as help"""
+    """number of grids in the coarse-to-fine start; 1: the given grid only; default: chosen automatically"""
     max_iterations: int = Field(default=500, ge=0)
-    """on the given grid"""
+    """largest number of iterations on the given grid"""
     on_failure: Literal["raise", "return"] = "raise"
-    """what to do short of the tolerance: raise ConvergenceError, or return a solution with ``converged`` False"""
+    """if the tolerance is not reached: raise ConvergenceError, or return a solution with ``converged`` False"""
     gap: bool = False
-    """whether the solution carries the gap (memory and file size double)"""
+    """whether the solution contains the gap (memory and file size double)"""
     thickness: Length | None = None
-    """of the elastic body if it is a layer bonded to a rigid base, nm (periodic only); absent: half-space"""
+    """thickness of an elastic layer bonded to a rigid base, nm (periodic only); default: half-space"""
     poisson_ratio: Annotated[float, Unit("", ge=0, le=0.5)] = 0.25
-    """of the layer; unused for a half-space"""
+    """Poisson's ratio of the layer; not used for a half-space"""
     fft: Literal["scipy", "ducc0", "pyfftw", "mkl_fft"] = "scipy"
-    """Fourier transform library; all but scipy must be installed by the user (mind their licences)"""
+    """Fourier transform library; all but scipy must be installed separately (note their licences)"""
     threads: int | None = Field(default=None, ge=1)
-    """absent: all processors this process may use"""
+    """threads of one solve; default: all processors available to this process"""
 
     @model_validator(mode="after")
     def _check(self) -> FFTBEM:
         if self.precision == "single" and self.tolerance < SINGLE_LIMIT:
             raise ValueError(
-                f"tolerance = {self.tolerance:g}: single precision stalls above this; "
+                f"tolerance = {self.tolerance:g}: single precision cannot reach this; "
                 f"use precision = 'mixed', or a tolerance of at least {SINGLE_LIMIT:g}"
             )
         if self.tolerance < 1e-13:
             raise ValueError(
-                f"tolerance = {self.tolerance:g}: below the rounding of double precision; use 1e-12 or more"
+                f"tolerance = {self.tolerance:g}: below the rounding errors of double precision; use 1e-12 or more"
             )
         if self.thickness is not None and self.boundary == "free":
             raise ValueError("thickness: a layer needs boundary = 'periodic'; leave one of the two out")
@@ -212,7 +213,7 @@ class FFTBEM(ContactSolver):
         return {"kind": options.pop("kind"), "options": options, "surface": surface.provenance}
 
     def _untouched(self, surface: Surface, approach: float) -> ContactSolution:
-        """No contact: a load of zero, or an approach of zero or less."""
+        """The solution without contact: a load of zero, or an approach of zero or less."""
         pressure = np.zeros(surface.shape, dtype=iteration.PRECISIONS[self.precision][0])
         pressure.setflags(write=False)
         gap = None
@@ -242,7 +243,7 @@ class FFTBEM(ContactSolver):
         load: float | None,
         team: Team,
     ) -> ContactSolution:
-        """The solution in nm, GPa and nN; without a ``load`` it is what the pressures add up to."""
+        """The solution in nm, GPa and nN; without a ``load``, the load is the sum of the pressure."""
         values = result.pressure
         area = surface.pixel_size**2
         total, weighted, least = iteration.sums(values, result.gap, team)
@@ -261,7 +262,7 @@ class FFTBEM(ContactSolver):
             notes.append(message)
         if values.size and least > 0.0:
             notes.append("full contact: every pixel touches, and more load only adds uniform pressure")
-        # The last rounding of the load: what is left after thousands of single-precision changes.
+        # The load to rounding, after many changes of the pressure in single precision.
         factor = pressure * (load / (total * pressure * area)) if load > 0 else pressure
         force_error = abs(iteration.rescale(values, factor, team) * area / load - 1.0) if load > 0 else 0.0
         if not force_error < 1e-3:
@@ -323,7 +324,7 @@ def _report(
     history: list[tuple[float, float]],
     levels: list[tuple[tuple[int, int], int]],
 ) -> dict[str, Any]:
-    """What the solution says of its own error; gaps relative to the rms height, pressures to their sum."""
+    """The errors of the solution and how it was found; gaps are relative to the rms height, pressures to their sum."""
     return {
         "tolerance": solver.tolerance,
         "rms_gap": rms_gap,
@@ -337,11 +338,11 @@ def _report(
     }
 
 
-def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[iteration.Heights, float]:
+def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[Heights, float]:
     """Heights below the highest point in units of their rms value, and that unit in nm.
 
-    A flat surface has none (one whose heights differ by rounding only, or vanish, counts as flat); the displacement
-    under a mean ``strain`` (pressure over modulus) serves instead.
+    A surface counts as flat if its heights vanish or differ by rounding only; the unit is then the displacement
+    under a mean ``strain`` (pressure over modulus).
     """
     heights = surface.heights
     nx, ny = heights.shape
@@ -349,17 +350,17 @@ def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[iterati
     top = float(part[:, 1].max())
     unit = top - float(part[:, 0].min())
     if unit <= max(8.0 * float(np.finfo(heights.dtype).eps) * abs(top), 1e-290):
-        return iteration.Heights(heights, top, 0.0), strain * max(nx, ny) * surface.pixel_size
-    # Through the largest value, so that squares of 1e-200 nm do not vanish.
+        return Heights(heights, top, 0.0), strain * max(nx, ny) * surface.pixel_size
+    # Relative to the largest value, so that squares of 1e-200 nm do not underflow.
     part = team.table(kernels.moments, nx, 2, heights, top, 1.0 / unit)
     spread = math.sqrt(float(part[:, 1].sum()) / (nx * ny) + float(part[:, 0].var()))
-    return iteration.Heights(heights, top, 1.0 / unit / spread), unit * spread
+    return Heights(heights, top, 1.0 / unit / spread), unit * spread
 
 
 def _usable(start: ContactSolution | None, surface: Surface, load: float) -> np.ndarray | None:
-    """The pressure of a neighbouring solution where it beats a start from coarse grids: same grid, a load near by.
+    """The pressure of a neighbouring solution if it is a better start than coarse grids: same grid, similar load.
 
-    Growing the contact takes longer than shrinking it; measured break-even ratios, see ``docs/contact.md``.
+    Growing the contact takes longer than shrinking it; the break-even ratios are measured (``docs/contact.md``).
     """
     if start is None or start.shape != surface.shape or not 0.8 * start.load <= load <= 1.05 * start.load:
         return None

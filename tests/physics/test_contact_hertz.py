@@ -99,5 +99,5 @@ def test_a_surface_that_is_no_sphere_is_refused():
 
 
 def test_a_contact_larger_than_the_grid_is_refused():
-    with pytest.raises(InputError, match="more pixels, or press less"):
+    with pytest.raises(InputError, match="more pixels or a smaller load"):
         Hertz(modulus=35.3).solve(tip(32), 1e4)

@@ -1,4 +1,4 @@
-"""Libraries for Fourier transforms: what is asked of them, with stand-ins that behave as their documentation says."""
+"""Libraries for Fourier transforms: how they are called, with stand-ins that behave as documented."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def ducc0() -> dict[str, types.ModuleType]:
 
 
 def scipy_like(name: str) -> dict[str, types.ModuleType]:
-    """pyFFTW and mkl_fft have scipy's interface; neither promises to work in place."""
+    """pyFFTW and mkl_fft have scipy's interface; neither guarantees to work in place."""
     module = types.ModuleType(f"{name}.interfaces.scipy_fft")
 
     def named(function):
