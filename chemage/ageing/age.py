@@ -77,18 +77,8 @@ def age(
         A folder in which every replica is kept while it runs; an interrupted call resumes from there, with equal
         results.
     """
-    expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
-    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
-    expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
-    for one in observe:
-        expect("observe", one, Observable, 'give a list of chemage.observable("barrier-spectrum")')
     times, kelvin = check_times(hold_times), temperature_value(temperature)
-    if isinstance(replicas, bool) or not isinstance(replicas, int | np.integer) or replicas < 1:
-        raise InputError.of("replicas", replicas, "must be a whole number of at least 1")
-    if not isinstance(seed, np.random.SeedSequence):
-        checked_seed(seed)
-    if threads is not None and threads < 1:
-        raise InputError.of("threads", threads, "must be at least 1")
+    _check(contact, chemistry, engine, observe, replicas, seed, threads)
 
     def replica(number: int) -> _Replica:
         disorder, noise = replica_seeds(seed, number)
@@ -127,6 +117,22 @@ def age(
             **({"observe": [one.todict() for one in observe]} if observe else {}),
         },
     ).noting(plugins)
+
+
+def _check(
+    contact: Any, chemistry: Any, engine: Any, observe: Sequence[Any], replicas: Any, seed: Any, threads: int | None
+) -> None:
+    expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
+    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
+    expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
+    for one in observe:
+        expect("observe", one, Observable, 'give a list of chemage.observable("barrier-spectrum")')
+    if isinstance(replicas, bool) or not isinstance(replicas, int | np.integer) or replicas < 1:
+        raise InputError.of("replicas", replicas, "must be a whole number of at least 1")
+    if not isinstance(seed, np.random.SeedSequence):
+        checked_seed(seed)
+    if threads is not None and threads < 1:
+        raise InputError.of("threads", threads, "must be at least 1")
 
 
 class _Replica(NamedTuple):

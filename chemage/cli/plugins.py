@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from chemage.cli import terminal
-from chemage.cli.options import JsonOpt, user_error
+from chemage.cli.options import ForceOpt, JsonOpt, user_error
 
 plugins_app = typer.Typer(no_args_is_help=True, help="What is installed, where it comes from, and whether it works.")
 
@@ -100,6 +100,22 @@ def plugins_new(
     for path in files:
         print(path)
     print(f"\nnow: pip install -e {files[0].parent} && chemage plugins show {name}")
+
+
+@plugins_app.command("stubs")
+def plugins_stubs(
+    folder: Annotated[Path, typer.Option("--in", help="folder of type stubs, as editors know it")] = Path("typings"),
+    force: ForceOpt = False,
+) -> None:
+    """Write type stubs, so that editors and type checkers know the options of every installed component."""
+    from chemage.foundation.files import fresh_file
+    from chemage.scaffold.stubs import stub_text
+
+    target = folder / "chemage" / "__init__.pyi"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with fresh_file(target, force=force) as part:
+        part.write_text(stub_text(), encoding="utf-8")
+    print(target)
 
 
 @plugins_app.command("check")

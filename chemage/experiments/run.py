@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from chemage.ageing.age import age
 from chemage.ageing.aging import Aging
@@ -16,16 +18,16 @@ from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
 from chemage.experiments.provenance import versions
-from chemage.experiments.scene import Scene
+from chemage.experiments.scene import Scene, parse_scene
+from chemage.experiments.scene_files import load_scene
 from chemage.foundation.errors import ChemageError, InputError, StoreError
 from chemage.foundation.records import Record
-from chemage.foundation.text import jsonable
+from chemage.foundation.text import html_table, jsonable
 from chemage.surfaces.stage import make_surface
 from chemage.surfaces.surface import Surface
 
 #: called with (stage, done, total); total is 0 where a stage cannot say how far it is
 Progress = Callable[[str, int, int], None]
-_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,11 @@ class Run:
         }
         return jsonable(numbers)
 
+    def _repr_html_(self) -> str:
+        numbers = self.summary()
+        rows = ((name, f"{value:.5g}") for name, value in numbers.items() if isinstance(value, float | int))
+        return html_table(f"{self.name} {self.scene.get('title', '')}".strip(), rows)
+
     def parts(self) -> dict[str, Record]:
         """The objects to store, by group name."""
         found = {"surface": self.surface, "contact": self.contact, "aging": self.aging}
@@ -139,7 +146,7 @@ class Run:
 
 
 def run(
-    scene: Scene,
+    scene: Scene | str | Path | Mapping[str, Any],
     *,
     progress: Progress | None = None,
     threads: int | None = None,
@@ -149,52 +156,53 @@ def run(
 ) -> Run:
     """Run a scene end to end: every stage that it contains.
 
-    ``progress`` is called as stages advance; ``threads`` is how many replicas run at the same time. A ``surface`` or
-    ``contact`` already computed for this very scene (its stage key says so) can be passed in. In the folder
-    ``checkpoints`` the contact and every replica are kept during the run; an interrupted run resumes from there, with
-    equal results.
+    ``scene`` is a :class:`Scene`, a scene file, the name of an installed scene, or scene data. ``progress`` is called
+    as stages advance; ``threads`` is how many replicas run at the same time. A ``surface`` or ``contact`` already computed
+    for this very scene (its stage key says so) can be passed in. In the folder ``checkpoints`` the contact and every
+    replica are kept during the run; an interrupted run resumes from there, with equal results.
     """
-    tell = progress or (lambda stage, done, total: None)
+    if not isinstance(scene, Scene):
+        scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
+    report = progress or (lambda stage, done, total: None)
     timings: dict[str, float] = {}
-
-    def timed(stage: str, task: Callable[[], _Result]) -> _Result:
-        tell(stage, 0, 0)
-        begin = time.perf_counter()
-        try:
-            result = task()
-        except ChemageError as error:
-            error.add_note(f"in the stage {stage!r} of scene {scene.name!r}")
-            raise
-        timings[stage] = time.perf_counter() - begin
-        tell(stage, 1, 1)
-        return result
-
     if contact is None:
         if surface is None:
-            surface = timed("surface", lambda: make_surface(scene.surface, scene.surface_seed))
-        body = surface
-        contact = timed("contact", lambda: _solved(scene, body, checkpoints))
-    solution, aging = contact, None
+            with _timed("surface", scene, timings, report):
+                surface = make_surface(scene.surface, scene.surface_seed)
+        with _timed("contact", scene, timings, report):
+            contact = _solved(scene, surface, checkpoints)
+    aging = None
     if scene.chemistry is not None and scene.hold is not None and scene.engine is not None:
-        chemistry, hold, engine = scene.chemistry, scene.hold, scene.engine
-        aging = timed(
-            "ageing",
-            lambda: age(
-                solution,
-                chemistry,
-                engine=engine,
-                hold_times=hold.hold_times,
-                temperature=hold.temperature,
-                replicas=hold.replicas,
-                seed=hold.seed,
+        with _timed("ageing", scene, timings, report):
+            aging = age(
+                contact,
+                scene.chemistry,
+                engine=scene.engine,
+                hold_times=scene.hold.hold_times,
+                temperature=scene.hold.temperature,
+                replicas=scene.hold.replicas,
+                seed=scene.hold.seed,
                 observe=scene.observe,
                 threads=threads,
-                progress=lambda done, total: tell("ageing", done, total),
+                progress=partial(report, "ageing"),
                 checkpoints=checkpoints,
-            ),
-        )
-    took_part = versions(scene, (solution, aging))
-    return Run(scene.todict(), solution, surface, aging, timings, took_part, scene.keys(), tuple(scene.cite()))
+            )
+    took_part = versions(scene, (contact, aging))
+    return Run(scene.todict(), contact, surface, aging, timings, took_part, scene.keys(), tuple(scene.cite()))
+
+
+@contextmanager
+def _timed(stage: str, scene: Scene, timings: dict[str, float], report: Progress) -> Iterator[None]:
+    """Report the begin and end of a stage, note its wall seconds, and name it in errors."""
+    report(stage, 0, 0)
+    begin = time.perf_counter()
+    try:
+        yield
+    except ChemageError as error:
+        error.add_note(f"in the stage {stage!r} of scene {scene.name!r}")
+        raise
+    timings[stage] = time.perf_counter() - begin
+    report(stage, 1, 1)
 
 
 def _solved(scene: Scene, surface: Surface, checkpoints: Path | None) -> ContactSolution:

@@ -23,6 +23,7 @@ from pydantic import (
 
 from chemage.foundation.errors import InputError
 from chemage.foundation.messages import explain, nearest
+from chemage.foundation.text import html_table
 
 _IDENTITY = {"chemage": "identity"}
 
@@ -90,6 +91,12 @@ class Component(BaseModel):
         if kind != cls.kind:
             raise InputError.of("kind", kind, f"these are not the options of {cls.role or cls.__name__} {cls.kind!r}")
         return cls(**options)
+
+    def _repr_html_(self) -> str:
+        title = f"{self.role} {self.kind}" if self.kind else type(self).__name__
+        fields = type(self).model_fields
+        rows = ((name, str(getattr(self, name)), fields[name].description or "") for name in fields)
+        return html_table(title, rows)
 
     def digest(self) -> str:
         """Content hash of kind and options (see :attr:`speed_only`), the same in every process."""

@@ -16,6 +16,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from chemage.foundation.text import shortened
+
 
 class ChemageError(Exception):
     """Base of everything chemage raises on purpose; the command line prints it without a traceback."""
@@ -31,10 +33,7 @@ class InputError(ChemageError, ValueError):
     @classmethod
     def of(cls, field: str, value: object, problem: str, remedy: str = "") -> InputError:
         """The standard wording: ``field = value: problem; remedy``."""
-        shown = repr(value)
-        if len(shown) > 80:
-            shown = shown[:77] + "..."
-        return cls(f"{field} = {shown}: {problem}" + (f"; {remedy}" if remedy else ""))
+        return cls(f"{field} = {shortened(repr(value))}: {problem}" + (f"; {remedy}" if remedy else ""))
 
 
 class UnitError(InputError):

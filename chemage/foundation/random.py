@@ -13,14 +13,15 @@ above a stream of 16 bits; block = draw >> 1. Its top bit marks pairs, so that a
 
 from __future__ import annotations
 
+import hashlib
 import operator
 
 import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-#: Streams in use; engines have KINETICS to KINETICS + 15 between them.
-#: A plugin that draws its own kind of number takes any stream from FIRST_FREE_STREAM to 65535.
+#: Streams in use; engines have KINETICS to KINETICS + 15 between them. A plugin that draws its own kind of number gets
+#: a stream from `stream`.
 FORMING = 1
 BREAKING = 2
 HYDROXYLATION = 3
@@ -144,6 +145,28 @@ def key(seed: Keyed) -> NDArray[np.uint64]:
             raise ValueError(f"seed: {number} is negative; give a whole number from 0 up")
         seed = np.random.SeedSequence(number)
     return seed.generate_state(2, np.uint32).astype(np.uint64)
+
+
+#: number of a stream -> what has claimed it
+_claimed: dict[int, str] = {}
+
+
+def stream(name: str) -> int:
+    """The stream of a plugin's own random numbers: a pure function of ``name``, such as ``"chemage-oxide/defects"``.
+
+    Raises
+    ------
+    ValueError
+        Another name has the same stream in this process; choose another name.
+    """
+    if not name:
+        raise ValueError("name = '': a stream needs a name, such as 'my-plugin/defects'")
+    free = LAST_STREAM + 1 - FIRST_FREE_STREAM
+    number = FIRST_FREE_STREAM + int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest()) % free
+    other = _claimed.setdefault(number, name)
+    if other != name:
+        raise ValueError(f"name = {name!r}: its stream {number} belongs to {other!r} already; choose another name")
+    return number
 
 
 def _stream(stream: int) -> int:

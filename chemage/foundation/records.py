@@ -17,6 +17,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Val
 
 from chemage.foundation.errors import InputError
 from chemage.foundation.messages import explain
+from chemage.foundation.text import html_table, shortened
 
 
 def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
@@ -146,6 +147,14 @@ class Record(BaseModel):
 
     def __hash__(self) -> int:
         return hash(self.digest())
+
+    def _repr_html_(self) -> str:
+        rows = []
+        for name, value in self.todict().items():
+            unit, meaning = self.arrays[name][1:] if name in self.arrays else ("", "")
+            shown = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else shortened(value)
+            rows.append((name, shown, unit, meaning or type(self).model_fields[name].description or ""))
+        return html_table(repr(self), rows)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.digest()[:8]}>"

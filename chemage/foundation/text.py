@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -45,3 +46,15 @@ def jsonable(value: Any) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def shortened(value: object, most: int = 80) -> str:
+    """``value`` as text of at most ``most`` characters."""
+    text = str(value)
+    return text if len(text) <= most else text[: most - 3] + "..."
+
+
+def html_table(title: str, rows: Iterable[tuple[str, ...]]) -> str:
+    """A small table for notebooks; everything in it is escaped."""
+    lines = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows)
+    return f"<b>{escape(title)}</b><table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"

@@ -10,7 +10,9 @@ the registry knows no stage.
 
 from __future__ import annotations
 
+import hashlib
 import importlib
+import inspect
 import os
 import sys
 import threading
@@ -58,11 +60,13 @@ class PluginRecord:
     scenes: dict[str, str] = field(default_factory=dict)
     #: why it was skipped, in words; empty when it works
     error: str = ""
+    #: the class, where it was registered by hand
+    component: Any = None
 
     @property
     def source(self) -> str:
         """``distribution version``, or the module where there is no distribution."""
-        return f"{self.distribution} {self.version}".strip() if self.distribution else self.module
+        return f"{self.distribution or self.module} {self.version}".strip()
 
 
 class Registry:
@@ -120,6 +124,32 @@ class Registry:
             raise PluginError(f"plugin {name!r}: {type(error).__name__}: {error}") from error
         self.records.append(record)
         return record
+
+    def register_class(self, cls: Any) -> PluginRecord:
+        """Make a component class usable by its kind without packaging; the same name defined again replaces it.
+
+        Raises
+        ------
+        PluginError
+            The class is not complete, or a plugin offers its kind already.
+        """
+        role, kind = getattr(cls, "role", ""), getattr(cls, "kind", "")
+        if role not in self.roles or not kind:
+            raise PluginError(f"{cls!r} is no component with a role and a kind; subclass a role such as chemage.Engine")
+        name = f"{cls.__module__}.{cls.__qualname__}"
+        self.records = [record for record in self.records if record.name != name]
+        self._classes.pop((role, kind), None)
+        record = PluginRecord(name, "", _source_version(cls), cls.__module__, {role: {kind: name}}, component=cls)
+        if others := self.offers(role, kind):
+            raise PluginError(_clash(role, kind, [*others, record]))
+        self._classes[role, kind] = self._checked(cls, role, kind, record)
+        self.records.append(record)
+        return record
+
+    def unregister_class(self, cls: Any) -> None:
+        """The inverse of :meth:`register_class`."""
+        self.records = [record for record in self.records if record.component is not cls]
+        self._classes.pop((cls.role, cls.kind), None)
 
     def _register(self, plugin: Any, record: PluginRecord) -> None:
         api = getattr(plugin, "CHEMAGE_API", hooks.API_VERSION)
@@ -293,12 +323,19 @@ class Registry:
         return kinds
 
     def _import(self, role: str, kind: str, record: PluginRecord) -> Any:
+        if record.component is not None:
+            return record.component
         target = record.kinds[role][kind]
-        where = f"{role} {kind!r} of plugin {record.name!r} ({record.source})"
         try:
             cls = _imported(target)
         except Exception as error:
+            where = f"{role} {kind!r} of plugin {record.name!r} ({record.source})"
             raise PluginError(f"{where}: {target} cannot be imported: {type(error).__name__}: {error}") from error
+        return self._checked(cls, role, kind, record)
+
+    def _checked(self, cls: Any, role: str, kind: str, record: PluginRecord) -> Any:
+        target = record.kinds[role][kind]
+        where = f"{role} {kind!r} of plugin {record.name!r} ({record.source})"
         expected = self.role(role)
         if not (isinstance(cls, type) and issubclass(cls, expected)):
             raise PluginError(f"{where}: {target} is not a chemage.{expected.__name__}")
@@ -307,6 +344,15 @@ class Registry:
         if abstract := getattr(cls, "__abstractmethods__", None):
             raise PluginError(f"{where}: {target} does not define {', '.join(sorted(abstract))}")
         return cls
+
+
+def _source_version(cls: type) -> str:
+    """What stands for the version of a class that is not packaged: a hash of its source."""
+    try:
+        text = inspect.getsource(cls)
+    except (OSError, TypeError):
+        return "(source unknown)"
+    return f"(source {hashlib.blake2b(text.encode(), digest_size=4).hexdigest()})"
 
 
 def _is_stage(hook: Any) -> bool:
@@ -400,3 +446,22 @@ def using(registry: Registry) -> Iterator[Registry]:
 def fromdict(role: str, fields: Mapping[str, Any]) -> Any:
     """A component from its ``todict()``."""
     return current().fromdict(role, fields)
+
+
+def register(cls: T) -> T:
+    """Make a component class usable by its kind at once, without packaging: in a notebook, as a decorator or a call.
+
+    Defining the class again and registering it replaces it. Files written with it name it with a hash of its source.
+
+    Raises
+    ------
+    PluginError
+        The class is not complete, or a plugin offers its kind already.
+    """
+    current().register_class(cls)
+    return cls
+
+
+def unregister(cls: Any) -> None:
+    """Forget a class that :func:`register` made usable."""
+    current().unregister_class(cls)

@@ -70,7 +70,7 @@ class FromFile(SurfaceMaker):
 
     def expected(self) -> dict[str, float]:
         """Grid and rms slope of the surface in the file, which is read once as long as it does not change."""
-        return dict(_measured(self, _stamp(self.path)))
+        return dict(_measured(self, _stamp(self.path)))  # pyright: ignore[reportArgumentType]
 
     def make(self, seed: Seed = 0) -> Surface:
         """The surface in the file. ``seed`` is ignored.
