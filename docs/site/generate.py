@@ -17,10 +17,11 @@ import re
 from collections.abc import Callable, Iterable
 from typing import Any
 
-import chemage
 import typer
-from chemage import cli
 from typer.testing import CliRunner
+
+import chemage
+from chemage import cli
 
 BLOCK = re.compile(r"^```(names|components|commands)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 ROLE = re.compile(r":(?:class|func|meth|attr|mod|exc|data):")
@@ -86,7 +87,10 @@ def _component(role: str, kind: str) -> str:
     parts = [f"### `{kind}`", plain(shown["about"])]
     if shown["options"]:
         keys = ("name", "unit", "default", "meaning")
-        rows = ([f"`{row['name']}`", row["unit"], _default(row["default"]), plain(row["meaning"])] for row in shown["options"])
+        rows = (
+            [f"`{row['name']}`", row["unit"], _default(row["default"]), plain(row["meaning"])]
+            for row in shown["options"]
+        )
         parts.append(table(keys, rows))
     else:
         parts.append("No options.")
