@@ -24,6 +24,9 @@ import chemage
 from chemage import cli
 
 BLOCK = re.compile(r"^```(names|components|commands)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+#: a letter with a subscript, and a power, as the pages write them in plain text
+SYMBOL = re.compile(r"(?<!\w)([^\W\d_]'?)_((?:rms|intrinsic|form|break|in|[NLrsBbcnpi])(?:,i)?)(?!\w)")
+POWER = re.compile(r"\^\(([^()]*)\)")
 ROLE = re.compile(r":(?:class|func|meth|attr|mod|exc|data):")
 
 
@@ -46,8 +49,14 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Show the cross-references of docstrings (``:func:`chemage.age```) as plain code."""
-    return ROLE.sub("", html)
+    """Show cross-references of docstrings (``:func:`chemage.age```) as plain code, and set symbols such as q_L."""
+    pieces, inside = re.split(r"(<[^>]+>)", ROLE.sub("", html)), 0
+    for number, piece in enumerate(pieces):
+        if re.match(r"</?(code|pre)\b", piece):
+            inside += -1 if piece.startswith("</") else 1
+        elif not inside and not piece.startswith("<"):
+            pieces[number] = POWER.sub(r"<sup>\1</sup>", SYMBOL.sub(r"\1<sub>\2</sub>", piece))
+    return "".join(pieces)
 
 
 # -- public names -----------------------------------------------------------------------------------------------------
@@ -138,8 +147,7 @@ def _command(path: str, command: Any) -> str:
         if parameter.param_type_name == "argument":
             arguments.append((f"`{parameter.metavar or parameter.name.upper()}`", about))
         else:
-            # a switch that is on by itself is turned off by its second name
-            spellings = parameter.secondary_opts if parameter.default is True else parameter.opts
+            spellings = [*parameter.opts, *parameter.secondary_opts]
             options.append((", ".join(f"`{one}`" for one in spellings), about))
     parts = [f"### `chemage {path}`", plain(inspect.cleandoc(command.help or ""))]
     if arguments:
