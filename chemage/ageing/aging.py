@@ -59,6 +59,7 @@ class Aging(Record):
 
     @property
     def replicas(self) -> int:
+        """Number of replicas."""
         return self.bonds.shape[0]
 
     @property

@@ -157,9 +157,9 @@ def run(
     """Run a scene end to end: every stage that it contains.
 
     ``scene`` is a :class:`Scene`, a scene file, the name of an installed scene, or scene data. ``progress`` is called
-    as stages advance; ``threads`` is how many replicas run at the same time. A ``surface`` or ``contact`` already computed
-    for this very scene (its stage key says so) can be passed in. In the folder ``checkpoints`` the contact and every
-    replica are kept during the run; an interrupted run resumes from there, with equal results.
+    as stages advance; ``threads`` is how many replicas run at the same time. A ``surface`` or ``contact`` already
+    computed for this very scene (its stage key says so) can be passed in. In the folder ``checkpoints`` the contact and
+    every replica are kept during the run; an interrupted run resumes from there, with equal results.
     """
     if not isinstance(scene, Scene):
         scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)

@@ -13,7 +13,7 @@ CAPTIONS = {
     "fig1": "ΔF and Δμ against hold time at loads from 5 to 500 µN (reference surface).",
     "fig2": "Barrier and pressure distributions at three loads; ΔF and Δμ against load; ΔF against contact area.",
     "fig3": "Δμ against hold time and against h'_rms, with the activation volume (left) and without (right).",
-    "fig4": "ΔF against the strength of the interaction. The numbering is ours: the claim is the paper's.",
+    "fig4": "ΔF against the strength of the interaction (a claim of the paper; the figure number is ours).",
     "fig5": "Δμ·A0/A against contour length over area, rows of Table 1.",
     "fig6": "h'_rms = 0.4, half hydroxylated, detachment-front factor 0.15.",
     "table1": "Patches and contour length over area, rows of Table 1 (h'_rms = 0.05, 20 µN).",
@@ -22,33 +22,33 @@ CAPTIONS = {
 
 #: the most likely reason where a number is off, by target
 REASONS = {
-    "kappa": """The paper gives 2.1 for the reference and "2 to 2.3" for the rows (2.15 above); it counts pixels
-on one realisation. E* = 35.3 GPa is used; the stated E and ν make 35.79 GPa, which would change
+    "kappa": """The paper gives 2.1 for the reference and "2 to 2.3" for the rows (2.15 above), from the pixels of
+one realisation. E* = 35.3 GPa is used here; the stated E and ν give 35.79 GPa, which would change
 the area by −1.4 %.""",
-    "table1": """One realisation in the paper. With η = 1 (cross) the longest waves carry most of the height, a
-contact is a handful of islands, and no two surfaces are alike. Patches are few where ζ is small
-or η = 1, and scatter between seeds is large there; 8-connectivity and the pixel size at the rim
-decide how many tiny patches are counted.""",
-    "fig3": """The molecular-dynamics table of barriers is not published; the triangular stand-in is fitted to
-the set with ΔV, so the set without ΔV is the independent one. The paper's caption gives the
-second set to panel (b); it belongs to panel (d).""",
+    "table1": """The paper reports one realisation. With η = 1 (cross), the longest waves carry most of the height, a
+contact consists of a few islands, and surfaces differ strongly. Where ζ is small or η = 1, patches are few
+and the scatter between seeds is large. The number of tiny patches depends on 8-connectivity and on the pixel
+size at the rim.""",
+    "fig3": """The table of barriers from molecular dynamics is not published. The triangular distribution used here was
+fitted to the set with ΔV, so that only the set without ΔV is an independent test. The paper's caption assigns
+the second set to panel (b); it belongs to panel (d).""",
     "fig6": """ΔV is given as "0.04 Å³" in the paper's text, which reads as 0.04 eV/GPa.""",
 }
 
 _HEAD = """# Reproduction of the paper
 
-{paper}: the published numbers beside ours. Made by `chemage reproduce{targets} --seeds {count}`: {pixels} x
-{pixels} pixels, {count} surface seeds ({first} to {last}), 10 replicas of the disorder on each; chemage
-{chemage}, numpy {numpy}, numba {numba}.
+This page compares the published numbers of {paper}, with those of
+chemage. It was written by `chemage reproduce{targets} --seeds {count}`: {pixels} x {pixels} pixels, {count} surface
+seeds ({first} to {last}), 10 replicas of the disorder on each; chemage {chemage}, numpy {numpy}, numba {numba}.
 
 *Ours* is the mean over surface seeds with the standard deviation between them. The paper gives one realisation
-of each surface. *Within* says whether the difference is inside the tolerance; `scatter` means that two standard
-deviations between seeds cover it where the tolerance does not.{coarse}"""
+of each surface. *Within* says whether the difference is inside the tolerance; `scatter` means that the difference
+exceeds the tolerance, but not two standard deviations between seeds.{coarse}"""
 
 
 _COARSE = (
-    "\n\n**A quick look:** a pixel is one site, so coarser pixels carry fewer bonds; β and Δμ are not comparable with "
-    "the paper's, and contours are shorter."
+    "\n\n**Coarse pixels:** a pixel is one site, so that coarser pixels carry fewer bonds. β and Δμ are not comparable "
+    "with the paper's, and contours are shorter."
 )
 
 
@@ -94,7 +94,7 @@ def page(
         )
     reasons = [f"- **{name}**: {' '.join(REASONS[name].split())}" for name in targets if name in REASONS]
     if reasons:
-        parts.append("## What to know when comparing\n\n" + "\n".join(reasons))
+        parts.append("## Notes on the comparison\n\n" + "\n".join(reasons))
     parts.append("## Figures")
     parts += [f"![{CAPTIONS[name]}]({figures}/{name}.png)\n\n*{name}*: {CAPTIONS[name]}" for name in targets]
     return "\n\n".join(parts) + "\n"

@@ -318,14 +318,14 @@ def page(studies: Sequence[Study], figures: str) -> str:
     hardest = max(main.group("tip"), key=lambda one: one.contact.mean_contact_pressure)
     return _filled(f"""# Tips and rough contacts: what scaling by area explains
 
-`chemage study tips` measured this and wrote it down. It ages {number_of_tips} tips (the radii and loads of the scene
-`silica-tips`) and {len(main.contacts) - number_of_tips} rough contacts (the scene `silica-patch`, {rough.shape[0]} ×
-{rough.shape[1]} pixels of {rough.pixel_size:g} nm) with the same chemistry, at two strengths of the interaction between
-neighbours, {strengths}: the one for single asperities, the other for rough contacts, in Li, Pastewka & Szlufarska,
-Phys. Rev. E 98, 023001 (2018). Every mean is over some {SITES:,} aged sites. The area of a contact is the area of its
-pixels, each of which carries one site.
+The command `chemage study tips` computed the results on this page and wrote it. It ages {number_of_tips} tips (the
+radii and loads of the scene `silica-tips`) and {len(main.contacts) - number_of_tips} rough contacts (the scene
+`silica-patch`, {rough.shape[0]} × {rough.shape[1]} pixels of {rough.pixel_size:g} nm) with the same chemistry, at two
+strengths of the interaction between neighbours, {strengths}: Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018),
+use the former for single asperities and the latter for rough contacts. Every mean is over some {SITES:,} aged sites.
+The area of a contact is the area of its pixels, each of which carries one site.
 
-## In short
+## Summary
 
 At {main.strength:g} eV, over hold times from {WINDOW[0]:g} to {WINDOW[1]:g} s:
 
@@ -333,23 +333,25 @@ At {main.strength:g} eV, over hold times from {WINDOW[0]:g} to {WINDOW[1]:g} s:
   bonds span a factor of {max(densities) / min(densities):.1f}.
 - **Area alone** leaves an rms deviation of {100 * area:.0f} % between the contacts.
 - **Area and mean pressure** leave {100 * pressure:.1f} %; **area and the distribution of the pressure** leave
-  {100 * field:.1f} %. Neither has a free parameter: what a pressure does is taken from uniform contacts without a rim.
-- Adding the **rim**, in proportion to C/A with one fitted number a hold time, leaves {100 * rim:.1f} %; the finite
-  number of replicas makes {100 * main.noise:.1f} %.
+  {100 * field:.1f} %. Neither prediction has a free parameter: the effect of pressure is taken from uniform contacts
+  without a rim.
+- Adding the **rim**, in proportion to C/A with one fitted number per hold time, leaves {100 * rim:.1f} %; the finite
+  number of replicas accounts for {100 * main.noise:.1f} %.
 
-So area is the first thing and pressure the second; tip or rough surface makes no further difference than through these
-and, by a few per cent, through the rim.
+Contact area is thus the most important quantity, and pressure the second. Whether the contact is a tip or a rough
+surface matters only through these two and, by a few per cent, through the rim.
 
-## What explains how much
+## Explained deviation
 
-The rms of ln(bonds/prediction) over all contacts and hold times from {WINDOW[0]:g} to {WINDOW[1]:g} s, and the share of
-the variance of ln ΔF that is explained. "Nothing" and "area" are deviations from the mean curve. The finite number of
-replicas makes {noise}.
+The table gives the rms of ln(bonds/prediction) over all contacts and hold times from {WINDOW[0]:g} to {WINDOW[1]:g} s,
+and the share of the variance of ln ΔF that is explained. "Nothing" and "area" are deviations from the mean curve. The
+finite number of replicas accounts for {noise}.
 
 {_collapse_table(studies)}
 {_cancelling(studies)}
-The same at single hold times, at {main.strength:g} eV. Early on, the few sites under the highest pressure do nearly
-all, and area says little; later the pressure matters ever less:
+The next table gives the same rms at single hold times, at {main.strength:g} eV. At short hold times, nearly all bonds
+form at the few sites under the highest pressure, so that area alone predicts little; at long hold times, pressure
+matters less and less:
 
 {_course_table(main)}
 
@@ -361,38 +363,39 @@ A rim of C/A = 1/nm changes the bonds at 1000 s by {rims}: a site at the rim has
 
 ## Equal nominal pressure
 
-{1e3 * rough.nominal_pressure:.2f} MPa on rough surfaces, and on arrays of equal tips too far apart to feel each
-other, at {main.strength:g} eV. Δμ is (bonds per area) × ⟨f⟩ / (mean contact pressure). A contact of lower mean pressure
-has more area at the same load; that outweighs the fewer bonds on each part of it, and so it ages more. Errors are over
-surfaces for rough contacts (of {rough.shape[0] * rough.pixel_size:.0f} nm, which scatter more than the whole of
-`silica-rough`), over replicas for tips.
+All contacts of this section have a nominal pressure of {1e3 * rough.nominal_pressure:.2f} MPa: rough surfaces, and
+arrays of equal tips too far apart to interact elastically, at {main.strength:g} eV. Δμ is (bonds per area) × ⟨f⟩ /
+(mean contact pressure). A contact of lower mean pressure has more area at the same load; this outweighs the smaller
+number of bonds per area, so that it ages more. Errors describe the scatter between surfaces for rough contacts (of
+{rough.shape[0] * rough.pixel_size:.0f} nm, which scatter more than the whole of `silica-rough`), and between replicas
+for tips.
 
 {_nominal_table(main)}
 
 ![Bonds per area and friction coefficient drop against mean pressure]({figures}/tips-pressure.png)
 
-Tips of one radius: ΔF at 1000 s goes with load to the power {_exponents(main)}. What exceeds the area's power is
-pressure.
+For tips of one radius, ΔF at 1000 s is proportional to the load to the power {_exponents(main)}. The excess over the
+exponent of the area is due to pressure.
 
 ## Equal contact area
 
-Rough contacts of rms slope 0.1, pressed until they have as many sites as a tip (within {100 * off:.1f} %). Their mean
-pressure scatters, which shows most at 1 s. Errors are over surfaces.
+Rough contacts of rms slope 0.1 were pressed until they had as many sites as a tip (within {100 * off:.1f} %). Their
+mean pressure scatters, which shows most at 1 s. Errors describe the scatter between surfaces.
 
 {equal}
 
-## What this does not say
+## Limitations
 
 - Areas are counted in pixels: the {smallest.name} has {smallest.contact.area / hertz:.2f} times its area by Hertz.
-  Scaling by that area instead would blur the comparison by as much.
+  Scaling by the area of Hertz instead would change the comparison by as much.
 - The contact is elastic. The {hardest.name} has a mean pressure of {hardest.contact.mean_contact_pressure:.1f} GPa,
   which is not far from the hardness of silica.
-- Radii, loads and the interaction are choices of the scenes; no measurement was fitted.
+- Radii, loads and the interaction are assumptions of the scenes; no measurement was fitted.
 
-## Again
+## Reproduce
 
-`chemage study tips --out FOLDER` makes this page, its figures, and `tips-contacts.csv` and `tips-curves.csv` with every
-number behind them. `chemage run silica-tips` runs the tips as a sweep.
+`chemage study tips --out FOLDER` writes this page, its figures, and the files `tips-contacts.csv` and `tips-curves.csv`
+with all numbers on which they are based. `chemage run silica-tips` runs the tips as a sweep.
 """)
 
 
@@ -402,8 +405,9 @@ def _cancelling(studies: Sequence[Study]) -> str:
     if not which:
         return ""
     return (
-        f"\nThat the mean pressure does as well as the distribution at {' and '.join(which)} is two errors that "
-        "cancel: late on, bonds saturate with pressure, so that spreading the pressure costs some; the rim adds some.\n"
+        f"\nAt {' and '.join(which)} the mean pressure predicts as well as the distribution of the pressure because "
+        "two errors cancel: at long hold times bonds saturate with pressure, so that a spread of the pressure reduces "
+        "their number, while the rim increases it.\n"
     )
 
 
