@@ -37,10 +37,10 @@ class Aging(Record):
     bond_force: float = Field(default=3.0, ge=0, allow_inf_nan=False)
     """⟨f⟩, mean force to rupture a bond, nN"""
     front_factor: float = Field(default=1.0, ge=0, allow_inf_nan=False)
-    """fraction of the bonds that load at once as the detachment front passes"""
+    """fraction of the bonds that are loaded at the same time as the detachment front passes"""
     engine: str = ""
     notes: tuple[str, ...] = ()
-    """what the first replica's run had to say"""
+    """notes of the first replica's run"""
     contact: dict[str, float] = {}
     """the contact's measures, see :meth:`ContactSolution.summary`"""
     observables: Named = {}

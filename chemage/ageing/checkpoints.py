@@ -65,12 +65,12 @@ def run_with_checkpoints(
     Raises
     ------
     InputError
-        The engine cannot go on from a history.
+        The engine cannot resume from a history.
     StoreError
         ``path`` holds the checkpoint of another run, or cannot be written.
     """
     if not engine.restart:
-        raise InputError(f"engine {engine.kind!r} cannot go on from a history; run it without checkpoints")
+        raise InputError(f"engine {engine.kind!r} cannot resume from a history; run it without checkpoints")
     times, kelvin = check_times(hold_times), temperature_value(temperature)
     key = _key(engine, lattice, times, kelvin, seed)
     other = f"{path} is the checkpoint of another run (or of other plugins); remove it, or choose another folder"

@@ -1,6 +1,6 @@
 """The one fit of β and the cut-off time, to measurements or to a simulated result.
 
-Two models are fitted, and every answer says which:
+Two models are fitted, and every result names its model:
 
 ``"line"``
     Δμ = β log10(t / t_c) over a window of hold times, the definition of β in the literature.
@@ -28,7 +28,7 @@ Quantity = Literal["friction_coefficient_drop", "friction_drop"]
 Model = Literal["line", "curve"]
 Bootstrap = Literal["residuals", "pairs", "replicas"]
 
-#: first and last hold time of the line where nobody says otherwise, s
+#: default of the first and last hold time of the line, s
 FIT_WINDOW = (10.0, 1e4)
 #: quantity -> its unit inside chemage
 UNIT: dict[str, str] = {"friction_coefficient_drop": "", "friction_drop": "nN"}
@@ -371,7 +371,7 @@ def _solve_curve(t: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarra
     w = np.broadcast_to(w, y.shape)
     with np.errstate(invalid="ignore", divide="ignore"):
         gain = ((w * y) @ basis.T) ** 2 / (w @ (basis**2).T)
-        # a resample of t = 0 alone says nothing: 0/0
+        # a resample of t = 0 alone determines nothing: 0/0
         centre, step = grid[np.nan_to_num(gain, nan=-1.0).argmax(axis=1)], 0.1
         at_end = (centre <= grid[0]) | (centre >= grid[-1])
         offsets = np.linspace(-1.0, 1.0, 9)

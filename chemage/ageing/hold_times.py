@@ -17,7 +17,9 @@ def hold_times(start: float | str, stop: float | str, per_decade: int = 4) -> np
     """
     low, high = convert(start, "s"), convert(stop, "s")
     if not (math.isfinite(low) and low > 0):
-        raise InputError.of("start", start, "must be above zero", "hold times are spaced in log t; start at 1 ms, say")
+        raise InputError.of(
+            "start", start, "must be above zero", "hold times are spaced in log t; start at 1 ms, for example"
+        )
     if not (math.isfinite(high) and high >= low):
         raise InputError.of("stop", stop, f"must be finite and not before start ({low:g} s)")
     if per_decade < 1:

@@ -45,7 +45,7 @@ class Measurements:
         _check_data(self.hold_times, self.values, self.error)
 
     def as_quantity(self, quantity: Quantity, load: float | None) -> Measurements | None:
-        """The same measurements as ΔF or Δμ under ``load`` nN; None where that cannot be told."""
+        """The same measurements as ΔF or Δμ under ``load`` nN; None where the load is not known."""
         if quantity == self.quantity:
             return self
         if not load:

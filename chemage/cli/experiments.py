@@ -172,7 +172,7 @@ def tradeoff(
     if out is not None:
         preflight(out, force=force)
     with terminal.progress_bars() as tell:
-        found = measure(one, tell=lambda what: tell(what, 0, 0))
+        found = measure(one, report=lambda what: tell(what, 0, 0))
     if out is not None:
         with fresh_file(out, force=force) as part:
             figure(found).savefig(part, format=out.suffix.removeprefix(".") or "png")

@@ -24,7 +24,7 @@ class ContactSolver(Component, ABC):
         """Solve for ``load`` in nN (finite, ≥ 0). ``start`` is a neighbouring solution to begin from, or None."""
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
-        """What a solve will give and cost, estimated from :meth:`SurfaceMaker.expected`, as far as it can be told:
+        """Estimate what a solve will give and cost from :meth:`SurfaceMaker.expected`, as far as it is known:
         ``area_fraction``, ``cpu_seconds``, ``bytes`` (peak memory). Used by ``chemage check``."""
         return {}
 

@@ -45,7 +45,7 @@ class ContactSolution(Record):
     """the solver's convergence measure at the end; 0 for a closed form"""
     iterations: int = Field(default=0, ge=0)
     convergence: dict[str, Any] = {}
-    """what the solver says of its error: plain JSON values"""
+    """the solver's own account of its error: plain JSON values"""
     notes: tuple[str, ...] = ()
     """what the user should know of this solution, in words"""
     provenance: dict[str, Any] = {}

@@ -17,7 +17,7 @@ from chemage.foundation.units import EV_PER_GPA_NM3, KB
 
 @dataclass(frozen=True)
 class Plan:
-    """Estimates, not promises; what no plugin can tell is absent."""
+    """Estimates of what a scene needs; what no component states is absent."""
 
     scene: Scene
     #: what is modelled and what is not, in words
@@ -43,7 +43,7 @@ class Plan:
         if "area_fraction" in known:
             rows.append(("expected area fraction", f"{known['area_fraction']:.3g}"))
         if "sites" in known:
-            rows.append(("expected sites", f"{known['sites']:.3g} a replica"))
+            rows.append(("expected sites", f"{known['sites']:.3g} per replica"))
         if "cpu_seconds" in known:
             rows.append(("expected cost", f"about {known['cpu_seconds']:.2g} CPU seconds once kernels are compiled"))
         if "memory" in known:

@@ -26,7 +26,7 @@ from chemage.foundation.text import html_table, jsonable
 from chemage.surfaces.stage import make_surface
 from chemage.surfaces.surface import Surface
 
-#: called with (stage, done, total); total is 0 where a stage cannot say how far it is
+#: called with (stage, done, total); total is 0 where a stage does not report how far it is
 Progress = Callable[[str, int, int], None]
 
 
@@ -57,7 +57,7 @@ class Run:
         if self.contact.area_fraction == 1 and not any(note.startswith("full contact") for note in notes):
             notes.append(
                 "full contact: every pixel carries pressure, and more load adds pressure but no contact area; "
-                "an elastic model says little about a surface pressed flat"
+                "an elastic model is of little use for a surface pressed flat"
             )
         return tuple(notes)
 
@@ -124,7 +124,7 @@ class Run:
         return {name: part for name, part in found.items() if part is not None}
 
     def attributes(self) -> dict[str, str]:
-        """What the root of the file says."""
+        """The attributes of the root of the file."""
         return {name: json.dumps(getattr(self, name)) for name in ("scene", "timings", "versions", "keys", "cite")}
 
     @classmethod

@@ -17,14 +17,14 @@ from chemage.plugins import registry
 def scene_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of a scene, for editors that complete and check TOML."""
     plugins = registry.current()
-    choices: dict[str, list[Any]] = {role: [] for role in plugins.roles}
+    components: dict[str, list[Any]] = {role: [] for role in plugins.roles}
     for role in plugins.roles:
         for kind in plugins.kinds(role):
             try:
-                choices[role].append(plugins.component(role, kind))
+                components[role].append(plugins.component(role, kind))
             except PluginError as error:
                 warnings.warn(f"not in the schema: {error}", registry.PluginWarning, stacklevel=2)
-    models: list[Any] = [cls for classes in choices.values() for cls in classes]
+    models: list[Any] = [cls for classes in components.values() for cls in classes]
     refs, top = models_json_schema([(model, "validation") for model in [*models, Hold, FitWindow]])
     definitions = top.get("$defs", {})
 
@@ -37,7 +37,7 @@ def scene_schema() -> dict[str, Any]:
         part["required"] = ["kind", *part.get("required", [])]
     by_role = {
         role: {"oneOf": [{"$ref": f"#/$defs/{target(cls)}"} for cls in classes]}
-        for role, classes in choices.items()
+        for role, classes in components.items()
         if classes
     }
     for role in plugins.roles:
@@ -49,7 +49,7 @@ def scene_schema() -> dict[str, Any]:
     for section, role in ROLE_OF.items():
         properties[section] = by_role.get(role, {"type": "object"})
     for section, extra in (("surface", _SURFACE_EXTRA), ("contact", _CONTACT_EXTRA)):
-        for cls in choices[section]:
+        for cls in components[section]:
             definitions[target(cls)]["properties"].update(extra)
             if section == "contact":
                 definitions[target(cls)]["required"].append("load")

@@ -1,8 +1,8 @@
 """Speed against accuracy, measured on a user's own scene.
 
-Each knob that a choice declares (``Spec.trade``: option -> values from fast to accurate) is turned on its own,
-everything else as the scene has it, and the answer is held against the most accurate one. Replicas keep their
-disorder, so β differs by the knob and by kinetic noise only; its standard error says how much of that is noise. A
+Each option that a component declares for it (``Component.trade``: option -> values from fast to accurate) is varied on
+its own, everything else as in the scene, and the result is compared with the most accurate one. Replicas keep their
+disorder, so β differs by the option and by kinetic noise only; its standard error gives the size of the noise. A
 surface that can be sampled more coarsely is, every installed engine that can treat the lattice runs it, and replicas
 are traded against the error of β.
 """
@@ -31,17 +31,17 @@ from chemage.surfaces.surface import Surface
 
 T = TypeVar("T")
 #: called with what is being measured
-Tell = Callable[[str], None]
+Report = Callable[[str], None]
 _COARSER = (4, 2)
 
 
 @dataclass(frozen=True)
 class Row:
-    """One setting of one knob. Errors are against the reference of the knob; nan where there is nothing to compare."""
+    """One value of one option. Errors are relative to its reference; nan where there is nothing to compare."""
 
     knob: str
     setting: str
-    #: of the stage the knob belongs to, summed over threads
+    #: of the stage that the option belongs to, summed over threads
     cpu_seconds: float
     wall_seconds: float
     area_fraction: float = math.nan
@@ -52,14 +52,14 @@ class Row:
     beta: float = math.nan
     #: standard error over replicas
     beta_stderr: float = math.nan
-    #: whether the scene has this setting
+    #: whether the scene has this value
     own: bool = False
     remark: str = ""
 
 
 @dataclass
 class Tradeoff:
-    """Every measured row, by knob, from fast to accurate."""
+    """Every measured row, by option, from fast to accurate."""
 
     scene: str
     rows: list[Row] = field(default_factory=list)
@@ -69,38 +69,38 @@ class Tradeoff:
         return jsonable({"scene": self.scene, "rows": [asdict(row) for row in self.rows]})
 
 
-def tradeoff(scene: Scene, *, tell: Tell | None = None) -> Tradeoff:
-    """Measure what each knob of ``scene`` costs and how wrong its answers are.
+def tradeoff(scene: Scene, *, report: Report | None = None) -> Tradeoff:
+    """Measure what each value of the options of ``scene`` costs and how large its errors are.
 
     Every setting runs once on a small or coarse surface before it is timed, so that compilation is not counted.
     """
-    return _Measurement(scene, tell or (lambda _: None)).run()
+    return _Measurement(scene, report or (lambda _: None)).run()
 
 
 class _Measurement:
-    def __init__(self, scene: Scene, tell: Tell) -> None:
-        self.scene, self.tell = scene, tell
+    def __init__(self, scene: Scene, report: Report) -> None:
+        self.scene, self.report = scene, report
         self.found = Tradeoff(scene.name)
 
     def run(self) -> Tradeoff:
-        self.tell("the scene as it is, to compile")
+        self.report("the scene as it is, to compile")
         surface = make_surface(self.scene.surface, self.scene.surface_seed)
         contact = solve_contact(self.scene.contact, surface, self.scene.load)
         for option, values in self.scene.contact.trade.items():
-            self._contact_knob(surface, option, values)
+            self._contact_option(surface, option, values)
         self._pixels(contact)
         if self.scene.chemistry is not None:
             self._engines(contact)
             self._replicas(contact)
         return self.found
 
-    def _contact_knob(self, surface: Surface, option: str, values: tuple[Any, ...]) -> None:
+    def _contact_option(self, surface: Surface, option: str, values: tuple[Any, ...]) -> None:
         solver = self.scene.contact
-        self.tell("reference contact")
+        self.report("reference contact")
         exact = solve_contact(self._most_accurate(solver), surface, self.scene.load)
         small = self._small(surface)
         for value in values:
-            self.tell(f"contact.{option} = {value}")
+            self.report(f"contact.{option} = {value}")
             try:
                 turned = solver.replace(**{option: value})
                 solve_contact(turned, small, self.scene.load * small.nominal_area / surface.nominal_area)
@@ -122,7 +122,7 @@ class _Measurement:
 
     @staticmethod
     def _most_accurate(solver: ContactSolver) -> ContactSolver:
-        """Every knob at its accurate end."""
+        """Every option at its accurate end."""
         return solver.replace(**{option: values[-1] for option, values in solver.trade.items()})
 
     def _small(self, surface: Surface) -> Surface:
@@ -135,7 +135,7 @@ class _Measurement:
             maker = self.scene.surface.coarser(factor) if factor > 1 else self.scene.surface
             if maker is None:
                 continue
-            self.tell(f"pixels {factor} times larger")
+            self.report(f"pixels {factor} times larger")
             contact, cpu, wall = measured(
                 lambda maker=maker: solve_contact(
                     self.scene.contact, make_surface(maker, self.scene.surface_seed), self.scene.load
@@ -152,13 +152,13 @@ class _Measurement:
             )
 
     def _engines(self, contact: ContactSolution) -> None:
-        """Exact engines differ by noise: told as the difference from the scene's own in standard errors."""
+        """Exact engines differ by noise: the remark is the difference from the scene's own in standard errors."""
         assert self.scene.engine is not None
         plugins = registry.current()
         own = self._beta(self._aged(contact))
         for kind in plugins.kinds("engine"):
             same = kind == self.scene.engine.kind
-            self.tell(f"engine {kind}")
+            self.report(f"engine {kind}")
             try:
                 engine = self.scene.engine if same else plugins.make("engine", kind, {})
                 self._aged(contact, engine=engine, replicas=1)
@@ -177,7 +177,7 @@ class _Measurement:
     def _replicas(self, contact: ContactSolution) -> None:
         assert self.scene.hold is not None
         for replicas in sorted({2, 5, 10, 20, self.scene.hold.replicas}):
-            self.tell(f"{replicas} replicas")
+            self.report(f"{replicas} replicas")
             aging, cpu, wall = measured(lambda replicas=replicas: self._aged(contact, replicas=replicas))
             self._add(
                 "hold.replicas",

@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 
 from chemage.foundation.errors import InputError
+from chemage.foundation.text import shortened
 from chemage.foundation.units import convert
 
 
 def expect(name: str, value: object, kind: type, remedy: str) -> None:
     if not isinstance(value, kind):
-        raise InputError.of(name, value, f"is no {kind.__name__}", remedy)
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        given = f"{shortened(repr(value))} ({type(value).__name__})"
+        raise InputError(f"{name} must be {article} {kind.__name__}, got {given}; {remedy}")
 
 
 def force(load: float | str) -> float:

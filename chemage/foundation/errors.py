@@ -41,7 +41,7 @@ class UnitError(InputError):
 
 
 class UnknownKindError(InputError):
-    """No installed plugin offers the kind that was asked for."""
+    """No installed plugin offers the kind that was given."""
 
 
 class SceneError(InputError):

@@ -20,8 +20,8 @@ def explain(error: ValidationError, prefix: str = "") -> list[tuple[str, str]]:
             message = "is required"
         elif isinstance(value, int | float | str | bool):
             # many messages begin with the value already; that 0 is in "greater than 0" does not count
-            said = message.startswith((repr(value), f'"{value}"'))
-            message = message if said else f"{value!r}: {message}"
+            begins = message.startswith((repr(value), f'"{value}"'))
+            message = message if begins else f"{value!r}: {message}"
         problems.append((path, message))
     return problems
 

@@ -1,4 +1,4 @@
-"""Counter-based random numbers: a pixel keeps its number, whatever else is drawn and on however many threads.
+"""Counter-based random numbers: a pixel keeps its number whatever else is drawn, on any number of threads.
 
 Every number is a pure function of a key (from a seed), a stream (what the number is for), an index (which pixel, which
 event) and a draw (how many numbers that index has already used). Nothing is consumed in sequence, so results do not

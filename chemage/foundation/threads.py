@@ -1,4 +1,4 @@
-"""How many threads one computation may use, asked by everything that starts some."""
+"""The number of threads that one computation may use; everything that starts threads takes it from here."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _limit: int | None = None
 
 
 def available() -> int:
-    """Threads this process may use now: what :func:`limit` or ``CHEMAGE_THREADS`` says, else one a processor."""
+    """Threads that this process may use now: the value of :func:`limit` or ``CHEMAGE_THREADS``, else one per processor."""
     if _limit is not None:
         return _limit
     text = os.environ.get("CHEMAGE_THREADS", "")

@@ -12,7 +12,7 @@ from chemage.foundation.records import Doubles, Flags, Indices, Named, Record
 
 
 class BondHistory(Record):
-    """Bonds at each hold time of one run; a run can go on from it."""
+    """Bonds at each hold time of one run; a run can be resumed from it."""
 
     arrays = {
         "hold_times": (("hold_times",), "s", "time since the contact was made"),
@@ -43,7 +43,7 @@ class BondHistory(Record):
     notes: tuple[str, ...] = ()
     """what the user should know of this run, in words"""
     resume: Named = {}
-    """what the engine needs to go on bit for bit; private to it"""
+    """what the engine needs to resume bit for bit; private to it"""
     provenance: dict[str, Any] = {}
     """how it was made: plain JSON values"""
 
@@ -68,7 +68,7 @@ class BondHistory(Record):
             ``later`` has another number of sites or begins before this one ends.
         """
         if later.state.size != self.state.size or later.hold_times[0] < self.time:
-            raise InputError.of("later", repr(later), "did not go on from this history", "pass what start=... gave")
+            raise InputError.of("later", repr(later), "was not resumed from this history", "pass what start=... gave")
         joined = {
             name: np.concatenate([getattr(self, name), getattr(later, name)])
             for name in ("hold_times", "bonds", "formed", "broken")

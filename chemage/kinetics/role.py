@@ -24,17 +24,17 @@ class Engine(Component, ABC):
     interacting: ClassVar[bool] = True
     #: can use several threads inside one run
     threads: ClassVar[bool] = False
-    #: can go on from a history bit for bit
+    #: can resume from a history bit for bit
     restart: ClassVar[bool] = True
     #: samples the master equation without approximation
     exact: ClassVar[bool] = True
 
     def concurrency(self) -> int:
-        """Threads that one run of this very choice uses; replicas run side by side on what is left."""
+        """Threads that one run with these options uses; concurrent replicas share what is left."""
         return 1
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
-        """What a replica will cost at room temperature, as far as it can be told: ``cpu_seconds``, ``bytes``."""
+        """Estimate the cost of one replica at room temperature, as far as it is known: ``cpu_seconds``, ``bytes``."""
         return {}
 
     @abstractmethod
@@ -71,7 +71,7 @@ class Engine(Component, ABC):
         seed
             An int or a ``numpy.random.SeedSequence``; the same seed gives the same bytes.
         start
-            None (nothing bonded at time 0), a bool array (n,), or a finished history to go on from. Going on with the
+            None (nothing bonded at time 0), a bool array (n,), or a finished history to resume from. Resuming with the
             same lattice, temperature and seed equals the uninterrupted run bit for bit where ``restart`` is true.
 
         Raises
@@ -89,13 +89,13 @@ class Engine(Component, ABC):
                     "start",
                     f"a history of {start.state.size} sites",
                     f"the lattice has {lattice.sites.size}",
-                    "go on with the lattice it came from",
+                    "resume with the lattice that it came from",
                 )
             if times[0] < start.time:
                 raise InputError.of(
                     "hold_times",
                     float(times[0]),
-                    f"the history to go on from ends at {start.time} s",
+                    f"the history to resume from ends at {start.time} s",
                     "give later hold times",
                 )
         elif start is not None:
@@ -105,7 +105,7 @@ class Engine(Component, ABC):
                     "start",
                     f"{start.dtype} array of shape {start.shape}",
                     f"expected bool of shape {lattice.sites.shape}",
-                    "one entry a site, True = bonded",
+                    "one entry per site, True = bonded",
                 )
         if not self.interacting and lattice.interacting:
             raise InputError(

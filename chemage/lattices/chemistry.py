@@ -28,8 +28,8 @@ class Chemistry(Component):
 
     Only pixels in contact react. A site forms a bond over the barrier E_intrinsic − ΔV·P + Σ couplings of its bonded
     neighbours, and breaks it over its breaking barrier. What is left out is not modelled: no ``breaking`` means bonds
-    last, no ``interaction`` means sites do not feel each other, ``activation_volume`` 0 means pressure only decides who
-    is in contact.
+    last, no ``interaction`` means sites are not coupled, ``activation_volume`` 0 means pressure decides only which
+    sites are in contact.
     """
 
     forming: SerializeAsAny[Barriers]

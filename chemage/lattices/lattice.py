@@ -68,7 +68,7 @@ class ReactionLattice(Record):
             if values is None:
                 continue
             if values.shape != (n,):
-                raise ValueError(f"{name}: shape {values.shape}, but there are {n} sites; give one value a site")
+                raise ValueError(f"{name}: shape {values.shape}, but there are {n} sites; give one value per site")
             require_finite(name, values, "give barriers in eV")
         self._check_graph(n)
         return self

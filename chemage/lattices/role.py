@@ -29,7 +29,7 @@ class Barriers(Component, ABC):
 
 
 class Interaction(Component, ABC):
-    """Role ``interaction``: which sites feel each other, and how strongly."""
+    """Role ``interaction``: which sites are coupled, and how strongly."""
 
     role = "interaction"
 

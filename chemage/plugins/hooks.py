@@ -22,5 +22,5 @@ hookimpl = pluggy.HookimplMarker("chemage")
 def chemage_register() -> Mapping[str, Mapping[str, str]]:  # pyright: ignore[reportReturnType]
     """Offer components: ``{role: {kind: "module:Class"}}``.
 
-    Strings, so that discovery imports nothing heavy; the class is imported when a user asks for the kind.
+    Strings, so that discovery imports nothing heavy; the class is imported when the kind is first used.
     """
