@@ -10,7 +10,7 @@ _limit: int | None = None
 
 
 def available() -> int:
-    """Threads that this process may use now: the value of :func:`limit` or ``CHEMAGE_THREADS``, else one per processor."""
+    """Threads that this process may use now: of :func:`limit` or ``CHEMAGE_THREADS``, else one per processor."""
     if _limit is not None:
         return _limit
     text = os.environ.get("CHEMAGE_THREADS", "")
