@@ -10,11 +10,18 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import random
-from chemage.ageing import replica_seeds
-from chemage.errors import InputError, PluginError
-from chemage.objects import BondHistory, ContactSolution
-from chemage.spec import Barriers, ContactSolver, Engine, Observable
+from chemage import (
+    Barriers,
+    BondHistory,
+    ContactSolution,
+    ContactSolver,
+    Engine,
+    InputError,
+    Observable,
+    PluginError,
+    random,
+)
+from chemage.ageing.age import replica_seeds
 
 TIMES = [1.0, 10.0, 100.0]
 
@@ -35,11 +42,11 @@ class Tally(Engine):
     """A stub: the number of bonds is drawn from the seed, so that it tells which seed and lattice it was given."""
 
     kind = "tally"
-    workers_seen: ClassVar[set[str]] = set()
+    threads_seen: ClassVar[set[str]] = set()
     delays: ClassVar[dict[int, float]] = {}
 
     def _run(self, lattice, hold_times, temperature, seed, start):
-        type(self).workers_seen.add(threading.current_thread().name)
+        type(self).threads_seen.add(threading.current_thread().name)
         words = seed.generate_state(2) if isinstance(seed, np.random.SeedSequence) else np.array([seed, seed])
         if isinstance(seed, np.random.SeedSequence):
             time.sleep(self.delays.get(seed.spawn_key[-2], 0.0))
@@ -85,7 +92,7 @@ class Watch(Observable):
 @pytest.fixture(autouse=True)
 def plain(isolated_registry):
     """No plugin takes part, and the stub has seen nothing."""
-    Tally.workers_seen.clear()
+    Tally.threads_seen.clear()
     Tally.delays.clear()
 
 
@@ -150,43 +157,43 @@ def test_one_replica_by_hand_is_the_replica_of_age(contact):
     assert np.array_equal(age(contact).bonds[4], history.bonds)
 
 
-# -- workers ----------------------------------------------------------------------------------------------------------
+# -- threads ----------------------------------------------------------------------------------------------------------
 
 
-def test_results_do_not_depend_on_the_number_of_workers_nor_on_who_is_first(contact):
-    alone = age(contact, workers=1)
-    assert Tally.workers_seen == {threading.main_thread().name}
+def test_results_do_not_depend_on_the_number_of_threads_nor_on_who_is_first(contact):
+    alone = age(contact, threads=1)
+    assert Tally.threads_seen == {threading.main_thread().name}
     Tally.delays.update({0: 0.05, 1: 0.02})  # the first come last
-    for workers in (2, 3, 16):
-        assert age(contact, workers=workers) == alone
+    for threads in (2, 3, 16):
+        assert age(contact, threads=threads) == alone
 
 
 def test_replicas_run_side_by_side(contact):
     Tally.delays.update(dict.fromkeys(range(4), 0.05))
-    age(contact, replicas=4, workers=2)
-    assert len(Tally.workers_seen) == 2
-    assert all(name.startswith("chemage-replica") for name in Tally.workers_seen)
+    age(contact, replicas=4, threads=2)
+    assert len(Tally.threads_seen) == 2
+    assert all(name.startswith("chemage-replica") for name in Tally.threads_seen)
 
 
 def test_replicas_share_the_processors_with_an_engine_that_uses_several(contact):
-    made = ca.age(contact, chemistry(), engine=Own(), hold_times=TIMES, temperature=300, replicas=4, workers=4)
+    made = ca.age(contact, chemistry(), engine=Own(), hold_times=TIMES, temperature=300, replicas=4, threads=4)
     assert made.engine == "own"
-    assert Tally.workers_seen == {threading.main_thread().name}
+    assert Tally.threads_seen == {threading.main_thread().name}
     Tally.delays.update(dict.fromkeys(range(4), 0.05))
-    Tally.workers_seen.clear()
-    ca.age(contact, chemistry(), engine=Own(), hold_times=TIMES, temperature=300, replicas=4, workers=8)
-    assert len(Tally.workers_seen) == 2
+    Tally.threads_seen.clear()
+    ca.age(contact, chemistry(), engine=Own(), hold_times=TIMES, temperature=300, replicas=4, threads=8)
+    assert len(Tally.threads_seen) == 2
 
 
-@pytest.mark.parametrize("workers", [1, 2, 4])
-def test_progress_counts_up_to_all(contact, workers):
+@pytest.mark.parametrize("threads", [1, 2, 4])
+def test_progress_counts_up_to_all(contact, threads):
     seen = []
-    age(contact, workers=workers, progress=lambda done, total: seen.append((done, total)))
+    age(contact, threads=threads, progress=lambda done, total: seen.append((done, total)))
     assert [total for _, total in seen] == [5] * len(seen)
     counts = [done for done, _ in seen]
     assert counts == sorted(counts)
     assert counts[-1] == 5
-    if workers == 1:
+    if threads == 1:
         assert counts == [1, 2, 3, 4, 5]
 
 
@@ -203,11 +210,11 @@ class Failing(Tally):
         return super()._run(lattice, hold_times, temperature, seed, start)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_the_first_failure_stops_the_rest(contact, workers):
+@pytest.mark.parametrize("threads", [1, 2])
+def test_the_first_failure_stops_the_rest(contact, threads):
     Failing.started.clear()
     with pytest.raises(InputError, match="replica 1 has had enough"):
-        age(contact, engine=Failing(), replicas=50, workers=workers)
+        age(contact, engine=Failing(), replicas=50, threads=threads)
     assert 2 <= len(Failing.started) < 20
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("chemage-replica")]
 
@@ -254,38 +261,6 @@ def test_no_load_has_no_sites_and_no_bonds():
     assert np.isnan(made.friction_coefficient_drop).all()
 
 
-# -- disorder belongs to pixels ---------------------------------------------------------------------------------------
-
-
-def test_a_pixel_keeps_its_barrier_when_the_contact_grows(contact):
-    pressure = np.array(contact.pressure)
-    pressure[0, 0] = pressure[5, :] = 1.0
-    larger = ContactSolution(pressure=pressure, load=pressure.sum() * 0.25, pixel_size=0.5, modulus=30.0)
-    small, large = chemistry().on(contact, 7), chemistry().on(larger, 7)
-    assert np.isin(small.sites, large.sites).all()
-    assert np.array_equal(large.forming[np.isin(large.sites, small.sites)], small.forming)
-
-
-def test_pressure_lowers_the_barrier_by_the_activation_volume(contact):
-    plain, helped = chemistry().on(contact, 7), chemistry(activation_volume="6.4 angstrom**3").on(contact, 7)
-    pressure = contact.pressure.ravel()[contact.sites]
-    assert np.allclose(plain.forming - helped.forming, 0.04 * pressure, rtol=2e-3)
-
-
-def test_forming_and_breaking_barriers_are_independent(contact):
-    made = chemistry(breaking=Ladder()).on(contact, 7)
-    assert made.breaking is not None
-    assert not np.array_equal(made.forming, made.breaking)
-    assert not made.interacting
-
-
-def test_hydroxylation_keeps_the_barriers_of_the_sites_that_are_left(contact):
-    all_sites, half = chemistry().on(contact, 7), chemistry(hydroxylation=0.5).on(contact, 7)
-    assert 0 < half.sites.size < all_sites.sites.size
-    assert np.array_equal(all_sites.forming[np.isin(all_sites.sites, half.sites)], half.forming)
-    assert chemistry(hydroxylation=0).on(contact, 7).sites.size == 0
-
-
 # -- what is refused --------------------------------------------------------------------------------------------------
 
 
@@ -298,7 +273,7 @@ def test_hydroxylation_keeps_the_barriers_of_the_sites_that_are_left(contact):
         ({"seed": -1}, "seed = -1: must be a whole number, 0 or larger"),
         ({"seed": 1.5}, "seed = 1.5"),
         ({"seed": "x"}, "seed = 'x'"),
-        ({"workers": 0}, "workers = 0: must be at least 1"),
+        ({"threads": 0}, "threads = 0: must be at least 1"),
         ({"hold_times": []}, "hold_times"),
         ({"hold_times": [2, 1]}, r"hold_times\[1\] = 1.0: comes after 2.0"),
         ({"temperature": 0}, "temperature = 0"),

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import checkpoints, pipeline
-from chemage.errors import InputError, StoreError
+from chemage import InputError, StoreError
+from chemage.ageing import checkpoints
+from chemage.kinetics.stage import run_kinetics
 
 SMALL = {
     "surface.pixels": 128, "surface.zeta": 16, "contact.load": "200 nN", "hold.replicas": 3, "hold.per_decade": 2,
@@ -41,7 +42,7 @@ def test_what_is_there_is_not_computed_again(small: ca.Scene, tmp_path: Path, mo
         raise AssertionError("computed again")
 
     monkeypatch.setattr(checkpoints, "run_kinetics", refuse)
-    monkeypatch.setattr("chemage.runs.solve_contact", refuse)
+    monkeypatch.setattr("chemage.experiments.run.solve_contact", refuse)
     ca.run(small, checkpoints=tmp_path / "kept")
 
 
@@ -55,7 +56,7 @@ def test_a_run_goes_on_from_the_middle(small: ca.Scene, tmp_path: Path, monkeypa
         calls += 1
         if calls == 4:
             raise KeyboardInterrupt
-        return pipeline.run_kinetics(*arguments, **named)  # pyright: ignore[reportArgumentType]
+        return run_kinetics(*arguments, **named)  # pyright: ignore[reportArgumentType]
 
     contact = plain.contact
     assert small.chemistry is not None

@@ -10,7 +10,7 @@ import pytest
 from scipy import fft as sfft
 
 import chemage as ca
-from chemage.errors import InputError
+from chemage import InputError
 from chemage_contact._transforms import Transforms
 
 

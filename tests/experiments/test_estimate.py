@@ -7,8 +7,8 @@ import json
 import pytest
 
 import chemage
-from chemage.plan import plan
-from chemage.scene import load_scene
+from chemage import load_scene
+from chemage.experiments.estimate import plan
 
 
 @pytest.fixture

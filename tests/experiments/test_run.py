@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from importlib import metadata
 
 import numpy as np
 import pytest
 
 import chemage
-from chemage import runs
-from chemage.errors import InputError
-from chemage.runs import Run, jsonable
-from chemage.scene import load_scene
+from chemage import InputError, Run, load_scene
+from chemage.experiments import run as experiment
 
 
 @pytest.fixture
@@ -68,10 +65,10 @@ def test_the_fit_window_is_that_of_the_scene(small):
 
 def test_finished_stages_are_not_computed_again(scene, monkeypatch):
     first = chemage.run(scene)
-    monkeypatch.setattr(runs, "make_surface", lambda *_: pytest.fail("made the surface again"))
+    monkeypatch.setattr(experiment, "make_surface", lambda *_: pytest.fail("made the surface again"))
     again = chemage.run(scene, surface=first.surface)
     assert again.aging == first.aging
-    monkeypatch.setattr(runs, "solve_contact", lambda *_: pytest.fail("solved the contact again"))
+    monkeypatch.setattr(experiment, "solve_contact", lambda *_: pytest.fail("solved the contact again"))
     again = chemage.run(scene, contact=first.contact)
     assert again.aging == first.aging
     assert list(again.timings) == ["ageing"]
@@ -79,7 +76,7 @@ def test_finished_stages_are_not_computed_again(scene, monkeypatch):
 
 def test_progress_tells_of_every_stage_and_replica(scene):
     told = []
-    chemage.run(scene, progress=lambda *call: told.append(call), workers=1)
+    chemage.run(scene, progress=lambda *call: told.append(call), threads=1)
     assert [call for call in told if call[0] == "surface"] == [("surface", 0, 0), ("surface", 1, 1)]
     ageing = [call[1:] for call in told if call[0] == "ageing"]
     assert ageing[:4] == [(0, 0), (1, 3), (2, 3), (3, 3)]
@@ -91,32 +88,6 @@ def test_an_error_says_in_which_stage(small):
     with pytest.raises(InputError, match="needs a sphere") as caught:
         chemage.run(scene)
     assert caught.value.__notes__ == ["in the stage 'contact' of scene 'small'"]
-
-
-def test_versions_name_the_distributions_in_use(scene):
-    found = runs.versions(scene)
-    assert found["chemage"] == chemage.__version__ == metadata.version("chemage")
-    for name in ("numpy", "scipy", "numba", "h5py"):
-        assert found[name] == metadata.version(name)
-
-
-@pytest.mark.parametrize(
-    ("value", "plain"),
-    [
-        (np.float64(0.5), 0.5),
-        (np.int32(3), 3),
-        (np.bool_(True), True),
-        (math.nan, None),
-        (-math.inf, None),
-        (np.array([[1.0, np.nan]]), [[1.0, None]]),
-        ((1, "a", None), [1, "a", None]),
-        ({1: {"x": np.float32("inf")}}, {"1": {"x": None}}),
-    ],
-)
-def test_jsonable_is_json(value, plain):
-    assert jsonable(value) == plain
-    assert type(jsonable(value)) is type(plain)
-    json.dumps(jsonable(value), allow_nan=False)
 
 
 def test_parts_and_attributes_make_the_run_again(scene):

@@ -12,10 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from chemage import registry
-from chemage.errors import InputError, SceneError, StoreError
-from chemage.scene import load_scene, override, parse_scene, scene_data
-from chemage.units import convert
+from chemage import InputError, SceneError, StoreError, convert, load_scene, override, parse_scene, registry, scene_data
 
 
 @pytest.fixture

@@ -8,13 +8,10 @@ import tomllib
 import jsonschema
 import pytest
 
-from chemage import registry
-from chemage.errors import SceneError
-from chemage.scene import load_scene, override, parse_scene, scene_data
-from chemage.schema import options_of, scene_schema
-from chemage.spec import ROLES
+from chemage import SceneError, load_scene, override, parse_scene, registry, scene_data
+from chemage.experiments.schema import options_of, scene_schema
 
-KINDS = [(role, kind) for role in ROLES for kind in registry.current().kinds(role)]
+KINDS = [(role, kind) for role in registry.current().roles for kind in registry.current().kinds(role)]
 
 
 @pytest.fixture(scope="module")
@@ -112,14 +109,14 @@ def _definition(schema, role, kind):
         part
         for part in schema["$defs"].values()
         if part.get("properties", {}).get("kind", {}).get("const") == kind
-        and part["title"] == registry.current().choice(role, kind).__name__
+        and part["title"] == registry.current().component(role, kind).__name__
     ]
     return found
 
 
 @pytest.mark.parametrize(("role", "kind"), KINDS)
 def test_every_kind_is_in_it_with_its_options_and_units(schema, role, kind):
-    cls = registry.current().choice(role, kind)
+    cls = registry.current().component(role, kind)
     part = _definition(schema, role, kind)
     assert part["additionalProperties"] is False
     assert "kind" in part["required"]
@@ -142,7 +139,9 @@ def test_quantities_state_their_units(schema):
     assert _definition(schema, "contact", "fft-bem")["properties"]["modulus"]["unit"] == "GPa"
     assert _definition(schema, "contact", "fft-bem")["properties"]["load"]["unit"] == "nN"
     assert schema["properties"]["chemistry"]["properties"]["activation_volume"]["unit"] == "nm**3"
-    units = {option["name"]: option["unit"] for option in options_of(registry.current().choice("contact", "fft-bem"))}
+    units = {
+        option["name"]: option["unit"] for option in options_of(registry.current().component("contact", "fft-bem"))
+    }
     assert units["thickness"] == "nm"  # may be left out
     assert units["tolerance"] == ""
 
@@ -165,7 +164,7 @@ def test_the_schema_is_made_anew_each_time(schema):
 def test_a_new_plugin_is_in_the_schema(site):
     source = """
         import chemage
-        from chemage.spec import Barriers
+        from chemage import Barriers
         from chemage.units import Energy
         import numpy as np
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import cli
-from chemage.tradeoff import Row, Tradeoff, figure, l2_error, measured, relative, tradeoff
+from chemage.cli.app import main
+from chemage.experiments.tradeoff import Row, Tradeoff, l2_error, measured, relative, tradeoff
+from chemage.reports.tradeoff_figure import figure
 
 SMALL = {"surface.pixels": 128, "surface.zeta": 16, "contact.load": "200 nN", "hold.replicas": 3, "hold.per_decade": 2}
 
@@ -94,13 +95,13 @@ def test_command_line(tmp_path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.
     arguments = ["tradeoff", "silica-tip", "--set", "hold.replicas=2", "--set", "hold.per_decade=2"]
     monkeypatch.setattr("sys.argv", ["chemage", *arguments, "--json", "--out", "trade.svg"])
     with pytest.raises(SystemExit) as ended:
-        cli.main()
+        main()
     assert ended.value.code == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["scene"] == "silica-tip"
     assert (tmp_path / "trade.svg").read_text().startswith("<?xml")
     monkeypatch.setattr("sys.argv", ["chemage", *arguments, "--out", "trade.svg"])
     with pytest.raises(SystemExit) as ended:
-        cli.main()
+        main()
     assert ended.value.code == 2
     assert "already there" in capsys.readouterr().err

@@ -7,8 +7,7 @@ import pickle
 
 import pytest
 
-from chemage import errors
-from chemage.errors import ChemageError, ConvergenceError, InputError, PluginError, SceneError, StoreError, UnitError
+from chemage import ChemageError, ConvergenceError, InputError, PluginError, SceneError, StoreError, UnitError, errors
 
 ALL = [
     value

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
 
+import numpy as np
 import pytest
 
-from chemage.text import plus_minus, with_interval
+from chemage.foundation.text import jsonable, plus_minus, with_interval
 
 
 @pytest.mark.parametrize(
@@ -40,3 +42,22 @@ def test_a_value_is_cut_at_its_errors_second_digit(value, error, text):
 )
 def test_an_interval_sets_the_digits_of_all_three_numbers(numbers, text):
     assert with_interval(*numbers) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "plain"),
+    [
+        (np.float64(0.5), 0.5),
+        (np.int32(3), 3),
+        (np.bool_(True), True),
+        (math.nan, None),
+        (-math.inf, None),
+        (np.array([[1.0, np.nan]]), [[1.0, None]]),
+        ((1, "a", None), [1, "a", None]),
+        ({1: {"x": np.float32("inf")}}, {"1": {"x": None}}),
+    ],
+)
+def test_jsonable_is_json(value, plain):
+    assert jsonable(value) == plain
+    assert type(jsonable(value)) is type(plain)
+    json.dumps(jsonable(value), allow_nan=False)

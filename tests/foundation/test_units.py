@@ -14,9 +14,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from chemage.errors import InputError, UnitError
-from chemage.spec import Spec
-from chemage.units import EV_PER_GPA_NM3, KB, Energy, Length, Temperature, Unit, convert, registry
+from chemage import (
+    EV_PER_GPA_NM3,
+    KB,
+    Component,
+    Energy,
+    InputError,
+    Length,
+    Temperature,
+    Unit,
+    UnitError,
+    convert,
+    registry,
+)
 
 INTERNAL = ("nm", "nN", "GPa", "eV", "s", "K", "Hz", "nm**3")
 
@@ -174,7 +184,7 @@ def test_any_number_is_a_number(value):
 # -- fields -----------------------------------------------------------------------------------------------------------
 
 
-class Thing(Spec):
+class Thing(Component):
     length: Length
     """how long"""
     energy: Energy = 0.0
@@ -222,7 +232,7 @@ def test_the_schema_carries_units():
 
 
 def test_a_unit_makes_the_annotation():
-    class Other(Spec):
+    class Other(Component):
         area: Annotated[float, Unit("nm**2", gt=0)] = 1.0
 
     assert Other(area="1 um**2").area == 1e6

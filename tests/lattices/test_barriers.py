@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import trapezoid
 
 import chemage as ca
-from chemage.errors import InputError, StoreError
+from chemage import InputError, StoreError
 
 energies = st.floats(-2, 4).map(lambda x: round(x, 6))
 

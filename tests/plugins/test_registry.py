@@ -10,8 +10,7 @@ from types import ModuleType
 import pytest
 
 import chemage as ca
-from chemage import registry
-from chemage.errors import InputError, PluginError, UnknownKindError
+from chemage import InputError, PluginError, UnknownKindError, registry
 
 FINE = """
     import chemage
@@ -23,7 +22,7 @@ FINE = """
 
 LEVELS = """
     import numpy as np
-    from chemage.spec import Barriers
+    from chemage import Barriers
 
     class Level(Barriers):
         "One barrier for all."
@@ -151,7 +150,7 @@ def test_a_module_that_is_missing_altogether(fine):
     with pytest.warns(registry.PluginWarning, match="No module named 'module_that_is_gone'"):
         found = fine.registry()
     with pytest.raises(UnknownKindError, match=r"skipped because broken: gone"):
-        found.choice("barriers", "lever")
+        found.component("barriers", "lever")
 
 
 def test_one_module_under_two_names_registers_once(fine):
@@ -185,8 +184,8 @@ def test_a_plugin_by_hand_raises_and_leaves_nothing(isolated_registry):
     [
         ("no_such_module_xyz:Thing", "no_such_module_xyz:Thing cannot be imported: ModuleNotFoundError"),
         ("levels:Missing", "has no attribute 'Missing'"),
-        ("levels:NoBarriers", "levels:NoBarriers is not a chemage.spec.Barriers"),
-        ("levels:np", "levels:np is not a chemage.spec.Barriers"),
+        ("levels:NoBarriers", "levels:NoBarriers is not a chemage.Barriers"),
+        ("levels:np", "levels:np is not a chemage.Barriers"),
         ("levels:Rough", "the class calls itself 'rough'; set kind = 'new'"),
     ],
 )
@@ -197,9 +196,9 @@ def test_a_target_that_is_not_there_is_found_by_check_and_by_use(fine, target, p
     assert said.startswith("barriers 'new' of plugin 'other' (other 1.0): ")
     assert problem in said
     with pytest.raises(PluginError) as caught:
-        found.choice("barriers", "new")
+        found.component("barriers", "new")
     assert str(caught.value) == said
-    assert found.choice("barriers", "level").kind == "level"
+    assert found.component("barriers", "level").kind == "level"
 
 
 def test_a_class_without_its_method_is_found(fine):
@@ -223,7 +222,7 @@ def test_two_plugins_that_claim_one_kind_are_both_named(fine):
     fine.install("rival-barriers", {"rival.py": offering("{'barriers': {'level': 'levels:Rough'}}")}, {"r": "rival"})
     found = fine.registry()
     with pytest.raises(PluginError) as caught:
-        found.choice("barriers", "level")
+        found.component("barriers", "level")
     said = str(caught.value)
     assert said == (
         "barriers 'level' is claimed by 'fine' (fine 1.0) and by 'r' (rival-barriers 1.0); uninstall one of them"
@@ -236,7 +235,7 @@ def test_one_name_in_two_roles_is_no_clash(fine):
     fine.install("rival", {"rival.py": offering("{'reader': {'level': 'levels:Rough'}}")}, {"r": "rival"})
     found = fine.registry()
     assert found.clashes() == []
-    assert found.choice("barriers", "level").kind == "level"
+    assert found.component("barriers", "level").kind == "level"
 
 
 def test_two_plugins_that_ship_one_scene_are_both_named(fine):
@@ -263,7 +262,7 @@ def test_a_word_that_is_near_nothing_gets_no_suggestion(isolated_registry):
 
 def test_an_unknown_role():
     with pytest.raises(InputError, match=r"no such role 'solver'; the roles are surface, contact, barriers"):
-        registry.current().choice("solver", "hertz")
+        registry.current().component("solver", "hertz")
 
 
 def test_fromdict_needs_the_kind():
@@ -321,7 +320,7 @@ def test_trace_prints_every_hook_call(monkeypatch, capsys):
     maker = ca.surface("sphere", radius=10, pixels=4, pixel_size=1)
     with registry.using(registry.Registry([])):
         ca.make_surface(maker)
-    assert "chemage hook chemage_make_surface(maker, seed) -> ['chemage']" in capsys.readouterr().err
+    assert "chemage hook chemage_make_surface(maker, seed) -> ['chemage.surfaces']" in capsys.readouterr().err
     monkeypatch.setenv("CHEMAGE_TRACE", "0")
     with registry.using(registry.Registry([])):
         ca.make_surface(maker)
@@ -351,5 +350,5 @@ def test_discovery_imports_nothing_heavy():
 
 
 def test_a_kind_is_imported_when_it_is_asked_for():
-    code = "from chemage import registry\nregistry.current().choice('surface', 'sphere')"
+    code = "from chemage import registry\nregistry.current().component('surface', 'sphere')"
     assert "numba" not in modules_after(code)

@@ -11,12 +11,9 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import store
-from chemage.compare import Comparison, Result, compare_files
-from chemage.errors import InputError, StoreError
-from chemage.measured import Measurements
-from chemage.runs import Run
-from chemage.scene import override, parse_scene
+from chemage import InputError, Measurements, Run, StoreError, compare_files, override, parse_scene
+from chemage.reports.comparison import Comparison, Entry, comparison_figures, entries
+from chemage.reports.figures import save_figures
 
 TIP = {
     "name": "tip",
@@ -54,8 +51,8 @@ def results(tmp_path_factory):
     made: dict[str, Run] = {}
 
     def make(name, base, **changes):
-        made[name] = ca.run(parse_scene(override(base, changes)), workers=1)
-        store.write(folder / f"{name}.h5", made[name])
+        made[name] = ca.run(parse_scene(override(base, changes)), threads=1)
+        ca.write(folder / f"{name}.h5", made[name])
 
     make("tip", TIP)
     make("rough", ROUGH)
@@ -67,11 +64,11 @@ def results(tmp_path_factory):
     make("unloaded", TIP, **{"contact.load": 0})
     aging = made["rough"].aging
     assert aging is not None
-    store.write(folder / "aging.h5", aging)
-    store.write(folder / "contact.h5", made["rough"].contact)
+    ca.write(folder / "aging.h5", aging)
+    ca.write(folder / "contact.h5", made["rough"].contact)
     surface = made["rough"].surface
     assert surface is not None
-    store.write(folder / "surface.h5", surface)
+    ca.write(folder / "surface.h5", surface)
     return folder, made
 
 
@@ -222,7 +219,7 @@ def test_ageing_and_contacts_alone_are_compared_as_far_as_they_go(results):
     assert aging["beta"] == run["beta"]
     assert aging["at"] == run["at"]
     assert contact["beta"] is None
-    assert Result.of(made["rough"]).contact == made["rough"].contact.summary()
+    assert Entry.of(made["rough"]).contact == made["rough"].contact.summary()
 
 
 def test_files_of_one_name_are_told_apart_and_one_file_twice_is_refused(results, tmp_path):
@@ -254,7 +251,7 @@ def test_what_cannot_be_compared_is_named(results, tmp_path):
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory):
     """The folder of a sweep over three loads, one of them left out."""
-    from chemage.sweeps import sweep
+    from chemage import sweep
 
     folder = tmp_path_factory.mktemp("sweeps") / "loads"
     scene = {**TIP, "hold": {**TIP["hold"], "replicas": 3}, "sweep": {"contact.load": [20, 30, 40]}}
@@ -273,7 +270,7 @@ def test_a_folder_of_a_sweep_stands_for_its_points_and_a_number_for_one(swept, r
     assert mixed.numbers()[0] == {**whole.numbers()[2]}
     # what the sweep computed is what a run of its own computes
     scene = parse_scene(override(TIP, {"contact.load": 40, "hold.replicas": 3}))
-    run = ca.run(scene, workers=1)
+    run = ca.run(scene, threads=1)
     assert mixed.numbers()[0]["beta"] == run.summary()["beta"]
     again = mixed.results[0].whole
     assert again is not None
@@ -291,9 +288,7 @@ def test_wrong_points_of_a_sweep_are_named(swept):
 
 
 def test_more_results_than_a_table_holds_are_refused_with_the_remedy(swept, monkeypatch):
-    from chemage import compare
-
-    monkeypatch.setattr(compare, "MOST", 2)
+    monkeypatch.setattr(entries, "MOST", 2)
     with pytest.raises(InputError, match=r"3 results are too many .* FOLDER/0"):
         compare_files([swept])
 
@@ -342,7 +337,7 @@ def lines_of(figure):
 
 def test_figures_show_every_result_by_name_and_the_measurements_on_top(results):
     comparison = Comparison(of(results, "tip", "rough", "dry").results, [data(), data("friction_drop", "pull", 40.0)])
-    figures = comparison.figures()
+    figures = comparison_figures(comparison)
     assert list(figures) == ["friction-drop", "friction-coefficient-drop", "bonds-per-area", "pressures", "barriers"]
     labels, axes = lines_of(figures["friction-coefficient-drop"])
     assert {"tip", "rough", "afm (measured)"} <= set(labels)
@@ -359,18 +354,18 @@ def test_figures_show_every_result_by_name_and_the_measurements_on_top(results):
 
 def test_under_one_load_measured_friction_is_drawn_as_a_coefficient_too(results):
     comparison = Comparison(of(results, "tip").results, [data("friction_drop", "pull", 40.0)])
-    labels, axes = lines_of(comparison.figures()["friction-coefficient-drop"])
+    labels, axes = lines_of(comparison_figures(comparison)["friction-coefficient-drop"])
     assert "pull (measured)" in labels
     points = next(box for box in axes.containers if box.get_label() == "pull (measured)").lines[0]
     np.testing.assert_allclose(points.get_ydata(), comparison.measured[0].values / 30.0)
 
 
 def test_results_far_apart_are_drawn_on_a_logarithmic_axis(results):
-    near = of(results, "tip", "free").figures()["friction-drop"].axes[0]
+    near = comparison_figures(of(results, "tip", "free"))["friction-drop"].axes[0]
     assert near.get_yscale() == "linear"
     run = results[1]["rough"]
     aging = run.aging.fromdict({**run.aging.todict(), "bonds": run.aging.bonds * 1000})
-    far = Comparison([*of(results, "tip").results, Result.of(aging, "far")]).figures()["friction-drop"].axes[0]
+    far = comparison_figures(Comparison([*of(results, "tip").results, Entry.of(aging, "far")]))["friction-drop"].axes[0]
     assert far.get_yscale() == "log"
 
 
@@ -381,18 +376,18 @@ def test_figures_are_written_whatever_the_names_look_like(results, tmp_path, suf
     for target, source in zip(odd, ("tip", "rough"), strict=True):
         target.write_bytes((folder / f"{source}.h5").read_bytes())
     comparison = compare_files(odd)
-    labels, _ = lines_of(comparison.figures()["friction-drop"])
+    labels, _ = lines_of(comparison_figures(comparison)["friction-drop"])
     assert len(labels) == 2  # neither hidden from the legend
-    paths = comparison.save(tmp_path / "figures", suffix=suffix)
+    paths = save_figures(comparison_figures(comparison), tmp_path / "figures", suffix=suffix)
     assert len(paths) == 5
     assert all(path.stat().st_size > 2000 for path in paths)
     with pytest.raises(StoreError, match="already there"):
-        comparison.save(tmp_path / "figures", suffix=suffix)
-    comparison.save(tmp_path / "figures", suffix=suffix, force=True)
+        save_figures(comparison_figures(comparison), tmp_path / "figures", suffix=suffix)
+    save_figures(comparison_figures(comparison), tmp_path / "figures", suffix=suffix, force=True)
 
 
 def test_results_with_nothing_to_draw_draw_nothing(results):
-    assert list(of(results, "dry").figures()) == ["pressures"]
-    figures = of(results, "unloaded").figures()
+    assert list(comparison_figures(of(results, "dry"))) == ["pressures"]
+    figures = comparison_figures(of(results, "unloaded"))
     assert "friction-coefficient-drop" not in figures
     assert "bonds-per-area" not in figures

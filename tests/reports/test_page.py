@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import store
-from chemage.errors import InputError, StoreError
-from chemage.report import html, scene_toml, write_report
-from chemage.scene import override, parse_scene
+from chemage import InputError, StoreError, override, parse_scene, write_report
+from chemage.foundation import files as written_files
+from chemage.reports.page import html, scene_toml
 
 BASE = {
     "name": "tip",
@@ -62,7 +61,7 @@ class Page(HTMLParser):
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("files")
     for name, changes in (("tip", {}), ("big", {"surface.radius": "40 nm", "title": "Big tip"})):
-        store.write(folder / f"{name}.h5", ca.run(parse_scene(override(BASE, changes)), workers=1))
+        ca.write(folder / f"{name}.h5", ca.run(parse_scene(override(BASE, changes)), threads=1))
     return [folder / "tip.h5", folder / "big.h5"]
 
 
@@ -118,14 +117,14 @@ def test_pictures_are_described_and_tables_have_headers(one, files):
         assert len(words) > 20
     # in numbers, for those who do not see the curve
     drop = next(attrs["aria-label"] for attrs in drawings if attrs["aria-label"].startswith("Friction drop"))
-    run = store.read(files[0])
+    run = ca.read(files[0])
     assert f"{run.aging.mean_friction_drop[-1]:.3g} at 10000 s" in drop
     assert len(page.of("table")) == one.count('<th scope="col"') - one.count('</th><th scope="col"')
     assert {attrs["scope"] for attrs in page.of("th")} == {"col", "row"}
 
 
 def test_numbers_scene_provenance_and_citations_are_there(one, files):
-    run, text = store.read(files[0]), Page(one).text
+    run, text = ca.read(files[0]), Page(one).text
     numbers = run.summary()
     assert f"{numbers['area']:.5g} nm²" in text
     assert f"{run.aging.hold_times[3]:.6g}" in text
@@ -145,7 +144,7 @@ def test_the_scene_on_the_page_is_a_scene_that_gives_the_same_result(one, files,
     assert shown is not None
     again = tmp_path / "again.toml"
     again.write_text(Page(shown[0]).text, encoding="utf-8")
-    run = store.read(files[0])
+    run = ca.read(files[0])
     assert ca.load_scene(again).keys() == run.keys
     assert ca.load_scene(again).todict() == run.scene
 
@@ -193,9 +192,9 @@ def test_measurements_are_fitted_and_shown(files, tmp_path):
 
 
 def test_ageing_or_a_contact_alone_make_a_report_too(files, tmp_path):
-    run = store.read(files[0])
-    store.write(tmp_path / "aging.h5", run.aging)
-    store.write(tmp_path / "contact.h5", run.contact)
+    run = ca.read(files[0])
+    ca.write(tmp_path / "aging.h5", run.aging)
+    ca.write(tmp_path / "contact.h5", run.contact)
     page = Page(html([tmp_path / "aging.h5", tmp_path / "contact.h5", files[1]]))
     assert page.problems == []
     assert run.aging.digest() in page.text
@@ -203,9 +202,9 @@ def test_ageing_or_a_contact_alone_make_a_report_too(files, tmp_path):
 
 
 def test_a_contact_that_did_not_converge_says_so_first(files, tmp_path):
-    contact = store.read(files[0]).contact
+    contact = ca.read(files[0]).contact
     bad = contact.fromdict({**contact.todict(), "converged": False, "residual": 0.5, "notes": ("one <b>note</b>",)})
-    store.write(tmp_path / "bad.h5", bad)
+    ca.write(tmp_path / "bad.h5", bad)
     text = Page(html([tmp_path / "bad.h5"])).text
     assert "did NOT converge: residual 0.5" in text
     assert "one <b>note</b>" in text
@@ -225,7 +224,9 @@ def test_nothing_is_overwritten_and_nothing_half_written(files, tmp_path, monkey
             write_report([files[0]], given, measured=[tmp_path / "data.csv"], force=True)
     with pytest.raises(StoreError, match="does not exist"):
         write_report(files, tmp_path / "no" / "r.html")
-    monkeypatch.setattr(store, "_place", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    monkeypatch.setattr(
+        written_files, "_place", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device"))
+    )
     with pytest.raises(StoreError, match="nothing was kept"):
         write_report(files[:1], tmp_path / "full.html")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["r.html"]

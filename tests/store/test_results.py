@@ -18,10 +18,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import chemage
-from chemage import store
-from chemage.errors import StoreError
-from chemage.objects import Aging, BondHistory, ContactSolution, ReactionLattice, Surface
-from chemage.scene import load_scene
+from chemage import Aging, BondHistory, ContactSolution, ReactionLattice, StoreError, Surface, load_scene
+from chemage.foundation import codec
 
 TRICKY = {
     "text": "µ ≥ 0, \"quoted\", 'single', \n",
@@ -248,7 +246,7 @@ def test_a_pressure_map_is_compressed_and_noise_is_not(tmp_path):
 
 DIGESTS = """
 import json, chemage
-from chemage.scene import load_scene
+from chemage import load_scene
 digests = []
 for seed in (5, 5, 6):
     run = chemage.run(load_scene("small.toml", {"hold.seed": seed, "surface.seed": seed}))
@@ -295,14 +293,14 @@ def test_two_threads_that_write_one_file_leave_one_whole_one(tmp_path):
 
 
 def test_an_object_that_fails_half_way_leaves_nothing(tmp_path, monkeypatch):
-    real, count = store._write_array, iter(range(100))
+    real, count = codec._write_array, iter(range(100))
 
     def fail(*args):
         if next(count) == 2:
             raise ValueError("a bug")
         real(*args)
 
-    monkeypatch.setattr(store, "_write_array", fail)
+    monkeypatch.setattr(codec, "_write_array", fail)
     with pytest.raises(ValueError, match="a bug"):
         chemage.write(tmp_path / "x.h5", OBJECTS["contact"])
     assert not list(tmp_path.iterdir())
@@ -322,6 +320,6 @@ def test_files_without_hard_links_work_too(tmp_path, monkeypatch):
 
 def test_one_object_is_read_alone(finished):
     _, file = finished
-    parts, attributes = store.read_parts(file, only={"aging"})
+    parts, attributes = codec.read_records(file, {"aging": Aging})
     assert list(parts) == ["aging"]
-    assert attributes["chemage_format"] == store.FORMAT
+    assert attributes["chemage_format"] == codec.FORMAT

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import hookimpl, registry
-from chemage.errors import InputError, StoreError
+from chemage import InputError, StoreError, hookimpl, registry
 
 HEIGHTS = np.random.default_rng(0).standard_normal((5, 7))
 ROUGH = {"pixels": 64, "pixel_size": "0.5 nm", "hurst": 0.8, "zeta": 20, "eta": 3, "rms_slope": 0.1}
@@ -311,7 +310,7 @@ def test_a_third_party_adds_a_format(folder, monkeypatch):
     (folder / "spam_reader.py").write_text(
         "import numpy as np\n"
         "from chemage import Surface\n"
-        "from chemage.spec import Reader\n"
+        "from chemage import Reader\n"
         "class Spam(Reader):\n"
         "    kind = 'spam'\n"
         "    suffixes = ('.spam', '.npy')\n"

@@ -14,9 +14,11 @@ import pytest
 from distributed import LocalCluster
 
 import chemage
-from chemage import threads
-from chemage.errors import ExecutorError, InputError, StoreError, WorkerLost
-from chemage.executors import Dask, Processes, Serial, open_pool
+from chemage import ExecutorError, InputError, StoreError, WorkerLost, threads
+from chemage.sweeps.executors.clusters import Dask
+from chemage.sweeps.executors.opening import open_pool
+from chemage.sweeps.executors.pool import Serial
+from chemage.sweeps.executors.processes import Processes
 
 WORK = """
 import os, signal, sys, time
@@ -179,7 +181,7 @@ def test_processes_end_when_their_parent_is_killed(work, tmp_path):
         import sys
         sys.path.insert(0, {str(tmp_path)!r})
         import chemage_work
-        from chemage.executors import Processes
+        from chemage.sweeps.executors.processes import Processes
         made = Processes(2)
         print(*made.map(chemage_work.whoami, range(8)), flush=True)
         [made.submit(chemage_work.slowly, 1, 60) for _ in range(2)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import re
 import tomllib
@@ -14,12 +15,9 @@ import pytest
 import xarray
 
 import chemage
-import chemage.scene
-import chemage.schema
-from chemage.errors import InputError, SceneError, StoreError
-from chemage.objects import Aging, ContactSolution
-from chemage.scene import override, parse_scene
-from chemage.sweeps.folder import pack, pack_aging, unpack, unpack_aging
+from chemage import Aging, ContactSolution, InputError, SceneError, StoreError, override, parse_scene
+from chemage.experiments.schema import scene_schema
+from chemage.foundation.codec import from_json, from_npz, to_json, to_npz
 from chemage.sweeps.grid import Grid, order_of
 from chemage.sweeps.progress import SweepProgress, told
 from chemage.sweeps.running import SweepWarning, read_grid, survey_of
@@ -451,7 +449,7 @@ def test_a_packed_contact_is_the_same_contact(kind, gap):
         notes=("a note",),
         provenance={"kind": "x", "options": {"a": None}},
     )
-    again = unpack(pack(contact))
+    again = from_npz(ContactSolution, io.BytesIO(to_npz(contact)))
     assert again == contact
     assert again.pressure.dtype == kind
     assert np.isnan(again.rms_slope)
@@ -471,7 +469,7 @@ def test_packed_ageing_is_the_same_ageing():
         observables={"a": np.array([[np.nan, 1e-300], [np.inf, 2.0]]), "b": np.array([1, 2], dtype=np.int8)},
         provenance={"seed": "3"},
     )
-    assert unpack_aging(json.loads(json.dumps(pack_aging(aging)))) == aging
+    assert from_json(Aging, json.loads(json.dumps(to_json(aging)))) == aging
 
 
 def test_observables_come_back_from_the_folder(tiny, site, tmp_path):
@@ -509,7 +507,7 @@ EXAMPLES = re.findall(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re
 
 
 def test_the_sweeps_of_the_page_are_valid_at_every_point():
-    base, _ = chemage.scene.scene_data("silica-rough")
+    base, _ = chemage.scene_data("silica-rough")
     sizes = [survey_of(read_grid({**base, **tomllib.loads(text)})).grid.size for text in EXAMPLES if "[sweep]" in text]
     assert sizes == [36, 8]
 
@@ -517,8 +515,8 @@ def test_the_sweeps_of_the_page_are_valid_at_every_point():
 def test_the_schema_knows_sweeps():
     import jsonschema
 
-    validator = jsonschema.Draft202012Validator(chemage.schema.scene_schema())
-    base, _ = chemage.scene.scene_data("silica-rough")
+    validator = jsonschema.Draft202012Validator(scene_schema())
+    base, _ = chemage.scene_data("silica-rough")
 
     def wrong(sweep):
         return [".".join(map(str, error.absolute_path)) for error in validator.iter_errors({**base, "sweep": sweep})]

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from chemage import measures
+from chemage import roughness, theory
+from chemage.contacts.patches import label_patches, patches, perimeter
 
 maps = hnp.arrays(np.bool_, st.tuples(st.integers(1, 7), st.integers(1, 7)))
 contacts = given(maps, st.booleans())
@@ -49,7 +50,7 @@ def flooded(contact, periodic):
 @contacts
 def test_patches_are_those_of_a_flood_fill(contact, periodic):
     expected = flooded(contact, periodic)
-    found = measures.patches(contact, periodic)
+    found = patches(contact, periodic)
     assert found.count == len(expected)
     assert found.sizes.tolist() == sorted(map(len, expected), reverse=True)
     assert found.sizes.dtype == np.int64
@@ -57,7 +58,7 @@ def test_patches_are_those_of_a_flood_fill(contact, periodic):
 
 @contacts
 def test_labels_tell_the_patches_apart(contact, periodic):
-    labels, count = measures.label_patches(contact, periodic)
+    labels, count = label_patches(contact, periodic)
     assert ((labels > 0) == contact).all()
     assert sorted(np.unique(labels[contact])) == list(range(1, count + 1))
     for patch in flooded(contact, periodic):
@@ -76,46 +77,46 @@ def test_perimeter_counts_every_edge_between_contact_and_none(contact, periodic)
                 edges += not contact[x % nx, y % ny]
             else:
                 edges += not (0 <= x < nx and 0 <= y < ny and contact[x, y])
-    assert measures.perimeter(contact, 0.25, periodic) == edges * 0.25
+    assert perimeter(contact, 0.25, periodic) == edges * 0.25
 
 
 @given(maps, st.integers(0, 6), st.integers(0, 6))
 def test_on_a_periodic_grid_nothing_depends_on_where_the_grid_begins(contact, i, j):
     moved = np.roll(contact, (i, j), (0, 1))
-    assert measures.perimeter(moved, 1.0, True) == measures.perimeter(contact, 1.0, True)
-    assert measures.patches(moved, True).sizes.tolist() == measures.patches(contact, True).sizes.tolist()
+    assert perimeter(moved, 1.0, True) == perimeter(contact, 1.0, True)
+    assert patches(moved, True).sizes.tolist() == patches(contact, True).sizes.tolist()
 
 
 @contacts
 def test_nothing_depends_on_which_axis_is_first(contact, periodic):
-    assert measures.perimeter(contact.T, 1.0, periodic) == measures.perimeter(contact, 1.0, periodic)
-    assert measures.patches(contact.T, periodic).count == measures.patches(contact, periodic).count
+    assert perimeter(contact.T, 1.0, periodic) == perimeter(contact, 1.0, periodic)
+    assert patches(contact.T, periodic).count == patches(contact, periodic).count
 
 
 def test_patches_join_across_edges_and_corners():
     corners = np.zeros((4, 5), bool)
     corners[[0, 0, -1, -1], [0, -1, 0, -1]] = True
-    assert measures.patches(corners, periodic=True).count == 1
-    assert measures.patches(corners, periodic=False).count == 4
+    assert patches(corners, periodic=True).count == 1
+    assert patches(corners, periodic=False).count == 4
     diagonal = np.zeros((4, 4), bool)
     diagonal[0, 1] = diagonal[3, 2] = True  # neighbours over the edge, by a corner
-    assert measures.patches(diagonal, periodic=True).count == 1
+    assert patches(diagonal, periodic=True).count == 1
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 2), (1, 7), (5, 5)])
 def test_full_and_empty_contact(shape):
     full, empty = np.ones(shape, bool), np.zeros(shape, bool)
-    assert measures.perimeter(full, 1.0, True) == 0
-    assert measures.perimeter(full, 1.0, False) == 2 * sum(shape)
-    assert measures.patches(full, True).sizes.tolist() == [math.prod(shape)]
-    assert measures.perimeter(empty, 1.0, True) == measures.perimeter(empty, 1.0, False) == 0
-    assert measures.patches(empty, True).count == 0
-    assert measures.patches(empty, True).sizes.size == 0
+    assert perimeter(full, 1.0, True) == 0
+    assert perimeter(full, 1.0, False) == 2 * sum(shape)
+    assert patches(full, True).sizes.tolist() == [math.prod(shape)]
+    assert perimeter(empty, 1.0, True) == perimeter(empty, 1.0, False) == 0
+    assert patches(empty, True).count == 0
+    assert patches(empty, True).sizes.size == 0
 
 
 def test_kappa():
-    assert measures.kappa(2.0, 0.1, 35.0, 3.5) == pytest.approx(2.0)
-    assert math.isnan(measures.kappa(0.0, 0.1, 35.0, 0.0))
+    assert theory.kappa(2.0, 0.1, 35.0, 3.5) == pytest.approx(2.0)
+    assert math.isnan(theory.kappa(0.0, 0.1, 35.0, 0.0))
 
 
 def test_measures_leave_their_input_alone():
@@ -123,8 +124,8 @@ def test_measures_leave_their_input_alone():
     heights.setflags(write=False)
     contact = heights > 0.5
     contact.setflags(write=False)
-    measures.psd(heights, 1.0)
-    measures.psd(heights, 1.0, periodic=False)
-    measures.rms_slope(heights, 1.0)
-    measures.patches(contact, True)
-    measures.perimeter(contact, 1.0, True)
+    roughness.psd(heights, 1.0)
+    roughness.psd(heights, 1.0, periodic=False)
+    roughness.rms_slope(heights, 1.0)
+    patches(contact, True)
+    perimeter(contact, 1.0, True)
