@@ -10,9 +10,11 @@ from pathlib import Path
 from textwrap import dedent
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+import chemage
 from chemage import registry
 from chemage.testing import isolated_registry as isolated_registry
 
@@ -151,19 +153,19 @@ class Outcome(NamedTuple):
 @pytest.fixture
 def command(monkeypatch, capsys):
     """``command("run", "scene.toml", ...)``: the command line, in this process."""
-    from chemage import cli
+    from chemage.cli import app as command_line
 
     def leave(status):
         raise SystemExit(status)
 
-    monkeypatch.setattr(cli.app, "registered_commands", list(cli.app.registered_commands))
-    monkeypatch.setattr(cli.os, "_exit", leave)
+    monkeypatch.setattr(command_line.app, "registered_commands", list(command_line.app.registered_commands))
+    monkeypatch.setattr(command_line.os, "_exit", leave)
 
     def call(*words):
         capsys.readouterr()
         monkeypatch.setattr(sys, "argv", ["chemage", *map(str, words)])
         with pytest.raises(SystemExit) as stop:
-            cli.main()
+            command_line.main()
         printed = capsys.readouterr()
         return Outcome(stop.value.code, printed.out, printed.err)
 
@@ -209,3 +211,69 @@ def tiny(site, tmp_path, monkeypatch):
     monkeypatch.setenv("CHEMAGE_TINY_LOG", str(tmp_path / "computed.log"))
     with registry.using(site.registry()):
         yield made
+
+
+class Examples:
+    """A record of each kind, with some fields changed."""
+
+    @staticmethod
+    def surface(**changes):
+        heights = np.arange(12.0).reshape(3, 4)
+        return chemage.Surface(**{"heights": heights, "pixel_size": 0.5, "provenance": {"kind": "ramp"}, **changes})
+
+    @staticmethod
+    def contact(**changes):
+        pressure = np.zeros((4, 5))
+        pressure[1, 1:3] = 2.0, 4.0
+        pressure[3, 0] = 6.0
+        return chemage.ContactSolution(
+            **{"pressure": pressure, "load": 3.0, "pixel_size": 0.5, "modulus": 10.0, **changes}
+        )
+
+    @staticmethod
+    def lattice(**changes):
+        fields = {
+            "pixels": (3, 3),
+            "sites": [1, 4, 7],
+            "forming": [0.8, 0.9, 1.0],
+            "breaking": [1.1, 1.1, 1.2],
+            "neighbours": [[1, -1], [0, 2], [1, -1]],
+            "coupling": [[0.1, 0.0], [0.1, -0.2], [-0.2, 0.0]],
+            "pixel_size": 0.45,
+        }
+        return chemage.ReactionLattice(**{**fields, **changes})
+
+    @staticmethod
+    def history(**changes):
+        fields = {
+            "hold_times": [1.0, 10.0],
+            "bonds": [1, 2],
+            "formed": [2, 4],
+            "broken": [1, 2],
+            "state": [True, False, True],
+            "time": 10.0,
+            "temperature": 300.0,
+            "engine": "by-hand",
+            "resume": {"words": np.array([3], np.uint64)},
+        }
+        return chemage.BondHistory(**{**fields, **changes})
+
+    @staticmethod
+    def aging(**changes):
+        fields = {
+            "hold_times": [1.0, 10.0, 100.0],
+            "bonds": [[10, 20, 30], [12, 24, 30]],
+            "sites": [50, 50],
+            "events": [40, 44],
+            "load": 60.0,
+            "temperature": 300.0,
+            "engine": "by-hand",
+            "observables": {"x": np.array([[1.0], [2.0]])},
+        }
+        return chemage.Aging(**{**fields, **changes})
+
+
+@pytest.fixture(scope="session")
+def examples():
+    """``examples.surface(pixel_size=2.0)`` and so on: small records of plain arrays."""
+    return Examples

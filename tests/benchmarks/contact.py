@@ -43,7 +43,7 @@ TOLERANCES = {"mixed": (1e-4, 1e-5, 1e-6, 3e-7, 1e-7, 3e-8), "single": (1e-5,), 
 
 
 def solve_fft_bem(heights: np.ndarray, pressure: float, options: dict[str, Any]) -> tuple[np.ndarray, dict[str, Any]]:
-    from chemage.objects import Surface
+    from chemage import Surface
     from chemage_contact import FFTBEM
 
     solver = FFTBEM(modulus=MODULUS, threads=options.pop("threads", 1), **options)

@@ -22,9 +22,8 @@ from pathlib import Path
 import numpy as np
 
 import chemage
+from chemage import ReactionLattice, registry
 from chemage import random as cr
-from chemage import registry
-from chemage.objects import ReactionLattice
 
 TIMES = np.geomspace(1e-3, 1e5, 33)
 ENGINES = ("rejection-free", "bkl", "next-reaction")

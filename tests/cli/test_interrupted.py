@@ -15,17 +15,18 @@ from pathlib import Path
 import pytest
 
 import chemage
-from chemage import plots, store
-from chemage.errors import StoreError
+from chemage import StoreError
+from chemage.foundation import files
+from chemage.reports import run_figures
 
 #: writes of this run are slow, and it says on stderr what it is doing
 SLOW_WRITES = """
 import sys, time
-from chemage import store
+from chemage.foundation import codec, files
 
 from pathlib import Path
 
-array, place, whole = store._write_array, store._place, Path.write_bytes
+array, place, whole = codec._write_array, files._place, Path.write_bytes
 
 def slow_array(*args):
     print("making", args[1], file=sys.stderr, flush=True)
@@ -47,13 +48,13 @@ def slow_place(*args):
     print("placed", file=sys.stderr, flush=True)
     time.sleep(30)
 
-store._write_array, store._place, Path.write_bytes = slow_array, slow_place, slow_bytes
+codec._write_array, files._place, Path.write_bytes = slow_array, slow_place, slow_bytes
 """
 
 
 def start(code, folder, **options):
     """``chemage run small.toml`` in another process, with ``code`` run before it."""
-    program = f"{code}\nimport sys\nfrom chemage.cli import main\nsys.argv[1:] = sys.argv[1:]\nmain()"
+    program = f"{code}\nimport sys\nfrom chemage.cli.app import main\nsys.argv[1:] = sys.argv[1:]\nmain()"
     words = [sys.executable, "-c", program, "run", "small.toml", "--no-figures"]
     return subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
@@ -82,7 +83,7 @@ def names(folder):
 #: replicas that would take minutes, in threads as in a real run
 ENDLESS = """
 import sys, time
-from chemage import pipeline, registry
+from chemage import registry
 
 class Endless:
     @chemage.hookimpl(tryfirst=True)
@@ -130,7 +131,7 @@ def test_ctrl_c_while_drawing_keeps_the_result_and_says_so(command, small, monke
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(plots, "save", stop)
+    monkeypatch.setattr(run_figures, "save", stop)
     done = command("run", small)
     assert done.status == 130
     assert "the result is in small.h5" in done.err
@@ -162,14 +163,14 @@ def test_kill_9_leaves_no_file_or_a_complete_one(command, small, moment):
 
 
 def test_the_temporary_file_of_a_living_process_is_left_alone(small):
-    living = small.parent / f".x.h5.{store._HOST}.{os.getpid()}.99.part"
+    living = small.parent / f".x.h5.{files._HOST}.{os.getpid()}.99.part"
     elsewhere = small.parent / ".x.h5.another-host.1.0.part"
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
-    stale = small.parent / f".x.h5.{store._HOST}.{dead.pid}.0.part"
+    stale = small.parent / f".x.h5.{files._HOST}.{dead.pid}.0.part"
     for file in (living, elsewhere, stale):
         file.write_text("x")
-    with store.fresh_file(small.parent / "x.h5") as part:
+    with files.fresh_file(small.parent / "x.h5") as part:
         part.write_text("new")
     assert living.exists()
     assert elsewhere.exists()
@@ -195,7 +196,7 @@ def tiny_disk(tmp_path):
 
 def test_a_full_disk_is_seen_before_anything_is_computed(command, small, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: shutil._ntuple_diskusage(1000, 1000, 0))
-    monkeypatch.setattr("chemage.runs.make_surface", lambda *_: pytest.fail("computing began"))
+    monkeypatch.setattr("chemage.experiments.run.make_surface", lambda *_: pytest.fail("computing began"))
     done = command("run", small)
     assert done.status == 2
     assert re.search(r"small\.h5 needs .* MB, but \. has 0 MB left", done.err)
@@ -243,7 +244,7 @@ def test_a_disk_that_fills_up_while_drawing_keeps_the_result(command, small, mon
 
 
 def test_a_read_only_folder_is_seen_before_anything_is_computed(command, small, monkeypatch):
-    monkeypatch.setattr("chemage.runs.make_surface", lambda *_: pytest.fail("computing began"))
+    monkeypatch.setattr("chemage.experiments.run.make_surface", lambda *_: pytest.fail("computing began"))
     if os.getuid():
         small.parent.chmod(0o555)
     else:  # root may write anywhere but on a read-only file system

@@ -8,7 +8,7 @@ import pytest
 
 from chemage import registry
 
-pytestmark = pytest.mark.filterwarnings("default::chemage.registry.PluginWarning")
+pytestmark = pytest.mark.filterwarnings("default::chemage.plugins.registry.PluginWarning")
 
 HOOK = """
 import chemage

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import runs, terminal
+from chemage.cli import terminal
+from chemage.experiments import run as experiment
 
 KEYS = {
     *("area_fraction", "kappa", "mean_contact_pressure", "patches", "perimeter_to_area", "sites", "hold_times"),
@@ -97,7 +98,7 @@ def no_computing(monkeypatch):
     def never(*_, **__):
         raise AssertionError("computing began")
 
-    monkeypatch.setattr(runs, "make_surface", never)
+    monkeypatch.setattr(experiment, "make_surface", never)
 
 
 @pytest.mark.usefixtures("no_computing")
@@ -162,14 +163,14 @@ def test_force_replaces_the_old_result_as_a_whole(command, small):
 
 
 def test_a_result_that_appeared_meanwhile_is_not_overwritten(command, small, monkeypatch):
-    real = runs.run
+    real = experiment.run
 
     def slow(*args, **options):
         result = real(*args, **options)
         (small.parent / "small.h5").write_text("another process was first")
         return result
 
-    monkeypatch.setattr(runs, "run", slow)
+    monkeypatch.setattr(experiment, "run", slow)
     done = command("run", small, "--no-figures")
     assert done.status == 2
     assert (small.parent / "small.h5").read_text() == "another process was first"

@@ -14,8 +14,8 @@ import time
 import pytest
 
 import chemage
+from chemage.foundation.text import plus_minus
 from chemage.sweeps import running as sweeps
-from chemage.text import plus_minus
 
 SCENE = """
 name = "study"
@@ -276,7 +276,7 @@ def test_a_terminal_shows_bars(scene):
 
 @pytest.mark.parametrize(("answer", "status"), [("n\n", 2), ("y\n", 0)])
 def test_a_terminal_is_asked(scene, answer, status):
-    limit = "from chemage import cli; from chemage.sweeps import running; running.MANY_POINTS = 5; cli.main()"
+    limit = "from chemage.cli.app import main; from chemage.sweeps import running; running.MANY_POINTS = 5; main()"
     words = [sys.executable, "-c", limit, "run", str(scene)]
     code, seen = on_a_terminal(words, answer)
     assert "the sweep has 6 points (2 x 3); go on? [y/N]" in seen

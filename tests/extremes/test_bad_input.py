@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage.errors import InputError, StoreError
+from chemage import InputError, StoreError
 
 
 def refuse(command, small, *words):

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from chemage.errors import ConvergenceError, InputError
-from chemage.objects import Surface
+from chemage import ConvergenceError, InputError, Surface
 from chemage_contact import FFTBEM, Hertz
 from chemage_surfaces import SelfAffine, Sphere
 

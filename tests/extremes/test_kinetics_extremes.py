@@ -10,13 +10,10 @@ import pytest
 from scipy import stats
 from scipy.linalg import expm
 
-from chemage import registry
-from chemage.errors import InputError
-from chemage.objects import ReactionLattice
-from chemage.units import KB
+from chemage import KB, InputError, ReactionLattice, registry
 
 KINDS = registry.current().kinds("engine")
-COUPLED = [kind for kind in KINDS if registry.current().choice("engine", kind).interacting]
+COUPLED = [kind for kind in KINDS if registry.current().component("engine", kind).interacting]
 FAST = ["rejection-free", "bkl", "next-reaction"]
 CHANCE = 1e-5
 NU = 1e13

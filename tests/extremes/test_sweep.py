@@ -18,9 +18,10 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage.errors import ExecutorError, InputError, SceneError, StoreError
+from chemage import ExecutorError, InputError, SceneError, StoreError
 from chemage.sweeps import running as sweeps
-from chemage.sweeps.folder import CannotWrite, compute
+from chemage.sweeps.folder import CannotWrite
+from chemage.sweeps.tasks import compute
 
 AXES = """
 [sweep]
@@ -284,6 +285,7 @@ def test_one_sweep_at_a_time_in_a_folder(tiny, tmp_path):
 SCRIPT = """
 import sys, tomllib
 import chemage
+from chemage.sweeps import running as sweeps
 chemage.sweep({scene!r}, {out!r}, executor={executor!r}, workers={workers}, threads=1)
 """
 

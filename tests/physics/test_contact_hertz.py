@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from chemage.errors import InputError
-from chemage.objects import Surface
+from chemage import InputError, Surface
 from chemage_contact import Hertz
 from chemage_contact.hertz import _corner_force
 from chemage_surfaces import Sphere

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from chemage.objects import Surface
+from chemage import Surface
 from chemage_contact import FFTBEM, _kernels, _operators
 from chemage_contact._convolution import Convolution
 from chemage_contact._iteration import projected

@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from chemage import registry
-from chemage.errors import InputError
-from chemage.objects import ReactionLattice
-from chemage.units import KB
+from chemage import KB, InputError, ReactionLattice, registry
 
 KINDS = registry.current().kinds("engine")
 CHANCE = 1e-5

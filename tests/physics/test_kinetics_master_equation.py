@@ -14,9 +14,7 @@ import pytest
 from scipy import stats
 from scipy.linalg import expm
 
-from chemage import registry
-from chemage.objects import ReactionLattice
-from chemage.units import KB
+from chemage import KB, ReactionLattice, registry
 
 CHANCE = 1e-5
 NU = 1e13
@@ -26,7 +24,9 @@ TEMPERATURES = (150.0, 300.0, 900.0)
 #: multiples of the time at which a barrier of 0.5 eV is crossed once
 MULTIPLES = np.array([0.1, 0.5, 1.5, 5.0, 60.0])
 INTERACTING = [
-    (kind, {}) for kind in registry.current().kinds("engine") if registry.current().choice("engine", kind).interacting
+    (kind, {})
+    for kind in registry.current().kinds("engine")
+    if registry.current().component("engine", kind).interacting
 ]
 PLAIN = [kind for kind, _ in INTERACTING]
 

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 import chemage
+from chemage import KB, ReactionLattice, registry
 from chemage import random as cr
-from chemage import registry
-from chemage.objects import ReactionLattice
-from chemage.units import KB
 from chemage_kinetics._common import STREAMS
 
 

@@ -10,9 +10,7 @@ import pytest
 from scipy import stats
 from scipy.linalg import expm
 
-from chemage import registry
-from chemage.objects import ReactionLattice
-from chemage.units import KB
+from chemage import KB, ReactionLattice, registry
 from chemage_kinetics._common import gamma, sojourn
 
 CHANCE = 1e-5

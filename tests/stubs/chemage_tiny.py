@@ -11,10 +11,18 @@ from typing import ClassVar
 import numpy as np
 
 import chemage
-from chemage.errors import InputError
-from chemage.objects import BondHistory, ContactSolution, Surface
-from chemage.spec import Barriers, ContactSolver, Engine, SurfaceMaker
-from chemage.units import Energy, Pressure
+from chemage import (
+    Barriers,
+    BondHistory,
+    ContactSolution,
+    ContactSolver,
+    Energy,
+    Engine,
+    InputError,
+    Pressure,
+    Surface,
+    SurfaceMaker,
+)
 
 
 @chemage.hookimpl
