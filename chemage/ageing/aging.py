@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging
+from chemage.foundation.errors import InputError
 from chemage.foundation.records import Doubles, Indices, Named, Record
 
 
@@ -104,16 +105,16 @@ class Aging(Record):
         Raises
         ------
         InputError
-            Fewer than two different hold times in the window.
+            Fewer than two different hold times in the window, or no load.
         """
         return fit_aging(self, window=(start, stop))
 
     def fit_data(self, quantity: Quantity | None) -> FitData:
         """The friction drop of every replica, for :func:`chemage.fit_aging`."""
         chosen: Quantity = quantity or "friction_coefficient_drop"
-        scale = 1.0
-        if chosen == "friction_coefficient_drop":
-            scale = 1 / self.load if self.load > 0 else math.nan
+        if chosen == "friction_coefficient_drop" and self.load == 0:
+            raise InputError("load = 0: the friction coefficient is undefined; fit quantity='friction_drop'")
+        scale = 1 / self.load if chosen == "friction_coefficient_drop" else 1.0
         return FitData(self.friction_drop, chosen, scale, simulated=True)
 
     def __repr__(self) -> str:

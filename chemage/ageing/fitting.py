@@ -86,9 +86,9 @@ class Fit:
     cutoff_time_stderr: float
     beta_interval: Interval
     cutoff_interval: Interval
-    #: dΔF/dlog10 t, nN per decade; nan where the load is not known
-    friction_rate: float
-    friction_rate_stderr: float
+    #: dΔF/dlog10 t, nN per decade; None for measurements of Δμ, whose load is not known
+    friction_rate: float | None
+    friction_rate_stderr: float | None
     #: s; None: all hold times
     window: tuple[float, float] | None
     #: hold times (or rows) used
@@ -204,7 +204,7 @@ def fit_aging(
     slopes, cutoffs = _bootstrap(kind, model, t, curves, weight, estimate, samples, seed)
     unit = given.scale
     # the curves of a simulated result are ΔF whatever is fitted
-    rate = 1.0 if given.simulated or given.quantity == "friction_drop" else math.nan
+    forces = given.simulated or given.quantity == "friction_drop"
     return Fit(
         model=model,
         quantity=given.quantity,
@@ -214,8 +214,8 @@ def fit_aging(
         cutoff_time_stderr=_time(estimate.log_cutoff) * math.log(10) * estimate.cutoff_error,
         beta_interval=_interval(slopes * unit, ends),
         cutoff_interval=_cutoff_interval(cutoffs, slopes, ends),
-        friction_rate=estimate.slope * rate,
-        friction_rate_stderr=estimate.slope_error * rate,
+        friction_rate=estimate.slope if forces else None,
+        friction_rate_stderr=estimate.slope_error if forces else None,
         window=limits,
         points=t.size,
         rms_residual=float(np.sqrt(np.mean((curves.mean(axis=0) - estimate.fitted) ** 2))) * unit,
