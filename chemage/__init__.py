@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from chemage.foundation import random as random
     from chemage.foundation import threads as threads
     from chemage.foundation import units as units
+    from chemage.foundation.checks import Seed as Seed
     from chemage.foundation.checks import check_times as check_times
     from chemage.foundation.checks import checked_seed as checked_seed
     from chemage.foundation.checks import force as force
@@ -59,7 +60,6 @@ if TYPE_CHECKING:
     from chemage.foundation.files import fresh_file as fresh_file
     from chemage.foundation.files import preflight as preflight
     from chemage.foundation.messages import nearest as nearest
-    from chemage.foundation.random import Seed as Seed
     from chemage.foundation.units import EV_PER_GPA_NM3 as EV_PER_GPA_NM3
     from chemage.foundation.units import KB as KB
     from chemage.foundation.units import Energy as Energy
@@ -120,7 +120,7 @@ _HOME = {
     **dict.fromkeys(("Run", "run"), "experiments.run"),
     **dict.fromkeys(("Scene", "parse_scene"), "experiments.scene"),
     **dict.fromkeys(("load_scene", "override", "scene_data"), "experiments.scene_files"),
-    **dict.fromkeys(("check_times", "checked_seed", "force", "temperature_value"), "foundation.checks"),
+    **dict.fromkeys(("Seed", "check_times", "checked_seed", "force", "temperature_value"), "foundation.checks"),
     "Component": "foundation.components",
     **dict.fromkeys(
         (
@@ -139,7 +139,6 @@ _HOME = {
     ),
     **dict.fromkeys(("fresh_file", "preflight"), "foundation.files"),
     "nearest": "foundation.messages",
-    "Seed": "foundation.random",
     **dict.fromkeys(
         (
             "EV_PER_GPA_NM3",

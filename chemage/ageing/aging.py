@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging
+from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Interval, Quantity, fit_aging
+from chemage.foundation.errors import InputError
 from chemage.foundation.records import Doubles, Indices, Named, Record
 
 
@@ -98,22 +100,33 @@ class Aging(Record):
 
         See :func:`chemage.fit_aging`, of which this is the line over a window. With two replicas or more the standard
         errors are jackknife errors over replicas; with one they come from the scatter about the line, which understates
-        them because neighbouring hold times share their bonds.
+        them because neighbouring hold times share their bonds. Without load β is nan, and ``friction_rate`` is what
+        there is.
 
         Raises
         ------
         InputError
             Fewer than two different hold times in the window.
         """
-        return fit_aging(self, window=(start, stop))
+        if self.load > 0:
+            return fit_aging(self, window=(start, stop))
+        force, unknown = fit_aging(self, window=(start, stop), quantity="friction_drop"), math.nan
+        return replace(
+            force,
+            quantity="friction_coefficient_drop",
+            beta=unknown,
+            beta_stderr=unknown,
+            beta_interval=Interval(unknown, unknown),
+            rms_residual=unknown,
+        )
 
     def fit_data(self, quantity: Quantity | None) -> FitData:
         """The friction drop of every replica, for :func:`chemage.fit_aging`."""
-        chosen: Quantity = quantity or "friction_coefficient_drop"
-        scale = 1.0
-        if chosen == "friction_coefficient_drop":
-            scale = 1 / self.load if self.load > 0 else math.nan
-        return FitData(self.friction_drop, chosen, scale, simulated=True)
+        if quantity == "friction_drop":
+            return FitData(self.friction_drop, quantity, simulated=True)
+        if self.load == 0:
+            raise InputError("load = 0: the friction coefficient is undefined; fit quantity='friction_drop'")
+        return FitData(self.friction_drop, "friction_coefficient_drop", 1 / self.load, simulated=True)
 
     def __repr__(self) -> str:
         return (
