@@ -13,9 +13,8 @@ from chemage.ageing.aging import Aging
 from chemage.ageing.checkpoints import run_with_checkpoints
 from chemage.ageing.observables import Observable
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.checks import check_times, checked_seed, expect, temperature_value
+from chemage.foundation.checks import Seed, check_times, checked_seed, expect, temperature_value
 from chemage.foundation.errors import InputError, PluginError
-from chemage.foundation.random import Seed
 from chemage.foundation.threads import available
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine

@@ -100,7 +100,8 @@ class Aging(Record):
 
         See :func:`chemage.fit_aging`, of which this is the line over a window. With two replicas or more the standard
         errors are jackknife errors over replicas; with one they come from the scatter about the line, which understates
-        them because neighbouring hold times share their bonds.
+        them because neighbouring hold times share their bonds. Without load β is nan, and ``friction_rate`` is what
+        there is.
 
         Raises
         ------

@@ -14,10 +14,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from chemage.foundation.checks import check_times, temperature_value
+from chemage.foundation.checks import Seed, check_times, temperature_value
 from chemage.foundation.codec import read_records, write_records
 from chemage.foundation.errors import InputError, StoreError
-from chemage.foundation.random import Seed
 from chemage.foundation.records import Record
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine

@@ -71,7 +71,7 @@ class Interval:
     high: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """β and the cut-off time, with standard errors over replicas and bootstrap intervals."""
 
@@ -98,6 +98,13 @@ class Fit:
     bootstrap: Bootstrap
     samples: int
     confidence: float
+
+    def __eq__(self, other: object) -> bool:
+        # by their text, in which what is not known, nan, equals itself; floats are exact in it
+        return isinstance(other, Fit) and repr(self) == repr(other)
+
+    def __hash__(self) -> int:
+        return hash(repr(self))
 
     def __call__(self, hold_times: np.ndarray | float) -> np.ndarray:
         """The fitted value at ``hold_times`` (s)."""
@@ -181,8 +188,8 @@ def fit_aging(
     Raises
     ------
     InputError
-        Too few different hold times in the window (two for a simulated result, three for measurements), or options
-        that do not go together.
+        Too few different hold times in the window (two for a simulated result, three for measurements), a coefficient
+        of friction without load, or options that do not go together.
     """
     if model not in get_args(Model):
         raise InputError.of("model", model, f"choose {' or '.join(get_args(Model))}")

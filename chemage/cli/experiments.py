@@ -7,14 +7,16 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from chemage.cli import terminal
 from chemage.cli.options import ForceOpt, JsonOpt, SceneArg, SetOpt, YesOpt, changed_fields, user_error
 from chemage.cli.results import print_run
-from chemage.experiments.scene import Scene
+
+if TYPE_CHECKING:
+    from chemage.experiments.scene import Scene
 
 
 def run(

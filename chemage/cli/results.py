@@ -1,17 +1,19 @@
-"""The commands that look at results: show, plot, compare, report."""
+"""The commands that look at results: show, plot, status, compare, report."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from chemage.cli import terminal
 from chemage.cli.options import FileArg, ForceOpt, JsonOpt, user_error
-from chemage.experiments.run import Run
-from chemage.reports.comparison.comparison import Comparison
+
+if TYPE_CHECKING:
+    from chemage.experiments.run import Run
+    from chemage.reports.comparison.comparison import Comparison
 
 
 def show(file: FileArg, as_json: JsonOpt = False) -> None:
@@ -107,6 +109,13 @@ def print_run(result: Run) -> None:
     terminal.show(table)
     for note in result.notes:
         print(f"note: {note}")
+
+
+def status(folder: Annotated[Path, typer.Argument(help="the folder of a sweep")], as_json: JsonOpt = False) -> None:
+    """What is done, what failed and what is missing, in all and for each value of each axis."""
+    from chemage.cli import sweeps
+
+    sweeps.status(folder, as_json=as_json)
 
 
 def compare(

@@ -11,6 +11,9 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.text import shortened
 from chemage.foundation.units import convert
 
+#: what users give as a seed: a whole number, or one of numpy's seed sequences
+Seed = int | np.random.SeedSequence
+
 
 def expect(name: str, value: object, kind: type, remedy: str) -> None:
     if not isinstance(value, kind):

@@ -33,10 +33,8 @@ LAST_STREAM = 0xFFFF
 LAST_DRAW = (1 << 48) - 1
 LAST_PAIR_INDEX = (1 << 48) - 1
 
-#: what users give: a whole number, or one of numpy's seed sequences
-Seed = int | np.random.SeedSequence
-#: a seed, or the two words that `key` made of one
-Keyed = Seed | NDArray[np.uint64]
+#: a seed as users give it (a whole number, or one of numpy's seed sequences), or the two words that `key` made of one
+Keyed = int | np.random.SeedSequence | NDArray[np.uint64]
 
 # numba promotes uint64 with a signed integer to float64, so every constant below is a uint64.
 _M0 = np.uint64(0xD2511F53)

@@ -9,7 +9,7 @@ from chemage.plugins.hooks import hookimpl, hookspec
 if TYPE_CHECKING:
     import numpy as np
 
-    from chemage.foundation.random import Seed
+    from chemage.foundation.checks import Seed
     from chemage.kinetics.history import BondHistory
     from chemage.kinetics.role import Engine
     from chemage.lattices.lattice import ReactionLattice

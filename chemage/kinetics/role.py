@@ -8,10 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from chemage.foundation.checks import check_times, checked_seed, temperature_value
+from chemage.foundation.checks import Seed, check_times, checked_seed, temperature_value
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.foundation.random import Seed
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.lattice import ReactionLattice
 

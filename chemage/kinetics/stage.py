@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.foundation.checks import check_times, expect, temperature_value
-from chemage.foundation.random import Seed
+from chemage.foundation.checks import Seed, check_times, expect, temperature_value
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
 from chemage.lattices.lattice import ReactionLattice

@@ -9,8 +9,8 @@ from pydantic import Field, SerializeAsAny, field_validator
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation import random
+from chemage.foundation.checks import Seed
 from chemage.foundation.components import Component
-from chemage.foundation.random import Seed
 from chemage.foundation.units import EV_PER_GPA_NM3, Force, Frequency, Volume
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.neighbours import neighbours_of

@@ -8,7 +8,7 @@ from chemage.plugins.hooks import hookimpl, hookspec
 
 if TYPE_CHECKING:
     from chemage.contacts.solution import ContactSolution
-    from chemage.foundation.random import Seed
+    from chemage.foundation.checks import Seed
     from chemage.lattices.chemistry import Chemistry
     from chemage.lattices.lattice import ReactionLattice
 

@@ -6,8 +6,8 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
+from chemage.foundation.checks import Seed
 from chemage.foundation.components import Component
-from chemage.foundation.random import Seed
 
 
 class Barriers(Component, ABC):

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.checks import expect
-from chemage.foundation.random import Seed
+from chemage.foundation.checks import Seed, expect
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from chemage.plugins.hooks import hookimpl, hookspec
 
 if TYPE_CHECKING:
-    from chemage.foundation.random import Seed
+    from chemage.foundation.checks import Seed
     from chemage.surfaces.role import SurfaceMaker
     from chemage.surfaces.surface import Surface
 

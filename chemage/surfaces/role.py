@@ -5,8 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Self
 
+from chemage.foundation.checks import Seed
 from chemage.foundation.components import Component
-from chemage.foundation.random import Seed
 from chemage.surfaces.surface import Surface
 
 

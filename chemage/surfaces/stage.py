@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from chemage.foundation.checks import expect
-from chemage.foundation.random import Seed
+from chemage.foundation.checks import Seed, expect
 from chemage.plugins import registry
 from chemage.surfaces.role import SurfaceMaker
 from chemage.surfaces.surface import Surface

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from chemage import InputError
+from chemage import InputError, fit_aging
 
 
 @pytest.fixture
@@ -31,9 +31,10 @@ def test_no_load_has_a_drop_of_the_friction_force_but_no_coefficient(aging):
     made = aging(load=0.0)
     assert np.isfinite(made.friction_drop).all()
     assert np.isnan(made.friction_coefficient_drop).all()
-    fit = made.fit(1, 100)
-    assert math.isnan(fit.beta)
-    assert fit.friction_rate > 0
+    with pytest.raises(InputError, match="load = 0: the friction coefficient is undefined"):
+        made.fit(1, 100)
+    force = fit_aging(made, window=(1, 100), quantity="friction_drop")
+    assert force.friction_rate == force.beta > 0
 
 
 def test_one_replica_has_no_standard_error(aging):

@@ -60,12 +60,12 @@ def test_time_zero_is_no_part_of_a_fit(aging):
 
 @pytest.mark.parametrize("window", [(20, 90), (1e3, 1e4), (100, 1), (1, 5), ("1 h", "1 day")])
 def test_a_window_with_less_than_two_times_is_refused(aging, window):
-    with pytest.raises(InputError, match=r"fit window = .*holds [01] of the hold times; widen it"):
+    with pytest.raises(InputError, match=r"fit window = .*holds [01] different hold times, and a fit needs 2; wide"):
         aging().fit(*window)
 
 
 def test_hold_times_that_repeat_are_one(aging):
-    with pytest.raises(InputError, match="holds 2 of the hold times"):
+    with pytest.raises(InputError, match="holds 1 different hold times, and a fit needs 2"):
         aging(hold_times=[10.0, 10.0, 100.0]).fit(1, 50)
 
 

@@ -1,9 +1,9 @@
-"""The gate of performance: CPU time of a contact and of a kinetic run, over that of a fixed reference load in the same run.
+"""The gate of performance: CPU time of a contact and of a kinetic run, over that of a reference load in the same run.
 
-Seconds of one machine mean nothing on another, and on a shared machine not even tomorrow. So each subject is measured in
-turns with a load of numpy and scipy that resembles it (Fourier transforms; sorting and gathering), the least CPU time of
-each counts, and their ratio is compared with the ratio stored in ``gate.json``. Exit status 1 where a ratio is above
-``LIMIT`` times the stored one.
+Seconds of one machine mean nothing on another, and on a shared machine not even tomorrow. So each subject is measured
+in turns with a load of numpy and scipy that resembles it (Fourier transforms; sorting and gathering), the least CPU
+time of each counts, and their ratio is compared with the ratio stored in ``gate.json``. Exit status 1 where a ratio is
+above ``LIMIT`` times the stored one.
 
     python tests/benchmarks/gate.py            # compare
     python tests/benchmarks/gate.py --store    # store the ratios of this run as the baseline
@@ -29,9 +29,9 @@ TURNS = 7
 
 def contact() -> Callable[[], object]:
     """Two solves on 512 x 512 pixels, at small and large contact."""
-    surface = ca.surface(
-        "self-affine", pixels=512, pixel_size=0.4518, rms_slope=0.1, hurst=0.8, zeta=128, eta=3
-    ).make(seed=1)
+    surface = ca.surface("self-affine", pixels=512, pixel_size=0.4518, rms_slope=0.1, hurst=0.8, zeta=128, eta=3).make(
+        seed=1
+    )
     solver = ca.contact("fft-bem", modulus=35.3, threads=1)
     return lambda: [solver.solve(surface, mean * surface.nominal_area) for mean in (0.016, 0.4)]
 

@@ -179,7 +179,7 @@ FIRST_CALL = """
 import json, time
 from chemage import registry
 import numpy as np
-from chemage.objects import ReactionLattice
+from chemage import ReactionLattice
 near = dict(neighbours=[[1], [0]], coupling=[[0.1], [0.1]])
 lattice = ReactionLattice(pixels=(1, 2), sites=[0, 1], forming=[0.9, 0.9], breaking=[1.0, 1.0], **near)
 if {kind!r} == "independent":  # after the one above, whose check has started numba: 0.25 s once in a process

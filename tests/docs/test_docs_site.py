@@ -10,9 +10,9 @@ import runpy
 from pathlib import Path
 
 import pytest
+from chemage.spec import ROLES
 
 import chemage as ca
-from chemage.spec import ROLES
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

@@ -164,8 +164,7 @@ def test_the_schema_is_made_anew_each_time(schema):
 def test_a_new_plugin_is_in_the_schema(site):
     source = """
         import chemage
-        from chemage import Barriers
-        from chemage.units import Energy
+        from chemage import Barriers, Energy
         import numpy as np
 
         class Step(Barriers):

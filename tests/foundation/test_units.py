@@ -25,8 +25,8 @@ from chemage import (
     Unit,
     UnitError,
     convert,
-    registry,
 )
+from chemage.foundation.units import unit_registry
 
 INTERNAL = ("nm", "nN", "GPa", "eV", "s", "K", "Hz", "nm**3")
 
@@ -242,7 +242,7 @@ def test_a_unit_makes_the_annotation():
 
 def test_pint_is_imported_only_for_a_string():
     code = (
-        "import sys\nfrom chemage.units import convert\n"
+        "import sys\nfrom chemage import convert\n"
         "assert convert(3, 'nm') == 3\nassert 'pint' not in sys.modules\n"
         "convert('3 um', 'nm')\nassert 'pint' in sys.modules"
     )
@@ -250,4 +250,4 @@ def test_pint_is_imported_only_for_a_string():
 
 
 def test_there_is_one_registry():
-    assert registry() is registry()
+    assert unit_registry() is unit_registry()

@@ -46,13 +46,13 @@ def test_two_chemistries_that_differ_by_a_kind_differ():
     ("options", "problem"),
     [
         ({}, "forming: is required"),
-        ({"forming": "gaussian"}, "forming: .*expected a choice made with chemage.barriers"),
+        ({"forming": "gaussian"}, "forming: .*expected a component made with chemage.barriers"),
         ({"forming": {}}, "forming: barriers: kind is required; installed: .*gaussian"),
         ({"forming": {"kind": "gausian"}}, r"forming: no barriers 'gausian' \(did you mean 'gaussian'\?\)"),
         ({"forming": {"kind": "gaussian", "mean": 1, "std": -1}}, "forming: .*std"),
         (
             {"forming": Ladder(), "interaction": Ladder()},
-            "interaction: expected a choice made with chemage.interaction",
+            "interaction: expected a component made with chemage.interaction",
         ),
         ({"forming": Ladder(), "hydroxylation": 1.5}, "hydroxylation: 1.5"),
         ({"forming": Ladder(), "front_factor": 0}, "front_factor: 0"),

@@ -50,7 +50,7 @@ def test_a_lattice_from_plain_arrays(lattice):
         ({"sites": [1, 4, 4]}, "sites: pixel 4 is listed twice; list each once"),
         ({"sites": [4, 1, 7]}, "sites: not in ascending order; sort them"),
         ({"sites": [1.0, 4.0, 7.0]}, "sites: expected whole numbers, not float64"),
-        ({"forming": [0.8, 0.9]}, r"forming: shape \(2,\), but there are 3 sites; give one value a site"),
+        ({"forming": [0.8, 0.9]}, r"forming: shape \(2,\), but there are 3 sites; give one value per site"),
         ({"forming": [0.8, 0.9, np.nan]}, "forming: 1 of 3 values are not finite; give barriers in eV"),
         ({"breaking": [1.1]}, r"breaking: shape \(1,\), but there are 3 sites"),
         ({"breaking": [1.1, np.inf, 1.1]}, "breaking: 1 of 3 values are not finite"),

@@ -88,7 +88,10 @@ BROKEN = {
         "'x': expected 'module:thing', got <class 'int'>",
     ),
     "offers no class": (offering("{'barriers': {'x': 'levels'}}"), "expected 'module:thing', got 'levels'"),
-    "names an unknown role": (offering("{'barrier': {}}"), "names the role 'barrier'; the roles are surface, contact,"),
+    "names an unknown role": (
+        offering("{'barrier': {}}"),
+        "names the role 'barrier'; the roles are surface, reader,",
+    ),
     "is for another version": (
         "import chemage\nCHEMAGE_API = 2\n@chemage.hookimpl\ndef chemage_register():\n    return {}",
         "made for plugin interface 2, this chemage has 1",
@@ -261,7 +264,7 @@ def test_a_word_that_is_near_nothing_gets_no_suggestion(isolated_registry):
 
 
 def test_an_unknown_role():
-    with pytest.raises(InputError, match=r"no such role 'solver'; the roles are surface, contact, barriers"):
+    with pytest.raises(InputError, match=r"no such role 'solver'; the roles are surface, reader, contact, barriers"):
         registry.current().component("solver", "hertz")
 
 

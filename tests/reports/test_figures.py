@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import chemage
+import chemage_observables
 from chemage import ContactSolution, StoreError, load_scene
 from chemage.reports import run_figures
 from chemage.reports.figures import pooled
@@ -139,7 +140,12 @@ def test_a_run_without_observables_has_no_barrier_figure(tmp_path, small_text):
     assert "friction" in made
 
 
-def test_figures_of_plugins_that_are_gone_lack_only_the_density(result, isolated_registry):
+def test_figures_of_plugins_that_are_gone_are_left_out(result, isolated_registry):
+    assert list(run_figures.figures(result)) == ["surface", "pressure", "friction"]
+
+
+def test_figures_of_barriers_that_are_gone_lack_only_their_density(result, isolated_registry):
+    isolated_registry.register(chemage_observables, "observables")
     axes = run_figures.figures(result)["barriers"].axes[0]
     assert not axes.lines
     assert len(axes.patches) >= 3

@@ -264,7 +264,7 @@ def write(name, content):
         ("word.txt", lambda name: write(name, b"1 2\n3 four\n"), StoreError, "could not convert string 'four'"),
         ("nan.txt", lambda name: write(name, b"1 2\n3 nan\n"), InputError, r"1 of 4 heights .* at pixel \(1, 1\)"),
         ("inf.npy", lambda name: np.save(name, HEIGHTS / 0.0), InputError, "35 of 35 heights"),
-        ("map.sur", lambda name: write(name, b"1 2\n"), InputError, "no reader for files ending in '.sur'"),
+        ("map.sur", lambda name: write(name, b"1 2\n"), StoreError, "no reader for files ending in '.sur'"),
     ],
 )
 def test_files_that_are_no_height_maps_are_refused_in_words(folder, name, save, error, words):
@@ -341,6 +341,8 @@ def test_a_third_party_adds_a_format(folder, monkeypatch):
 
 def test_files_are_checked_before_a_run(folder):
     np.save("map.npy", HEIGHTS)
-    assert from_file("map.npy", pixel_size=0.5).expected() == {"nx": 5, "ny": 7, "pixel_size": 0.5}
+    maker = from_file("map.npy", pixel_size=0.5)
+    slope = maker.make().rms_slope
+    assert maker.expected() == {"nx": 5, "ny": 7, "pixel_size": 0.5, "rms_slope": slope}
     with pytest.raises(StoreError, match="No such file"):
         from_file("gone.npy", pixel_size=0.5).expected()
