@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from chemage.spec import ROLES
+from chemage import registry
+from chemage.names import MODULES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "plugins.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
@@ -51,7 +52,7 @@ def run(project, *command):
 
 
 def chemage(project, *arguments):
-    return run(project, "-c", "from chemage.cli import main; main()", *arguments)
+    return run(project, "-c", "from chemage.cli.app import main; main()", *arguments)
 
 
 def test_the_page_shows_every_file_it_lists():
@@ -85,7 +86,9 @@ def test_its_own_tests_can_fail(project):
 
 def test_it_is_listed_and_checked(project):
     (row,) = [
-        row for row in json.loads(chemage(project, "plugins", "list", "--json"))["choices"] if row["kind"] == "weibull"
+        row
+        for row in json.loads(chemage(project, "plugins", "list", "--json"))["components"]
+        if row["kind"] == "weibull"
     ]
     assert row["role"] == "barriers"
     assert "chemage-weibull 1.0" in str(row)
@@ -110,24 +113,28 @@ def test_the_python_lines_run(project):
 
 def test_the_table_of_roles_is_complete():
     rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \| (.*?) \|", PAGE, re.MULTILINE)
-    assert [role for role, _, _ in rows] == list(ROLES)
+    assert [role for role, _, _ in rows] == list(registry.current().roles)
     for role, name, methods in rows:
-        assert ROLES[role].__name__ == name
-        assert set(re.findall(r"`(\w+)\(", methods)) == set(getattr(ROLES[role], "__abstractmethods__", ()))
+        cls = registry.current().role(role)
+        assert cls.__name__ == name
+        assert set(re.findall(r"`(\w+)\(", methods)) == set(getattr(cls, "__abstractmethods__", ()))
 
 
-def test_the_public_modules_are_those_that_the_boundaries_allow():
-    import runpy
-
-    allowed = runpy.run_path(str(Path(__file__).with_name("test_boundaries.py")))["PUBLIC"]
-    (sentence,) = re.findall(r"Use only chemage's public modules: (.*?)\. Their", PAGE, re.DOTALL)
-    assert set(re.findall(r"`([\w.]+)`", sentence)) == allowed
+def test_the_page_names_public_modules_and_the_plugins_of_chemage_need_no_others():
+    public = {"chemage", *(f"chemage.{module}" for module in MODULES.values())}
+    (sentence,) = re.findall(r"Import from (.*?), and from no other module", PAGE, re.DOTALL)
+    assert "chemage" in (named := set(re.findall(r"`(chemage[\w.]*)`", sentence)))
+    assert named <= public
+    plugins = Path(__file__).parents[2] / "plugins"
+    sources = [path.read_text(encoding="utf-8") for path in plugins.rglob("*.py")]
+    used = {module for text in sources for module in re.findall(r"^ *from (chemage(?:\.[\w.]+)?) import", text, re.M)}
+    assert used <= public
 
 
 def test_every_command_of_the_page_exists():
     from typer.testing import CliRunner
 
-    from chemage.cli import app
+    from chemage.cli.app import app
 
     for command in re.findall(r"^chemage (\w+ \w+)$", PAGE, re.MULTILINE):
         assert CliRunner().invoke(app, [*command.split(), "--help"]).exit_code == 0, command

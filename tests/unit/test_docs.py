@@ -11,8 +11,9 @@ from typing import NamedTuple
 import pytest
 import typer
 
-from chemage import cli
-from chemage.scene import SECTIONS, parse_scene, scene_data
+from chemage import parse_scene, scene_data
+from chemage.cli import app as command_line
+from chemage.experiments.scene import SECTIONS
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -109,8 +110,8 @@ def command_lines():
 
 @pytest.mark.parametrize("words", command_lines())
 def test_commands_and_options_exist(words):
-    cli._add_plugin_commands()
-    command = typer.main.get_command(cli.app)
+    command_line._add_plugin_commands()
+    command = typer.main.get_command(command_line.app)
     if words and words[0].startswith("-"):
         return
     while hasattr(command, "commands"):
