@@ -81,6 +81,9 @@ def _name(name: str) -> str:
 def _documented(thing: Any, heading: str, label: str, level: int = 3) -> str:
     """The entry that mkdocstrings makes of the docstring, where the object is defined."""
     options = f"    options:\n      heading: {heading}\n      toc_label: {label}\n      heading_level: {level}\n"
+    # of a role, also the methods that a plugin defines and users do not call, such as _solve
+    if defined := [name for name in sorted(getattr(thing, "__abstractmethods__", ())) if name.startswith("_")]:
+        options += f"      filters: ['!^_(?!{'|'.join(name[1:] for name in defined)}$)']\n"
     return f"::: {thing.__module__}.{thing.__qualname__}\n{options}"
 
 

@@ -44,7 +44,7 @@ def test_every_public_name_has_an_entry_that_says_something(name):
     thing = getattr(ca, name)
     if not (inspect.isclass(thing) or inspect.isfunction(thing)):  # the entry itself holds the text
         heading, *text = entry(name).strip().splitlines()
-        assert heading.startswith(f"### `{name}`") or heading.startswith(f"### `chemage.{name}`")
+        assert heading.startswith((f"### `{name}`", f"### `chemage.{name}`"))
         assert len("".join(text)) > 20, f"chemage.{name} is not described"
         return
     assert inspect.getdoc(thing), f"chemage.{name} has no docstring"
