@@ -11,6 +11,7 @@ What is installed but named in no block is appended to its page, so that nothing
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import json
 import re
@@ -21,7 +22,8 @@ import typer
 from typer.testing import CliRunner
 
 import chemage
-from chemage import cli
+from chemage.cli import app as command_line
+from chemage.names import HOME
 
 BLOCK = re.compile(r"^```(names|components|commands)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 #: a letter with a subscript, and a power, as the pages write them in plain text
@@ -69,11 +71,52 @@ def names() -> tuple[list[str], Callable[[str], str]]:
 
 def _name(name: str) -> str:
     thing = getattr(chemage, name)
-    if not (inspect.isclass(thing) or inspect.isfunction(thing)):  # an instance is documented by its class
-        about = (inspect.getdoc(type(thing)) or "").split("\n\n")[0]
-        return f"### `{name}` {{ #chemage.{name} }}\n\n{about}\n"
-    options = f"    options:\n      heading: chemage.{name}\n      toc_label: {name}\n"
+    if inspect.ismodule(thing):
+        return _module(name, thing)
+    if inspect.isclass(thing) or inspect.isfunction(thing):
+        return _documented(thing, f"chemage.{name}", name)
+    return f"### `{name}` {{ #chemage.{name} }}\n\n{_about(name, thing)}\n"
+
+
+def _documented(thing: Any, heading: str, label: str, level: int = 3) -> str:
+    """The entry that mkdocstrings makes of the docstring, where the object is defined."""
+    options = f"    options:\n      heading: {heading}\n      toc_label: {label}\n      heading_level: {level}\n"
+    # of a role, also the methods that a plugin defines and users do not call, such as _solve
+    if defined := [name for name in sorted(getattr(thing, "__abstractmethods__", ())) if name.startswith("_")]:
+        options += f"      filters: ['!^_(?!{'|'.join(name[1:] for name in defined)}$)']\n"
     return f"::: {thing.__module__}.{thing.__qualname__}\n{options}"
+
+
+def _module(name: str, module: Any) -> str:
+    """A public module: its own text, then its functions and classes, except those that are names of ``chemage``."""
+    first, *rest = (inspect.getdoc(module) or "").split("\n\n")
+    trees = [f"```text\n{text}\n```" for text in rest if "──" in text]
+    parts = [f"### `chemage.{name}` {{ #chemage.{name} }}", plain(first), *trees]
+    others = [getattr(chemage, other) for other in HOME]
+    for inner in getattr(module, "__all__", vars(module)):
+        thing = getattr(module, inner)
+        function = getattr(thing, "py_func", thing)  # of a kernel
+        if inner.startswith("_") or not (inspect.isclass(function) or inspect.isfunction(function)):
+            continue
+        if function.__module__.startswith(module.__name__) and not any(thing is other for other in others):
+            parts.append(_documented(function, f"chemage.{name}.{inner}", inner, 4))
+    return "\n\n".join(parts) + "\n"
+
+
+def _about(name: str, value: Any) -> str:
+    """A public name that is neither function, class nor module: a quantity, or what the comment above it says."""
+    unit = next((part for part in getattr(value, "__metadata__", ()) if isinstance(part, chemage.Unit)), None)
+    if unit is not None:
+        bounds = {"gt": "greater than", "ge": "at least", "lt": "less than", "le": "at most"}
+        limits = [f"{bounds[bound]} {limit:g}" for bound, limit in unit._bounds.items()]
+        text = f"The type of an option that is a quantity in {unit.unit.replace('**3', '³')}"
+        return f"{', '.join([text, *limits])}. A string carries its own unit."
+    source = inspect.getsource(importlib.import_module(f"chemage.{HOME[name]}"))
+    if comment := re.search(rf"((?:^#: .*\n)+){name} = ", source, re.MULTILINE):
+        text = " ".join(line.removeprefix("#: ") for line in comment[1].splitlines())
+        shown = f" Its value is `{value!r}`." if isinstance(value, float | int | tuple) else ""
+        return f"{text[0].upper()}{text[1:].rstrip('.')}.{shown}"
+    return (inspect.getdoc(type(value)) or "").split("\n\n")[0]  # an instance is documented by its class
 
 
 # -- components -------------------------------------------------------------------------------------------------------
@@ -81,7 +124,7 @@ def _name(name: str) -> str:
 
 def components() -> tuple[list[str], Callable[[str], str]]:
     """The roles that have components, and the Markdown of one role."""
-    installed = _called("plugins", "list", "--json")["choices"]
+    installed = _called("plugins", "list", "--json")["components"]
     roles = list(dict.fromkeys(row["role"] for row in installed))
 
     def role(name: str) -> str:
@@ -114,7 +157,7 @@ def _default(text: str) -> str:
 
 def _called(*words: str) -> Any:
     """What a command of chemage prints with ``--json``."""
-    done = CliRunner().invoke(cli.app, list(words))
+    done = CliRunner().invoke(command_line.app, list(words))
     if done.exit_code:
         raise RuntimeError(f"chemage {' '.join(words)}: {done.output}") from done.exception
     return json.loads(done.stdout)
@@ -125,7 +168,7 @@ def _called(*words: str) -> Any:
 
 def commands() -> tuple[list[str], Callable[[str], str]]:
     """The commands, those of plugins included, and the Markdown of one."""
-    cli._add_plugin_commands()
+    command_line._add_plugin_commands()
     found: dict[str, Any] = {}
 
     def collect(command: Any, path: str) -> None:
@@ -134,7 +177,7 @@ def commands() -> tuple[list[str], Callable[[str], str]]:
         for name, inner in getattr(command, "commands", {}).items():
             collect(inner, f"{path} {name}".strip())
 
-    collect(typer.main.get_command(cli.app), "")
+    collect(typer.main.get_command(command_line.app), "")
     return list(found), lambda name: _command(*found[name])
 
 
