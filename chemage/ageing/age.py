@@ -82,12 +82,7 @@ def age(
     for one in observe:
         expect("observe", one, Observable, 'give a list of chemage.observable("barrier-spectrum")')
     times, kelvin = check_times(hold_times), temperature_value(temperature)
-    if isinstance(replicas, bool) or not isinstance(replicas, int | np.integer) or replicas < 1:
-        raise InputError.of("replicas", replicas, "must be a whole number of at least 1")
-    if not isinstance(seed, np.random.SeedSequence):
-        checked_seed(seed)
-    if threads is not None and threads < 1:
-        raise InputError.of("threads", threads, "must be at least 1")
+    _check_numbers(replicas, seed, threads)
 
     def replica(number: int) -> _Replica:
         disorder, noise = replica_seeds(seed, number)
@@ -126,6 +121,15 @@ def age(
             **({"observe": [one.todict() for one in observe]} if observe else {}),
         },
     ).noting(plugins)
+
+
+def _check_numbers(replicas: int, seed: Seed, threads: int | None) -> None:
+    if isinstance(replicas, bool) or not isinstance(replicas, int | np.integer) or replicas < 1:
+        raise InputError.of("replicas", replicas, "must be a whole number of at least 1")
+    if not isinstance(seed, np.random.SeedSequence):
+        checked_seed(seed)
+    if threads is not None and threads < 1:
+        raise InputError.of("threads", threads, "must be at least 1")
 
 
 class _Replica(NamedTuple):

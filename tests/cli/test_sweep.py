@@ -219,7 +219,7 @@ def test_ctrl_c_keeps_what_is_finished(scene, tiny, executor):
     out, err = process.communicate(timeout=30)
     assert process.returncode == 130
     assert out == ""
-    assert "points are done and kept in study-sweep; the same command goes on" in err
+    assert "points are done and kept in study-sweep; rerun the same command to resume" in err
     assert "Traceback" not in err
     done = chemage.load_sweep("study-sweep").states().count("done")
     assert 0 < done < 6

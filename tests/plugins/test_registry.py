@@ -88,7 +88,10 @@ BROKEN = {
         "'x': expected 'module:thing', got <class 'int'>",
     ),
     "offers no class": (offering("{'barriers': {'x': 'levels'}}"), "expected 'module:thing', got 'levels'"),
-    "names an unknown role": (offering("{'barrier': {}}"), "names the role 'barrier'; the roles are surface, reader, contact,"),
+    "names an unknown role": (
+        offering("{'barrier': {}}"),
+        "names the role 'barrier'; the roles are surface, reader, contact,",
+    ),
     "is for another version": (
         "import chemage\nCHEMAGE_API = 2\n@chemage.hookimpl\ndef chemage_register():\n    return {}",
         "made for plugin interface 2, this chemage has 1",

@@ -215,7 +215,7 @@ def test_a_process_knows_its_share_of_threads(work):
 
 
 def test_no_process_no_answer(work, monkeypatch, capfd):
-    monkeypatch.setattr("chemage.executors._BOOT", "raise SystemExit('no such interpreter')")
+    monkeypatch.setattr("chemage.sweeps.executors.processes._BOOT", "raise SystemExit('no such interpreter')")
     with Processes(1) as processes, pytest.raises(ExecutorError, match="could not start: it ended with exit status 1"):
         processes.submit(work.double, 1).result()
     assert "no such interpreter" in capfd.readouterr().err

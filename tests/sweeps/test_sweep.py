@@ -239,7 +239,7 @@ def test_what_wraps_an_arrow_is_part_of_the_sweep(tiny, site, tmp_path):
     plain = chemage.sweep(swept(tiny, AXES), tmp_path / "plain")
     with chemage.registry.using(site.registry()):
         capped = chemage.sweep(swept(tiny, AXES), tmp_path / "capped")
-        assert survey_of(read_grid(swept(tiny, AXES))).hooks == ["cap"]
+        assert survey_of(read_grid(swept(tiny, AXES))).hooks == ["cap (chemage-cap 1.0)"]
         assert plain[4].contact().pressure.max() > 0.3
         assert capped[4].contact().pressure.max() == 0.3
         assert capped[4].summary["max_pressure"] == 0.3
