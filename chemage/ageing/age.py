@@ -76,11 +76,7 @@ def age(
         A folder in which every replica is kept while it runs; an interrupted call resumes from there, with equal
         results.
     """
-    expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
-    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
-    expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
-    for one in observe:
-        expect("observe", one, Observable, 'give a list of chemage.observable("barrier-spectrum")')
+    _check_parts(contact, chemistry, engine, observe)
     times, kelvin = check_times(hold_times), temperature_value(temperature)
     _check_numbers(replicas, seed, threads)
 
@@ -121,6 +117,16 @@ def age(
             **({"observe": [one.todict() for one in observe]} if observe else {}),
         },
     ).noting(plugins)
+
+
+def _check_parts(
+    contact: ContactSolution, chemistry: Chemistry, engine: Engine, observe: Sequence[Observable]
+) -> None:
+    expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
+    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
+    expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
+    for one in observe:
+        expect("observe", one, Observable, 'give a list of chemage.observable("barrier-spectrum")')
 
 
 def _check_numbers(replicas: int, seed: Seed, threads: int | None) -> None:

@@ -133,6 +133,7 @@ class Coin(Engine):
             time=float(hold_times[-1]),
             temperature=temperature,
             engine=self.kind,
+            notes=("tossed",),
         )
 
     def expected(self, sites, interacting):

@@ -243,12 +243,14 @@ def test_what_wraps_an_arrow_is_part_of_the_sweep(tiny, site, tmp_path):
         assert plain[4].contact().pressure.max() > 0.3
         assert capped[4].contact().pressure.max() == 0.3
         assert capped[4].summary["max_pressure"] == 0.3
-        with pytest.raises(StoreError, match="plugins that answer or wrap its stages were none and are cap"):
+        told = r"plugins that answer or wrap its stages were none and are cap \(chemage-cap 1\.0\)"
+        with pytest.raises(StoreError, match=told):
             chemage.sweep(swept(tiny, AXES), tmp_path / "plain")
-    # the same contact, by its key, of two sweeps in one process
+    # the same options, in two sweeps of one process: contacts with and without the plugin have keys of their own
     plain.store.point(plain.keys[11]).unlink()
     again = chemage.sweep(swept(tiny, AXES), tmp_path / "plain")
-    assert again[11].key == capped[11].key
+    assert again[11].key == plain.keys[11] != capped[11].key
+    assert again.contact_key(11) != capped.contact_key(11)
     assert again[11].summary["max_pressure"] == plain[10].summary["max_pressure"] > 0.3
 
 
