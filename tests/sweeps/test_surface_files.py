@@ -6,11 +6,11 @@ import builtins
 import io
 import os
 
-import chemage_surfaces
 import numpy as np
 import pytest
 
 import chemage
+import chemage_surfaces
 from chemage.sweeps.running import read_grid, survey_of
 
 

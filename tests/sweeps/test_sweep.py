@@ -488,6 +488,17 @@ def test_observables_come_back_from_the_folder(tiny, site, tmp_path):
     assert result[1].aging() == made
 
 
+def test_notes_of_contact_and_ageing_come_back_from_the_folder(tiny, tmp_path):
+    result = chemage.sweep(swept(tiny, '[sweep]\n"contact.load" = [1.0, 2.0]'), tmp_path / "out")
+    alone = chemage.run(result[1].scene())
+    assert alone.aging.notes == ("tossed",)
+    for point in chemage.load_sweep(tmp_path / "out"):
+        assert point.aging().notes == alone.aging.notes
+        assert point.run().notes == alone.notes == ("even", "tossed")
+        assert point.summary["notes"] == ["even", "tossed"]
+    assert result[1].aging() == alone.aging
+
+
 def test_a_point_that_is_not_there_says_so(tiny, result):
     result.store.point(result.keys[2]).unlink()
     again = chemage.load_sweep(result.folder)
