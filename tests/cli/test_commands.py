@@ -35,19 +35,20 @@ def test_help_names_every_command(command):
         assert re.search(rf"^  {name} ", done.out, re.MULTILINE), name
 
 
-@pytest.mark.parametrize(
-    "code",
-    [
-        "import chemage",
-        "import sys; sys.argv = ['chemage', '--help']\n"
-        "from chemage.cli.app import main\n"
-        "try: main()\n"
-        "except SystemExit: pass",
-    ],
-    ids=["import chemage", "chemage --help"],
-)
+HELP = """
+import sys
+from chemage.cli.app import main
+sys.argv = ["chemage", "--help"]
+try:
+    main()
+except SystemExit:
+    pass
+"""
+
+
+@pytest.mark.parametrize("code", ["import chemage", HELP], ids=["import chemage", "chemage --help"])
 def test_nothing_heavy_is_imported_before_it_is_needed(code):
-    """So that help comes at once; what counts is what is imported, because seconds depend on the machine and its load."""
+    """So that help comes at once. What is imported counts, because seconds depend on the machine and on its load."""
     code += "\nimport sys; print(*sorted({name.partition('.')[0] for name in sys.modules}), file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = set(done.stderr.split())
