@@ -119,9 +119,7 @@ def age(
     ).noting(plugins)
 
 
-def _check_parts(
-    contact: ContactSolution, chemistry: Chemistry, engine: Engine, observe: Sequence[Observable]
-) -> None:
+def _check_parts(contact: ContactSolution, chemistry: Chemistry, engine: Engine, observe: Sequence[Observable]) -> None:
     expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
     expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
