@@ -176,7 +176,7 @@ class Tiny:
     """An installed plugin with a whole experiment of a millisecond, which logs what it computes."""
 
     def __init__(self, folder):
-        self._log = folder / "computed.log"
+        self._log, self._hold = folder / "computed.log", folder / "hold"
 
     def scene(self, **sections):
         """Scene data; ``sections`` replace or add whole sections."""
@@ -200,6 +200,13 @@ class Tiny:
         """Start a new log."""
         self._log.unlink(missing_ok=True)
 
+    def hold(self, replicas, seconds=0.0):
+        """Let that many replicas (of the log) be computed at once, and each further one wait; None: none waits."""
+        if replicas is None:
+            self._hold.unlink(missing_ok=True)
+        else:
+            self._hold.write_text(f"{replicas} {seconds}")
+
 
 @pytest.fixture
 def tiny(site, tmp_path, monkeypatch):
@@ -209,6 +216,7 @@ def tiny(site, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(site.folder))
     made = Tiny(tmp_path)
     monkeypatch.setenv("CHEMAGE_TINY_LOG", str(tmp_path / "computed.log"))
+    monkeypatch.setenv("CHEMAGE_TINY_HOLD", str(tmp_path / "hold"))
     with registry.using(site.registry()):
         yield made
 

@@ -76,8 +76,8 @@ def age(
         A folder in which every replica is kept while it runs; an interrupted call resumes from there, with equal
         results.
     """
-    times, kelvin = check_times(hold_times), temperature_value(temperature)
     _check(contact, chemistry, engine, observe, replicas, seed, threads)
+    times, kelvin = check_times(hold_times), temperature_value(temperature)
 
     def replica(number: int) -> _Replica:
         disorder, noise = replica_seeds(seed, number)

@@ -16,6 +16,7 @@ from chemage.cli.options import ForceOpt, JsonOpt, SceneArg, SetOpt, YesOpt, cha
 from chemage.cli.results import print_run
 
 if TYPE_CHECKING:
+    from chemage.experiments.run import Run
     from chemage.experiments.scene import Scene
 
 
@@ -95,6 +96,10 @@ def run(
                 tell("drawing", 0, 0)
                 pictures = run_figures.save(result, folder, force=True)
                 tell("drawing", 1, 1)
+    _print_written(result, path, pictures, as_json)
+
+
+def _print_written(result: Run, path: Path, pictures: list[Path], as_json: bool) -> None:
     if as_json:
         print(json.dumps({**result.summary(), "file": str(path), "figures": [str(p) for p in pictures]}))
         return

@@ -102,6 +102,7 @@ def print_run(result: Run) -> None:
     if fit is not None:
         rows.append(("beta", f"{plus_minus(fit.beta, fit.beta_stderr, 'per decade')}, {fit.points} hold times"))
         rows.append(("cut-off time", plus_minus(fit.cutoff_time, fit.cutoff_time_stderr, "s")))
+    rows += [(f"changed by plugin {name}", source) for name, source in result.plugins.items()]
     if result.timings:
         rows.append(("wall time", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in result.timings.items())))
     for name, text in rows:

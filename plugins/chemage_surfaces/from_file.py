@@ -70,10 +70,12 @@ class FromFile(SurfaceMaker):
 
     def expected(self) -> dict[str, float]:
         """Grid and rms slope of the surface in the file, which is read once as long as it does not change."""
-        return dict(_measured(self, _stamp(self.path)))  # pyright: ignore[reportArgumentType]
+        found = self.make()
+        nx, ny = found.shape
+        return {"nx": nx, "ny": ny, "pixel_size": found.pixel_size, "rms_slope": found.rms_slope}
 
     def make(self, seed: Seed = 0) -> Surface:
-        """The surface in the file. ``seed`` is ignored.
+        """The surface in the file, which is read once as long as it does not change. ``seed`` is ignored.
 
         Raises
         ------
@@ -85,21 +87,7 @@ class FromFile(SurfaceMaker):
         reader = self.reader or reader_for(self.path)
         if self.pixel_size is not None and "pixel_size" in type(reader).model_fields:
             reader = reader.replace(pixel_size=self.pixel_size)
-        content = _hash(self.path, _stamp(self.path))
-        found = reader.read(self.path)
-        if not isinstance(found, Surface):
-            raise InputError(f"{self.path}: reader {reader.kind!r} gives a {type(found).__name__}, not a surface")
-        heights = found.heights
-        if self.height_unit != 1:
-            heights = heights * heights.dtype.type(self.height_unit)
-        if self.detrend != "none":
-            heights = _without_trend(heights, plane=self.detrend == "plane")
-        return Surface(
-            heights=heights,
-            pixel_size=found.pixel_size if self.pixel_size is None else self.pixel_size,
-            periodic=found.periodic if self.periodic is None else self.periodic,
-            provenance={**provenance(self), "reader": reader.kind, "file_blake2b": content},
-        )
+        return _read(self, reader, _stamp(self.path))
 
 
 #: what tells one content of a file from another without reading it: size and time of change in ns, and which file it is
@@ -123,11 +111,24 @@ def _hash(path: str, stamp: _Stamp) -> str:
         raise StoreError(f"{path}: {error.strerror or error}") from None
 
 
-@lru_cache(maxsize=64)
-def _measured(maker: FromFile, stamp: _Stamp) -> tuple[tuple[str, float], ...]:
-    found = maker.make()
-    nx, ny = found.shape
-    return ("nx", nx), ("ny", ny), ("pixel_size", found.pixel_size), ("rms_slope", found.rms_slope)
+@lru_cache(maxsize=1)
+def _read(maker: FromFile, reader: Reader, stamp: _Stamp) -> Surface:
+    """The surface that was read last is kept: for the estimate of a scene, and for every contact of a sweep."""
+    content = _hash(maker.path, stamp)
+    found = reader.read(maker.path)
+    if not isinstance(found, Surface):
+        raise InputError(f"{maker.path}: reader {reader.kind!r} gives a {type(found).__name__}, not a surface")
+    heights = found.heights
+    if maker.height_unit != 1:
+        heights = heights * heights.dtype.type(maker.height_unit)
+    if maker.detrend != "none":
+        heights = _without_trend(heights, plane=maker.detrend == "plane")
+    return Surface(
+        heights=heights,
+        pixel_size=found.pixel_size if maker.pixel_size is None else maker.pixel_size,
+        periodic=found.periodic if maker.periodic is None else maker.periodic,
+        provenance={**provenance(maker), "reader": reader.kind, "file_blake2b": content},
+    )
 
 
 def _without_trend(heights: np.ndarray, *, plane: bool) -> np.ndarray:

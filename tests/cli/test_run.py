@@ -77,7 +77,7 @@ def test_set_replicas_seed_and_out_reach_the_run(command, small):
 def test_seeds_decide_everything(command, small):
     for name, words in {
         "a": ["--seed", 1],
-        "b": ["--seed", 1, "--workers", 1],
+        "b": ["--seed", 1, "--threads", 1],
         "noise": ["--seed", 2],
         "rough": ["--seed", 1, "--set", "surface.seed=2"],
     }.items():

@@ -10,7 +10,6 @@ import runpy
 from pathlib import Path
 
 import pytest
-from chemage.spec import ROLES
 
 import chemage as ca
 

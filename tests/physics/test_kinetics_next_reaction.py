@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import KB, ReactionLattice, registry
+from chemage import KB, ReactionLattice
 from chemage import random as cr
 from chemage_kinetics._common import STREAMS
 
@@ -77,7 +77,7 @@ def plainly(
 def test_events_come_in_the_order_of_their_times(side, spread, temperature, times):
     lattice = lattice_of(side, spread)
     state, formed = plainly(lattice, times, temperature, seed=5)
-    history = registry.engine("next-reaction").run(lattice, times, temperature=temperature, seed=5)
+    history = chemage.engine("next-reaction").run(lattice, times, temperature=temperature, seed=5)
     assert formed[-1] > 0.25 * side**2
     assert history.formed.tolist() == formed
     assert history.state.tolist() == state.tolist()

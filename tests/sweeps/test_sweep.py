@@ -239,16 +239,18 @@ def test_what_wraps_an_arrow_is_part_of_the_sweep(tiny, site, tmp_path):
     plain = chemage.sweep(swept(tiny, AXES), tmp_path / "plain")
     with chemage.registry.using(site.registry()):
         capped = chemage.sweep(swept(tiny, AXES), tmp_path / "capped")
-        assert survey_of(read_grid(swept(tiny, AXES))).hooks == ["cap"]
+        assert survey_of(read_grid(swept(tiny, AXES))).hooks == ["cap (chemage-cap 1.0)"]
         assert plain[4].contact().pressure.max() > 0.3
         assert capped[4].contact().pressure.max() == 0.3
         assert capped[4].summary["max_pressure"] == 0.3
-        with pytest.raises(StoreError, match="plugins that answer or wrap its stages were none and are cap"):
+        told = r"plugins that answer or wrap its stages were none and are cap \(chemage-cap 1\.0\)"
+        with pytest.raises(StoreError, match=told):
             chemage.sweep(swept(tiny, AXES), tmp_path / "plain")
-    # the same contact, by its key, of two sweeps in one process
+    # the same options, in two sweeps of one process: contacts with and without the plugin have keys of their own
     plain.store.point(plain.keys[11]).unlink()
     again = chemage.sweep(swept(tiny, AXES), tmp_path / "plain")
-    assert again[11].key == capped[11].key
+    assert again[11].key == plain.keys[11] != capped[11].key
+    assert again.contact_key(11) != capped.contact_key(11)
     assert again[11].summary["max_pressure"] == plain[10].summary["max_pressure"] > 0.3
 
 
@@ -484,6 +486,17 @@ def test_observables_come_back_from_the_folder(tiny, site, tmp_path):
     made = chemage.run(result[1].scene()).aging
     assert result[1].aging().observables["state"].shape == (2, 18)
     assert result[1].aging() == made
+
+
+def test_notes_of_contact_and_ageing_come_back_from_the_folder(tiny, tmp_path):
+    result = chemage.sweep(swept(tiny, '[sweep]\n"contact.load" = [1.0, 2.0]'), tmp_path / "out")
+    alone = chemage.run(result[1].scene())
+    assert alone.aging.notes == ("tossed",)
+    for point in chemage.load_sweep(tmp_path / "out"):
+        assert point.aging().notes == alone.aging.notes
+        assert point.run().notes == alone.notes == ("even", "tossed")
+        assert point.summary["notes"] == ["even", "tossed"]
+    assert result[1].aging() == alone.aging
 
 
 def test_a_point_that_is_not_there_says_so(tiny, result):
