@@ -144,14 +144,16 @@ def to_npz(record: Record) -> memoryview:
 
 
 def from_npz(cls: type[R], source: Any) -> R:
-    """The inverse of :func:`to_npz`; ``source`` is a path or an open file.
+    """The inverse of :func:`to_npz`; ``source`` is a path, a stream, or an npz file that is open.
 
     Raises
     ------
     OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile
         The file is missing, damaged, or of another layout.
     """
-    with np.load(source, allow_pickle=False) as file:
+    with contextlib.ExitStack() as stack:
+        opened = isinstance(source, np.lib.npyio.NpzFile)
+        file = source if opened else stack.enter_context(np.load(source, allow_pickle=False))
         stored = json.loads(bytes(file["record"]))
         arrays: dict[str, np.ndarray] = {}
         for name, shape in stored["sparse"].items():

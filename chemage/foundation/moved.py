@@ -15,8 +15,11 @@ MOVED = {
     **{name: f"chemage.foundation.{name}" for name in ("errors", "random", "threads", "units")},
     "hookspecs": "chemage.plugins.hooks",
     "registry": "chemage.plugins.registry",
+    "plots": "chemage.reports.figures",
     **dict.fromkeys(("measures", "objects", "runs", "scene", "spec", "store"), ""),
 }
+#: modules in which names of 0.1 are looked up that are not names of ``chemage``
+_PLACES = ("surfaces.roughness", "contacts.patches", "contacts.theory", "experiments.scene_files", "foundation.text")
 
 
 class _Finder(MetaPathFinder, Loader):
@@ -38,7 +41,12 @@ class _Names(ModuleType):
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
-        return getattr(sys.modules["chemage"], "Component" if name == "Spec" else name)
+        name = "Component" if name == "Spec" else name
+        places = (sys.modules["chemage"], *(importlib.import_module(f"chemage.{place}") for place in _PLACES))
+        for place in places:
+            if hasattr(place, name):
+                return getattr(place, name)
+        raise AttributeError(f"{self.__name__} has no name {name!r} any more")
 
 
 def install() -> None:

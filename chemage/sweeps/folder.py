@@ -22,6 +22,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.codec import from_npz
 from chemage.foundation.errors import StoreError
@@ -119,7 +121,8 @@ class Folder:
         import zipfile
 
         try:
-            return from_npz(ContactSolution, self.contact(key))
+            with np.load(self.contact(key), allow_pickle=False) as file:
+                return _of_0_1(file) if "told" in file.files else from_npz(ContactSolution, file)
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             return None
 
@@ -177,3 +180,13 @@ def _host() -> str:
 
 def _own_name() -> str:
     return f"{_host()}.{os.getpid()}"
+
+
+def _of_0_1(file: Mapping[str, np.ndarray]) -> ContactSolution:
+    """A contact as chemage 0.1 kept it: its sites, the pressures there, and the rest as a line of JSON."""
+    rest = json.loads(bytes(file["told"]))
+    pressure = np.zeros(tuple(rest["shape"]), dtype=file["pressure"].dtype)
+    pressure.ravel()[file["sites"]] = file["pressure"]
+    gap = file["gap"] if "gap" in file else None
+    others = {name: rest[name] for name in ("convergence", "provenance")}
+    return ContactSolution(pressure=pressure, gap=gap, notes=tuple(rest["notes"]), **others, **rest["fields"])

@@ -87,7 +87,7 @@ class FromFile(SurfaceMaker):
         reader = self.reader or reader_for(self.path)
         if self.pixel_size is not None and "pixel_size" in type(reader).model_fields:
             reader = reader.replace(pixel_size=self.pixel_size)
-        return _read(self, reader, _stamp(self.path))
+        return _read(self, reader, _stamp(self.path))  # pyright: ignore[reportArgumentType]
 
 
 #: what tells one content of a file from another without reading it: size and time of change in ns, and which file it is
