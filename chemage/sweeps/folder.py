@@ -187,6 +187,6 @@ def _of_0_1(file: Mapping[str, np.ndarray]) -> ContactSolution:
     rest = json.loads(bytes(file["told"]))
     pressure = np.zeros(tuple(rest["shape"]), dtype=file["pressure"].dtype)
     pressure.ravel()[file["sites"]] = file["pressure"]
-    gap = file["gap"] if "gap" in file else None
+    gap = file.get("gap")
     others = {name: rest[name] for name in ("convergence", "provenance")}
     return ContactSolution(pressure=pressure, gap=gap, notes=tuple(rest["notes"]), **others, **rest["fields"])
