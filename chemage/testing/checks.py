@@ -15,7 +15,7 @@ from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.plugins import registry
 
-#: Probability that a statistical check rejects a correct implementation. Seeds are fixed, so the outcome is reproducible.
+#: probability that a statistical check rejects a correct implementation; seeds are fixed, so results are reproducible
 CHANCE = 1e-5
 
 

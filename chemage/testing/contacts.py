@@ -33,7 +33,7 @@ def check_contact_solver(component: ContactSolver, **inputs: Any) -> None:
 
 
 def rough_surface(shape: tuple[int, int] = (32, 32), seed: int = 0, **fields: Any) -> Surface:
-    """Make a small random surface for tests: rms slope 0.1, pixels of 0.5 nm, all modes up to a quarter of the grid."""
+    """Make a small random surface for tests: rms slope 0.1, pixels of 0.5 nm."""
     rng = np.random.default_rng(seed)
     x, y = np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij")
     heights = np.zeros(shape)
@@ -156,7 +156,7 @@ def same_pressure(one: np.ndarray, two: np.ndarray, tolerance: float) -> bool:
 
 @check_of("contact")
 def _contact_scales(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
-    """Linear elasticity is scale-free: lengths ×3 and load ×9, modulus and load ×2, or a raised surface, change nothing."""
+    """Elasticity is scale-free: lengths ×3 and load ×9, modulus and load ×2, or a raised surface are equivalent."""
     for surface, load in _solvable(component, surfaces):
         plain = component.solve(surface, load)
         if "modulus" in type(component).model_fields:

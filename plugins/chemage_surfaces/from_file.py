@@ -26,8 +26,8 @@ FilePath = Annotated[str, BeforeValidator(lambda value: str(value) if isinstance
 class FromFile(SurfaceMaker):
     """Heights from a file; higher points are nearer to the counter-body.
 
-    The ending of the file selects one of the installed readers, unless ``reader`` is given. A map is not periodic unless
-    the file or ``periodic`` states that it is.
+    The ending of the file selects one of the installed readers, unless ``reader`` is given. A map is not periodic
+    unless the file or ``periodic`` states that it is.
     """
 
     kind = "from-file"

@@ -11,7 +11,7 @@ from chemage_surfaces._options import Pixels, provenance
 
 
 class Sphere(SurfaceMaker):
-    """A sphere near its apex: the paraboloid −r²/(2R) with its apex at height 0 in the middle of the grid; not periodic.
+    """A sphere near its apex: the paraboloid −r²/(2R) with apex at height 0 in the middle of the grid; not periodic.
 
     Hertz' theory is that of a paraboloid, so that a numerical solution for this surface can be compared with the closed
     form at any load. A sphere is lower by the fraction r²/(4R²), 0.25 % at r = R/10, where the error of small-strain
