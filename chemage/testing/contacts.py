@@ -26,8 +26,8 @@ from chemage.testing.checks import (
 def check_contact_solver(component: ContactSolver, **inputs: Any) -> None:
     """Run every check of the role ``contact``; raises AssertionError if one fails.
 
-    ``inputs`` are ``surfaces``, to be solved besides those of the checks, and ``force_tolerance``, the relative error of
-    the force.
+    ``inputs`` are ``surfaces`` to solve besides those of the checks, and ``force_tolerance``, the accepted relative
+    error of the force.
     """
     run_checks(component, ContactSolver, inputs)
 
