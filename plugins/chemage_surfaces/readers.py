@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from chemage import InputError, Length, Reader, StoreError, Surface, convert
+from chemage.foundation.tables import data_lines, numbers, read_text, separator_of
 
 if TYPE_CHECKING:
     import h5py
@@ -129,30 +128,14 @@ class Text(Reader):
         InputError
             The pixel size is unknown, or heights are not finite.
         """
-        try:
-            lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
-        except UnicodeDecodeError:
-            raise StoreError(f"{path} is not a text file") from None
-        except OSError as error:
-            raise _open_error(path, error) from None
-        stated, first = None, ""
-        for line in lines:
-            if line.strip()[:1] in tuple(self.comments) and (match := _STATED.search(line)):
-                stated = match["value"]
-            elif line.strip() and line.strip()[0] not in self.comments:
-                first = line
-                break
-        delimiter = self.delimiter or next((mark for mark in ",;\t" if mark in first), None)
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "loadtxt: input contained no data")
-            try:
-                heights = np.loadtxt(lines, delimiter=delimiter, comments=list(self.comments), ndmin=2)
-            except ValueError as error:
-                # numpy adds advice on its own options after the semicolon
-                raise StoreError(f"{path} is not a table of numbers: {str(error).partition(';')[0]}") from None
-        if heights.size == 0:
+        text = read_text(path)
+        lines = data_lines(text, self.comments)
+        if not lines:
             raise StoreError(f"{path} holds no numbers")
-        return as_surface(heights, str(path), pixel_size=self.pixel_size, stated=stated)
+        heights = numbers(lines, str(path), self.delimiter or separator_of(lines[0][1]))
+        header = (line for line in text.splitlines()[: lines[0][0]] if line.strip()[:1] in tuple(self.comments))
+        stated = [match["value"] for line in header if (match := _STATED.search(line))]
+        return as_surface(heights, str(path), pixel_size=self.pixel_size, stated=stated[-1] if stated else None)
 
 
 class Hdf5(Reader):
