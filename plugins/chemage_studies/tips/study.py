@@ -12,15 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from chemage import FIT_WINDOW
+import numpy as np
+
+from chemage import FIT_WINDOW, Aging, ContactSolution, Fit, Scene, age, override, parse_scene, scene_data
 from chemage.foundation.statistics import standard_error
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from chemage import Aging, ContactSolution, Fit, Scene
 
 #: strength of the interaction between neighbours, eV: of the single asperities and of the rough contacts of the paper
 STRENGTHS = (0.1, 0.5)
@@ -74,8 +71,6 @@ class Aged:
 
     def at(self, time: float) -> int:
         """Index of the hold time nearest to ``time``."""
-        import numpy as np
-
         return int(np.argmin(np.abs(np.log(self.aging.hold_times / time))))
 
 
@@ -131,10 +126,8 @@ def compute(strength: float, report: Callable[[str, int, int], None], *, quick: 
     quick
         Compute a few contacts with a tenth of the replicas only.
     """
-    import numpy as np
-
     tips = [_scene(data, strength) for data in _tips()]
-    patch = _scene(_patch(), strength)
+    patch = _scene(scene_data("silica-patch")[0], strength)
     if any(one.chemistry != patch.chemistry or one.hold is None or patch.hold is None for one in tips):
         raise ValueError("the scenes silica-tips and silica-patch must have the same chemistry")
     slopes = {0.1: (1,)} if quick else SLOPES
@@ -159,7 +152,8 @@ def compute(strength: float, report: Callable[[str, int, int], None], *, quick: 
             contact = patch.contact.solve(rough, patch.load)
             contacts.append(count(_aged(f"rough {slope:g}, seed {seed}", "rough", contact, patch, slope, share)))
     for radius, load in pairs:
-        tip = _tip(_scene(_patched_tip(radius, load), strength), share)
+        data = override(_tips()[0], {"surface.radius": radius, "contact.load": load})
+        tip = _tip(_scene(data, strength), share)
         if tip.name not in [one.name for one in contacts]:
             contacts.append(tip)
         for seed in seeds:
@@ -173,8 +167,6 @@ def compute(strength: float, report: Callable[[str, int, int], None], *, quick: 
 
 
 def _tips() -> list[dict[str, Any]]:
-    from chemage import override, scene_data
-
     data, _ = scene_data("silica-tips")
     sweep = data.pop("sweep")
     return [
@@ -184,21 +176,7 @@ def _tips() -> list[dict[str, Any]]:
     ]
 
 
-def _patched_tip(radius: float, load: float) -> dict[str, Any]:
-    from chemage import override
-
-    return override(_tips()[0], {"surface.radius": radius, "contact.load": load})
-
-
-def _patch() -> dict[str, Any]:
-    from chemage import scene_data
-
-    return scene_data("silica-patch")[0]
-
-
 def _scene(data: dict[str, Any], strength: float) -> Scene:
-    from chemage import override, parse_scene
-
     # before 1 s some of the contacts have no bond at all
     return parse_scene(override(data, {"interaction.strength": strength, "hold.start": "1 s"}))
 
@@ -246,8 +224,6 @@ def _aged(
 
 
 def _age(contact: ContactSolution, scene: Scene, replicas: int) -> Aging:
-    from chemage import age
-
     chemistry, engine, hold = scene.chemistry, scene.engine, scene.hold
     assert chemistry is not None
     assert engine is not None
@@ -265,10 +241,6 @@ def _age(contact: ContactSolution, scene: Scene, replicas: int) -> Aging:
 
 def _uniform(patch: Scene, pressure: float, quick: bool) -> np.ndarray:
     """Bonds per area of a contact of uniform pressure without a rim, 1/nm², (m,)."""
-    import numpy as np
-
-    from chemage import ContactSolution
-
     maker: Any = patch.surface
     pixels = UNIFORM_PIXELS // 2 if quick else UNIFORM_PIXELS
     contact = ContactSolution(
@@ -285,8 +257,6 @@ def _uniform(patch: Scene, pressure: float, quick: bool) -> np.ndarray:
 
 
 def _explained(study: Study) -> Study:
-    import numpy as np
-
     density = np.stack([one.density for one in study.contacts])
     errors = np.stack([one.density_error for one in study.contacts])
     area = np.array([one.contact.area for one in study.contacts])
@@ -315,15 +285,11 @@ def _explained(study: Study) -> Study:
 
 def of_pressure(study: Study, pressure: np.ndarray) -> np.ndarray:
     """Bonds per area at each ``pressure`` (n,) GPa, interpolated between the uniform contacts, 1/nm², (n, m)."""
-    import numpy as np
-
     return np.stack([np.interp(pressure, UNIFORM, column) for column in study.uniform.T], axis=-1)
 
 
 def _of_field(study: Study, contact: ContactSolution) -> np.ndarray:
     """Bonds per area of uniform contacts, averaged over the pressures of a contact, 1/nm², (m,)."""
-    import numpy as np
-
     # the interpolation is linear in the table, so that the weight of each uniform contact is sufficient
     pressure = contact.pressure[contact.contact]
     right = np.clip(np.searchsorted(UNIFORM, pressure), 1, len(UNIFORM) - 1)
@@ -341,8 +307,6 @@ def deviation(study: Study, time: float) -> tuple[np.ndarray, np.ndarray]:
     tuple
         The deviation of each contact, (n,), and its C/A, 1/nm, (n,).
     """
-    import numpy as np
-
     at = study.contacts[0].at(time)
     deviations = [one.density[at] / _of_field(study, one.contact)[at] - 1 for one in study.contacts]
     return np.array(deviations), np.array([one.contact.perimeter_to_area for one in study.contacts])
