@@ -52,10 +52,10 @@ def run(
     as_json: JsonOpt = False,
     force: ForceOpt = False,
 ) -> None:
-    """Run a scene end to end and write one result file and its figures.
+    """Run a scene, or all points of a sweep.
 
-    The points of a scene with [sweep] are computed into a folder; completed points are skipped, so that an interrupted
-    sweep resumes with the same command.
+    Writes one result file and its figures. The points of a scene with [sweep] are computed into a folder; completed
+    points are skipped; rerun the same command to resume.
     """
     from chemage.experiments.scene_files import is_sweep, load_scene
 
@@ -153,7 +153,10 @@ def _result_written(path: Path) -> Iterator[None]:
 
 
 def check(scene: SceneArg, changes: SetOpt = None, yes: YesOpt = False, as_json: JsonOpt = False) -> None:
-    """Validate a scene, a sweep at every point, and estimate its cost without computing anything."""
+    """Validate a scene and estimate its cost.
+
+    All points of a sweep are validated; nothing is computed.
+    """
     from chemage.experiments.estimate import plan
     from chemage.experiments.scene_files import is_sweep, load_scene
     from chemage.foundation.text import jsonable
@@ -180,7 +183,10 @@ def tradeoff(
     as_json: JsonOpt = False,
     force: ForceOpt = False,
 ) -> None:
-    """Measure speed against accuracy on a scene: the cost and the error of each setting, changed one at a time."""
+    """Measure speed against accuracy on a scene.
+
+    The settings that affect both are changed one at a time, and cost and error of each are listed.
+    """
     from chemage.experiments.scene_files import load_scene
     from chemage.experiments.tradeoff import tradeoff as measure
     from chemage.foundation.files import fresh_file, preflight
@@ -222,7 +228,10 @@ def _number(value: float, digits: int = 3) -> str:
 
 
 def schema() -> None:
-    """Print the JSON Schema of scene files, including all installed plugins."""
+    """Print the JSON Schema of scene files.
+
+    It includes the components of all installed plugins.
+    """
     from chemage.experiments.schema import scene_schema
 
     print(json.dumps(scene_schema(), indent=2))
@@ -233,7 +242,7 @@ def init(
     like: Annotated[str, typer.Option("--like", help="installed scene to copy")] = "silica-rough",
     force: ForceOpt = False,
 ) -> None:
-    """Write a commented scene file as a starting point."""
+    """Write a scene file as a starting point."""
     from chemage.experiments.scene_files import installed_text
     from chemage.foundation.files import fresh_file
     from chemage.foundation.messages import nearest

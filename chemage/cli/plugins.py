@@ -19,7 +19,10 @@ plugins_app = typer.Typer(no_args_is_help=True, help="List, explain, check and c
 
 @plugins_app.command("list")
 def plugins_list(as_json: JsonOpt = False) -> None:
-    """List every installed component by role, every scene and every hook, with the package it comes from."""
+    """List installed components, scenes and hooks.
+
+    Each is listed with its role and the package from which it comes.
+    """
     from chemage.plugins import registry
 
     plugins = registry.current()
@@ -67,7 +70,10 @@ def plugins_show(
     ] = None,
     as_json: JsonOpt = False,
 ) -> None:
-    """Explain a component: what it computes, its options with units and defaults, and its references."""
+    """Explain a component.
+
+    Prints what it computes, its options with units and defaults, and its references.
+    """
     from chemage.experiments.schema import options_of
     from chemage.foundation.messages import nearest
     from chemage.plugins import registry
@@ -115,7 +121,10 @@ def plugins_new(
     ],
     folder: Annotated[Path, typer.Option("--in", help="folder in which to create chemage-NAME")] = Path(),
 ) -> None:
-    """Create the folder of a new plugin: a small working component of the role, its entry point, and tests."""
+    """Create the folder of a new plugin.
+
+    It contains a small working component of the role, its entry point, and tests.
+    """
     from chemage.scaffold.new import new
 
     files = new(name, role, folder)
@@ -126,7 +135,10 @@ def plugins_new(
 
 @plugins_app.command("check")
 def plugins_check() -> None:
-    """Import every registered component and report problems; exit status 1 if there are any."""
+    """Import all components, report problems.
+
+    The exit status is 1 if there are problems.
+    """
     from chemage.plugins import registry
 
     plugins = registry.current()

@@ -117,7 +117,10 @@ def compare(
     ] = None,
     force: ForceOpt = False,
 ) -> None:
-    """Compare result files of single asperities and rough contacts, and measurements with them."""
+    """Compare results and measurements.
+
+    Results of single asperities and of rough contacts can be compared.
+    """
     from chemage.reports import comparison
     from chemage.reports.figures import save_figures
 
@@ -144,7 +147,10 @@ def report(
     measured: MeasuredOpt = None,
     force: ForceOpt = False,
 ) -> None:
-    """Write one self-contained HTML page of results: tables, figures, scenes, provenance, references."""
+    """Write a report of results as HTML.
+
+    The page is self-contained, with tables, figures, scenes, provenance and references.
+    """
     from chemage.reports.page import write_report
 
     with progress_bars() as bars, reported(bars, "report"):

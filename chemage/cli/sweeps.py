@@ -136,7 +136,10 @@ def _duration(seconds: float) -> str:
 
 
 def status(folder: Annotated[Path, typer.Argument(help="the folder of a sweep")], as_json: JsonOpt = False) -> None:
-    """Count the points that are done, failed or missing, in total and for each value of each axis."""
+    """Count the points of a sweep by state.
+
+    Lists how many are done, failed or missing, in total and for each value of each axis.
+    """
     state = load_sweep(folder).status()
     if as_json:
         print(json.dumps(jsonable(state)))

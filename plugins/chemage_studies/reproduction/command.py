@@ -26,9 +26,9 @@ def reproduce(
     workers: WorkersOpt = None,
     pixels: Annotated[int | None, typer.Option(help="pixels per side of coarser surfaces; default: 2500")] = None,
 ) -> None:
-    """Compute the figures and tables of the paper and compare them with the published numbers.
+    """Compute the figures and tables of the paper.
 
-    Completed points are skipped; rerun the same command to resume.
+    The results are compared with the published numbers. Completed points are skipped; rerun the same command to resume.
     """
     from chemage import sweep
     from chemage_studies.reproduction import checks, studies

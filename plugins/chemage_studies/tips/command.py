@@ -18,7 +18,10 @@ def study(
     quick: Annotated[bool, typer.Option("--quick", help="compute a few contacts only, as a test")] = False,
     force: ForceOpt = False,
 ) -> None:
-    """Run an installed study and write a page with figures, and tables as CSV."""
+    """Run an installed study.
+
+    Writes a page with figures, and tables as CSV.
+    """
     from chemage import InputError
 
     if name != "tips":
