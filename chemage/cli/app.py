@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from chemage.cli import experiments, plugins, results, sweeps
+from chemage.cli import experiments, plugins, results
 
 app = typer.Typer(
     name="chemage",
@@ -35,7 +35,7 @@ def _print_version(requested: bool) -> None:
 for command in (
     experiments.run,
     experiments.check,
-    sweeps.status,
+    experiments.status,
     results.show,
     results.plot,
     results.compare,

@@ -1,4 +1,4 @@
-"""The commands of an experiment: run, check, tradeoff, schema, init."""
+"""The commands of an experiment: run, check, status, tradeoff, schema, init."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -25,8 +25,10 @@ from chemage.cli.options import (
     user_error,
 )
 from chemage.cli.results import print_run
-from chemage.experiments.scene import Scene
 from chemage.foundation.progress import progress_bars, reported
+
+if TYPE_CHECKING:
+    from chemage.experiments.scene import Scene
 
 
 def run(
@@ -172,6 +174,16 @@ def check(scene: SceneArg, changes: SetOpt = None, yes: YesOpt = False, as_json:
     terminal.show_pairs(f"{scene} is valid", made.rows())
     for note in made.notes:
         print(f"note: {note}")
+
+
+def status(folder: Annotated[Path, typer.Argument(help="the folder of a sweep")], as_json: JsonOpt = False) -> None:
+    """Count the points of a sweep by state.
+
+    Lists how many are done, failed or missing, in total and for each value of each axis.
+    """
+    from chemage.cli import sweeps
+
+    sweeps.status(folder, as_json=as_json)
 
 
 def tradeoff(

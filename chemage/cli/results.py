@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from chemage.cli import terminal
 from chemage.cli.options import FileArg, ForceOpt, FormatOpt, JsonOpt, MeasuredOpt, user_error
-from chemage.experiments.run import Run
 from chemage.foundation.progress import progress_bars, reported
-from chemage.reports.comparison.comparison import Comparison
+
+if TYPE_CHECKING:
+    from chemage.experiments.run import Run
+    from chemage.reports.comparison.comparison import Comparison
 
 
 def show(file: FileArg, as_json: JsonOpt = False) -> None:
     """Print the content of a result file."""
+    from chemage.experiments.run import Run
     from chemage.foundation.text import jsonable
     from chemage.store.results import read
 
@@ -46,6 +49,7 @@ def plot(
     force: ForceOpt = False,
 ) -> None:
     """Draw the figures of a result file."""
+    from chemage.experiments.run import Run
     from chemage.reports import run_figures
     from chemage.store.results import read
 

@@ -6,12 +6,11 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from chemage.cli import terminal
-from chemage.cli.options import JsonOpt
 from chemage.foundation.errors import ChemageError
 from chemage.foundation.text import jsonable
 from chemage.sweeps.grid import Survey, shown
@@ -135,11 +134,8 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"
 
 
-def status(folder: Annotated[Path, typer.Argument(help="the folder of a sweep")], as_json: JsonOpt = False) -> None:
-    """Count the points of a sweep by state.
-
-    Lists how many are done, failed or missing, in total and for each value of each axis.
-    """
+def status(folder: Path, *, as_json: bool) -> None:
+    """Print the number of points done, failed and missing, in total and for each value of each axis."""
     state = load_sweep(folder).status()
     if as_json:
         print(json.dumps(jsonable(state)))
