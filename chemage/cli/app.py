@@ -1,6 +1,6 @@
-"""The command line. Commands import what they need when they run, so that ``chemage --help`` is instant.
+"""The command line. Commands import what they need when they run, so that ``chemage --help`` is fast.
 
-Exit status: 0 done, 1 a check found problems, 2 the user's input is wrong, 130 interrupted.
+Exit status: 0 success, 1 a check found problems or points of a sweep failed, 2 invalid input, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ app = typer.Typer(
 )
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         from chemage.foundation.version import __version__
 
         print(f"chemage {__version__}")
@@ -35,7 +35,7 @@ def _version(wanted: bool) -> None:
 for command in (
     experiments.run,
     experiments.check,
-    results.status,
+    experiments.status,
     results.show,
     results.plot,
     results.compare,
@@ -51,31 +51,31 @@ app.add_typer(plugins.plugins_app, name="plugins")
 @app.callback()
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="print the version and exit")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="print the version and exit")
     ] = False,
 ) -> None:
     pass
 
 
 def _add_plugin_commands() -> None:
-    """Add the commands of plugins; one that cannot be added is reported and skipped."""
+    """Add the commands of plugins; a plugin whose commands cannot be added is reported and skipped."""
     import warnings
 
     from chemage.plugins import registry
 
-    known = _command_names()
+    known = set(typer.main.get_group(app).commands)
     for hook in registry.current().manager.hook.chemage_cli.get_hookimpls():
         try:
-            offered: Any = hook.function()
-            for name, function in offered:
+            commands: Any = hook.function()
+            for name, function in commands:
                 if name in known:
                     if any(function is one.callback for one in app.registered_commands):
                         continue  # a second call in one process
-                    raise ValueError(f"there is a command {name!r} already")
+                    raise ValueError(f"the command {name!r} exists already")
                 known.add(name)
                 trial = typer.Typer()
                 trial.command(name)(function)
-                typer.main.get_command(trial)  # a signature that typer cannot read shows here
+                typer.main.get_command(trial)  # raises if typer cannot read the signature
                 app.command(name)(function)
         except (Exception, SystemExit) as error:
             if registry.current().strict:
@@ -87,20 +87,16 @@ def _add_plugin_commands() -> None:
             )
 
 
-def _command_names() -> set[str]:
-    return set(typer.main.get_group(app).commands)
-
-
 def main() -> None:
-    """Run the command line; every error of ours is one message on stderr."""
+    """Run the command line; a :class:`chemage.ChemageError` is printed as one message on stderr."""
     try:
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
-                stream.reconfigure(errors="backslashreplace")  # a terminal without µ or Δ
+                stream.reconfigure(errors="backslashreplace")  # for terminals that cannot show µ or Δ
         _plain_warnings()
         _add_plugin_commands()
         commands = typer.main.get_command(app)
-        # typer's own main would swallow the KeyboardInterrupt
+        # typer's own main catches the KeyboardInterrupt
         with commands.make_context("chemage", sys.argv[1:]) as context:
             commands.invoke(context)
         sys.stdout.flush()
@@ -109,8 +105,7 @@ def main() -> None:
         sys.exit(end.exit_code)
     except (KeyboardInterrupt, typer.Abort) as stop:
         print(f"\ninterrupted; {str(stop) or 'nothing was written'}", file=sys.stderr, flush=True)
-        # worker threads may still be inside a compiled kernel; waiting for them would not help anyone
-        os._exit(130)
+        os._exit(130)  # without waiting for threads that may still be in a compiled kernel
     except Exception as error:
         sys.exit(_explain(error))
 
@@ -130,17 +125,17 @@ def _explain(error: Exception) -> int:
     if isinstance(error, ChemageError):
         print("\n".join([f"chemage: {error}", *getattr(error, "__notes__", ())]), file=sys.stderr)
         return 2
-    display = getattr(error, "show", None)  # a usage error of the command line itself
-    if display is not None:
-        display()
+    show_usage = getattr(error, "show", None)  # a usage error found by typer
+    if show_usage is not None:
+        show_usage()
         return int(getattr(error, "exit_code", 2))
-    if isinstance(error, BrokenPipeError):  # the reader of a pipe has seen enough
+    if isinstance(error, BrokenPipeError):  # the reader of the pipe has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     if isinstance(error, OSError):
         print(f"chemage: {error}", file=sys.stderr)
         return 2
     if isinstance(error, MemoryError):
-        print(f"chemage: not enough memory: {error}; `chemage check` says what a scene needs", file=sys.stderr)
+        print(f"chemage: not enough memory: {error}; `chemage check` estimates what a scene needs", file=sys.stderr)
         return 2
     raise error

@@ -1,4 +1,4 @@
-"""The commands of an experiment: run, check, tradeoff, schema, init."""
+"""The commands of an experiment: run, check, status, tradeoff, schema, init."""
 
 from __future__ import annotations
 
@@ -12,11 +12,22 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from chemage.cli import terminal
-from chemage.cli.options import ForceOpt, JsonOpt, SceneArg, SetOpt, YesOpt, changed_fields, user_error
+from chemage.cli.options import (
+    ExecutorOpt,
+    ForceOpt,
+    JsonOpt,
+    SceneArg,
+    SetOpt,
+    ThreadsOpt,
+    WorkersOpt,
+    YesOpt,
+    changed_fields,
+    user_error,
+)
 from chemage.cli.results import print_run
+from chemage.foundation.progress import progress_bars, reported
 
 if TYPE_CHECKING:
-    from chemage.experiments.run import Run
     from chemage.experiments.scene import Scene
 
 
@@ -24,39 +35,31 @@ def run(
     scene: SceneArg,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="result file, default NAME.h5 here; folder of a sweep, default NAME-sweep"),
+        typer.Option("--out", "-o", help="result file (default: NAME.h5), or folder of a sweep (default: NAME-sweep)"),
     ] = None,
     changes: SetOpt = None,
-    replicas: Annotated[int | None, typer.Option(help="short for --set hold.replicas=N")] = None,
-    seed: Annotated[int | None, typer.Option(help="of disorder and kinetics; short for --set hold.seed=N")] = None,
-    threads: Annotated[
-        int | None,
-        typer.Option(
-            min=1, help="replicas computed at the same time (default: one per processor); in a sweep, threads per point"
-        ),
+    replicas: Annotated[int | None, typer.Option(help="number of replicas; short for --set hold.replicas=N")] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="seed of the disorder and the kinetics; short for --set hold.seed=N")
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="of a sweep: points computed at the same time; default: one per processor")
-    ] = None,
-    executor: Annotated[
-        str | None, typer.Option(help="of a sweep: serial, processes, dask, dask:ADDRESS, dask:CLASS, dask:FILE.toml")
-    ] = None,
+    threads: ThreadsOpt = None,
+    workers: WorkersOpt = None,
+    executor: ExecutorOpt = None,
     yes: YesOpt = False,
     checkpoints: Annotated[
-        Path | None, typer.Option(help="folder in which contact and replicas are kept during the run, and resumed from")
+        Path | None,
+        typer.Option(help="folder for checkpoints of the contact and of each replica, from which a run resumes"),
     ] = None,
     figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
     as_json: JsonOpt = False,
     force: ForceOpt = False,
 ) -> None:
-    """Run a scene end to end; write one result file and its figures. A scene with [sweep] fills a folder, in which
-    completed points are skipped."""
-    from chemage.experiments import run as experiments
-    from chemage.experiments.estimate import plan
+    """Run a scene, or all points of a sweep.
+
+    Writes one result file and its figures. The points of a scene with [sweep] are computed into a folder; completed
+    points are skipped; rerun the same command to resume.
+    """
     from chemage.experiments.scene_files import is_sweep, load_scene
-    from chemage.foundation.files import preflight
-    from chemage.reports import run_figures
-    from chemage.store.results import write
 
     if is_sweep(scene):
         from chemage.cli import sweeps
@@ -80,26 +83,38 @@ def run(
             raise user_error(f"{option} is for sweeps, and {scene} has no [sweep]; --threads is for a single run")
     one = load_scene(scene, changed_fields(changes, replicas, seed))
     path = out or Path(f"{one.name}.h5")
-    _spare_inputs(path, scene, one)
+    _protect_inputs(path, scene, one)
+    _run_one(one, path, threads=threads, checkpoints=checkpoints, figures=figures, as_json=as_json, force=force)
+
+
+def _run_one(
+    one: Scene,
+    path: Path,
+    *,
+    threads: int | None,
+    checkpoints: Path | None,
+    figures: bool,
+    as_json: bool,
+    force: bool,
+) -> None:
+    from chemage.experiments import run as experiments
+    from chemage.experiments.estimate import plan
+    from chemage.foundation.files import preflight
+    from chemage.reports import run_figures
+    from chemage.store.results import write
+
     preflight(path, force=force, size=plan(one).numbers.get("file", 0))
     folder = path.with_name(f"{path.stem}-figures")
     if figures:
         _preflight_folder(folder, force)
     pictures: list[Path] = []
-    with terminal.progress_bars() as tell:
-        result = experiments.run(one, progress=tell, threads=threads, checkpoints=checkpoints)
-        tell("writing", 0, 0)
-        write(path, result, force=force)
-        tell("writing", 1, 1)
-        with _kept(path):
-            if figures:
-                tell("drawing", 0, 0)
+    with progress_bars() as report:
+        result = experiments.run(one, progress=report, threads=threads, checkpoints=checkpoints)
+        with reported(report, "writing"):
+            write(path, result, force=force)
+        if figures:
+            with _result_written(path), reported(report, "drawing"):
                 pictures = run_figures.save(result, folder, force=True)
-                tell("drawing", 1, 1)
-    _print_written(result, path, pictures, as_json)
-
-
-def _print_written(result: Run, path: Path, pictures: list[Path], as_json: bool) -> None:
     if as_json:
         print(json.dumps({**result.summary(), "file": str(path), "figures": [str(p) for p in pictures]}))
         return
@@ -109,12 +124,12 @@ def _print_written(result: Run, path: Path, pictures: list[Path], as_json: bool)
         print(f"figure   {picture}")
 
 
-def _spare_inputs(path: Path, source: str, one: Scene) -> None:
-    """Refuse to write over the scene file, or over a file that the scene reads, even with ``--force``."""
+def _protect_inputs(path: Path, source: str, one: Scene) -> None:
+    """Refuse to overwrite the scene file, or a file that the scene reads, even with ``--force``."""
     read = [part["path"] for part in one.todict().values() if isinstance(part, dict) and "path" in part]
     for name in (source, *read):
         if os.path.realpath(name) == os.path.realpath(path):
-            raise user_error(f"{path} is what this scene is read from; choose another --out")
+            raise user_error(f"{path} is an input of this scene; choose another --out")
 
 
 def _preflight_folder(folder: Path, force: bool) -> None:
@@ -123,12 +138,12 @@ def _preflight_folder(folder: Path, force: bool) -> None:
     if not folder.is_dir():
         raise user_error(f"{folder}, the folder for the figures, is a file; choose another --out, or --no-figures")
     if not force and any(folder.iterdir()):
-        raise user_error(f"{folder} is already there; choose another --out, or overwrite with --force")
+        raise user_error(f"{folder} is already there; choose another --out, or overwrite it with --force")
 
 
 @contextmanager
-def _kept(path: Path) -> Iterator[None]:
-    """Say of errors in this block that the result itself was written before."""
+def _result_written(path: Path) -> Iterator[None]:
+    """Add to the errors of a block that the result itself has been written to ``path``."""
     from chemage.foundation.errors import StoreError
 
     try:
@@ -136,11 +151,14 @@ def _kept(path: Path) -> Iterator[None]:
     except StoreError as error:
         raise StoreError(f"{error}\nthe result itself is in {path}; `chemage plot {path}` draws its figures") from error
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the result is in {path}, its figures are not all drawn") from None
+        raise KeyboardInterrupt(f"the result is in {path}, but its figures are incomplete") from None
 
 
 def check(scene: SceneArg, changes: SetOpt = None, yes: YesOpt = False, as_json: JsonOpt = False) -> None:
-    """Validate a scene, at every point of a sweep, and estimate what it needs and costs; nothing is computed."""
+    """Validate a scene and estimate its cost.
+
+    All points of a sweep are validated; nothing is computed.
+    """
     from chemage.experiments.estimate import plan
     from chemage.experiments.scene_files import is_sweep, load_scene
     from chemage.foundation.text import jsonable
@@ -153,22 +171,34 @@ def check(scene: SceneArg, changes: SetOpt = None, yes: YesOpt = False, as_json:
     if as_json:
         print(json.dumps(jsonable(made.todict())))
         return
-    table = terminal.table(f"{scene} is valid")
-    for name, text in made.rows():
-        table.add_row(name, text)
-    terminal.show(table)
+    terminal.show_pairs(f"{scene} is valid", made.rows())
     for note in made.notes:
         print(f"note: {note}")
+
+
+def status(folder: Annotated[Path, typer.Argument(help="the folder of a sweep")], as_json: JsonOpt = False) -> None:
+    """Count the points of a sweep by state.
+
+    Lists how many are done, failed or missing, in total and for each value of each axis.
+    """
+    from chemage.cli import sweeps
+
+    sweeps.status(folder, as_json=as_json)
 
 
 def tradeoff(
     scene: SceneArg,
     changes: SetOpt = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="figure (png, pdf or svg); default none")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="file of the figure (.png, .pdf or .svg); default: no figure")
+    ] = None,
     as_json: JsonOpt = False,
     force: ForceOpt = False,
 ) -> None:
-    """Measure speed against accuracy on a scene: each setting changed on its own, its cost and its error."""
+    """Measure speed against accuracy on a scene.
+
+    The settings that affect both are changed one at a time, and cost and error of each are listed.
+    """
     from chemage.experiments.scene_files import load_scene
     from chemage.experiments.tradeoff import tradeoff as measure
     from chemage.foundation.files import fresh_file, preflight
@@ -178,8 +208,8 @@ def tradeoff(
     one = load_scene(scene, changed_fields(changes))
     if out is not None:
         preflight(out, force=force)
-    with terminal.progress_bars() as tell:
-        found = measure(one, report=lambda what: tell(what, 0, 0))
+    with progress_bars() as report:
+        found = measure(one, report=lambda what: report(what, 0, 0))
     if out is not None:
         with fresh_file(out, force=force) as part:
             figure(found).savefig(part, format=out.suffix.removeprefix(".") or "png")
@@ -188,7 +218,7 @@ def tradeoff(
         return
     table = terminal.table(
         f"Speed against accuracy: {one.name} (* as in the scene)",
-        ("option", "value", "CPU s", "wall s", "A/A0", "area err", "p err", "beta", ""),
+        ("option", "value", "CPU (s)", "wall (s)", "A/A0", "area error", "p error", "beta", ""),
     )
     for row in found.rows:
         table.add_row(
@@ -210,7 +240,10 @@ def _number(value: float, digits: int = 3) -> str:
 
 
 def schema() -> None:
-    """Print the JSON Schema of scene files, every installed plugin included."""
+    """Print the JSON Schema of scene files.
+
+    It includes the components of all installed plugins.
+    """
     from chemage.experiments.schema import scene_schema
 
     print(json.dumps(scene_schema(), indent=2))
@@ -218,10 +251,10 @@ def schema() -> None:
 
 def init(
     file: Annotated[Path, typer.Argument(help="the scene file to write")] = Path("scene.toml"),
-    like: Annotated[str, typer.Option("--like", help="installed scene to start from")] = "silica-rough",
+    like: Annotated[str, typer.Option("--like", help="installed scene to copy")] = "silica-rough",
     force: ForceOpt = False,
 ) -> None:
-    """Write a commented scene file to start from."""
+    """Write a scene file as a starting point."""
     from chemage.experiments.scene_files import installed_text
     from chemage.foundation.files import fresh_file
     from chemage.foundation.messages import nearest

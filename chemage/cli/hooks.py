@@ -1,4 +1,4 @@
-"""What can be plugged into the command line: further subcommands."""
+"""The hook of the command line: further commands."""
 
 from __future__ import annotations
 
@@ -10,4 +10,4 @@ from chemage.plugins.hooks import hookspec
 
 @hookspec
 def chemage_cli() -> Sequence[tuple[str, Any]]:  # pyright: ignore[reportReturnType]
-    """Add subcommands: ``[(name, function), ...]``; the signature of the function is its command line (typer)."""
+    """Add commands: ``[(name, function), ...]``; typer makes the command line from the signature of the function."""

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from chemage.cli import terminal
 from chemage.cli.options import ForceOpt, JsonOpt, user_error
 
-plugins_app = typer.Typer(no_args_is_help=True, help="What is installed, where it comes from, and whether it works.")
+if TYPE_CHECKING:
+    from chemage.plugins.registry import PluginRecord, Registry
+
+plugins_app = typer.Typer(no_args_is_help=True, help="List, explain, check and create plugins.")
 
 
 @plugins_app.command("list")
 def plugins_list(as_json: JsonOpt = False) -> None:
-    """List every installed component, by role, and where it comes from."""
+    """List installed components, scenes and hooks.
+
+    Each is listed with its role and the package from which it comes.
+    """
     from chemage.plugins import registry
 
     plugins = registry.current()
@@ -26,9 +32,14 @@ def plugins_list(as_json: JsonOpt = False) -> None:
         for kind in plugins.kinds(role)
         for record in plugins.offers(role, kind)
     ]
+    hooks = [
+        {"plugin": record.name, "from": record.source, "hooks": names}
+        for record in plugins.records
+        if (names := _stage_hooks(plugins, record))
+    ]
     broken = [{"plugin": r.name, "from": r.source, "error": r.error} for r in plugins.records if r.error]
     if as_json:
-        print(json.dumps({"components": rows, "scenes": plugins.scenes(), "broken": broken}))
+        print(json.dumps({"components": rows, "scenes": plugins.scenes(), "hooks": hooks, "broken": broken}))
         return
     table = terminal.table("", ("role", "kind", "from"))
     for row in rows:
@@ -36,18 +47,33 @@ def plugins_list(as_json: JsonOpt = False) -> None:
     for record in plugins.records:
         for name in record.scenes:
             table.add_row("scene", name, record.source)
+    for item in hooks:
+        for name in item["hooks"]:
+            table.add_row("hook", name, item["from"])
     terminal.show(table)
     for item in broken:
         print(f"skipped: {item['plugin']} ({item['from']}): {item['error']}")
 
 
+def _stage_hooks(plugins: Registry, record: PluginRecord) -> list[str]:
+    """Names of the hooks that a plugin implements, other than those by which it offers components and scenes."""
+    plugin = plugins.manager.get_plugin(f"{record.name} ({record.source})")
+    callers = plugins.manager.get_hookcallers(plugin) or () if plugin is not None else ()
+    return sorted({caller.name for caller in callers} - {"chemage_register", "chemage_scenes"})
+
+
 @plugins_app.command("show")
 def plugins_show(
     kind: Annotated[str, typer.Argument(help="a kind, such as fft-bem")],
-    role: Annotated[str | None, typer.Option(help="where several roles have this kind")] = None,
+    role: Annotated[
+        str | None, typer.Option(help="role of the component; default: every role that has this kind")
+    ] = None,
     as_json: JsonOpt = False,
 ) -> None:
-    """Explain a component: what it does, its options with units and defaults, what to cite."""
+    """Explain a component.
+
+    Prints what it computes, its options with units and defaults, and its references.
+    """
     from chemage.experiments.schema import options_of
     from chemage.foundation.messages import nearest
     from chemage.plugins import registry
@@ -89,17 +115,22 @@ def plugins_show(
 
 @plugins_app.command("new")
 def plugins_new(
-    name: Annotated[str, typer.Argument(help="the kind it will offer, such as my-barriers")],
-    role: Annotated[str, typer.Option(help="role of the component, such as barriers; `plugins list` shows all")],
-    folder: Annotated[Path, typer.Option("--in", help="where to make the folder chemage-NAME")] = Path(),
+    name: Annotated[str, typer.Argument(help="kind of the new component, such as my-barriers")],
+    role: Annotated[
+        str, typer.Option(help="role of the component, such as barriers; `chemage plugins list` shows all roles")
+    ],
+    folder: Annotated[Path, typer.Option("--in", help="folder in which to create chemage-NAME")] = Path(),
 ) -> None:
-    """Make the folder of a new plugin: a small working component of the role, its entry point, and tests."""
+    """Create the folder of a new plugin.
+
+    It contains a small working component of the role, its entry point, and tests.
+    """
     from chemage.scaffold.new import new
 
     files = new(name, role, folder)
     for path in files:
         print(path)
-    print(f"\nnow: pip install -e {files[0].parent} && chemage plugins show {name}")
+    print(f"\nnext: pip install -e {files[0].parent} && chemage plugins show {name}")
 
 
 @plugins_app.command("stubs")
@@ -120,7 +151,10 @@ def plugins_stubs(
 
 @plugins_app.command("check")
 def plugins_check() -> None:
-    """Import every registered target and report what is broken; exit status 1 if anything is."""
+    """Import all components, report problems.
+
+    The exit status is 1 if there are problems.
+    """
     from chemage.plugins import registry
 
     plugins = registry.current()

@@ -1,4 +1,4 @@
-"""The commands that look at results: show, plot, status, compare, report."""
+"""The commands about results: show, plot, compare, report."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from chemage.cli import terminal
-from chemage.cli.options import FileArg, ForceOpt, JsonOpt, user_error
+from chemage.cli.options import FileArg, ForceOpt, FormatOpt, JsonOpt, MeasuredOpt, user_error
+from chemage.foundation.progress import progress_bars, reported
 
 if TYPE_CHECKING:
     from chemage.experiments.run import Run
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def show(file: FileArg, as_json: JsonOpt = False) -> None:
-    """Print what is in a result file."""
+    """Print the content of a result file."""
     from chemage.experiments.run import Run
     from chemage.foundation.text import jsonable
     from chemage.store.results import read
@@ -36,16 +37,15 @@ def show(file: FileArg, as_json: JsonOpt = False) -> None:
     if as_json:
         print(json.dumps({"object": type(thing).__name__, **jsonable(fields)}, default=str))
         return
-    table = terminal.table(f"{type(thing).__name__} in {file}")
-    for name, value in fields.items():
-        table.add_row(name, str(value))
-    terminal.show(table)
+    terminal.show_pairs(f"{type(thing).__name__} in {file}", ((name, str(value)) for name, value in fields.items()))
 
 
 def plot(
     file: FileArg,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="folder; default FILE-figures")] = None,
-    fmt: Annotated[str, typer.Option("--format", help="png, pdf or svg")] = "png",
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="folder of the figures; default: FILE-figures")
+    ] = None,
+    fmt: FormatOpt = "png",
     force: ForceOpt = False,
 ) -> None:
     """Draw the figures of a result file."""
@@ -53,25 +53,21 @@ def plot(
     from chemage.reports import run_figures
     from chemage.store.results import read
 
-    if fmt not in ("png", "pdf", "svg"):
-        raise user_error(f"--format {fmt}: choose png, pdf or svg")
     thing = read(file)
     if not isinstance(thing, Run):
         raise user_error(f"{file} holds one {type(thing).__name__}, not a run; `chemage run` makes files to plot")
-    with terminal.progress_bars() as tell:
-        tell("drawing", 0, 0)
+    with progress_bars() as report, reported(report, "drawing"):
         pictures = run_figures.save(thing, out or file.with_name(f"{file.stem}-figures"), force=force, suffix=fmt)
-        tell("drawing", 1, 1)
     for picture in pictures:
         print(picture)
 
 
 def print_run(result: Run) -> None:
+    """Print the main numbers of a run."""
     from chemage.foundation.text import plus_minus
 
     contact, aging, fit = result.contact, result.aging, result.fit()
     (nx, ny), kind = contact.shape, result.scene["surface"]["kind"]
-    table = terminal.table(result.scene.get("title") or result.name)
     rows: list[tuple[str, str]] = [
         (
             "surface",
@@ -105,50 +101,41 @@ def print_run(result: Run) -> None:
     rows += [(f"changed by plugin {name}", source) for name, source in result.plugins.items()]
     if result.timings:
         rows.append(("wall time", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in result.timings.items())))
-    for name, text in rows:
-        table.add_row(name, text)
-    terminal.show(table)
+    terminal.show_pairs(result.scene.get("title") or result.name, rows)
     for note in result.notes:
         print(f"note: {note}")
-
-
-def status(folder: Annotated[Path, typer.Argument(help="the folder of a sweep")], as_json: JsonOpt = False) -> None:
-    """What is done, what failed and what is missing, in all and for each value of each axis."""
-    from chemage.cli import sweeps
-
-    sweeps.status(folder, as_json=as_json)
 
 
 def compare(
     files: Annotated[list[Path], typer.Argument(help="result files (.h5)")],
     as_json: JsonOpt = False,
-    as_csv: Annotated[bool, typer.Option("--csv", help="print CSV, one line a file")] = False,
-    figures: Annotated[Path | None, typer.Option(help="folder to draw the figures into")] = None,
-    fmt: Annotated[str, typer.Option("--format", help="of the figures: png, pdf or svg")] = "png",
-    measured: Annotated[
-        list[Path] | None, typer.Option(help="CSV of hold time and friction drop to hold against them; repeatable")
-    ] = None,
+    as_csv: Annotated[bool, typer.Option("--csv", help="print CSV, one line per result")] = False,
+    figures: Annotated[Path | None, typer.Option(help="folder for figures; default: no figures")] = None,
+    fmt: FormatOpt = "png",
+    measured: MeasuredOpt = None,
     at: Annotated[
         list[str] | None,
-        typer.Option(metavar="TIME", help="hold time to compare at; repeatable; default 1 s and 1e3 s"),
+        typer.Option(
+            metavar="TIME",
+            help='hold time at which to compare, s or with a unit; repeatable; default: "1 s" and "1e3 s"',
+        ),
     ] = None,
     force: ForceOpt = False,
 ) -> None:
-    """Put result files side by side, single asperities and rough contacts alike, with measurements on top."""
-    from chemage.reports import comparison as side_by_side
+    """Compare results and measurements.
+
+    Results of single asperities and of rough contacts can be compared.
+    """
+    from chemage.reports import comparison
     from chemage.reports.figures import save_figures
 
     if as_json and as_csv:
         raise user_error("--json and --csv: choose one")
-    if fmt not in ("png", "pdf", "svg"):
-        raise user_error(f"--format {fmt}: choose png, pdf or svg")
-    made = side_by_side.compare_files(files, measured=measured or (), times=at or side_by_side.TIMES)
+    made = comparison.compare_files(files, measured=measured or (), times=at or comparison.TIMES)
     pictures: list[Path] = []
     if figures is not None:
-        with terminal.progress_bars() as tell:
-            tell("drawing", 0, 0)
-            pictures = save_figures(side_by_side.comparison_figures(made), figures, force=force, suffix=fmt)
-            tell("drawing", 1, 1)
+        with progress_bars() as report, reported(report, "drawing"):
+            pictures = save_figures(comparison.comparison_figures(made), figures, force=force, suffix=fmt)
     if as_json:
         print(json.dumps({**made.todict(), "figures": [str(path) for path in pictures]}))
     elif as_csv:
@@ -160,26 +147,25 @@ def compare(
 
 
 def report(
-    files: Annotated[list[Path], typer.Argument(help="result files (.h5); several are compared")],
+    files: Annotated[list[Path], typer.Argument(help="result files (.h5); several results are compared")],
     out: Annotated[Path, typer.Option("--out", "-o", help="the HTML file to write")] = Path("report.html"),
-    measured: Annotated[
-        list[Path] | None, typer.Option(help="CSV of hold time and friction drop to hold against them; repeatable")
-    ] = None,
+    measured: MeasuredOpt = None,
     force: ForceOpt = False,
 ) -> None:
-    """Write one self-contained HTML page of results: tables, figures, scenes, provenance, what to cite."""
+    """Write a report of results as HTML.
+
+    The page is self-contained, with tables, figures, scenes, provenance and references.
+    """
     from chemage.reports.page import write_report
 
-    with terminal.progress_bars() as tell:
-        tell("report", 0, 0)
+    with progress_bars() as bars, reported(bars, "report"):
         written = write_report(files, out, measured=measured or (), force=force)
-        tell("report", 1, 1)
     print(written)
 
 
 def _print_comparison(made: Comparison) -> None:
     names, rows = [one.name for one in made.results], made.table()
-    for first in range(0, len(names), 4):  # more columns cannot be read
+    for first in range(0, len(names), 4):  # more columns do not fit a screen
         chosen = slice(first, first + 4)
         table = terminal.table("", ("", *names[chosen]))
         for label, texts in rows:

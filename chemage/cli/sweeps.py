@@ -1,4 +1,4 @@
-"""What the command line says and asks where a scene is a sweep."""
+"""The commands ``run`` and ``check`` for a scene with ``[sweep]``, and ``status``."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from chemage.sweeps.progress import show_progress
 from chemage.sweeps.result import SweepResult, load_sweep
 from chemage.sweeps.running import read_grid, room_for, survey_of, sweep
 
-#: results are listed on the screen up to this many points
+#: the table of results and the list of failures are printed up to this many points
 _LISTED = 24
 
 
 def confirm(yes: bool) -> Any:
-    """Asks on a terminal; without one, agrees only if ``yes``."""
+    """Make a function that asks for confirmation on a terminal; without one only ``yes`` confirms."""
 
-    def ask(what: str) -> bool:
+    def ask(question: str) -> bool:
         if yes:
             return True
-        return sys.stdin.isatty() and sys.stderr.isatty() and typer.confirm(f"{what}; go on?", err=True)
+        return sys.stdin.isatty() and sys.stderr.isatty() and typer.confirm(f"{question}; continue?", err=True)
 
     return ask
 
@@ -45,10 +45,10 @@ def run(
     as_json: bool,
     force: bool,
 ) -> None:
-    """Compute the sweep; exit status 1 when points failed, 130 when interrupted."""
+    """Compute a sweep; exit status 1 if points failed, 130 if it was interrupted."""
     folder = out or Path(f"{read_grid(scene, changes).base.get('name', 'scene')}-sweep")
     try:
-        with show_progress() as tell:
+        with show_progress() as report:
             result = sweep(
                 scene,
                 folder,
@@ -56,14 +56,13 @@ def run(
                 workers=workers,
                 threads=threads,
                 changes=changes,
-                progress=tell,
+                progress=report,
                 confirm=confirm(yes),
                 force=force,
             )
     except KeyboardInterrupt:
         print(f"\ninterrupted; {_kept(folder)}", file=sys.stderr, flush=True)
-        # threads may still be inside a compiled kernel; waiting for them would not help anyone
-        os._exit(130)
+        os._exit(130)  # without waiting for threads that may still be in a compiled kernel
     state = {**result.status(), "folder": str(folder)}
     tables = {"csv": str(folder / "results.csv"), "hdf5": str(folder / "results.h5")}
     if as_json:
@@ -85,31 +84,32 @@ def _kept(folder: Path) -> str:
 
 
 def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool) -> None:
-    """Validate every point and say what the sweep needs; nothing is computed."""
-    with show_progress() as tell:
-        found = survey_of(read_grid(scene, changes), tell=tell, confirm=confirm(yes))
+    """Validate every point and estimate the cost of the sweep without computing anything."""
+    with show_progress() as report:
+        found = survey_of(read_grid(scene, changes), progress=report, confirm=confirm(yes))
     numbers = _numbers(found)
     if as_json:
         print(json.dumps(jsonable(numbers)))
         return
 
-    table = terminal.table(f"{scene} is valid at every point")
+    rows = []
     for axis in found.grid.axes:
         values = ["; ".join(shown(value) for value in values) for values in axis.values]
         few = values if len(values) <= 8 else [*values[:6], "...", values[-1]]
-        table.add_row(axis.name, f"{len(axis)}: {', '.join(few)}")
-    shape = " x ".join(str(length) for length in found.grid.shape)
-    table.add_row("points", f"{found.grid.size}" + (f" ({shape})" if len(found.grid.axes) > 1 else ""))
-    table.add_row("contacts to solve", f"{len(found.contacts)} on {found.surfaces} surfaces")
+        rows.append((axis.name, f"{len(axis)}: {', '.join(few)}"))
+    rows.append(("points", f"{found.grid.size}" + (f" ({found.grid.product})" if len(found.grid.axes) > 1 else "")))
+    rows.append(("contacts to solve", f"{len(found.contacts)} on {found.surfaces} surfaces"))
     if found.hooks:
-        table.add_row("plugins on the way", ", ".join(found.hooks))
-    cost = numbers["cpu_seconds"]
-    told = f"about {_duration(cost)} of CPU time once kernels are compiled" if cost is not None else "cannot be told"
-    table.add_row("expected cost", told)
-    if numbers["memory"] is not None:
-        table.add_row("expected memory", f"about {numbers['memory'] / 1e9:.2g} GB a worker")
-    table.add_row("expected disk", f"{numbers['disk'] / 1e6:.3g} MB; {numbers['disk_free'] / 1e6:.3g} MB are free here")
-    terminal.show(table)
+        rows.append(("plugins that implement hooks", ", ".join(found.hooks)))
+    cost, memory = numbers["cpu_seconds"], numbers["memory"]
+    time = "unknown" if cost is None else f"about {_duration(cost)} of CPU time once kernels are compiled"
+    rows.append(("expected cost", time))
+    if memory is not None:
+        rows.append(("expected memory", f"about {memory / 1e9:.2g} GB per worker"))
+    rows.append(
+        ("expected disk space", f"{numbers['disk'] / 1e6:.3g} MB of {numbers['disk_free'] / 1e6:.3g} MB free here")
+    )
+    terminal.show_pairs(f"{scene} is valid at every point", rows)
 
 
 def _numbers(found: Survey) -> dict[str, Any]:
@@ -135,7 +135,7 @@ def _duration(seconds: float) -> str:
 
 
 def status(folder: Path, *, as_json: bool) -> None:
-    """Print what is done, what failed and what is missing."""
+    """Print the number of points done, failed and missing, in total and for each value of each axis."""
     state = load_sweep(folder).status()
     if as_json:
         print(json.dumps(jsonable(state)))
@@ -181,7 +181,7 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
 
 
 def _headings(result: SweepResult) -> list[str]:
-    """Short names of what was swept: the field's own where that says which, with its unit."""
+    """Headings of the swept fields with their units; without the section where the name alone is unique."""
     last = [path.rpartition(".")[2] for path in result.swept]
     names = [name if last.count(name) == 1 else path for name, path in zip(last, result.swept, strict=True)]
     units = [result.units.get(path, "") for path in result.swept]

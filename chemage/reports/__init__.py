@@ -1,1 +1,1 @@
-"""Reports: figures of a run, comparisons of several, and one page of HTML."""
+"""Reports: figures of a run, comparisons of several results, and a page of HTML."""

@@ -1,9 +1,8 @@
-"""Building blocks of figures: empty panels, the one palette, maps, saving. Made without pyplot."""
+"""Building blocks of figures: empty panels, the palette, maps, saving. pyplot and its global state are not used."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from itertools import cycle
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,13 +18,15 @@ if TYPE_CHECKING:
 #: colour-blind safe (Okabe & Ito 2008)
 BLUE, ORANGE, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#777777"
 BLACK = "#000000"
+#: colours of curves, in order
+PALETTE = (BLUE, ORANGE, GREEN, PURPLE, GREY, "#E69F00", "#56B4E9", "#8C564B")
 _MAP_PIXELS = 900
 
 
 def panels(
     width: float, height: float, columns: int = 1, rows: int = 1, *, dpi: float = 150
 ) -> tuple[Figure, list[Axes]]:
-    """An empty figure, ``width`` by ``height`` inches, and its plots row by row. Made without pyplot."""
+    """Make an empty figure of ``width`` by ``height`` inches; the figure, and its plots row by row."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -35,13 +36,13 @@ def panels(
 
 
 def blank(width: float, height: float) -> tuple[Figure, Axes]:
-    """An empty figure of one plot, ``width`` by ``height`` inches."""
+    """Make an empty figure of one plot, ``width`` by ``height`` inches."""
     figure, (axes,) = panels(width, height)
     return figure, axes
 
 
 def pooled(values: np.ndarray, pool: Callable[..., np.ndarray], most: int = _MAP_PIXELS) -> np.ndarray:
-    """``values`` (nx, ny) reduced in blocks by ``pool`` (``np.max``, ``np.mean``) to at most ``most`` a side."""
+    """Reduce ``values`` (nx, ny) in blocks by ``pool`` (``np.max``, ``np.mean``) to at most ``most`` blocks a side."""
     step = max(1, -(-max(values.shape) // most))
     if step == 1:
         return values
@@ -53,7 +54,10 @@ def pooled(values: np.ndarray, pool: Callable[..., np.ndarray], most: int = _MAP
 def draw_map(
     axes: Axes, values: np.ndarray, extent: tuple[float, float, float, float], label: str, **style: Any
 ) -> None:
-    # x of the arrays runs to the right, y upwards; a strip is stretched until it can be seen
+    """Draw ``values`` (nx, ny) as a map with a colour bar: x to the right, y upwards, ``extent`` in nm.
+
+    A map that is much longer than wide is stretched.
+    """
     width, height = extent[1] - extent[0], extent[3] - extent[2]
     aspect = "equal" if max(width, height) < 6 * min(width, height) else "auto"
     image = axes.imshow(values.T, origin="lower", extent=extent, interpolation="nearest", aspect=aspect, **style)
@@ -63,18 +67,19 @@ def draw_map(
 
 
 def plain(text: str) -> str:
-    """``text`` as a label that matplotlib shows as it is: no formula between dollars, none kept out of the legend."""
+    """Escape ``text`` so that matplotlib shows it unchanged: dollars mark no formula, a leading _ hides no curve."""
     shown = text.replace("$", r"\$")
     return f" {shown}" if shown.startswith("_") else shown
 
 
-def colours() -> Iterator[str]:
-    """Colours to tell curves apart, again and again."""
-    return cycle((BLUE, ORANGE, GREEN, PURPLE, GREY, "#E69F00", "#56B4E9", "#8C564B"))
-
-
 def save_figures(named: Mapping[str, Figure], folder: Path, *, force: bool = False, suffix: str = "png") -> list[Path]:
-    """Write figures as ``folder``/name.suffix; existing files are kept unless ``force``."""
+    """Write figures as ``folder``/name.``suffix``, and return the paths.
+
+    Raises
+    ------
+    StoreError
+        A file exists and ``force`` is false, or the folder cannot be written; nothing is drawn in the first case.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
 
 def observed_in(label: str, aging: Aging, color: str) -> Observed:
-    """One result as an observable draws it."""
+    """Make the description of a result from which an observable draws it."""
     try:
         chemistry = Chemistry.fromdict(aging.provenance["chemistry"])
-    except (KeyError, ChemageError):  # made by hand, or by plugins that are not installed here
+    except (KeyError, ChemageError):  # no provenance, or plugins that are not installed here
         chemistry = None
     return Observed(label, aging, chemistry, color)
 
 
 def observables_of(aging: Aging, scene: Mapping[str, Any] | None = None) -> list[Observable]:
-    """The observables that were measured in a result, as far as they are installed."""
+    """Find the observables that were measured in a result and are installed."""
     found = []
     for fields in aging.provenance.get("observe") or (scene or {}).get("observe", ()):
         try:
@@ -39,7 +39,7 @@ def observables_of(aging: Aging, scene: Mapping[str, Any] | None = None) -> list
 def observable_figures(
     results: Sequence[tuple[Observed, Sequence[Observable]]], size: tuple[float, float] = (5.4, 4.0)
 ) -> dict[str, Figure]:
-    """Every figure of every observable, each of all the results that measured it, by name."""
+    """Draw the figures of all observables, each with all the results in which it was measured: name -> figure."""
     by_kind: dict[str, tuple[Observable, list[Observed]]] = {}
     for observed, observables in results:
         for one in observables:
@@ -54,5 +54,5 @@ def observable_figures(
 
 
 def captions(observables: Sequence[Observable]) -> dict[str, str]:
-    """The caption of every figure that these observables draw, by name."""
+    """The captions of the figures of observables: name -> caption."""
     return {name: caption for one in observables for name, caption in one.figures.items()}

@@ -1,7 +1,7 @@
-"""One self-contained HTML page of one or several results: tables, figures, scene, provenance, what to cite.
+"""A self-contained HTML page of one or several results: tables, figures, scene, provenance, references.
 
-The page loads nothing: styles are inline, maps are data URIs, curves are inline SVG that takes its colours from the
-page, and a content security policy forbids everything else. It has no script. The same files give the same bytes.
+The page loads no other file and has no script: styles are inline, maps are data URIs, curves are inline SVG in the
+colours of the page, and a content security policy forbids everything else. Equal files give an equal page.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
 from chemage.foundation.errors import InputError
 from chemage.foundation.files import fresh_file, preflight
+from chemage.foundation.statistics import standard_error
 from chemage.foundation.text import plus_minus
 from chemage.foundation.version import __version__
 from chemage.reports.comparison import Comparison, Entry, compare_files, comparison_figures
@@ -36,9 +37,9 @@ if TYPE_CHECKING:
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
 _CAPTIONS = {
-    "heights": "Heights of the surface, higher is nearer to the counter-body.",
-    "pressure": "Contact pressure; what is not in contact stays blank.",
-    "patch": "Pressure around the largest contact patch, its outline in green.",
+    "heights": "Heights of the surface; higher points are nearer to the counter-body.",
+    "pressure": "Contact pressure; pixels that are not in contact are blank.",
+    "patch": "Pressure around the largest contact patch, outlined in green.",
     "friction-drop": "Friction drop ΔF against hold time, mean and standard error.",
     "friction-coefficient-drop": "Friction coefficient drop Δμ against hold time, mean and standard error.",
     "bonds-per-area": "Bonds per contact area against hold time.",
@@ -49,7 +50,7 @@ _MAPS = ("heights", "pressure", "patch")
 
 @dataclass(frozen=True)
 class Table:
-    """A table of text; a ``wide`` one scrolls in a box of its own where it must."""
+    """A table of text; a ``wide`` one scrolls horizontally on narrow screens."""
 
     caption: str
     columns: Sequence[str]
@@ -67,7 +68,7 @@ class Picture:
 
 @dataclass
 class Part:
-    """What stands below one heading of a section."""
+    """The content below one heading of a section."""
 
     heading: str = ""
     paragraphs: list[Any] = field(default_factory=list)
@@ -80,7 +81,7 @@ class Part:
 
 @dataclass
 class Section:
-    """A section of the page; ``key`` is the name of its anchor."""
+    """A section of the page; ``key`` is its anchor."""
 
     key: str
     name: str
@@ -95,26 +96,35 @@ def write_report(
     measured: Sequence[str | Path] = (),
     force: bool = False,
 ) -> Path:
-    """Write the report of result files to ``out``; several files are compared.
+    """Write a report of result files to ``out``, with a comparison if there are several.
 
     Parameters
     ----------
     files
-        Runs, or ageing or contacts alone.
+        Files of runs, ageing curves or contacts, and folders of sweeps.
     out
-        The HTML file; an existing one is kept unless ``force``, and never is one of ``files`` overwritten.
+        The HTML file to write.
     measured
         CSV files of measurements, see :func:`chemage.read_measurements`.
+    force
+        Overwrite ``out``, unless it is one of the files that are read.
+
+    Returns
+    -------
+    pathlib.Path
+        ``out``.
 
     Raises
     ------
-    InputError, StoreError
-        A file cannot be read or compared, or ``out`` is there already; nothing is written.
+    InputError
+        A file cannot be compared, or ``out`` is one of the files that are read; nothing is written.
+    StoreError
+        A file cannot be read, or ``out`` exists or cannot be written.
     """
     target = Path(out)
     for given in (*files, *measured):
         if os.path.realpath(given) == os.path.realpath(target):
-            raise InputError(f"{target} is what this report is made from; choose another --out")
+            raise InputError(f"{target} is an input of this report; choose another --out")
     preflight(target, force=force)
     page = html(files, measured=measured)
     with fresh_file(target, force=force, size=len(page)) as part:
@@ -123,7 +133,7 @@ def write_report(
 
 
 def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) -> str:
-    """The page as text."""
+    """Make the page as text; arguments and errors as for :func:`write_report`."""
     made = compare_files(files, measured=measured)
     several = len(made.results) > 1
     sections = []
@@ -131,13 +141,17 @@ def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) ->
         sections.append(_comparison(made, "Comparison" if several else "Measurements"))
     cite: dict[str, None] = {}
     for number, one in enumerate(made.results, 1):
-        # one file at a time: the maps of a large run are 100 MB
+        # one file at a time: the maps of a large run take 100 MB
         name = (f"{one.name}: {one.title}" if one.title else one.name) if several else "Result"
         section, to_cite = _result(one, f"r{number}", name)
         sections.append(section)
         cite |= dict.fromkeys(to_cite)
     if cite:
-        sections.append(Section("cite", "What to cite", ["These results rest on:"], [Part(items=list(cite))]))
+        sections.append(
+            Section(
+                "cite", "References", ["Please cite these works together with the results:"], [Part(items=list(cite))]
+            )
+        )
     only = made.results[0]
     return _template().render(
         title=f"Comparison of {len(made.results)} results" if several else (only.title or only.name),
@@ -173,10 +187,10 @@ def _comparison(made: Comparison, name: str) -> Section:
     if len(made.results) > 1:
         section.paragraphs.append(made.statement())
         rows = [(label, *values) for label, values in made.table()]
-        part.tables.append(Table("The results side by side", ["", *names], rows, wide=True))
+        part.tables.append(Table("Comparison of the results", ["", *names], rows, wide=True))
         for caption, differences in (
-            ("How the chemistry differs", made.chemistry_differences()),
-            ("What else differs between the scenes, in internal units", made.other_differences()),
+            ("Differences in chemistry", made.chemistry_differences()),
+            ("Other differences between the scenes, in internal units", made.other_differences()),
         ):
             if differences:
                 rows = [_difference_row(one) for one in differences]
@@ -184,7 +198,7 @@ def _comparison(made: Comparison, name: str) -> Section:
     if fits := made.fits():
         rows = [(name, fit.describe(), fit.beta_text(), fit.cutoff_text()) for name, fit in fits]
         columns = ["data", "model", "β per decade", "cut-off time t_c"]
-        part.tables.append(Table("Measurements and results, fitted alike", columns, rows, wide=True))
+        part.tables.append(Table("Equal fits to measurements and results", columns, rows, wide=True))
     part.figures = _pictures(comparison_figures(made), made, "c")
     section.parts.append(part)
     return section
@@ -195,7 +209,7 @@ def _difference_row(one: Difference) -> tuple[str, ...]:
 
 
 def _result(one: Entry, key: str, name: str) -> tuple[Section, list[str]]:
-    """The section of one result, and what to cite."""
+    """Make the section of one result, and list its references."""
     assert one.whole is not None
     thing = one.whole()
     run = thing if isinstance(thing, Run) else None
@@ -213,11 +227,11 @@ def _result(one: Entry, key: str, name: str) -> tuple[Section, list[str]]:
         figures |= observed_figures(run)
     parts.append(Part("Figures", figures=_pictures(figures, alone, key)))
     if one.aging is not None:
-        parts.append(Part("Friction against hold time", tables=[_course(one)]))
+        parts.append(Part("Friction against hold time", tables=[_curves_table(one)]))
     if one.scene:
         about = _markup(
-            "Every option spelled out, in internal units (nm, nN, GPa, eV, s, K). Saved as a file, "
-            "<code>chemage run</code> repeats this result."
+            "All options, in internal units (nm, nN, GPa, eV, s, K). Saved as a file, this scene reproduces the result "
+            "with <code>chemage run</code>."
         )
         parts.append(Part("Scene", paragraphs=[about], code=scene_toml(one.scene)))
     parts.append(Part("Provenance", tables=[_provenance(one, thing)]))
@@ -231,7 +245,7 @@ def _notes(run: Run | None, contact: ContactSolution | None) -> list[str]:
     return notes
 
 
-def _course(one: Entry) -> Table:
+def _curves_table(one: Entry) -> Table:
     aging = one.aging
     assert aging is not None
     rows = []
@@ -242,11 +256,10 @@ def _course(one: Entry) -> Table:
             if values is None or not all(map(math.isfinite, values.tolist())):
                 cells.append("-")
                 continue
-            error = float(values.std(ddof=1)) / math.sqrt(values.size) if values.size > 1 else math.nan
-            cells.append(plus_minus(float(values.mean()), error))
+            cells.append(plus_minus(float(values.mean()), float(standard_error(values))))
         rows.append(tuple(cells))
     columns = ["hold time (s)", "ΔF (nN)", "Δμ", "bonds per contact area (1/nm²)", "fraction of sites bonded"]
-    return Table(f"Means over {aging.replicas} replicas, ± standard error", columns, rows, wide=True)
+    return Table(f"Means over {aging.replicas} replicas ± standard errors", columns, rows, wide=True)
 
 
 def _provenance(one: Entry, thing: Any) -> Table:
@@ -265,7 +278,7 @@ def _provenance(one: Entry, thing: Any) -> Table:
             *((f"key of stage {stage}", value) for stage, value in thing.keys.items()),
         ]
     rows += [(f"content hash of {name}", part.digest()) for name, part in parts.items()]
-    return Table("", ["what", "value"], rows)
+    return Table("", ["item", "value"], rows)
 
 
 def _solver(run: Run) -> str:
@@ -275,7 +288,7 @@ def _solver(run: Run) -> str:
 
 
 def scene_toml(scene: Mapping[str, Any]) -> str:
-    """Plain scene data as TOML; reading it back gives the same data."""
+    """Format plain scene data as TOML, from which equal data can be read."""
     import tomli_w
 
     return tomli_w.dumps(scene)
@@ -309,7 +322,7 @@ def _map_alts(one: Entry) -> dict[str, str]:
 
 
 def _curve_alt(made: Comparison, name: str, caption: str) -> str:
-    """What a figure shows, in words and numbers, for those who do not see it."""
+    """Describe a figure in words and numbers, for readers who cannot see it."""
     curves = {
         "friction-drop": ("Friction drop", lambda one: one.aging.friction_drop, ", in nN"),
         "friction-coefficient-drop": ("Friction coefficient drop", lambda one: one.aging.friction_coefficient_drop, ""),
@@ -318,14 +331,14 @@ def _curve_alt(made: Comparison, name: str, caption: str) -> str:
     if name not in curves:
         return f"{caption} Curves for {', '.join(one.name for one in made.results)}."
     what, of, unit = curves[name]
-    courses = []
+    found = []
     for one in made.results:
         if one.aging is None or not (values := of(one)).size:
             continue
         first, last = values.mean(axis=0)[[0, -1]]
         start, stop = one.aging.hold_times[[0, -1]]
-        courses.append(f"{one.name} goes from {first:.3g} at {start:g} s to {last:.3g} at {stop:g} s")
-    return f"{what} against hold time{unit}: {'; '.join(courses)}."
+        found.append(f"{one.name} goes from {first:.3g} at {start:g} s to {last:.3g} at {stop:g} s")
+    return f"{what} against hold time{unit}: {'; '.join(found)}."
 
 
 def _png(figure: Figure, alt: str) -> str:
@@ -339,7 +352,7 @@ def _png(figure: Figure, alt: str) -> str:
 
 
 def _svg(figure: Figure, alt: str, key: str) -> str:
-    """Inline SVG without addresses or metadata; black is the page's text colour, and ids are its own."""
+    """Make inline SVG without addresses or metadata, with unique ids and the text colour of the page for black."""
     import matplotlib as mpl
 
     data = io.StringIO()

@@ -1,7 +1,4 @@
-"""Figures of a run: the surface, the pressure with its patches, what its observables draw, friction against hold time.
-
-Every function returns a matplotlib Figure made without pyplot, so that nothing global changes.
-"""
+"""Figures of a run: the surface, the pressure and its patches, the observables, friction against hold time."""
 
 from __future__ import annotations
 
@@ -12,6 +9,7 @@ import numpy as np
 
 from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
+from chemage.foundation.text import plus_minus
 from chemage.reports.figures import BLUE, GREEN, GREY, ORANGE, blank, draw_map, panels, pooled, save_figures
 from chemage.reports.observables import observable_figures, observables_of, observed_in
 from chemage.surfaces.surface import Surface
@@ -22,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def surface_figure(surface: Surface) -> Figure:
-    """The height map, and the power spectral density where the surface is periodic."""
+    """Draw the height map, and the power spectral density of a periodic surface or else a profile."""
     figure, axes = panels(10.5, 4.2, 2)
     nx, ny = surface.shape
     _draw_heights(axes[0], surface)
@@ -40,7 +38,7 @@ def surface_figure(surface: Surface) -> Figure:
 
 
 def pressure_figure(contact: ContactSolution) -> Figure:
-    """The pressure over the whole contact, and the neighbourhood of its largest patch with the patches' outlines."""
+    """Draw the pressure over the whole contact, and around the largest patch with the outlines of patches."""
     figure, axes = panels(10.5, 4.8, 2)
     _draw_pressure(axes[0], contact)
     _draw_largest_patch(axes[1], contact)
@@ -48,7 +46,7 @@ def pressure_figure(contact: ContactSolution) -> Figure:
 
 
 def map_figures(contact: ContactSolution, surface: Surface | None = None) -> dict[str, Figure]:
-    """The maps one by one, for narrow pages: ``heights``, ``pressure``, ``patch`` (around the largest)."""
+    """Draw each map as a figure for narrow pages: ``heights``, ``pressure``, ``patch`` (around the largest one)."""
     made = {}
     if surface is not None:
         made["heights"], axes = blank(4.9, 3.9)
@@ -96,7 +94,7 @@ def _count(number: int, one: str, many: str) -> str:
 
 
 def _outlines(contact: np.ndarray, x0: int, y0: int, pixel: float) -> Any:
-    """The pixel edges between contact and non-contact of a (nx, ny) map whose corner is pixel (x0, y0)."""
+    """The pixel edges between contact and gap in a (nx, ny) map whose corner is pixel (x0, y0)."""
     from matplotlib.collections import LineCollection
 
     i, j = np.nonzero(np.diff(contact, axis=0))
@@ -125,7 +123,7 @@ def _around_largest_patch(contact: ContactSolution) -> tuple[tuple[int, int], tu
 
 
 def friction_figure(run: Run) -> Figure | None:
-    """ΔF and Δμ against hold time, with standard errors and the fitted line; None without ageing."""
+    """Draw ΔF and Δμ against hold time, with standard errors and the fitted line; None without ageing."""
     if run.aging is None:
         return None
     aging, fit = run.aging, run.fit()
@@ -140,9 +138,9 @@ def friction_figure(run: Run) -> Figure | None:
         )
     axes[1].set_ylabel("friction coefficient drop Δμ")
     if not t.size:
-        _say(axes[0], "no hold time above 0")
+        _write(axes[0], "no hold time above 0")
     if aging.load == 0:
-        _say(axes[1], "undefined: no load")
+        _write(axes[1], "undefined: no load")
     if fit is not None and np.isfinite(fit.beta) and np.isfinite(fit.cutoff_time):
         line = np.geomspace(*run.window, 50)
         axes[1].plot(
@@ -151,7 +149,7 @@ def friction_figure(run: Run) -> Figure | None:
             color=ORANGE,
             lw=1.6,
             zorder=3,
-            label=f"β = {fit.beta:.3g} ± {fit.beta_stderr:.1g} per decade",
+            label=f"β = {plus_minus(fit.beta, fit.beta_stderr, 'per decade')}",
         )
         axes[1].legend(frameon=False, loc="upper left")
     for one in axes:
@@ -161,12 +159,12 @@ def friction_figure(run: Run) -> Figure | None:
         f"{run.scene.get('title') or run.name}: {_count(aging.replicas, 'replica', 'replicas')}, "
         f"{aging.temperature:g} K",
         fontsize=10,
-        parse_math=False,  # a title is text, whatever dollar signs are in it
+        parse_math=False,  # a dollar sign in a title is not a formula
     )
     return figure
 
 
-def _say(axes: Axes, text: str) -> None:
+def _write(axes: Axes, text: str) -> None:
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", color=GREY)
 
 
@@ -174,12 +172,8 @@ def _with_errors(axes: Axes, t: np.ndarray, mean: np.ndarray, error: np.ndarray,
     axes.errorbar(t, mean, yerr=np.nan_to_num(error), color=colour, marker="o", ms=3.5, lw=1, capsize=2)
 
 
-def _seconds(t: float) -> str:
-    return f"{t:.3g} s"
-
-
 def observed_figures(run: Run) -> dict[str, Figure]:
-    """The figures that the observables of a run draw."""
+    """Draw the figures of the observables of a run: name -> figure."""
     if run.aging is None:
         return {}
     observed = observed_in(run.name, run.aging, BLUE)
@@ -187,7 +181,7 @@ def observed_figures(run: Run) -> dict[str, Figure]:
 
 
 def figures(run: Run) -> dict[str, Figure]:
-    """Every figure this run has something to show for, by name."""
+    """Draw every figure for which the run has data: name -> figure."""
     made = {
         "surface": surface_figure(run.surface) if run.surface is not None else None,
         "pressure": pressure_figure(run.contact),
@@ -198,5 +192,5 @@ def figures(run: Run) -> dict[str, Figure]:
 
 
 def save(run: Run, folder: Path, *, force: bool = False, suffix: str = "png") -> list[Path]:
-    """Write every figure of ``run`` into ``folder`` (made if need be); existing files are kept unless ``force``."""
+    """Write the figures of ``run`` into ``folder``; see :func:`chemage.reports.figures.save_figures`."""
     return save_figures(figures(run), folder, force=force, suffix=suffix)

@@ -13,24 +13,24 @@ if TYPE_CHECKING:
 
 
 def figure(found: Tradeoff) -> Figure:
-    """Error against CPU seconds, a panel for each knob that has an error to show."""
+    """Draw the error against the CPU time, with a panel for each option whose error was measured."""
     named = dict.fromkeys(row.knob for row in found.rows if row.knob != "engine")  # engines are exact
-    knobs = [knob for knob in named if _errors(found, knob)]
-    columns = max(len(knobs), 1)
+    options = [option for option in named if _errors(found, option)]
+    columns = max(len(options), 1)
     drawn, plots = panels(4.6 * columns, 3.9, columns, dpi=130)
-    for knob, axes in zip(knobs, plots, strict=False):
-        name, points = _errors(found, knob)
+    for option, axes in zip(options, plots, strict=False):
+        name, points = _errors(found, option)
         axes.loglog([point[0] for point in points], [point[1] for point in points], "o-", ms=4, color=BLUE)
-        for k, (x, y, label) in enumerate(points):  # above and below in turn, for those that are close together
+        for k, (x, y, label) in enumerate(points):  # alternately above and below, for points that are close
             axes.annotate(label, (x, y), textcoords="offset points", xytext=(5, -10 if k % 2 else 4), fontsize=7)
-        axes.set(xlabel="CPU seconds", ylabel=name, title=knob)
+        axes.set(xlabel="CPU time (s)", ylabel=name, title=option)
         _scale(axes.xaxis, [point[0] for point in points])
         _scale(axes.yaxis, [point[1] for point in points])
     return drawn
 
 
 def _scale(axis: Any, values: list[float]) -> None:
-    """Bounds around positive ``values``, a decade apart at least: small differences must not look large. Few ticks."""
+    """Set the limits around positive ``values``, at least a decade apart so that small differences look small."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = min(values), max(values)
@@ -41,8 +41,9 @@ def _scale(axis: Any, values: list[float]) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _errors(found: Tradeoff, knob: str) -> Any:
-    rows = [row for row in found.rows if row.knob == knob]
+def _errors(found: Tradeoff, option: str) -> Any:
+    """(name, points) of the first kind of error that was measured; None without one."""
+    rows = [row for row in found.rows if row.knob == option]
     labels = {
         "pressure_error": "relative error of the pressure",
         "area_error": "relative error of the area",

@@ -1,1 +1,1 @@
-"""The scaffold: the folder of a new plugin."""
+"""Creates the folder of a new plugin."""

@@ -1,4 +1,4 @@
-"""``chemage plugins new``: the folder of a plugin that works at once, with tests of what its role requires."""
+"""``chemage plugins new``: creates a working plugin with tests of the requirements of its role."""
 
 from __future__ import annotations
 
@@ -13,14 +13,19 @@ from chemage.plugins import registry
 
 
 def new(name: str, role: str, folder: Path) -> list[Path]:
-    """Write a plugin of kind ``name`` for ``role`` into ``folder``/chemage-``name``; the files written.
+    """Write a plugin with a component of kind ``name`` for ``role`` into ``folder``/chemage-``name``.
+
+    Returns
+    -------
+    list of pathlib.Path
+        The files, the first of which is ``pyproject.toml``.
 
     Raises
     ------
     InputError
-        ``name`` is no name for a kind, or there is no such role.
+        ``name`` is not valid for a kind, or there is no such role.
     StoreError
-        The folder is there already, or cannot be made.
+        The folder exists or cannot be created.
     """
     roles = list(registry.current().roles)
     if role not in roles:
@@ -28,7 +33,7 @@ def new(name: str, role: str, folder: Path) -> list[Path]:
     module = name.replace("-", "_")
     if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name) or keyword.iskeyword(module):
         raise InputError.of(
-            "name", name, "is no name for a kind", "use lower-case words joined by -, such as my-barriers"
+            "name", name, "is not a valid kind", "use lower-case words joined by -, such as my-barriers"
         )
     package = f"chemage_{module}"
     words = {

@@ -1,11 +1,12 @@
-"""What a sweep keeps on disk.
+"""The folder of a sweep.
 
-``sweep.json``                  the scene, the axes, the keys of every point; versions of what made it
+``sweep.json``                  the scene, the axes, the key of every point, the versions of chemage and its plugins
 ``contacts/<key>.npz``          a contact: its sites, the pressures there, and its measures
-``points/<xx>/<key>.json``      a point: what it changes, its numbers, bonds by replica and hold time; or the error
+``points/<xx>/<key>.json``      a point: its changes to the scene, its results (bonds per replica and hold time), or the
+                                error
 ``results.csv``, ``results.h5`` the table, written at the end
 
-Every file is written under a temporary name in ``.parts`` and renamed, so that it is whole or absent.
+Every file is written under a temporary name in ``.parts`` and then renamed, so that it is either complete or absent.
 """
 
 from __future__ import annotations
@@ -28,25 +29,27 @@ from chemage.contacts.solution import ContactSolution
 from chemage.foundation.codec import from_npz
 from chemage.foundation.errors import StoreError
 
-#: layout of the folder; a reader refuses a newer one
+#: version of the layout; newer layouts are refused
 FORMAT = 1
+#: the remedy in every message of a sweep that ended early
+RESUME = "completed points are kept; rerun the same command to resume"
 _DONE, _END = b'{"status": "done"', b"}\n"
 T = TypeVar("T")
 
 
 class CannotWrite(StoreError):
-    """The disk is full or read-only: a matter of the sweep, not of one point."""
+    """The disk is full or read-only, which ends the whole sweep rather than one point."""
 
 
 @dataclass(frozen=True)
 class Folder:
-    """A sweep's folder."""
+    """The folder of a sweep and its files."""
 
     path: Path
 
     @property
     def manifest(self) -> Path:
-        """The file that says what the sweep is."""
+        """The file that describes the sweep."""
         return self.path / "sweep.json"
 
     def contact(self, key: str) -> Path:
@@ -58,12 +61,12 @@ class Folder:
         return self.path / "points" / key[:2] / f"{key}.json"
 
     def read_manifest(self) -> dict[str, Any]:
-        """What ``sweep.json`` says.
+        """Read ``sweep.json``.
 
         Raises
         ------
         StoreError
-            There is none, it is damaged, or a newer chemage made it.
+            The file is missing or damaged, or a newer version of chemage wrote it.
         """
         try:
             data = json.loads(self.manifest.read_bytes())
@@ -72,7 +75,7 @@ class Folder:
         except (OSError, ValueError) as error:
             raise StoreError(f"{self.manifest} cannot be read: {error}") from None
         if not isinstance(data, dict) or "format" not in data:
-            raise StoreError(f"{self.manifest} is not of a sweep")
+            raise StoreError(f"{self.manifest} does not describe a sweep")
         if data["format"] > FORMAT:
             raise StoreError(
                 f"{self.path} was made by chemage {data['versions']['chemage']}; update chemage to read it"
@@ -80,7 +83,7 @@ class Folder:
         return data
 
     def state(self, key: str) -> str:
-        """``done``, ``failed`` or ``missing``; a file that is not whole counts as missing."""
+        """Find whether a point is ``done``, ``failed`` or ``missing``; an incomplete file counts as missing."""
         try:
             text = self.point(key).read_bytes()
         except OSError:
@@ -90,34 +93,34 @@ class Folder:
         return "done" if text.startswith(_DONE) else "failed"
 
     def read_point(self, key: str) -> dict[str, Any] | None:
-        """What is known of a point; None if nothing is."""
+        """Read the file of a point; None if it is missing or damaged."""
         try:
             return json.loads(self.point(key).read_bytes())
         except (OSError, ValueError):
             return None
 
     def write_point(self, key: str, content: Mapping[str, Any]) -> None:
-        """Put a point's file in its place."""
-        # not indented, and what failed never starts like what is done: `state` looks at both ends only
+        """Write the file of a point."""
+        # not indented, and with the status first: `state` reads the begin and the end only
         self._place(self.point(key), json.dumps(content).encode() + b"\n")
 
     def write_manifest(self, content: Mapping[str, Any]) -> None:
-        """Put ``sweep.json`` in its place."""
-        # without it nothing else in the folder is of use, so it must outlive a power cut
-        self._place(self.manifest, json.dumps(content, indent=1).encode() + b"\n", lasting=True)
+        """Write ``sweep.json``."""
+        # the rest of the folder is useless without it, so it must survive a power failure
+        self._place(self.manifest, json.dumps(content, indent=1).encode() + b"\n", durable=True)
 
     def has_contact(self, key: str) -> bool:
-        """Whether a contact is there, and whole."""
+        """Whether the file of a contact exists and is complete."""
         import zipfile
 
         return zipfile.is_zipfile(self.contact(key))
 
     def write_contact(self, key: str, content: memoryview) -> None:
-        """Put the file of a contact (see :func:`chemage.foundation.codec.to_npz`) in its place."""
+        """Write the file of a contact, with the content made by :func:`chemage.foundation.codec.to_npz`."""
         self._place(self.contact(key), content)
 
     def read_contact(self, key: str) -> ContactSolution | None:
-        """A contact, or None if there is none or it is damaged."""
+        """Read a contact; None if it is missing or damaged."""
         import zipfile
 
         try:
@@ -126,11 +129,11 @@ class Folder:
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             return None
 
-    def _place(self, target: Path, content: bytes | memoryview, lasting: bool = False) -> None:
-        part = self.path / ".parts" / f"{target.name}.{_own_name()}.{threading.get_ident()}"
+    def _place(self, target: Path, content: bytes | memoryview, durable: bool = False) -> None:
+        part = self.path / ".parts" / f"{target.name}.{process_name()}.{threading.get_ident()}"
         try:
             part.write_bytes(content)
-            if lasting:
+            if durable:
                 with open(part, "rb") as stream:
                     os.fsync(stream.fileno())
             try:
@@ -141,18 +144,16 @@ class Folder:
         except OSError as error:
             with contextlib.suppress(OSError):
                 part.unlink(missing_ok=True)
-            raise CannotWrite(
-                f"cannot write {target}: {error.strerror or error}; what is finished is kept, the same sweep goes on"
-            ) from None
+            raise CannotWrite(f"cannot write {target}: {error.strerror or error}; {RESUME}") from None
 
     def clear_parts(self) -> None:
-        """Remove what writers that were killed left behind."""
+        """Remove the temporary files of processes that were killed."""
         shutil.rmtree(self.path / ".parts", ignore_errors=True)
         (self.path / ".parts").mkdir(parents=True, exist_ok=True)
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep a second run out of the folder; the lock ends with the process, however that ends."""
+        """Lock the folder against a second call; the operating system releases the lock when the process ends."""
         try:
             import fcntl
         except ImportError:  # no such locks on this system
@@ -178,7 +179,8 @@ def _host() -> str:
     return socket.gethostname()
 
 
-def _own_name() -> str:
+def process_name() -> str:
+    """The host and the number of this process, in one word."""
     return f"{_host()}.{os.getpid()}"
 
 

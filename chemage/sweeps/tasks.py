@@ -1,7 +1,7 @@
-"""The two tasks that workers carry out: solve a contact, compute points.
+"""The two tasks of a worker: solve a contact, compute points.
 
-Each gets a folder and numbers of points, reads the rest from the folder, and answers with a few words: no array is
-sent.
+A task receives the path of a folder and the numbers of points, reads everything else from the folder, and writes its
+results there. Only the duration and error messages are sent back, never arrays.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from chemage.foundation.errors import ChemageError, ExecutorError, StoreError
 from chemage.foundation.version import __version__
 from chemage.surfaces.stage import make_surface
 from chemage.surfaces.surface import Surface
-from chemage.sweeps.folder import CannotWrite, Folder, _own_name
+from chemage.sweeps.folder import CannotWrite, Folder, process_name
 from chemage.sweeps.grid import Grid
 
 T = TypeVar("T")
 
 
 class _Recent(Generic[T]):
-    """The few objects used last, by key."""
+    """A small cache of the objects used last, by key."""
 
     def __init__(self, size: int) -> None:
         self._size, self._lock = size, threading.Lock()
@@ -54,7 +54,7 @@ class _Recent(Generic[T]):
                 self._kept.popitem(last=False)
 
 
-# a surface of 2500 x 2500 pixels takes 50 MB, a contact as much: two of each cover a sweep in the order it is done
+# 50 MB each at 2500 x 2500 pixels; points are computed in an order for which two of each are enough
 _surfaces: _Recent[Surface] = _Recent(2)
 _contacts: _Recent[ContactSolution] = _Recent(2)
 
@@ -66,33 +66,37 @@ def _opened(path: str, digest: str) -> tuple[Folder, Grid, dict[str, Any]]:
         manifest = folder.read_manifest()
     except StoreError as error:
         raise ExecutorError(
-            f"worker {_own_name()} cannot read the sweep: {error}; every worker must see {path}, on a shared file "
-            "system if it is another machine"
+            f"worker {process_name()} cannot read the sweep: {error}; every worker must see {path}; workers on other "
+            "machines need a shared file system"
         ) from None
     if manifest["digest"] != digest:
-        raise ExecutorError(f"worker {_own_name()} finds another sweep in {path}: start the sweep again")
-    if manifest["versions"]["chemage"] != __version__:
-        raise ExecutorError(
-            f"worker {_own_name()} has chemage {__version__}, but the sweep is run by {manifest['versions']['chemage']}"
-        )
+        raise ExecutorError(f"worker {process_name()} finds another sweep in {path}; start the sweep again")
+    if (version := manifest["versions"]["chemage"]) != __version__:
+        raise ExecutorError(f"worker {process_name()} has chemage {__version__}, but the sweep is run by {version}")
     return folder, Grid.fromdict(manifest["grid"]), manifest
 
 
 def solve(path: str, digest: str, point: int, key: str, threads: int) -> dict[str, Any]:
-    """Task: the contact of ``point``, whose key is ``key``, to the folder. Answers with ``seconds`` or an ``error``."""
+    """Task: solve the contact of ``point`` and write it to the folder under ``key``.
+
+    Returns
+    -------
+    dict
+        ``seconds``, the wall time; and ``error`` if the contact could not be solved.
+    """
     begin = time.perf_counter()
     thread_budget.limit(threads)
     folder, grid, _ = _opened(path, digest)
     try:
         solution = _solution(grid.scene(point), f"{path} {digest}")
-    except (Exception, SystemExit) as error:  # a plugin that exits must not end the sweep
+    except (Exception, SystemExit) as error:  # a plugin that calls exit must not end the sweep
         return {"seconds": time.perf_counter() - begin, "error": failure(point, {}, "contact", error)["error"]}
     _keep(folder, key, solution, f"{path} {digest}")
     return {"seconds": time.perf_counter() - begin}
 
 
 def _solution(scene: Scene, owner: str) -> ContactSolution:
-    # what is kept belongs to one sweep: in another, other plugins may stand between the options and the surface
+    # the cache key contains the sweep: in another sweep other plugins may change the surface of the same options
     name = f"{owner} {scene.keys()['surface']}"
     surface = _surfaces.get(name)
     if surface is None:
@@ -104,16 +108,19 @@ def _solution(scene: Scene, owner: str) -> ContactSolution:
 def _keep(folder: Folder, key: str, solution: ContactSolution, owner: str) -> ContactSolution:
     content = to_npz(solution)
     folder.write_contact(key, content)
-    # points see what is on disk, whether they are computed at once or after an interruption
+    # points always use the stored contact, so that an interruption does not change them
     kept = from_npz(ContactSolution, BytesIO(content))
     _contacts.put(f"{owner} {key}", kept)
     return kept
 
 
 def compute(path: str, digest: str, points: Sequence[int], threads: int) -> dict[str, Any]:
-    """Task: ``points`` that differ in their fit alone, to the folder.
+    """Task: compute ``points``, which differ in their fit only, and write them to the folder.
 
-    Answers with ``seconds`` and ``failed``, one line for each point that did.
+    Returns
+    -------
+    dict
+        ``seconds``, the wall time; and ``failed``, the error message of each point that failed.
     """
     begin = time.perf_counter()
     thread_budget.limit(threads)
@@ -156,8 +163,8 @@ def _content(point: int, changes: Mapping[str, Any], made: Run) -> dict[str, Any
 
 
 def failure(point: int, changes: Mapping[str, Any], stage: str, error: BaseException) -> dict[str, Any]:
-    """What is kept of a point that failed."""
-    told: dict[str, Any] = {"stage": stage, "type": type(error).__name__, "message": str(error)}
+    """The content of the file of a point that failed."""
+    report: dict[str, Any] = {"stage": stage, "type": type(error).__name__, "message": str(error)}
     if not isinstance(error, ChemageError):
-        told["traceback"] = "".join(traceback.format_exception(error)[-6:])
-    return {"status": "failed", "point": point, "changes": dict(changes), "error": told}
+        report["traceback"] = "".join(traceback.format_exception(error)[-6:])
+    return {"status": "failed", "point": point, "changes": dict(changes), "error": report}

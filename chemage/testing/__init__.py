@@ -1,4 +1,4 @@
-"""Tests for the components of a plugin: everything that a role requires, as checks that run on an instance.
+"""Tests for the components of a plugin: the requirements of each role, as checks of an instance.
 
 .. code-block:: python
 
@@ -8,12 +8,12 @@
     def test_meets_its_role(component, check):
         check(component)
 
-or, without pytest's parametrisation, ``check_barriers(Weibull(...))``. A check that cannot hold is expected to fail,
+or, without pytest's parametrisation, ``check_barriers(Weibull(...))``. A check that a component cannot pass is declared
 with the reason: ``expected_failures={"restart_is_exact": "random numbers are drawn in sequence"}``.
 
-The fixture ``isolated_registry`` is a registry in which no plugin is installed, in use for the length of a test. A
-``conftest.py`` gets it with ``pytest_plugins = ["chemage.testing"]``; it is not a pytest entry point, because that
-would import chemage in every test session of everyone who has it installed.
+The fixture ``isolated_registry`` is a registry without plugins that is in use during a test. A ``conftest.py`` imports
+it with ``pytest_plugins = ["chemage.testing"]``; as a pytest entry point it would import chemage in every test session
+on the machine.
 """
 
 from chemage.testing.barriers import check_barriers

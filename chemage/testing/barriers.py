@@ -11,7 +11,7 @@ from chemage.testing.checks import check_of, require, run_checks
 
 
 def check_barriers(component: Barriers) -> None:
-    """Every promise of role ``barriers``."""
+    """Run every check of the role ``barriers``; raises AssertionError if one fails."""
     run_checks(component, Barriers, {})
 
 
@@ -30,15 +30,20 @@ def _quantile_is_monotone(component: Barriers) -> None:
 
 @check_of("barriers")
 def _barrier_is_the_pixels_own(component: Barriers) -> None:
-    """A pixel's barrier depends on its own number alone, not on how many pixels there are, nor on earlier calls."""
+    """The barrier of a pixel depends only on its own number, neither on other pixels nor on earlier calls."""
     uniform = np.random.default_rng(1).random(1000)
     energy = component.quantile(uniform)
     require(energy.tobytes() == component.quantile(uniform).tobytes(), "two calls gave different barriers")
     for part in (slice(None, None, -1), slice(10, 11), slice(3, 700, 7)):
         alone = component.quantile(np.ascontiguousarray(uniform[part]))
-        require(np.allclose(alone, energy[part], rtol=1e-13, atol=0), "a barrier changed with what else was asked")
+        require(
+            np.allclose(alone, energy[part], rtol=1e-13, atol=0), "a barrier depends on the other numbers in the call"
+        )
     grid = component.quantile(uniform.reshape(20, 50))
-    require(grid.shape == (20, 50) and np.allclose(grid.ravel(), energy, rtol=1e-13), "not the shape it was given")
+    require(
+        grid.shape == (20, 50) and np.allclose(grid.ravel(), energy, rtol=1e-13),
+        "the barriers do not have the shape of the numbers",
+    )
     require(component.quantile(np.empty(0)).shape == (0,), "no pixels: expected an empty array")
 
 
@@ -60,7 +65,7 @@ def _density_agrees_with_quantile(component: Barriers) -> None:
         total = float(density.sum()) * (high - low) / count
         require(
             abs(total - (above - below)) < 1e-3,
-            f"the density adds up to {total:.5f} between {low:.5f} and {high:.5f} eV; "
+            f"the density integrates to {total:.5f} between {low:.5f} and {high:.5f} eV; "
             f"the quantile function puts {above - below:.5f} there",
         )
     far = component.density(np.array([energies[0] - 1e3, energies[-1] + 1e3]))

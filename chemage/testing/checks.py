@@ -1,4 +1,4 @@
-"""How the checks of a role are declared, collected and run."""
+"""Declares, collects and runs the checks of the roles."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.plugins import registry
 
-#: A statistical check fails by chance once in so many correct implementations; its seeds are fixed, so it stays passed.
+#: probability that a statistical check rejects a correct implementation; seeds are fixed, so results are reproducible
 CHANCE = 1e-5
 
 
 @pytest.fixture
 def isolated_registry() -> Iterator[registry.Registry]:
-    """A registry without any plugin, in use during the test; ``isolated_registry.register(module, name)`` adds one."""
+    """A registry without plugins, in use during a test; ``isolated_registry.register(module, name)`` adds a plugin."""
     with registry.using(registry.Registry([])) as empty:
         yield empty
 
 
 class Check(NamedTuple):
-    """One requirement of a role, as a function that raises AssertionError when an instance breaks it."""
+    """One requirement of a role: a function that raises AssertionError if a component does not meet it."""
 
     name: str
     function: Callable[..., None]
@@ -42,12 +42,12 @@ class Check(NamedTuple):
         return self.name
 
 
-#: role -> its checks; those of every component under ""
+#: role -> its checks; the checks of every component are those of the role ""
 CHECKS: dict[str, list[Callable[..., None]]] = {}
 
 
 def check_of(role: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Mark a check: of ``role``, or of every component where that is empty."""
+    """Declare a function as a check of ``role``, or of every component if ``role`` is empty."""
 
     def mark(function: Callable[..., None]) -> Callable[..., None]:
         CHECKS.setdefault(role, []).append(function)
@@ -57,15 +57,20 @@ def check_of(role: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
 
 
 def checks_for(component: Component | type[Component], **inputs: Any) -> list[Check]:
-    """The checks of a component's role, or of a role's class.
+    """List the checks of the role of a component, or of a class.
 
-    ``inputs`` are what a role's checks need from outside: ``surfaces`` and ``force_tolerance`` (contact), ``path``
-    (reader).
+    ``inputs`` are passed on to the checks: ``surfaces`` and ``force_tolerance`` (role ``contact``), ``path`` (role
+    ``reader``).
+
+    Raises
+    ------
+    InputError
+        The component has no role, or the checks of its role do not use an input.
     """
     role = component.role
     roles = registry.current().roles
     if role not in roles:
-        raise InputError.of("component", component, "is of no role", f"the roles are {', '.join(roles)}")
+        raise InputError.of("component", component, "has no role", f"the roles are {', '.join(roles)}")
     found = []
     for function in (*CHECKS.get("", ()), *CHECKS.get(role, ())):
         code = function.__code__
@@ -83,10 +88,17 @@ def parametrize_with_checks(
     expected_failures: Mapping[str, str] | Callable[[Component], Mapping[str, str]] | None = None,
     **inputs: Any,
 ) -> Any:
-    """Parametrise a test with ``component`` and ``check``: every check of every component is a test of its own.
+    """Parametrise a test with ``component`` and ``check``: each check of each component becomes one test.
 
-    ``expected_failures`` maps a check's name to the reason why it cannot hold (or is a function of the component that
-    returns such a map); that test must then fail.
+    Parameters
+    ----------
+    components
+        The instances to check.
+    expected_failures
+        Name of a check -> reason why it cannot pass, or a function of the component that returns such a mapping; these
+        tests must fail.
+    inputs
+        See :func:`checks_for`.
     """
     cases = []
     for number, component in enumerate(components):
@@ -102,7 +114,7 @@ def parametrize_with_checks(
             cases.append(pytest.param(component, check, id=f"{component.kind}{number}-{check.name}", marks=marks))
 
     def parametrized(function: Callable[..., Any]) -> Callable[..., Any]:
-        # tests written for chemage 0.1 name their argument so
+        # the name of the argument in tests written for chemage 0.1
         name = "choice" if "choice" in function.__code__.co_varnames[: function.__code__.co_argcount] else "component"
         return pytest.mark.parametrize((name, "check"), cases)(function)
 
@@ -110,6 +122,7 @@ def parametrize_with_checks(
 
 
 def run_checks(component: Component, role: type[Component], inputs: Mapping[str, Any]) -> None:
+    """Run every check of ``component``, which must be of ``role``."""
     if not isinstance(component, role):
         raise InputError.of("component", component, f"is not a chemage.{role.__name__}")
     for check in checks_for(component, **inputs):
@@ -117,12 +130,13 @@ def run_checks(component: Component, role: type[Component], inputs: Mapping[str,
 
 
 def require(condition: Any, message: str) -> None:
+    """Raise AssertionError with ``message`` unless ``condition`` holds, also under ``python -O``."""
     if not condition:
         raise AssertionError(message)
 
 
 def refuses(what: str, call: Callable[[], Any], error: type[Exception] = InputError) -> str:
-    """``call`` must raise ``error``; the message."""
+    """Require that ``call`` raises ``error`` with a message, and return the message."""
     try:
         answer = call()
     except error as refusal:
@@ -130,20 +144,23 @@ def refuses(what: str, call: Callable[[], Any], error: type[Exception] = InputEr
         return str(refusal)
     except Exception as other:
         raise AssertionError(f"{what}: raised {type(other).__name__}: {other}; expected {error.__name__}") from other
-    raise AssertionError(f"{what}: gave {answer!r}; expected {error.__name__}")
+    raise AssertionError(f"{what}: returned {answer!r}; expected {error.__name__}")
 
 
 def require_plain(value: Any, what: str) -> None:
+    """Require that ``value`` consists of plain JSON values."""
     try:
         again = json.loads(json.dumps(value, allow_nan=False))
     except (TypeError, ValueError) as error:
         raise AssertionError(f"{what} is not plain JSON: {error}") from error
-    require(again == value, f"{what} does not survive JSON (a tuple, or a key that is not a string?): {value!r}")
+    require(again == value, f"{what} changes when written as JSON (a tuple, or a key that is not a string?): {value!r}")
 
 
 def seeds_are_harmless(draw: Callable[[Any], Any], what: str, *, chance: bool = False) -> None:
-    """``draw(seed)``: the same seed the same answer, no side effects, and every seed another answer; unless there must
-    be ``chance`` in it, all seeds may give the same."""
+    """Require that ``draw(seed)`` is reproducible, has no side effects, and differs between seeds.
+
+    Without ``chance`` all seeds may give the same result.
+    """
     before = np.random.get_state()[1].copy()  # noqa: NPY002  # pyright: ignore
     answers = [draw(seed) for seed in range(4)]
     require(draw(1) == answers[1], f"{what}: the same seed gave two results")
@@ -152,7 +169,7 @@ def seeds_are_harmless(draw: Callable[[Any], Any], what: str, *, chance: bool = 
     require(distinct in right, f"{what}: four seeds gave {distinct} different results; expected 4")
     sequence = np.random.SeedSequence(5, spawn_key=(2,))
     first = draw(sequence)
-    require(sequence.n_children_spawned == 0, f"{what}: spawned from the SeedSequence it was given")
+    require(sequence.n_children_spawned == 0, f"{what}: spawned children of the given SeedSequence")
     require(draw(sequence) == first, f"{what}: the same SeedSequence gave two results")
     if distinct == 4:
         other = np.random.SeedSequence(5, spawn_key=(3,))
@@ -162,26 +179,22 @@ def seeds_are_harmless(draw: Callable[[Any], Any], what: str, *, chance: bool = 
 
 
 def speed_variants(component: Any) -> Iterator[tuple[str, Any]]:
-    """The component with each whole-number option of ``speed_only`` set to 1, 2 and 3."""
+    """Yield the component with each integer option of ``speed_only`` set to 1, 2 and 3."""
     for name in type(component).speed_only:
         if "integer" in options_of(component)[name][0]:
             yield from ((f"{name} = {value}", component.replace(**{name: value})) for value in (1, 2, 3))
 
 
 def require_estimates(what: str, found: Any, bounds: Mapping[str, float]) -> None:
-    """``found`` must map names of ``bounds`` to finite numbers from 0 to the bound."""
-    require(isinstance(found, Mapping), f"{what} gave {found!r}; expected a dict")
+    """Require that ``found`` maps names in ``bounds`` to finite numbers between 0 and the bound."""
+    require(isinstance(found, Mapping), f"{what} returned {found!r}; expected a dict")
     for name, value in found.items():
-        require(name in bounds, f"{what} gives {name!r}; known are {', '.join(bounds)}")
+        require(name in bounds, f"{what} returned {name!r}; known are {', '.join(bounds)}")
         require(0 <= value <= bounds[name] and math.isfinite(value), f"{what}: {name} = {value!r}")
 
 
-def same_pressure(one: np.ndarray, two: np.ndarray, tolerance: float) -> bool:
-    return float(np.linalg.norm(one - two)) <= tolerance * float(np.linalg.norm(two))
-
-
 def options_of(component: Component) -> dict[str, tuple[set[str], str | None, str]]:
-    """Option name -> (JSON types, unit, description)."""
+    """List the options of a component: name -> (JSON types, unit, description)."""
     found = {}
     for name, schema in type(component).model_json_schema().get("properties", {}).items():
         parts = [schema, *schema.get("anyOf", [])]

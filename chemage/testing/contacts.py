@@ -24,12 +24,16 @@ from chemage.testing.checks import (
 
 
 def check_contact_solver(component: ContactSolver, **inputs: Any) -> None:
-    """Every promise of role ``contact``; ``surfaces`` to solve besides the kit's own, ``force_tolerance``."""
+    """Run every check of the role ``contact``; raises AssertionError if one fails.
+
+    ``inputs`` are ``surfaces`` to solve besides those of the checks, and ``force_tolerance``, the accepted relative
+    error of the force.
+    """
     run_checks(component, ContactSolver, inputs)
 
 
 def rough_surface(shape: tuple[int, int] = (32, 32), seed: int = 0, **fields: Any) -> Surface:
-    """A small random surface for tests: every mode up to a quarter of the grid, rms slope 0.1, pixels of 0.5 nm."""
+    """Make a small random surface for tests: rms slope 0.1, pixels of 0.5 nm."""
     rng = np.random.default_rng(seed)
     x, y = np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij")
     heights = np.zeros(shape)
@@ -52,28 +56,30 @@ def _paraboloid(pixels: int = 48, radius: float = 30.0, pixel_size: float = 0.5)
 
 
 def _solvable(component: ContactSolver, surfaces: Sequence[Surface]) -> list[tuple[Surface, float]]:
-    """The surfaces this solver treats, each with a load (nN) that brings some but not all of it into contact."""
-    taken = []
+    """The surfaces that the solver accepts, each with a load (nN) that brings a part of it into contact."""
+    accepted = []
     for surface in (*surfaces, rough_surface(), _paraboloid()):
         try:
             light = component.solve(surface, 1e-3 * surface.nominal_area)
         except InputError:
             continue
-        require(isinstance(light, ContactSolution), f"solve() gave {type(light).__name__}, not a ContactSolution")
-        taken.append((surface, 0.02 * light.modulus * surface.rms_slope * surface.nominal_area))
-    require(taken, "refused a rough periodic surface and a paraboloid; give surfaces=[...] that it can treat")
-    return taken
+        require(
+            isinstance(light, ContactSolution), f"solve() returned a {type(light).__name__}; expected a ContactSolution"
+        )
+        accepted.append((surface, 0.02 * light.modulus * surface.rms_slope * surface.nominal_area))
+    require(accepted, "refused a rough periodic surface and a paraboloid; give surfaces=[...] that it accepts")
+    return accepted
 
 
 @check_of("contact")
 def _contact_carries_the_load(component: ContactSolver, surfaces: Sequence[Surface] = (), force_tolerance=1e-6) -> None:
     for surface, load in _solvable(component, surfaces):
         solution = component.solve(surface, load)
-        require(solution.load == load, f"asked for {load} nN, the solution says {solution.load}")
+        require(solution.load == load, f"the load is {load} nN, the solution has {solution.load} nN")
         force = float(solution.pressure.sum(dtype=np.float64)) * solution.pixel_size**2
         require(
             math.isclose(force, load, rel_tol=force_tolerance),
-            f"the pressure adds up to {force!r} nN, the load is {load!r} nN",
+            f"the pressure integrates to {force!r} nN, the load is {load!r} nN",
         )
         require(0 < solution.sites.size < solution.pressure.size, f"{solution.area_fraction=}: expected some contact")
         require(solution.pressure.min() >= 0, "negative pressure")
@@ -91,17 +97,17 @@ def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surf
             mine, its = getattr(solution, name), getattr(surface, name)
             require(math.isclose(mine, its, rel_tol=1e-6), f"{name} is {mine}, the surface has {its}")
         for name in component.implemented_properties:
-            # an option of the same name may ask for what costs memory
-            asked = (
+            # an option of the same name may switch on what takes memory
+            complete = (
                 component.replace(**{name: True}).solve(surface, load)
                 if name in type(component).model_fields
                 else solution
             )
-            require(getattr(asked, name, None) is not None, f"implements {name!r}, but the solution has none")
+            require(getattr(complete, name, None) is not None, f"implements {name!r}, but the solution has none")
         require(solution.converged, "did not converge, and did not raise ConvergenceError")
         require(math.isfinite(solution.residual), f"residual {solution.residual}")
         require_plain(solution.provenance, "provenance")
-        require(solution.provenance, "provenance is empty; say how the contact was solved, such as self.todict()")
+        require(solution.provenance, "provenance is empty; record how the contact was solved, such as self.todict()")
         require_plain(solution.convergence, "convergence")
 
 
@@ -109,8 +115,8 @@ def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surf
 def _gap_is_closed_in_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Hard wall: gap ≥ 0, p·gap = 0, within the solver's tolerance."""
     for surface, load in _solvable(component, surfaces):
-        asked = component.replace(gap=True) if "gap" in type(component).model_fields else component
-        solution = asked.solve(surface, load)
+        with_gap = component.replace(gap=True) if "gap" in type(component).model_fields else component
+        solution = with_gap.solve(surface, load)
         if solution.gap is None:
             continue
         scale = 1e-3 * surface.rms_height
@@ -133,7 +139,7 @@ def _wrong_load_is_refused(component: ContactSolver, surfaces: Sequence[Surface]
         refuses(f"load {wrong!r}", lambda wrong=wrong: component.solve(surface, wrong))
     require(
         component.solve(surface, f"{load!r} nN") == component.solve(surface, load),
-        "a load with its unit is another load",
+        "a load with its unit gave another solution",
     )
 
 
@@ -141,7 +147,7 @@ def _wrong_load_is_refused(component: ContactSolver, surfaces: Sequence[Surface]
 def _contact_is_deterministic(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     for surface, load in _solvable(component, surfaces):
         first, second = component.solve(surface, load), component.solve(surface, load)
-        require(first.pressure.tobytes() == second.pressure.tobytes(), "two solves gave different pressures")
+        require(first.pressure.tobytes() == second.pressure.tobytes(), "two solutions of the same contact differ")
 
 
 def same_pressure(one: np.ndarray, two: np.ndarray, tolerance: float) -> bool:
@@ -150,12 +156,15 @@ def same_pressure(one: np.ndarray, two: np.ndarray, tolerance: float) -> bool:
 
 @check_of("contact")
 def _contact_scales(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
-    """Elasticity has no scale: all lengths ×3 and the load ×9, or modulus and load ×2; a raised surface is the same."""
+    """Elasticity is scale-free: lengths ×3 and load ×9, modulus and load ×2, or a raised surface are equivalent."""
     for surface, load in _solvable(component, surfaces):
         plain = component.solve(surface, load)
         if "modulus" in type(component).model_fields:
             stiff = component.replace(modulus=2 * plain.modulus).solve(surface, 2 * load)
-            require(same_pressure(stiff.pressure / 2, plain.pressure, 1e-3), "twice modulus and load is not twice p")
+            require(
+                same_pressure(stiff.pressure / 2, plain.pressure, 1e-3),
+                "twice the modulus and load do not give twice the pressure",
+            )
         for what, other, force in (
             ("three times the size", surface.heights * 3, 9 * load),
             ("raised by 5 nm", surface.heights + 5, load),
@@ -166,36 +175,37 @@ def _contact_scales(component: ContactSolver, surfaces: Sequence[Surface] = ()) 
             changed = Surface(heights=other, pixel_size=size, periodic=surface.periodic, provenance=known)
             try:
                 solution = component.solve(changed, force)
-            except InputError:  # it needs more than heights and radius
+            except InputError:  # the solver needs more than heights and radius
                 continue
-            require(same_pressure(solution.pressure, plain.pressure, 1e-3), f"{what}: another pressure")
+            require(same_pressure(solution.pressure, plain.pressure, 1e-3), f"{what}: the pressure differs")
 
 
 @check_of("contact")
 def _contact_grows_with_load(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     for surface, load in _solvable(component, surfaces):
         areas = [component.solve(surface, factor * load).sites.size for factor in (0.3, 1.0, 2.0)]
-        require(areas == sorted(areas) and areas[0] < areas[-1], f"pixels in contact at rising load: {areas}")
+        require(areas == sorted(areas) and areas[0] < areas[-1], f"pixels in contact at increasing load: {areas}")
 
 
 @check_of("contact")
 def _speed_does_not_change_the_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
-    """Options named in ``speed_only``, such as a number of threads, change no byte of the pressure."""
+    """Options in ``speed_only``, such as the number of threads, do not change a bit of the pressure."""
     for surface, load in _solvable(component, surfaces):
         pressure = component.solve(surface, load).pressure
         for what, variant in speed_variants(component):
-            require(variant.solve(surface, load).pressure.tobytes() == pressure.tobytes(), f"{what}: other pressures")
+            require(
+                variant.solve(surface, load).pressure.tobytes() == pressure.tobytes(), f"{what}: the pressure differs"
+            )
 
 
 @check_of("contact")
 def _contact_cost_is_estimated(component: ContactSolver) -> None:
-    """``expected()`` takes what a surface says beforehand, little or much, and gives finite numbers."""
-    much = {"nx": 64.0, "ny": 48.0, "pixel_size": 0.5, "rms_slope": 0.1, "shortest_wavelength": 4.0}
-    for surface in ({}, {"nx": 64.0, "ny": 48.0}, much):
+    """``expected()`` returns finite numbers, from few or many properties of a surface."""
+    many = {"nx": 64.0, "ny": 48.0, "pixel_size": 0.5, "rms_slope": 0.1, "shortest_wavelength": 4.0}
+    for surface in ({}, {"nx": 64.0, "ny": 48.0}, many):
         for load in (0.0, 1.0, 1e9):
-            said = component.expected(surface, load)
             bounds = {"area_fraction": 1.0, "cpu_seconds": math.inf, "bytes": math.inf}
-            require_estimates(f"expected({surface}, {load})", said, bounds)
+            require_estimates(f"expected({surface}, {load})", component.expected(surface, load), bounds)
 
 
 @check_of("contact")
@@ -203,12 +213,12 @@ def _start_changes_nothing(component: ContactSolver, surfaces: Sequence[Surface]
     for surface, load in _solvable(component, surfaces):
         start, cold = component.solve(surface, 0.5 * load), component.solve(surface, load)
         warm = component.solve(surface, load, start=start)
-        require(same_pressure(warm.pressure, cold.pressure, 1e-2), "another solution when started from a neighbour")
+        require(same_pressure(warm.pressure, cold.pressure, 1e-2), "the solution depends on the start")
 
 
 @check_of("contact")
 def _odd_grids_are_solved(component: ContactSolver) -> None:
-    """Non-square, odd, one pixel wide, one pixel: solved, or refused with an InputError."""
+    """Grids that are not square, odd, one pixel wide or one pixel are solved, or refused with an InputError."""
     for shape in ((15, 32), (9, 7), (1, 16), (1, 1)):
         for surface in (rough_surface(shape), rough_surface(shape, periodic=False)):
             try:

@@ -30,12 +30,12 @@ _NU = 1e13
 
 
 def _barrier(rate: float) -> float:
-    """The barrier (eV) that gives ``rate`` (1/s) at 300 K."""
+    """The barrier (eV) of a site with ``rate`` (1/s) at 300 K."""
     return KB * _TEMPERATURE * math.log(_NU / rate)
 
 
 def _independent(n: int, forming: float, breaking: float | None = None) -> ReactionLattice:
-    """``n`` sites that feel nothing, with these rates (1/s)."""
+    """``n`` sites without interaction, with these rates (1/s)."""
     return ReactionLattice(
         pixels=(max(n, 1), 1),
         sites=np.arange(n),
@@ -45,7 +45,7 @@ def _independent(n: int, forming: float, breaking: float | None = None) -> React
 
 
 def _disordered(interacting: bool, n: int = 40) -> ReactionLattice:
-    """A ring of sites with rates over five decades, coupled to the nearest two where asked."""
+    """A ring of sites with rates over five decades, with an interaction of nearest neighbours if ``interacting``."""
     rng = np.random.default_rng(7)
     fields: dict[str, Any] = {}
     if interacting:
@@ -75,15 +75,17 @@ def _history_adds_up(component: Engine) -> None:
     times = np.geomspace(1e-3, 1e3, 13)
     lattice = _disordered(component.interacting)
     history = component.run(lattice, times, temperature=_TEMPERATURE, seed=1)
-    require(isinstance(history, BondHistory), f"run() gave {type(history).__name__}")
-    require(np.array_equal(history.hold_times, times), "other hold times than asked for")
+    require(isinstance(history, BondHistory), f"run() returned a {type(history).__name__}; expected a BondHistory")
+    require(np.array_equal(history.hold_times, times), "the hold times are not the given ones")
     require(history.state.shape == lattice.sites.shape, f"state of {history.state.shape}")
     require(history.bonds[-1] == history.state.sum(), "the last count is not that of the final state")
     require(np.array_equal(history.bonds, history.formed - history.broken), "bonds are not formed less broken")
-    require((np.diff(history.formed) >= 0).all() and (np.diff(history.broken) >= 0).all(), "events were taken back")
+    require(
+        (np.diff(history.formed) >= 0).all() and (np.diff(history.broken) >= 0).all(), "the numbers of events decrease"
+    )
     require(history.events > 0, "nothing happened in 1000 s at rates up to 100 per second")
     require(history.time == times[-1] and history.temperature == _TEMPERATURE, "wrong time or temperature")
-    # an engine that chooses among others says which one it took
+    # an engine that selects another one records which
     known = {component.kind, *registry.current().kinds("engine")}
     require(history.engine in known, f"engine is {history.engine!r}, neither {component.kind!r} nor an installed one")
 
@@ -91,8 +93,8 @@ def _history_adds_up(component: Engine) -> None:
 @check_of("engine")
 def _engine_cost_is_estimated(component: Engine) -> None:
     for sites in (0.0, 1.0, 1e7):
-        said = component.expected(sites, component.interacting)
-        require_estimates(f"expected({sites})", said, {"cpu_seconds": math.inf, "bytes": math.inf})
+        expected = component.expected(sites, component.interacting)
+        require_estimates(f"expected({sites})", expected, {"cpu_seconds": math.inf, "bytes": math.inf})
 
 
 @check_of("engine")
@@ -120,7 +122,7 @@ def _no_sites_is_no_bonds(component: Engine) -> None:
 
 @check_of("engine")
 def _one_site_is_the_closed_form(component: Engine) -> None:
-    """θ(t) = k_f/(k_f + k_b) (1 − exp(−(k_f + k_b) t)): one site with many seeds, and many sites with one."""
+    """θ(t) = k_f/(k_f + k_b) (1 − exp(−(k_f + k_b) t)), for one site with many seeds and many sites with one seed."""
     if not component.exact:
         return
     forming, breaking = 2.0, 0.7
@@ -137,7 +139,7 @@ def _one_site_is_the_closed_form(component: Engine) -> None:
 
 @check_of("engine")
 def _barrierless_is_the_attempt_frequency(component: Engine) -> None:
-    """A barrier at or below zero means the rate ν, however far below."""
+    """The rate over a barrier at or below zero is the attempt frequency ν."""
     if not component.exact:
         return
     n, times = 5000, np.array([2e-14, 1e-13])
@@ -146,8 +148,8 @@ def _barrierless_is_the_attempt_frequency(component: Engine) -> None:
         bonds = component.run(lattice, times, temperature=300, seed=2).bonds
         for t, count in zip(times, bonds, strict=True):
             theta = 1 - math.exp(-_NU * t)
-            said = f"{count} of {n} sites bonded over {energy} eV; expected {n * theta:.0f}"
-            require(abs(_z(int(count), n, theta)) < 4.5, said)
+            message = f"{count} of {n} sites bonded over {energy} eV; expected {n * theta:.0f}"
+            require(abs(_z(int(count), n, theta)) < 4.5, message)
 
 
 @check_of("engine")
@@ -165,28 +167,31 @@ def _bonds_last_without_breaking(component: Engine) -> None:
 
 @check_of("engine")
 def _nothing_happens_at_rate_zero(component: Engine) -> None:
-    """Total rate 0 is a state that lasts, not an error; so is a rate that underflows."""
+    """A lattice whose total rate is 0, also by underflow, does not change and is not an error."""
     n = 7
     for energy in (25.0, 1e4):
         lattice = ReactionLattice(pixels=(n, 1), sites=np.arange(n), forming=np.full(n, energy))
         history = component.run(lattice, [0, 1, 1e5], temperature=300)
         require(history.events == 0 and history.time == 1e5, f"{history.events} events over {energy} eV")
     full = component.run(_independent(n, 1.0), [1, 1e5], temperature=300, start=np.ones(n, bool))
-    require(full.bonds.tolist() == [n, n] and full.events == 0, "all bonded, nothing breaks, yet it changed")
+    require(
+        full.bonds.tolist() == [n, n] and full.events == 0,
+        "all sites are bonded and no bond breaks, but the state changed",
+    )
 
 
 @check_of("engine")
 def _hold_times_may_coincide(component: Engine) -> None:
-    """Time 0 has no bonds; a hold time given twice is answered twice, and the rest stays as it was."""
+    """There are no bonds at time 0; repeated hold times have equal counts and do not change the others."""
     lattice = _disordered(component.interacting)
     once = component.run(lattice, [0.5, 20], temperature=300, seed=3)
     twice = component.run(lattice, [0.5, 0.5, 20, 20], temperature=300, seed=3)
     require(twice.bonds.tolist() == np.repeat(once.bonds, 2).tolist(), f"{twice.bonds} where once gave {once.bonds}")
-    require(np.array_equal(once.state, twice.state), "the final state depends on asking twice")
+    require(np.array_equal(once.state, twice.state), "a repeated hold time changes the final state")
     at_zero = component.run(lattice, [0, 0, 20], temperature=300, seed=3)
     require(at_zero.bonds[:2].tolist() == [0, 0], f"{at_zero.bonds[0]} bonds at time 0")
     only = component.run(lattice, [0.0], temperature=300, seed=3)
-    require(only.bonds.tolist() == [0] and only.events == 0 and only.time == 0, f"{only.events} events in no time")
+    require(only.bonds.tolist() == [0] and only.events == 0 and only.time == 0, f"{only.events} events by time 0")
 
 
 @check_of("engine")
@@ -203,7 +208,7 @@ def _start_is_taken(component: Engine) -> None:
 
 @check_of("engine")
 def _restart_is_exact(component: Engine) -> None:
-    """Going on from any hold time equals the uninterrupted run bit for bit."""
+    """A run continued from any hold time equals the uninterrupted run to the last bit."""
     if not component.restart:
         return
     times = np.array([0.0, 1e-3, 0.1, 0.1, 1.0, 30.0, 1e3])
@@ -211,14 +216,18 @@ def _restart_is_exact(component: Engine) -> None:
         whole = component.run(lattice, times, temperature=300, seed=6)
         for cut in range(1, times.size):
             first = component.run(lattice, times[:cut], temperature=300, seed=6)
-            kept = pickle.loads(pickle.dumps(first))  # a history goes on after it was stored, too
+            kept = pickle.loads(pickle.dumps(first))  # also after it was stored
             rest = component.run(lattice, times[cut:], temperature=300, seed=6, start=kept)
             for name in ("bonds", "formed", "broken"):
                 mine = np.concatenate([getattr(first, name), getattr(rest, name)])
                 its = getattr(whole, name)
-                require(np.array_equal(mine, its), f"cut at {times[cut - 1]} s: {name} {mine}, uninterrupted {its}")
-            require(np.array_equal(rest.state, whole.state), f"cut at {times[cut - 1]} s: another final state")
-            require(rest.time == whole.time, "another time")
+                require(
+                    np.array_equal(mine, its), f"continued from {times[cut - 1]} s: {name} {mine}, uninterrupted {its}"
+                )
+            require(
+                np.array_equal(rest.state, whole.state), f"continued from {times[cut - 1]} s: the final state differs"
+            )
+            require(rest.time == whole.time, "the time differs")
     half = component.run(lattice, [1.0], temperature=300, seed=6)
     refuses("going back", lambda: component.run(lattice, [0.5], temperature=300, seed=6, start=half))
     other = _independent(31, 1.0)
@@ -227,7 +236,7 @@ def _restart_is_exact(component: Engine) -> None:
 
 @check_of("engine")
 def _threads_change_nothing(component: Engine) -> None:
-    """The same bytes on one thread and on all, alone and beside other runs."""
+    """Results are the same on one thread and on all, alone and concurrently with other runs."""
     import numba
 
     lattice = _disordered(component.interacting, 300)
@@ -239,21 +248,21 @@ def _threads_change_nothing(component: Engine) -> None:
     threads = numba.get_num_threads()
     try:
         numba.set_num_threads(1)
-        require([run(seed) for seed in range(6)] == alone, "one thread gave another result than several")
+        require([run(seed) for seed in range(6)] == alone, "one thread and several gave different results")
     finally:
         numba.set_num_threads(threads)
     if not component.threads:
         with ThreadPoolExecutor(3) as pool:
-            beside = list(pool.map(run, range(6)))
-        require(beside == alone, "runs side by side gave other results than one after the other")
+            concurrent = list(pool.map(run, range(6)))
+        require(concurrent == alone, "concurrent and successive runs gave different results")
 
 
 @check_of("engine")
 def _speed_does_not_change_the_run(component: Engine) -> None:
-    """Options named in ``speed_only``, such as a number of threads, change no bond."""
+    """Options in ``speed_only``, such as the number of threads, do not change any bond."""
     rng = np.random.default_rng(9)
     pieces = [_disordered(component.interacting, n) for n in (120, 7, 60, 3, 90)]
-    # several rings that do not touch, so that an engine has something to share between threads
+    # several rings without interaction between them, which an engine can distribute over threads
     graph: dict[str, Any] = {}
     if component.interacting:
         starts = np.cumsum([0, *(piece.sites.size for piece in pieces)])
@@ -274,12 +283,12 @@ def _speed_does_not_change_the_run(component: Engine) -> None:
         plain = _trace(component.run(lattice, [0.1, 10.0], temperature=300, seed=1))
         for what, variant in speed_variants(component):
             trace = _trace(variant.run(lattice, [0.1, 10.0], temperature=300, seed=1))
-            require(trace == plain, f"{what}: another result")
+            require(trace == plain, f"{what}: the result differs")
 
 
 @check_of("engine")
 def _coupled_sites_are_refused_or_right(component: Engine) -> None:
-    """Four mutually coupled sites against their master equation, 16 states, by χ²; or an InputError that says so."""
+    """Four coupled sites follow their master equation (16 states, χ² test), or are refused with an InputError."""
     rng = np.random.default_rng(8)
     pair = np.triu(rng.uniform(-0.02, 0.06, (4, 4)), 1)
     pair += pair.T
@@ -297,7 +306,7 @@ def _coupled_sites_are_refused_or_right(component: Engine) -> None:
     )
     if not component.interacting:
         message = refuses("a lattice whose sites interact", lambda: component.run(lattice, [1.0], temperature=300))
-        require(component.kind in message, f"the refusal does not name the engine: {message}")
+        require(component.kind in message, f"the error does not name the engine: {message}")
         return
     if not component.exact:
         return
@@ -316,14 +325,14 @@ def _coupled_sites_are_refused_or_right(component: Engine) -> None:
         expected = copies * expm(generator * t)[:, 0]
         history = component.run(lattice, [t / 2, t], temperature=300, seed=int(100 * t))
         state = history.state.reshape(copies, 4) @ (1 << np.arange(4))
-        seen = np.bincount(state, minlength=16)
+        counts = np.bincount(state, minlength=16)
         # states too rare for χ² are counted together
         rare = expected < 8
-        e, o = np.append(expected[~rare], expected[rare].sum()), np.append(seen[~rare], seen[rare].sum())
+        e, o = np.append(expected[~rare], expected[rare].sum()), np.append(counts[~rare], counts[rare].sum())
         e, o = e[e > 0], o[e > 0]
         statistic = float(np.sum((o - e) ** 2 / e))
         chance = float(chi2.sf(statistic, e.size - 1))
-        require(chance > CHANCE, f"after {t} s, states {seen.tolist()}; master equation {expected.round(1).tolist()}")
+        require(chance > CHANCE, f"after {t} s, states {counts.tolist()}; master equation {expected.round(1).tolist()}")
 
 
 @check_of("engine")
@@ -340,5 +349,5 @@ def _wrong_input_is_refused(component: Engine) -> None:
 
 
 def check_engine(component: Engine) -> None:
-    """Every promise of role ``engine``."""
+    """Run every check of the role ``engine``; raises AssertionError if one fails."""
     run_checks(component, Engine, {})

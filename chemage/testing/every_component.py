@@ -1,4 +1,4 @@
-"""Checks of every component: kind, options, citations."""
+"""Checks of every component: kind, options, references."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from chemage.testing.checks import check_of, checks_for, options_of, refuses, re
 
 
 def check_component(component: Component, **inputs: Any) -> None:
-    """Run every check of the component's role."""
+    """Run every check of the role of a component; raises AssertionError if one fails. See :func:`checks_for`."""
     for check in checks_for(component, **inputs):
         check(component)
 
@@ -22,10 +22,13 @@ def check_component(component: Component, **inputs: Any) -> None:
 @check_of("")
 def _has_kind_and_role(component: Component) -> None:
     cls = type(component)
-    require(isinstance(cls.kind, str) and cls.kind, f"{cls.__name__}.kind is empty; name it as users will")
+    require(
+        isinstance(cls.kind, str) and cls.kind, f"{cls.__name__}.kind is empty; give the name that users select it by"
+    )
     require(cls.kind == cls.kind.strip().lower() and " " not in cls.kind, f"kind {cls.kind!r}: use lower-case-words")
     require(
-        isinstance(component, registry.current().role(cls.role)), f"{cls.__name__}: role {cls.role!r} but not its class"
+        isinstance(component, registry.current().role(cls.role)),
+        f"{cls.__name__}: has role {cls.role!r}, but is not of its class",
     )
     require((cls.__doc__ or "").strip(), f"{cls.__name__} has no docstring")
 
@@ -34,7 +37,8 @@ def _has_kind_and_role(component: Component) -> None:
 def _citations_are_strings(component: Component) -> None:
     cite = type(component).cite
     require(
-        isinstance(cite, tuple), f"cite is a {type(cite).__name__}; a tuple of str, with a comma after a single one"
+        isinstance(cite, tuple),
+        f"cite is a {type(cite).__name__}; expected a tuple of str, with a comma after a single one",
     )
     require(all(isinstance(one, str) and one.strip() for one in cite), f"cite = {cite!r}: not all are non-empty str")
 
@@ -52,7 +56,7 @@ def _options_are_described(component: Component) -> None:
 @check_of("")
 def _speed_only_names_options(component: Component) -> None:
     unknown = set(type(component).speed_only) - set(type(component).model_fields)
-    require(not unknown, f"speed_only names {', '.join(sorted(unknown))}, which is no option")
+    require(not unknown, f"speed_only names {', '.join(sorted(unknown))}, which are not options")
 
 
 @check_of("")
@@ -64,12 +68,12 @@ def _options_are_frozen(component: Component) -> None:
         except (ValueError, AttributeError, TypeError):
             continue
         raise AssertionError(f"{name} can be set; a component is frozen")
-    require(component.digest() == before, "the digest changed while nothing did")
+    require(component.digest() == before, "the digest changed although no option did")
 
 
 @check_of("")
 def _options_go_round(component: Component) -> None:
-    """todict → JSON → fromdict, pickle: equal, hashable, of the same digest."""
+    """Copies by todict, JSON and fromdict, by pickle and by replace are equal and have the same hash and digest."""
     fields = component.todict()
     require_plain(fields, "todict()")
     require(fields.get("kind") == component.kind, f"todict() has kind {fields.get('kind')!r}, not {component.kind!r}")
@@ -84,21 +88,21 @@ def _options_go_round(component: Component) -> None:
             same_hash, same_digest = hash(again) == hash(component), again.digest() == component.digest()
         except Exception as error:
             raise AssertionError(f"{way}: {type(error).__name__}: {error}") from error
-        require(again == component, f"{way} gave {again!r}, not {component!r}")
-        require(same_hash, f"{way}: another hash; options must be hashable and compare by value")
-        require(same_digest, f"{way}: another digest")
+        require(again == component, f"{way} returned {again!r}, not {component!r}")
+        require(same_hash, f"{way}: the hash differs; options must be hashable and compare by value")
+        require(same_digest, f"{way}: the digest differs")
 
 
 @check_of("")
 def _wrong_options_are_refused(component: Component) -> None:
     message = refuses("an unknown option", lambda: type(component)(no_such_option=1))
-    require("no_such_option" in message, f"the refusal of an unknown option does not name it: {message}")
+    require("no_such_option" in message, f"the error for an unknown option does not name it: {message}")
     for name, (types, unit, _) in options_of(component).items():
         if "number" not in types:
             continue
         for value in (math.nan, math.inf, -math.inf):
             message = refuses(f"{name} = {value}", lambda name=name, value=value: component.replace(**{name: value}))
-            require(name in message, f"the refusal of {name} = {value} does not name it: {message}")
+            require(name in message, f"the error for {name} = {value} does not name the option: {message}")
         if unit:
             refuses(f"{name} in mol", lambda name=name: component.replace(**{name: "1 mol"}))
             value = getattr(component, name)

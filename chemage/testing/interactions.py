@@ -1,4 +1,4 @@
-"""Checks of an interaction of neighbouring sites."""
+"""Checks of an interaction between neighbouring sites."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from chemage.testing.checks import check_of, require, run_checks, seeds_are_harm
 
 
 def check_interaction(component: Interaction) -> None:
-    """Every promise of role ``interaction``."""
+    """Run every check of the role ``interaction``; raises AssertionError if one fails."""
     run_checks(component, Interaction, {})
 
 
@@ -32,7 +32,7 @@ def _patches_of_sites(grid: tuple[int, int]) -> Iterator[np.ndarray]:
 
 @check_of("interaction")
 def _graph_is_sound(component: Interaction) -> None:
-    """No site its own neighbour, none twice, each pair from both ends with one energy, on every kind of small grid."""
+    """The graph is symmetric, with one energy per pair, no self-loops and no double edges, on all small grids."""
     for grid in _GRIDS:
         for periodic in (True, False):
             for sites in _patches_of_sites(grid):
@@ -42,7 +42,7 @@ def _graph_is_sound(component: Interaction) -> None:
                 require(neighbours.ndim == 2 and neighbours.shape[0] == sites.size, f"{where}: {neighbours.shape}")
                 coupling = component.coupling(sites, neighbours, 0)
                 require(coupling.shape == neighbours.shape, f"{where}: coupling {coupling.shape}")
-                require((coupling[neighbours < 0] == 0).all(), f"{where}: energy where there is no neighbour")
+                require((coupling[neighbours < 0] == 0).all(), f"{where}: energy without a neighbour")
                 try:
                     ReactionLattice(
                         pixels=grid,
@@ -67,14 +67,14 @@ def _pairs(component: Interaction, grid: tuple[int, int], sites: np.ndarray, see
 
 @check_of("interaction")
 def _pair_keeps_its_energy(component: Interaction) -> None:
-    """A pair of pixels keeps its energy when the contact around it changes."""
+    """The energy of a pair of pixels does not depend on the other sites of the contact."""
     grid = (13, 11)
     everywhere, here = list(_patches_of_sites(grid))[:2]
     all_pairs, some = _pairs(component, grid, everywhere, 3), _pairs(component, grid, here, 3)
     require(all_pairs and some, "no site has a neighbour on a full 13x11 grid")
     chosen = set(here.tolist())
     expected = {pair: energy for pair, energy in all_pairs.items() if chosen.issuperset(pair)}
-    require(some == expected, "pairs or their energies changed when other sites were taken away")
+    require(some == expected, "pairs or their energies changed when other sites were removed")
 
 
 @check_of("interaction")

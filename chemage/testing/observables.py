@@ -14,12 +14,12 @@ from chemage.testing.checks import check_of, require, run_checks
 
 
 def check_observable(component: Observable) -> None:
-    """Every promise of role ``observable``."""
+    """Run every check of the role ``observable``; raises AssertionError if one fails."""
     run_checks(component, Observable, {})
 
 
 def _replica(n: int, bonded: int) -> tuple[ContactSolution, ReactionLattice, BondHistory]:
-    """A finished replica by hand: ``n`` sites on an 8x8 grid, ``bonded`` of them."""
+    """Make a completed replica: ``n`` sites on an 8x8 grid, ``bonded`` of them with a bond."""
     pressure = np.zeros(64)
     pressure[:n] = np.linspace(0.5, 2.0, n) if n else 0
     contact = ContactSolution(
@@ -49,19 +49,19 @@ def _replica(n: int, bonded: int) -> tuple[ContactSolution, ReactionLattice, Bon
 
 @check_of("observable")
 def _observes_numbers(component: Observable) -> None:
-    """Names and shapes are those of every other replica, bonded or not, with sites or without; the same each time."""
+    """Names and shapes are the same for all replicas, with or without bonds and sites, and results are reproducible."""
     shapes = {}
     for n, bonded in ((40, 0), (40, 17), (40, 40), (1, 1), (0, 0)):
         replica = _replica(n, bonded)
-        seen = component.measure(*replica)
-        require(isinstance(seen, Mapping) and seen, f"measure() gave {seen!r}; expected names with numbers")
-        require(all(isinstance(name, str) for name in seen), f"names {list(seen)} are not all str")
-        values = {name: np.asarray(value) for name, value in seen.items()}
+        found = component.measure(*replica)
+        require(isinstance(found, Mapping) and found, f"measure() returned {found!r}; expected names with numbers")
+        require(all(isinstance(name, str) for name in found), f"names {list(found)} are not all str")
+        values = {name: np.asarray(value) for name, value in found.items()}
         kinds = {name: value.dtype.kind for name, value in values.items()}
         require(set(kinds.values()) <= set("fiub"), f"not numbers: {kinds}")
         again = {name: np.asarray(value).tobytes() for name, value in component.measure(*replica).items()}
-        require(again == {name: value.tobytes() for name, value in values.items()}, "another answer the second time")
+        require(again == {name: value.tobytes() for name, value in values.items()}, "a second call gave another result")
         shapes[n, bonded] = {name: value.shape for name, value in values.items()}
     first = next(iter(shapes.values()))
     for (n, bonded), shape in shapes.items():
-        require(shape == first, f"{bonded} of {n} sites bonded: {shape}, expected {first} as for the others")
+        require(shape == first, f"{bonded} of {n} sites bonded: {shape}, expected {first} as for the other replicas")

@@ -13,20 +13,23 @@ from chemage.testing.checks import check_of, refuses, require, run_checks
 
 
 def check_reader(component: Reader, **inputs: Any) -> None:
-    """Every promise of role ``reader``; ``path`` is a file it can read."""
+    """Run every check of the role ``reader``; raises AssertionError if one fails.
+
+    ``inputs`` is ``path``, a file that the reader can read.
+    """
     run_checks(component, Reader, inputs)
 
 
 @check_of("reader")
 def _suffixes_are_named(component: Reader) -> None:
     suffixes = type(component).suffixes
-    require(isinstance(suffixes, tuple) and suffixes, f"suffixes = {suffixes!r}: name the endings it answers to")
+    require(isinstance(suffixes, tuple) and suffixes, f"suffixes = {suffixes!r}: name the file endings that it reads")
     require(all(s.startswith(".") and s == s.lower() for s in suffixes), f"{suffixes}: lower case, with the dot")
 
 
 @check_of("reader")
 def _bad_files_are_refused(component: Reader, path: Any = None) -> None:
-    """A missing, empty, foreign or truncated file is an error that names the file, never another exception."""
+    """A missing, empty or truncated file, or one of another format, raises a ChemageError that names the file."""
     with TemporaryDirectory() as name:
         folder = Path(name)
         suffix = type(component).suffixes[0]
@@ -49,6 +52,6 @@ def _reads_its_file(component: Reader, path: Any = None) -> None:
     if path is None:
         return
     first, second = component.read(path), component.read(str(path))
-    require(first is not None, "read() gave None")
+    require(first is not None, "read() returned None")
     if isinstance(first, Record):
-        require(first == second, "reading the file twice, as Path and as str, gave two different objects")
+        require(first == second, "reading the file as Path and as str gave different objects")

@@ -20,18 +20,20 @@ from chemage.testing.checks import (
 
 
 def check_surface_maker(component: SurfaceMaker) -> None:
-    """Every promise of role ``surface``."""
+    """Run every check of the role ``surface``; raises AssertionError if one fails."""
     run_checks(component, SurfaceMaker, {})
 
 
 @check_of("surface")
 def _makes_a_surface(component: SurfaceMaker) -> None:
     surface = component.make(0)
-    require(isinstance(surface, Surface), f"make() gave {type(surface).__name__}, not a chemage.Surface")
+    require(isinstance(surface, Surface), f"make() returned a {type(surface).__name__}; expected a chemage.Surface")
     require(np.isfinite(surface.heights).all(), "heights are not finite")
     require_plain(surface.provenance, "provenance")
-    require(surface.provenance, "provenance is empty; say how it was made, such as self.todict() and the seed")
-    require(component.make() == surface, "make() is not make(0)")
+    require(
+        surface.provenance, "provenance is empty; record how the surface was made, such as self.todict() and the seed"
+    )
+    require(component.make() == surface, "make() and make(0) differ")
 
 
 @check_of("surface")
@@ -44,15 +46,15 @@ def _surface_follows_its_seed(component: SurfaceMaker) -> None:
 
 @check_of("surface")
 def _surface_is_as_expected(component: SurfaceMaker) -> None:
-    """What ``expected()`` says beforehand, as far as it says it, is what ``make()`` gives."""
-    surface, said = component.make(0), component.expected()
+    """The properties that ``expected()`` returns are those of the surface."""
+    surface, expected = component.make(0), component.expected()
     exact = {"nx": surface.shape[0], "ny": surface.shape[1], "pixel_size": surface.pixel_size}
-    require_estimates("expected()", said, dict.fromkeys((*exact, "rms_slope", "shortest_wavelength"), math.inf))
-    for name in exact.keys() & said.keys():
-        require(said[name] == exact[name], f"expected() says {name} = {said[name]}, the surface has {exact[name]}")
-    if "rms_slope" in said:
-        slope = said["rms_slope"]
+    require_estimates("expected()", expected, dict.fromkeys((*exact, "rms_slope", "shortest_wavelength"), math.inf))
+    for name in exact.keys() & expected.keys():
+        require(expected[name] == exact[name], f"expected() has {name} = {expected[name]}, not {exact[name]}")
+    if "rms_slope" in expected:
+        slope = expected["rms_slope"]
         require(
             math.isclose(slope, surface.rms_slope, rel_tol=0.3, abs_tol=1e-9),
-            f"expected() says rms_slope = {slope}, the surface has {surface.rms_slope}",
+            f"expected() has rms_slope = {slope}, the surface has {surface.rms_slope}",
         )

@@ -1,4 +1,4 @@
-"""The forming barriers of a contact before any bond has formed, and those that are left at the end."""
+"""The distribution of the forming barriers of a contact before any bond has formed and at the end."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 class BarrierSpectrum(Observable):
-    """Histograms of the forming barriers, as densities per site (1/eV): of all sites before any bond formed
-    (``barriers_start``), of the sites still unbonded at the end (``barriers_open``, with the coupling of bonded
-    neighbours), and
-    the start barriers of the sites that are bonded at the end (``barriers_bonded``). Li et al. 2018, Fig. 2(a).
+    """Histograms of the forming barriers as densities per site, 1/eV. Li et al. 2018, Fig. 2(a).
+
+    ``barriers_start``: all sites before any bond has formed; ``barriers_open``: the sites unbonded at the end, with the
+    coupling of bonded neighbours; ``barriers_bonded``: initial barriers of the sites bonded at the end.
     """
 
     kind = "barrier-spectrum"
@@ -29,11 +29,11 @@ class BarrierSpectrum(Observable):
     }
 
     lower: Energy = 0.0
-    """lower edge of the histogram"""
+    """lower edge of the histogram, eV"""
     upper: Energy = 2.5
-    """upper edge; what lies outside is not counted, so a density integrates to the share of sites inside"""
+    """upper edge of the histogram, eV; a density integrates to the fraction of sites between the edges"""
     bins: int = Field(default=125, ge=1, le=100_000)
-    """bins of equal width between them"""
+    """number of bins of equal width"""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -44,7 +44,7 @@ class BarrierSpectrum(Observable):
     def measure(
         self, contact: ContactSolution, lattice: ReactionLattice, history: BondHistory
     ) -> Mapping[str, np.ndarray]:
-        """Bin edges (bins + 1,) eV and three densities (bins,) 1/eV; each is per site of the lattice."""
+        """Compute the bin edges, (bins + 1,) eV, and three densities per site of the lattice, (bins,) 1/eV."""
         edges = np.linspace(self.lower, self.upper, self.bins + 1)
         forming, bonded = lattice.forming, history.state
         now = np.array(forming)
@@ -64,7 +64,7 @@ class BarrierSpectrum(Observable):
         }
 
     def draw(self, figure: str, axes: Axes, results: Sequence[Observed]) -> None:
-        """One result: intrinsic barriers, and those of all, unbonded and bonded sites. Several: all and unbonded."""
+        """Draw intrinsic barriers and those of all, unbonded and bonded sites; of several results all and unbonded."""
         filled = _draw_one(axes, results[0]) if len(results) == 1 else _draw_several(axes, results)
         axes.set(xlabel="barrier to forming a bond (eV)", ylabel="density per site (1/eV)", ylim=(0, None))
         if filled:
@@ -73,9 +73,9 @@ class BarrierSpectrum(Observable):
 
 
 def _draw_one(axes: Axes, one: Observed) -> list[float]:
-    """Draw one result; the energies between which there is something to see."""
-    seen, last = one.aging.observables, f"{one.aging.hold_times[-1]:.3g} s"
-    edges = seen["barrier_edges"][0]
+    """Draw one result, and return the energies between which its densities are not zero."""
+    measured, last = one.aging.observables, f"{one.aging.hold_times[-1]:.3g} s"
+    edges = measured["barrier_edges"][0]
     energy = np.linspace(edges[0], edges[-1], 801)
     intrinsic = _intrinsic_density(one.chemistry, energy)
     if intrinsic is not None:
@@ -86,8 +86,8 @@ def _draw_one(axes: Axes, one: Observed) -> list[float]:
         ("barriers_open", ORANGE, f"unbonded at {last}"),
         ("barriers_bonded", GREEN, f"bonded at {last} (initial barrier)"),
     ):
-        axes.stairs(seen[name].mean(axis=0), edges, color=colour, lw=1.4, label=label)
-    filled = np.flatnonzero(seen["barriers_start"].mean(axis=0) + seen["barriers_open"].mean(axis=0))
+        axes.stairs(measured[name].mean(axis=0), edges, color=colour, lw=1.4, label=label)
+    filled = np.flatnonzero(measured["barriers_start"].mean(axis=0) + measured["barriers_open"].mean(axis=0))
     if not filled.size:
         return []
     return [edges[max(filled[0] - 3, 0)], edges[min(filled[-1] + 4, edges.size - 1)]]
@@ -99,16 +99,16 @@ def _intrinsic_density(chemistry: Chemistry | None, energy: np.ndarray) -> np.nd
 
 
 def _draw_several(axes: Axes, results: Sequence[Observed]) -> list[float]:
-    """Draw several results, unbonded sites dashed; the energies between which there is something to see."""
+    """Draw several results, unbonded sites dashed, and return the energies between which densities are not zero."""
     limits: list[float] = []
     for one in results:
-        seen = one.aging.observables
-        edges = seen["barrier_edges"][0]
+        measured = one.aging.observables
+        edges = measured["barrier_edges"][0]
         for name, dashes, label in (
             ("barriers_start", "-", one.label),
             ("barriers_open", "--", f"{one.label}, unbonded at {one.aging.hold_times[-1]:g} s"),
         ):
-            density = seen[name].mean(axis=0)
+            density = measured[name].mean(axis=0)
             axes.stairs(density, edges, color=one.color, lw=1.3, ls=dashes, label=label)
             filled = np.flatnonzero(density > density.max() * 1e-3)
             if filled.size:

@@ -1,4 +1,4 @@
-"""Studies: the figures and tables of the paper computed again, and what scaling by contact area explains."""
+"""Studies: reproduction of the figures and tables of the paper, and scaling of friction by contact area."""
 
 from __future__ import annotations
 

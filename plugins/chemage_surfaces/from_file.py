@@ -16,7 +16,7 @@ from chemage_surfaces._options import provenance
 
 
 def _named_unit(value: Any) -> Any:
-    """A unit by its name alone, "um", is one of it."""
+    """Read the name of a unit, such as "um", as one of that unit."""
     return f"1 {value}" if isinstance(value, str) and value[:1].isalpha() else value
 
 
@@ -24,26 +24,26 @@ FilePath = Annotated[str, BeforeValidator(lambda value: str(value) if isinstance
 
 
 class FromFile(SurfaceMaker):
-    """Heights from a file, higher = nearer to the counter-body.
+    """Heights from a file; higher points are nearer to the counter-body.
 
-    The ending of the file selects one of the installed readers, unless ``reader`` names one. A measured map is taken as
-    not periodic unless the file or ``periodic`` states otherwise.
+    The ending of the file selects one of the installed readers, unless ``reader`` is given. A map is not periodic
+    unless the file or ``periodic`` states that it is.
     """
 
     kind = "from-file"
 
     path: FilePath
-    """the file"""
+    """path of the file"""
     reader: SerializeAsAny[Reader] | None = None
-    """kind of reader, or a table with its ``kind`` and options; None: by the file's ending"""
+    """kind of the reader, or a table with its ``kind`` and options; None: selected by the ending of the file"""
     pixel_size: Length | None = None
-    """edge of a pixel, nm; required where the file does not state it, and used instead of what it states"""
+    """edge of a pixel, nm; overrides the value in the file, and is required if the file has none"""
     height_unit: Annotated[float, Unit("nm", gt=0), BeforeValidator(_named_unit)] = 1.0
-    """unit of the heights in the file, nm: "um", or a number to multiply them by"""
+    """unit of the heights in the file, such as "um", or a factor that converts them to nm"""
     detrend: Literal["none", "mean", "plane"] = "none"
-    """what to subtract: nothing, the mean height, or the plane of least squares"""
+    """trend to subtract: none, the mean height, or the least-squares plane"""
     periodic: bool | None = None
-    """whether the map repeats; None: what the file says, else no"""
+    """whether the map is periodic; None: as the file states, else not"""
 
     @field_validator("reader", mode="before")
     @classmethod
@@ -57,9 +57,9 @@ class FromFile(SurfaceMaker):
         return value
 
     def identity(self) -> dict[str, Any]:
-        """Kind, options, and a hash of the file's bytes: an edited file is another surface.
+        """Kind, options, and a hash of the content of the file, so that an edited file is another surface.
 
-        The file is read once as long as its size and time of change stay what they are.
+        The file is read once, and again after its size or modification time changed.
 
         Raises
         ------
@@ -80,9 +80,9 @@ class FromFile(SurfaceMaker):
         Raises
         ------
         StoreError
-            The file is missing, truncated, not of the reader's format, or no reader accepts its ending.
+            The file is missing, truncated or not in the format of the reader, or no reader accepts its ending.
         InputError
-            Several readers accept the file's ending; the pixel size is unknown; heights are not finite.
+            Several readers accept the ending, the pixel size is unknown, or heights are not finite.
         """
         reader = self.reader or reader_for(self.path)
         if self.pixel_size is not None and "pixel_size" in type(reader).model_fields:
@@ -90,7 +90,7 @@ class FromFile(SurfaceMaker):
         return _read(self, reader, _stamp(self.path))  # pyright: ignore[reportArgumentType]
 
 
-#: what tells one content of a file from another without reading it: size and time of change in ns, and which file it is
+#: identifies the content of a file without reading it: size, modification time (ns), inode, device
 _Stamp = tuple[int, int, int, int]
 
 
@@ -132,10 +132,10 @@ def _read(maker: FromFile, reader: Reader, stamp: _Stamp) -> Surface:
 
 
 def _without_trend(heights: np.ndarray, *, plane: bool) -> np.ndarray:
-    """Heights less their mean, or less their plane of least squares."""
+    """Subtract the mean of the heights, or their least-squares plane."""
     result = heights - heights.mean(dtype=np.float64)
     if plane:
-        # on a full grid the two tilts and the mean are orthogonal, so each is a projection of its own
+        # on a full grid the two tilts and the mean are orthogonal, so that each is a separate projection
         for axis, count in enumerate(heights.shape):
             x = np.arange(count) - 0.5 * (count - 1)
             if count > 1:

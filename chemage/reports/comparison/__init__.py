@@ -1,4 +1,4 @@
-"""Comparison: result files side by side, with measurements beside them."""
+"""Comparison of several results with each other and with measurements."""
 
 from chemage.reports.comparison.comparison import TIMES, Comparison, compare_files
 from chemage.reports.comparison.entries import Entry, load_results

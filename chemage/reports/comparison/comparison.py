@@ -1,7 +1,7 @@
-"""A comparison: the same quantities of several results side by side, and whether the chemistry is the same.
+"""Comparison of the same quantities of several results, and of their chemistry.
 
-A single asperity and a rough contact are compared as they are; bonds per contact area and the fraction of sites bonded
-make contacts of different size comparable.
+Single asperities and rough contacts are compared alike: bonds per contact area and the fraction of bonded sites do not
+depend on the size of a contact.
 """
 
 from __future__ import annotations
@@ -22,44 +22,44 @@ from chemage.ageing.measurements import Measurements, read_measurements
 from chemage.foundation.errors import InputError
 from chemage.foundation.text import jsonable, plus_minus
 from chemage.foundation.units import convert
-from chemage.reports.comparison.differences import Difference, _differences
+from chemage.reports.comparison.differences import Difference, differences
 from chemage.reports.comparison.entries import Entry, load_results
 
-#: hold times (s) at which results are put side by side, besides the last
+#: hold times (s) at which results are compared, besides the last
 TIMES = (1.0, 1e3)
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Several results side by side, and measurements to hold against them."""
+    """Several results, and measurements to compare with them."""
 
     results: list[Entry]
     measured: list[Measurements] = field(default_factory=list)
-    #: hold times to compare at, s, besides the last of each
+    #: hold times at which results are compared, s, besides the last of each
     times: tuple[float, ...] = TIMES
 
     def chemistry_differences(self) -> list[Difference]:
-        """The fields by which the chemistry differs, among the results that react; none: it is the same."""
-        return _differences([one.chemistry() for one in self.results if one.aging is not None])
+        """Find the fields in which the chemistry of the aged results differs; empty if it is the same."""
+        return differences([one.chemistry() for one in self.results if one.aging is not None])
 
     def other_differences(self) -> list[Difference]:
-        """Everything else that differs between the scenes; of different kinds, not the options that only some have."""
-        found = _differences([one.elsewhere() for one in self.results if one.scene])
+        """Find the other fields in which the scenes differ, without options that exist for one kind only."""
+        found = differences([one.elsewhere() for one in self.results if one.scene])
         other_kinds = {one.path.removesuffix("kind") for one in found if one.path.endswith(".kind")}
         return [one for one in found if None not in one.values or not one.path.startswith(tuple(other_kinds))]
 
     def statement(self) -> str:
-        """One sentence on whether the chemistry is the same."""
+        """State in one sentence whether the chemistry is the same."""
         reacting = [one.name for one in self.results if one.aging is not None]
         if len(reacting) < 2:
-            return "Chemistry: nothing to compare, fewer than two of the results were aged."
+            return "Chemistry: nothing to compare; fewer than two of the results were aged."
         different = self.chemistry_differences()
         if not different:
             return "Chemistry: the same in all results."
         return f"Chemistry: differs in {', '.join(one.path for one in different)}."
 
     def table(self) -> list[tuple[str, list[str]]]:
-        """(quantity, text of each result), for printing."""
+        """The rows of the printed table: (quantity, text of each result)."""
         rows: list[tuple[str, Callable[[Entry], str]]] = [
             ("scene", lambda one: str(one.scene.get("name", "")) or "-"),
             ("surface, solver", _made_of),
@@ -90,7 +90,7 @@ class Comparison:
         return [(label, [text_of(one) for one in self.results]) for label, text_of in rows]
 
     def numbers(self) -> list[dict[str, Any]]:
-        """One JSON-able object a result."""
+        """The results as plain JSON values, one object each."""
         return [jsonable(self._numbers(one)) for one in self.results]
 
     def _numbers(self, one: Entry) -> dict[str, Any]:
@@ -125,7 +125,7 @@ class Comparison:
         }
 
     def todict(self) -> dict[str, Any]:
-        """The whole comparison as one JSON-able object."""
+        """The whole comparison as plain JSON values."""
 
         def listed(differences: list[Difference]) -> list[dict[str, Any]]:
             return [{"field": one.path, "values": jsonable(list(one.values))} for one in differences]
@@ -140,7 +140,7 @@ class Comparison:
         }
 
     def csv(self) -> str:
-        """The comparison as CSV, one line a result; units are in the header."""
+        """The comparison as CSV with one line per result and units in the header."""
         units = {"load": "nN", "area": "nm^2", "perimeter_to_area": "1/nm", "mean_contact_pressure": "GPa"}
         units |= {"cutoff_time": "s", "cutoff_time_stderr": "s", "cutoff_time_low": "s", "cutoff_time_high": "s"}
         units |= {"friction_drop": "nN", "bonds_per_area": "1/nm^2", "fit_start": "s", "fit_stop": "s", "last": "s"}
@@ -166,7 +166,7 @@ class Comparison:
         return text.getvalue()
 
     def fits(self) -> list[tuple[str, Fit]]:
-        """Both models fitted to each set of measurements, and to each result over the same hold times."""
+        """Fit both models to each set of measurements, and to each result over the same hold times: (name, fit)."""
         found = []
         for data in self.measured:
             for model in ("line", "curve"):
@@ -182,8 +182,8 @@ class Comparison:
         return found
 
     def measured_fit(self, data: Measurements, model: Model) -> Fit | None:
-        """The fit to measurements; None where they are too few."""
-        # the line over the results' own window where the measurements fill it, else over all of them
+        """Fit a model to measurements; None if there are too few."""
+        # the line over the window of the results if it contains enough measurements, else over all of them
         windows = [self.results[0].window, None] if model == "line" else [None]
         for window in windows:
             try:
@@ -208,16 +208,24 @@ def compare_files(
     measured: Sequence[str | Path] = (),
     times: Sequence[float | str] = TIMES,
 ) -> Comparison:
-    """Put result files side by side, with CSV files of measurements to hold against them.
+    """Compare result files with each other and with measurements.
 
     Parameters
     ----------
     files
-        Runs, or ageing or contacts alone, as :func:`chemage.write` and ``chemage run`` make them.
+        Files of runs, ageing curves or contacts, as written by :func:`chemage.write` and ``chemage run``, and folders
+        of sweeps.
     measured
-        See :func:`chemage.read_measurements`.
+        CSV files of measurements, see :func:`chemage.read_measurements`.
     times
-        Hold times to compare at (s, or strings with units), besides the last.
+        Hold times at which to compare, s or strings with units, besides the last.
+
+    Raises
+    ------
+    InputError
+        There are no files or too many, a file is given twice or holds nothing to compare, or a time is not valid.
+    StoreError
+        A file is missing or damaged.
     """
     if not files:
         raise InputError("there is nothing to compare; give result files")
@@ -257,10 +265,12 @@ def _row_at(curves: Curves, unit: str, time: float | None) -> Callable[[Entry], 
 
 
 def friction(one: Entry) -> np.ndarray:
+    """ΔF, nN, (replicas, m)."""
     return one.aging.friction_drop if one.aging is not None else np.full((1, 0), np.nan)
 
 
 def coefficient(one: Entry) -> np.ndarray:
+    """Δμ, (replicas, m)."""
     return one.aging.friction_coefficient_drop if one.aging is not None else np.full((1, 0), np.nan)
 
 

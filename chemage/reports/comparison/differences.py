@@ -10,13 +10,14 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Difference:
-    """A field that is not the same everywhere; ``values`` in the order of the results, None where it is absent."""
+    """A field whose value differs between results; ``values`` in the order of the results, None where it is absent."""
 
     path: str
     values: tuple[Any, ...]
 
 
-def _differences(flats: Sequence[Mapping[str, Any]]) -> list[Difference]:
+def differences(flats: Sequence[Mapping[str, Any]]) -> list[Difference]:
+    """Find the fields that differ between flat mappings of dotted path -> value."""
     paths = dict.fromkeys(path for flat in flats for path in flat)
     found = [Difference(path, tuple(flat.get(path) for flat in flats)) for path in paths]
     return [one for one in found if not all(_same(one.values[0], value) for value in one.values[1:])]

@@ -1,4 +1,4 @@
-"""The results that a comparison lays side by side, read from files and sweeps."""
+"""The results in a comparison, read from files and sweeps."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
 from chemage.foundation.errors import InputError
+from chemage.foundation.statistics import standard_error
 from chemage.store.results import read
 from chemage.sweeps.result import load_sweep
 
@@ -26,17 +27,17 @@ _CHEMICAL = ("forming", "breaking", "interaction", "chemistry", "temperature")
 
 @dataclass(frozen=True)
 class Entry:
-    """What a comparison keeps of one result file: everything but the maps."""
+    """One result in a comparison: everything in its file except the maps."""
 
     name: str
     source: str
     title: str
-    #: plain scene data; {} where the file holds ageing without its scene
+    #: plain scene data; empty if the file holds no scene
     scene: Mapping[str, Any]
     #: the measures of the contact, see :meth:`chemage.ContactSolution.summary`
     contact: Mapping[str, float]
     aging: Aging | None = None
-    #: distribution of the pressure over the contact: edges (GPa), density (1/GPa)
+    #: distribution of the pressure over the contact: bin edges (GPa), density (1/GPa)
     pressure: tuple[np.ndarray, np.ndarray] | None = None
     #: first and last hold time of the fit, s
     window: tuple[float, float] = FIT_WINDOW
@@ -45,7 +46,13 @@ class Entry:
 
     @classmethod
     def of(cls, thing: Any, name: str = "", source: str = "") -> Entry:
-        """The result in a :class:`chemage.Run`, or in ageing or a contact alone."""
+        """Make an entry of a :class:`chemage.Run`, an ageing curve or a contact.
+
+        Raises
+        ------
+        InputError
+            ``thing`` is something else.
+        """
         if isinstance(thing, Run):
             return cls(
                 name or thing.name,
@@ -62,35 +69,35 @@ class Entry:
         if isinstance(thing, ContactSolution):
             return cls(name, source, "", {}, thing.summary(), None, _pressures(thing))
         raise InputError(
-            f"{source or name} holds a {type(thing).__name__}; a comparison takes runs, ageing or contacts, "
-            "such as `chemage run` makes"
+            f"{source or name} holds a {type(thing).__name__}; a comparison takes runs, ageing curves or "
+            "contacts, such as `chemage run` writes"
         )
 
     @property
     def load(self) -> float:
-        """nN."""
+        """Normal force, nN; nan if the file does not state it."""
         return self.aging.load if self.aging is not None else self.contact.get("load", math.nan)
 
     @property
     def area(self) -> float:
-        """Contact area, nm²; nan where the file does not state it."""
+        """Contact area, nm²; nan if the file does not state it."""
         return self.contact.get("area", math.nan)
 
     @property
     def sites(self) -> float:
-        """Reactive sites, mean over replicas."""
+        """Number of reactive sites, mean over replicas; nan without ageing."""
         return float(self.aging.sites.mean()) if self.aging is not None else math.nan
 
     @property
     def bonds_per_area(self) -> np.ndarray:
-        """Bonds per contact area, 1/nm², (replicas, m)."""
+        """Bonds per contact area, 1/nm², (replicas, m); (1, 0) without ageing."""
         if self.aging is None or not self.area > 0:
             return np.full((1, 0), np.nan)
         return self.aging.bonds / self.area
 
     @property
     def bonded_fraction(self) -> np.ndarray:
-        """Fraction of the sites that are bonded, (replicas, m)."""
+        """Fraction of the sites that are bonded, (replicas, m); (1, 0) without ageing."""
         if self.aging is None:
             return np.full((1, 0), np.nan)
         with np.errstate(invalid="ignore"):
@@ -98,15 +105,17 @@ class Entry:
 
     @cached_property
     def fit(self) -> Fit | None:
-        """The line of Δμ against log t over the scene's window; None without a load or hold times in the window."""
+        """Line of Δμ against log t over the window of the scene; None without load or hold times in the window."""
         try:
             return self.aging.fit(*self.window) if self.aging is not None and self.load > 0 else None
         except InputError:
             return None
 
     def at(self, curves: np.ndarray, time: float) -> tuple[float, float]:
-        """Mean over replicas and standard error of ``curves`` (replicas, m) at ``time`` s, evenly in log t between hold
-        times; nan outside them."""
+        """Mean over replicas and standard error of ``curves`` (replicas, m) at ``time`` (s).
+
+        Interpolates linearly in log t between hold times; nan outside them.
+        """
         if self.aging is None or not curves.size:
             return math.nan, math.nan
         t = self.aging.hold_times
@@ -119,15 +128,14 @@ class Entry:
                 return math.nan, math.nan
             part = math.log(time / t[after - 1]) / math.log(t[after] / t[after - 1])
             values = curves[:, after - 1] * (1 - part) + curves[:, after] * part
-        error = float(values.std(ddof=1)) / math.sqrt(values.size) if values.size > 1 else math.nan
-        return float(values.mean()), error
+        return float(values.mean()), float(standard_error(values))
 
     def last(self) -> float:
         """The last hold time, s; nan without ageing."""
         return float(self.aging.hold_times[-1]) if self.aging is not None else math.nan
 
     def chemistry(self) -> dict[str, Any]:
-        """Everything that decides how sites react, flat: dotted path -> value."""
+        """The fields that determine the kinetics of the sites: dotted path -> value."""
         if self.aging is None:
             return {}
         if self.scene:
@@ -139,7 +147,7 @@ class Entry:
         return dict(_flat({**parts, "temperature": self.aging.temperature}))
 
     def elsewhere(self) -> dict[str, Any]:
-        """The rest of the scene, flat: surface, contact, engine, hold and fit."""
+        """The other fields of the scene (surface, contact, engine, hold and fit): dotted path -> value."""
         left = {name: part for name, part in self.scene.items() if name not in (*_CHEMICAL, "name", "title", "observe")}
         return {path: value for path, value in _flat(left) if path != "hold.temperature"}
 
@@ -158,22 +166,22 @@ def _flat(data: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
 
 
 def load_results(files: Sequence[str | Path]) -> list[Entry]:
-    """Read result files; each is named by its file name, or by its path where two file names are equal.
+    """Read result files; each result has the name of its file, or its path if two names are equal.
 
-    The folder of a sweep stands for its finished points, ``FOLDER/3`` for one of them.
+    The folder of a sweep means all its completed points, ``FOLDER/3`` one of them.
 
     Raises
     ------
     InputError
-        A file is given twice, holds nothing that can be compared, or there are more than ``MOST`` results.
+        A file is given twice or holds nothing to compare, or there are more than ``MOST`` results.
     StoreError
         A file is missing or damaged.
     """
     found = [one for file in files for one in _sources(Path(file))]
     if len(found) > MOST:
         raise InputError(
-            f"{len(found)} results are too many to lay side by side; give at most {MOST}, "
-            "of a sweep single points such as FOLDER/0"
+            f"{len(found)} results are too many to compare; give at most {MOST}, "
+            "or single points of a sweep, such as FOLDER/0"
         )
     places = [place for _, place, _ in found]
     for _, place, _ in found:
@@ -187,17 +195,17 @@ def load_results(files: Sequence[str | Path]) -> list[Entry]:
     return results
 
 
-#: results that a comparison takes
+#: largest number of results in a comparison
 MOST = 32
 
 
 def _sources(path: Path) -> list[tuple[str, str, Callable[[bool], Any]]]:
-    """(name, place, reader) of a result file or a point of a sweep, or of every finished point of a sweep."""
+    """Find (name, path, reader) of a result file, of a point of a sweep, or of every completed point of a sweep."""
     if (path / "sweep.json").is_file() or ((path.parent / "sweep.json").is_file() and path.name.isdecimal()):
         if not path.name.isdecimal() or (path / "sweep.json").is_file():
             done = [index for index, state in enumerate(load_sweep(path).states()) if state == "done"]
             if not done:
-                raise InputError(f"{path}: no point of this sweep is finished; `chemage status {path}` tells more")
+                raise InputError(f"{path}: no point of this sweep is complete; see `chemage status {path}`")
             return [one for index in done for one in _sources(path / str(index))]
         name = f"{path.parent.resolve().name}/{path.name}"
         return [(name, str(path), partial(_point, path.parent, int(path.name)))]

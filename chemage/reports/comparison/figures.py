@@ -1,19 +1,19 @@
-"""Figures of a comparison: friction, bonds per area, pressures and barriers of several results."""
+"""Figures of a comparison: friction, bonds per area, pressures, and the observables of several results."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from chemage.ageing.fitting import SYMBOL, Quantity
+from chemage.foundation.statistics import standard_error
 from chemage.foundation.text import plus_minus
 from chemage.reports.comparison.comparison import Comparison, Curves, coefficient, friction
 from chemage.reports.comparison.entries import Entry
-from chemage.reports.figures import BLACK, GREY, blank, colours, plain
+from chemage.reports.figures import BLACK, GREY, PALETTE, blank, plain
 from chemage.reports.observables import observable_figures, observables_of, observed_in
 
 if TYPE_CHECKING:
@@ -21,26 +21,24 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MARKERS = "osD^vP*X"
-#: inches; small, so that the letters can be read on a phone
+#: inches; small, so that the text is legible on a phone
 _SIZE = (4.9, 3.6)
 
 
 def _styles(count: int) -> list[dict[str, Any]]:
-    """Colour and marker of each curve, so that neither alone tells them apart."""
-
-    found = list(islice(colours(), count))
-    return [{"color": colour, "marker": _MARKERS[i % len(_MARKERS)]} for i, colour in enumerate(found)]
+    """Colour and marker of each curve."""
+    return [{"color": PALETTE[i % len(PALETTE)], "marker": _MARKERS[i % len(_MARKERS)]} for i in range(count)]
 
 
 def _drawn(axes: Axes, results: Sequence[Entry], curves: Curves) -> list[float]:
-    """Mean and standard error of each result against hold time; the last value of each that was drawn."""
+    """Draw mean and standard error of each result against hold time; return the last mean of each."""
     last = []
     for one, style in zip(results, _styles(len(results)), strict=True):
         values = curves(one)
         if one.aging is None or not values.size or not np.isfinite(values).any():
             continue
         t, mean = one.aging.hold_times, values.mean(axis=0)
-        error = values.std(axis=0, ddof=1) / math.sqrt(len(values)) if len(values) > 1 else np.zeros(t.size)
+        error = np.nan_to_num(standard_error(values))
         shown = t > 0
         axes.errorbar(t[shown], mean[shown], yerr=error[shown], ms=3.5, lw=1, capsize=2, label=plain(one.name), **style)
         last.append(float(mean[-1]))
@@ -48,7 +46,7 @@ def _drawn(axes: Axes, results: Sequence[Entry], curves: Curves) -> list[float]:
 
 
 def _scaled(axes: Axes, last: Sequence[float]) -> None:
-    """Logarithmic where the curves end more than a decade apart."""
+    """Use a logarithmic scale if the curves end more than a decade apart."""
     positive = [value for value in last if value > 0]
     if positive and max(positive) > 10 * min(positive):
         lowest = min(positive) / 300
@@ -108,7 +106,7 @@ def _fitted_line(axes: Axes, one: Entry) -> None:
 
 
 def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
-    """Every figure that there is data for, by name."""
+    """Draw every figure for which there are data: name -> figure."""
     made = {
         "friction-drop": friction_drop_figure(comparison),
         "friction-coefficient-drop": friction_coefficient_figure(comparison),
@@ -120,7 +118,7 @@ def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
 
 
 def friction_drop_figure(comparison: Comparison) -> Figure | None:
-    """ΔF against hold time; measurements of ΔF, or of Δμ where all results have one load, on top."""
+    """Draw ΔF against hold time, and measurements of ΔF, or of Δμ if all results have the same load."""
     if not any(one.aging for one in comparison.results):
         return None
     figure, axes, last = _against_time(comparison.results, friction, f"friction drop {SYMBOL['friction_drop']} (nN)")
@@ -129,7 +127,7 @@ def friction_drop_figure(comparison: Comparison) -> Figure | None:
 
 
 def friction_coefficient_figure(comparison: Comparison) -> Figure | None:
-    """Δμ against hold time, with measurements on top."""
+    """Draw Δμ against hold time, and measurements."""
     if not any(one.aging and one.load > 0 for one in comparison.results):
         return None
     label = f"friction coefficient drop {SYMBOL['friction_coefficient_drop']}"
@@ -141,7 +139,7 @@ def friction_coefficient_figure(comparison: Comparison) -> Figure | None:
 
 
 def bonds_figure(results: Sequence[Entry]) -> Figure | None:
-    """Bonds per contact area against hold time."""
+    """Draw bonds per contact area against hold time."""
     if not any(np.isfinite(one.bonds_per_area).any() for one in results):
         return None
     figure, axes, last = _against_time(results, lambda one: one.bonds_per_area, "bonds per contact area (1/nm²)")
@@ -149,7 +147,7 @@ def bonds_figure(results: Sequence[Entry]) -> Figure | None:
 
 
 def pressures_figure(results: Sequence[Entry]) -> Figure | None:
-    """Distribution of the pressure over each contact."""
+    """Draw the distribution of the pressure over each contact."""
     shown = [(one, style) for one, style in zip(results, _styles(len(results)), strict=True) if one.pressure]
     if not shown:
         return None
@@ -167,7 +165,7 @@ def pressures_figure(results: Sequence[Entry]) -> Figure | None:
 
 
 def observables_figures(results: Sequence[Entry]) -> dict[str, Figure]:
-    """The figures that the observables of these results draw."""
+    """Draw the figures of the observables of several results: name -> figure."""
     labelled = [
         (observed_in(plain(one.name), one.aging, style["color"]), observables_of(one.aging, one.scene))
         for one, style in zip(results, _styles(len(results)), strict=True)

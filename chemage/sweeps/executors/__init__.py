@@ -1,1 +1,1 @@
-"""Executors: where a sweep computes (this process, several processes, a Dask cluster)."""
+"""Executors of a sweep: this process, several processes, or a Dask cluster."""

@@ -1,4 +1,4 @@
-"""Tasks on a Dask cluster: one that runs, one to start here, or one that a file describes."""
+"""Tasks on a Dask cluster: a running one, a new one on this machine, or one described by a file."""
 
 from __future__ import annotations
 
@@ -17,24 +17,33 @@ from chemage.foundation.errors import ChemageError, ExecutorError, InputError, S
 from chemage.foundation.messages import nearest
 from chemage.sweeps.executors.pool import Pool, shares
 from chemage.sweeps.executors.processes import RETRIES
+from chemage.sweeps.folder import RESUME
 
-#: seconds a Dask cluster that we started on this machine may be without any worker; others may stand in a queue
+#: longest time that a Dask cluster started on this machine may be without a worker, s; elsewhere workers may be queued
 PATIENCE = 120.0
-#: seconds to wait for a Dask scheduler
+#: time to wait for a Dask scheduler, s
 ANSWER_TIME = 4.0
 
 
 class Dask(Executor):
-    """Tasks on the workers of a ``distributed.Client``. Dask itself tries a task again when its worker dies."""
+    """Tasks on the workers of a ``distributed.Client``. Dask tries a task again when its worker dies.
+
+    Parameters
+    ----------
+    client
+        The ``distributed.Client``.
+    wanted
+        Number of workers to keep running on a cluster started here; 0 for any other cluster.
+    """
 
     def __init__(self, client: Any, wanted: int = 0) -> None:
-        # ``wanted`` workers of a cluster of our own; 0: somebody else looks after them
         self._client, self._wanted = client, wanted
         self._inner = client.get_executor(pure=False)
         self._known = (0.0, 1)
         self._alive, self._revived = time.monotonic(), 0
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Submit a task; :class:`chemage.WorkerLost` is raised by its future if its workers died."""
         from distributed.scheduler import KilledWorker
 
         outer: Future[Any] = Future()
@@ -58,18 +67,18 @@ class Dask(Executor):
         return outer
 
     def width(self) -> int:
-        """Threads of the workers there are now, at least 1; asked anew every second.
+        """Present number of threads of all workers, at least 1; updated every second.
 
         Raises
         ------
         ExecutorError
-            A cluster of our own has had no worker for ``PATIENCE`` seconds; tasks would wait for ever.
+            A cluster started here has had no worker for ``PATIENCE`` seconds, so that tasks would wait for ever.
         """
         when, width = self._known
         now = time.monotonic()
         if now > when + 1:
             found = None
-            # no answer: the scheduler is busy, or gone, which its tasks will tell
+            # no answer: the scheduler is busy, or gone, in which case its tasks fail
             with suppress(OSError, RuntimeError):
                 found = sum(self._client.nthreads().values())
                 width = max(1, found)
@@ -81,12 +90,9 @@ class Dask(Executor):
         return width
 
     def _revive(self, seconds: float) -> None:
-        """Dask gives a worker up that dies while it starts; a cluster of our own is told to start others."""
+        """Start other workers: Dask does not replace a worker that dies while it starts."""
         if seconds > PATIENCE:
-            raise ExecutorError(
-                f"the Dask cluster has had no worker for {seconds:.0f} s; look at its logs. "
-                "What is finished is kept, the same sweep goes on"
-            )
+            raise ExecutorError(f"the Dask cluster has had no worker for {seconds:.0f} s; look at its logs; {RESUME}")
         if seconds > 10 * (self._revived + 1):
             self._revived += 1
             cluster = self._client.cluster
@@ -94,6 +100,7 @@ class Dask(Executor):
                 cluster.scale(len(cluster.worker_spec) + self._wanted)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Shut the executor down; the cluster stays."""
         self._inner.shutdown(wait=wait and not cancel_futures)
 
 
@@ -104,6 +111,11 @@ def _at(error: Any) -> str:
 
 @contextmanager
 def open_cluster(detail: str, workers: int | None, threads: int | None) -> Iterator[Pool]:
+    """Connect to the Dask cluster that ``detail`` names, or start it, for the duration of a block.
+
+    ``detail`` is what follows ``dask:``; the arguments and errors are those of
+    :func:`chemage.sweeps.executors.opening.open_pool`.
+    """
     try:
         import dask.config as dask_config
         import distributed
@@ -116,8 +128,8 @@ def open_cluster(detail: str, workers: int | None, threads: int | None) -> Itera
     if where.local:
         count, each = shares(where.workers, threads)
         where.options = {**_local_options(count), **where.options}
-    # Dask sets what a library reads at import in its own process, too, while it starts a worker; numba would then
-    # refuse to compile in this one, and needs it in the worker alone.
+    # Dask sets "pre-spawn" variables, which libraries read at import, in this process as well; numba would then refuse
+    # to compile here, so that its variables are set in the workers only
     early = thread_budget.environment(each)
     late = {name: early.pop(name) for name in ("CHEMAGE_THREADS", "NUMBA_NUM_THREADS")}
     settings: dict[str, Any] = {
@@ -127,7 +139,7 @@ def open_cluster(detail: str, workers: int | None, threads: int | None) -> Itera
             for name, values in (("distributed.nanny.pre-spawn-environ", early), ("distributed.nanny.environ", late))
         },
     }
-    # for as long as the cluster lives: workers are also started later, when it grows or one of them died
+    # for the lifetime of the cluster, which starts workers later when it grows or when a worker died
     with dask_config.set(settings), _quiet(), _connected(distributed, where) as client:
         pool = Dask(client, where.workers or 1 if where.local else 0)
         try:
@@ -139,7 +151,7 @@ def open_cluster(detail: str, workers: int | None, threads: int | None) -> Itera
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """What Dask logs as tracebacks while a worker or the scheduler goes away is told by our own errors."""
+    """Suppress the tracebacks that Dask logs when a worker or the scheduler is lost; chemage raises its own errors."""
     logger = logging.getLogger("distributed.client")
     before = logger.level
     logger.setLevel(logging.CRITICAL + 1)
@@ -172,7 +184,7 @@ def _local_options(count: int) -> dict[str, Any]:
         "processes": True,
         "dashboard_address": ":0",
         "silence_logs": logging.CRITICAL,
-        # Ctrl-C on the terminal is for this process to decide on; the workers end with the cluster
+        # Ctrl-C on the terminal is handled by this process; the workers end with the cluster
         "preload": ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
     }
 
@@ -196,7 +208,7 @@ def _connect(distributed: Any, target: Any) -> Any:
 
 @dataclass
 class _Where:
-    """What stands behind ``dask:``."""
+    """The cluster that the text after ``dask:`` names."""
 
     address: str = ""
     cluster: str = "distributed.LocalCluster"
@@ -238,7 +250,7 @@ class _Where:
         )
 
     def start(self) -> Any:
-        """The cluster, with its workers asked for."""
+        """Start the cluster and request its workers."""
         module, _, name = self.cluster.rpartition(".")
         try:
             make = getattr(importlib.import_module(module or "builtins"), name)
@@ -256,7 +268,7 @@ class _Where:
         except ChemageError:
             raise
         except Exception as error:
-            guard = "; a script must ask for it below `if __name__ == '__main__':`"
+            guard = "; in a script, start it below `if __name__ == '__main__':`"
             hint = guard if "failed to start" in str(error) else ""
             raise ExecutorError(
                 f"the Dask cluster {self.cluster} did not start: {type(error).__name__}: {error}{hint}"
@@ -281,5 +293,5 @@ def _configuration(path: Path) -> dict[str, Any]:
     except Exception as error:
         raise InputError(f"the cluster file {path} cannot be read: {error}") from None
     if not isinstance(data, dict):
-        raise InputError(f"the cluster file {path} holds {type(data).__name__}; expected names and values")
+        raise InputError(f"the cluster file {path} holds a {type(data).__name__}; expected a table of names and values")
     return data

@@ -1,7 +1,6 @@
-"""The pools that a sweep can compute on, behind ``concurrent.futures.Executor``.
+"""Opens the executor of a sweep, named by a word such as ``"processes"`` or ``"dask:tcp://host:8786"``.
 
-:func:`open_pool` makes any of them from a word such as ``"processes"`` or ``"dask:tcp://host:8786"``. What is computed,
-and every bit of it, is the same on all of them.
+All executors have the interface of ``concurrent.futures.Executor``, and results are the same to the last bit.
 """
 
 from __future__ import annotations
@@ -22,25 +21,25 @@ NAMES = ("serial", "processes", "dask")
 
 @contextmanager
 def open_pool(executor: str | Executor, workers: int | None = None, threads: int | None = None) -> Iterator[Pool]:
-    """The pool that ``executor`` names, for the length of a block.
+    """Open the executor that ``executor`` names, for the duration of a block.
 
     Parameters
     ----------
     executor
-        ``"serial"``; ``"processes"``; ``"dask"`` (a cluster on this machine), ``"dask:tcp://host:8786"`` (one that
-        runs), ``"dask:package.module.Class"`` or ``"dask:cluster.toml"`` (one to start, see docs/sweeps.md); or any
-        ``concurrent.futures.Executor`` whose workers can import chemage.
+        ``"serial"``; ``"processes"``; ``"dask"`` (a new cluster on this machine), ``"dask:tcp://host:8786"`` (a running
+        cluster), ``"dask:package.module.Class"`` or ``"dask:cluster.toml"`` (a cluster to start, see docs/sweeps.md);
+        or any ``concurrent.futures.Executor`` whose workers can import chemage.
     workers
-        How many tasks run side by side; default: as many as the processors allow.
+        Number of concurrent tasks; default: chosen automatically from the number of processors.
     threads
-        Threads for each task; default: all processors in ``serial``, one elsewhere.
+        Threads per task; default: all processors with ``serial``, one with any other executor.
 
     Raises
     ------
     InputError
-        No such executor, or more threads asked for than there are processors.
+        There is no such executor, or ``workers`` and ``threads`` exceed the number of processors.
     ExecutorError
-        It cannot be started, or does not answer.
+        The executor cannot be started, or does not respond.
     """
     _check_count("workers", workers)
     _check_count("threads", threads)

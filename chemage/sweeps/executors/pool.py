@@ -1,4 +1,4 @@
-"""What a sweep knows of the executor it computes on, and the simplest of them."""
+"""The executor of a sweep with its properties, and the serial executor."""
 
 from __future__ import annotations
 
@@ -13,22 +13,28 @@ from chemage.foundation.errors import InputError
 
 @dataclass(frozen=True)
 class Pool:
-    """An executor in use by a sweep."""
+    """An executor that a sweep uses, and its properties."""
 
     executor: Executor
     name: str
-    #: threads each task may use
+    #: threads per task
     threads: int
-    #: how many tasks can run at once, now
+    #: returns the present number of concurrent tasks
     width: Callable[[], int]
-    #: stops at once, whatever is running
+    #: stops the running tasks immediately
     abort: Callable[[], None] = field(default=lambda: None)
-    #: whether a lost worker is blamed on the one task it worked on; Dask blames all that were waiting there as well
+    #: whether only the task that a lost worker was computing fails; with Dask those that waited there fail as well
     blames_one: bool = True
 
 
 def shares(workers: int | None, threads: int | None) -> tuple[int, int]:
-    """Workers and threads of each, which together never ask for more than the processors there are."""
+    """Choose the number of workers and of threads per worker, together no more than the number of processors.
+
+    Raises
+    ------
+    InputError
+        The given numbers exceed the number of processors.
+    """
     processors = thread_budget.processors()
     threads = threads or 1
     if workers is None:
@@ -42,9 +48,10 @@ def shares(workers: int | None, threads: int | None) -> tuple[int, int]:
 
 
 class Serial(Executor):
-    """Runs each task in this thread as it is submitted."""
+    """Runs each task in the calling thread when it is submitted."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Run the task; the future has its result or its exception."""
         future: Future[Any] = Future()
         future.set_running_or_notify_cancel()
         try:

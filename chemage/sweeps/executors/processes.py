@@ -1,7 +1,7 @@
-"""Worker processes on this machine, of which one that dies costs its own task only.
+"""Worker processes on this machine; the death of a process affects only its own task.
 
-``concurrent.futures.ProcessPoolExecutor`` gives up all of its tasks when one process dies, needs a guard around the
-main module of a script, and its processes survive the parent; hence this executor.
+``concurrent.futures.ProcessPoolExecutor`` fails all of its tasks when one process dies, requires scripts to guard their
+main module, and its processes outlive the parent; this executor does not.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any, BinaryIO
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.errors import ExecutorError, WorkerLost
 
-#: how often a task is tried again after its worker died
+#: number of times that a task is tried again after its worker died
 RETRIES = 1
 _BOOT = (
     "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
@@ -31,18 +31,26 @@ _BOOT = (
 
 
 class Processes(Executor):
-    """Processes of this machine, each a fresh interpreter that runs one task at a time.
+    """Processes on this machine, each a new interpreter that runs one task at a time.
 
-    Unlike ``ProcessPoolExecutor``, a process that dies takes nothing with it but its own task, which is tried again in
-    a new one; and processes end by themselves when this one is gone. A function must be importable by name, and a
-    script needs no ``if __name__ == "__main__"``.
+    If a process dies, its task is tried again in a new process and other tasks are not affected. The processes end when
+    this process does. Functions must be importable by name; scripts need no ``if __name__ == "__main__"``.
+
+    Parameters
+    ----------
+    workers
+        Number of processes; default: chosen automatically from the number of processors.
+    threads
+        Threads per process.
+    retries
+        Number of times that a task is tried again after its process died.
 
     Raises
     ------
     WorkerLost
-        From a task's future: as many processes died with it as it was tried.
+        By the future of a task: its process died at every attempt.
     ExecutorError
-        From a task's future: no process could be started.
+        By the future of a task: no process could be started.
     """
 
     def __init__(self, workers: int | None = None, threads: int = 1, *, retries: int = RETRIES) -> None:
@@ -57,6 +65,7 @@ class Processes(Executor):
         self._waiting = 0
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Queue a task; starts another process if all are busy and there are fewer than ``workers``."""
         message = pickle.dumps((fn, args, kwargs))
         future: Future[Any] = Future()
         with self._lock:
@@ -71,6 +80,7 @@ class Processes(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes after the tasks in the queue; with ``cancel_futures`` after those that run."""
         with self._lock:
             closed, self._closed = self._closed, True
         if cancel_futures:
@@ -83,7 +93,7 @@ class Processes(Executor):
                 slot.join()
 
     def abort(self) -> None:
-        """Kill the processes, whatever they are doing, and cancel what waits."""
+        """Kill the processes and cancel the tasks in the queue."""
         with self._lock:
             self._aborted = True
             running = list(self._running)
@@ -97,7 +107,7 @@ class Processes(Executor):
             while True:
                 task = self._tasks.get_nowait()
                 if task is not None and task[0].cancel():
-                    task[0].set_running_or_notify_cancel()  # whoever waits for it must learn of it
+                    task[0].set_running_or_notify_cancel()  # notifies those who wait for it
 
     def _slot(self) -> None:
         process: _Process | None = None
@@ -157,14 +167,14 @@ class Processes(Executor):
 
 
 class _ProcessDied(Exception):
-    """Says how, as the rest of a sentence."""
+    """How a process died, as the rest of a sentence that begins with it."""
 
 
 class _Process:
-    """One interpreter that answers calls; its standard input and output are the line, what it prints is our stderr."""
+    """One interpreter that runs tasks, received and answered through pipes; its own output goes to stderr."""
 
     def __init__(self, environment: Mapping[str, str]) -> None:
-        # a session of its own: Ctrl-C on the terminal reaches this process alone, which then decides
+        # a session of its own, so that Ctrl-C on the terminal reaches the parent process only
         self._popen = subprocess.Popen(
             [sys.executable, "-c", _BOOT],
             stdin=subprocess.PIPE,
@@ -178,7 +188,7 @@ class _Process:
         self.pid = self._popen.pid
 
     def wait_until_ready(self) -> None:
-        """Returns when it has imported chemage."""
+        """Wait until the interpreter has imported chemage."""
         try:
             pickle.dump([path or os.getcwd() for path in sys.path], self._to)
             self._to.flush()
@@ -187,7 +197,7 @@ class _Process:
         self._receive()
 
     def call(self, message: bytes) -> tuple[str, Any]:
-        """``("done", value)`` or ``("failed", exception)``."""
+        """Run a task: ``("done", value)`` or ``("failed", exception)``."""
         try:
             _send(self._to, message)
         except OSError:
@@ -207,16 +217,16 @@ class _Process:
         if status >= 0:
             return _ProcessDied(f"ended with exit status {status}")
         name = signal.Signals(-status).name if -status in list(signal.Signals) else f"signal {-status}"
-        why = " (the system does that to the largest process when memory runs out)" if status == -9 else ""
+        why = " (the system kills the largest process when memory runs out)" if status == -9 else ""
         return _ProcessDied(f"was ended by {name}{why}")
 
     def kill(self) -> None:
-        """End it now; one that is dead already keeps its own exit status."""
+        """Kill the process; a process that has ended keeps its exit status."""
         with suppress(OSError):
             self._popen.kill()
 
     def close(self) -> None:
-        """End it; it ends by itself when its input does."""
+        """End the process by closing its pipes."""
         for stream in (self._to, self._from):
             with suppress(OSError):
                 stream.close()
@@ -241,15 +251,15 @@ def _receive(stream: BinaryIO | Any) -> bytes:
 
 
 def serve() -> None:
-    """The life of a worker process."""
+    """Run tasks until the pipe is closed; the main function of a worker process."""
     import warnings
 
     from chemage.plugins.registry import PluginWarning
 
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a plugin prints must not get into the answers
+    os.dup2(2, 1)  # what a plugin prints must not mix with the answers
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    warnings.simplefilter("ignore", PluginWarning)  # the parent has said it already
+    warnings.simplefilter("ignore", PluginWarning)  # the parent process has shown them
     tasks: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
     def listen() -> None:
@@ -257,7 +267,7 @@ def serve() -> None:
             while True:
                 tasks.put(_receive(sys.stdin.buffer))
         except (EOFError, OSError):
-            os._exit(0)  # the parent has closed the line or is gone: whatever is running is of no use to anyone
+            os._exit(0)  # the parent has closed the pipe or has ended
 
     threading.Thread(target=listen, daemon=True).start()
     _send(answers, pickle.dumps(("ready", os.getpid())))
@@ -271,7 +281,7 @@ def _answer(message: bytes) -> bytes:
         return pickle.dumps(("done", fn(*args, **kwargs)))
     except Exception as error:
         answer = pickle.dumps(("failed", ExecutorError(f"{type(error).__name__}: {error}")))
-        with suppress(Exception):  # an exception that cannot travel goes as text
+        with suppress(Exception):  # an exception that cannot be pickled is sent as text
             whole = pickle.dumps(("failed", error))
             pickle.loads(whole)
             answer = whole

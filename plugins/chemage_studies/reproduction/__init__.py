@@ -1,1 +1,1 @@
-"""The paper's figures and tables, computed anew and laid beside the published numbers."""
+"""Reproduction of the figures and tables of the paper, and comparison with the published numbers."""

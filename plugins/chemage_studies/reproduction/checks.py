@@ -1,4 +1,4 @@
-"""The paper's numbers and claims, each beside what we find."""
+"""Comparison of the numbers and claims of the paper with the computed results."""
 
 from __future__ import annotations
 
@@ -18,14 +18,13 @@ SLOPE, SEED, LOAD, VOLUME = "surface.rms_slope", "surface.seed", "contact.load",
 
 
 class Line(NamedTuple):
-    """One line of the table paper / ours / difference."""
+    """A published number and ours."""
 
     target: str
     quantity: str
     paper: float
     ours: Mean
     tolerance: float
-    reason: str = ""
 
     @property
     def difference(self) -> float:
@@ -34,7 +33,7 @@ class Line(NamedTuple):
 
     @property
     def within(self) -> str:
-        """``"yes"``; ``"scatter"`` where only two standard deviations between seeds cover the difference; ``"no"``."""
+        """``"yes"`` within the tolerance, ``"scatter"`` within two standard deviations between seeds, else ``"no"``."""
         if abs(self.difference) <= self.tolerance:
             return "yes"
         wide = 2 * self.ours.scatter
@@ -42,7 +41,7 @@ class Line(NamedTuple):
 
 
 class Claim(NamedTuple):
-    """A statement of the paper and what we find."""
+    """A statement of the paper, our result, and whether the statement holds for it."""
 
     target: str
     statement: str
@@ -51,88 +50,32 @@ class Claim(NamedTuple):
 
 
 def lines(studies: Studies, targets: Sequence[str]) -> list[Line]:
-    """Every published number that the computed ``studies`` can be held against."""
+    """Compare the published numbers of ``targets`` with those of the computed ``studies``."""
     made: list[Line] = []
+
+    def add(target: str, quantity: str, paper: float, points: Sequence[Point], name: str, tolerance: str = "") -> None:
+        ours = mean(p.summary[name] for p in points)
+        made.append(Line(target, quantity, paper, ours, TOLERANCE[tolerance or name]))
+
     if "kappa" in targets:
-        made += _area_lines(studies["loads"])
-        made += [
-            Line(
-                "kappa",
-                f"κ, Table 1 {row.name}",
-                published.KAPPA_ROWS,
-                mean(p.summary["kappa"] for p in points),
-                TOLERANCE["kappa"],
-            )
-            for row, points in _rows(studies["rows"])
-        ]
+        by_load = {load / 1000: group for (load,), group in grouped(studies["loads"], LOAD).items()}
+        for load, paper in published.AREA_FRACTION.items():
+            add("kappa", f"A/A0 at {load:g} µN", paper, by_load[load], "area_fraction")
+        add("kappa", "κ at 20 µN, h' = 0.1", published.KAPPA, by_load[20.0], "kappa")
+        for row, points in _rows(studies["rows"]):
+            add("kappa", f"κ, Table 1 {row.name}", published.KAPPA_ROWS, points, "kappa")
     if "table1" in targets:
         for row, points in _rows(studies["rows"]):
-            made.append(
-                Line(
-                    "table1",
-                    f"N_p, {row.name}",
-                    row.patches,
-                    mean(p.summary["patches"] for p in points),
-                    TOLERANCE["patches"],
-                )
-            )
-            made.append(
-                Line(
-                    "table1",
-                    f"C/A (1/nm), {row.name}",
-                    row.perimeter_to_area,
-                    mean(p.summary["perimeter_to_area"] for p in points),
-                    TOLERANCE["perimeter_to_area"],
-                )
-            )
+            add("table1", f"N_p, {row.name}", row.patches, points, "patches")
+            add("table1", f"C/A (1/nm), {row.name}", row.perimeter_to_area, points, "perimeter_to_area")
     if "fig3" in targets:
         for volume, points in _by_volume(studies["slopes"]).items():
             for slope, paper in published.BETA[volume].items():
                 chosen = [p for p in points if math.isclose(p.changes[SLOPE], slope)]
-                made.append(
-                    Line(
-                        "fig3",
-                        f"β, h' = {slope:g}, ΔV = {volume:g} Å³",
-                        paper,
-                        mean(p.summary["beta"] for p in chosen),
-                        TOLERANCE["beta"],
-                    )
-                )
+                add("fig3", f"β, h' = {slope:g}, ΔV = {volume:g} Å³", paper, chosen, "beta")
     if "fig6" in targets:
-        made.append(
-            Line(
-                "fig6",
-                "β, h' = 0.4, half hydroxylated, front",
-                published.FIG_6_BETA,
-                mean(p.summary["beta"] for p in studies["front"]),
-                TOLERANCE["fig6"],
-            )
-        )
+        add("fig6", "β, h' = 0.4, half hydroxylated, front", published.FIG_6_BETA, studies["front"], "beta", "fig6")
     return made
-
-
-def _area_lines(points: Sequence[Point]) -> list[Line]:
-    by_load = {load / 1000: group for (load,), group in grouped(points, LOAD).items()}
-    found = [
-        Line(
-            "kappa",
-            f"A/A0 at {load:g} µN",
-            paper,
-            mean(p.summary["area_fraction"] for p in by_load[load]),
-            TOLERANCE["area_fraction"],
-        )
-        for load, paper in published.AREA_FRACTION.items()
-    ]
-    found.append(
-        Line(
-            "kappa",
-            "κ at 20 µN, h' = 0.1",
-            published.KAPPA,
-            mean(p.summary["kappa"] for p in by_load[20.0]),
-            TOLERANCE["kappa"],
-        )
-    )
-    return found
 
 
 def _rows(points: Sequence[Point]) -> list[tuple[published.Row, list[Point]]]:
@@ -144,7 +87,7 @@ WORDS = {"yes": "within", "scatter": "within the scatter between seeds", "no": "
 
 
 def _by_volume(points: Sequence[Point]) -> dict[float, list[Point]]:
-    """Å³ -> points."""
+    """Group points by the activation volume in Å³."""
     return {6.4 if volume else 0.0: group for (volume,), group in grouped(points, VOLUME).items()}
 
 
@@ -152,7 +95,7 @@ def _by_volume(points: Sequence[Point]) -> dict[float, list[Point]]:
 
 
 def claims(studies: Studies, targets: Sequence[str]) -> list[Claim]:
-    """Every claim of the paper that the computed ``studies`` can be held against."""
+    """Compare the claims of ``targets`` in the paper with the computed ``studies``."""
     made: list[Claim] = []
     if "fig1" in targets:
         made.append(_logarithmic(studies["loads"]))
@@ -200,7 +143,7 @@ def _load_claim(points: list[Point]) -> Claim:
     reference = ratio[loads == 20e3][0]
     return Claim(
         "fig2",
-        "ΔF is linear in the load at small loads, and less than linear at large ones",
+        "ΔF is linear in the load at small loads, and sublinear at large loads",
         f"ΔF/F_N at 50 µN is {low[-1] / reference:.3f} of that at 20 µN, at 500 µN {ratio[-1] / reference:.3f} (1e3 s)",
         bool(abs(low[-1] / reference - 1) < 0.1 and ratio[-1] / reference < 0.97),
     )
@@ -214,7 +157,7 @@ def _area_claim(points: list[Point]) -> Claim:
     return Claim(
         "fig2",
         "ΔF is linear in A up to A/A0 = 0.22",
-        f"R² = {straight:.5f}; largest departure from proportionality {worst:.1%} up to A/A0 = {area.max():.3f}",
+        f"R² = {straight:.5f}; largest deviation from proportionality {worst:.1%} up to A/A0 = {area.max():.3f}",
         bool(straight > 0.995),
     )
 
@@ -224,7 +167,7 @@ def _coefficient_claim(points: list[Point]) -> Claim:
     ratio = drop / loads
     return Claim(
         "fig2",
-        "Δμ is constant at small load and falls at high load",
+        "Δμ is constant at small loads and falls at large loads",
         ", ".join(f"{load / 1000:g} µN {value:.3f}" for load, value in zip(loads, ratio, strict=True)) + " (1e3 s)",
         bool(np.ptp(ratio[loads <= 50e3]) / ratio[loads <= 50e3].mean() < 0.15 and ratio[-1] < ratio[:4].min()),
     )
@@ -270,7 +213,7 @@ def _crossing_claim(points: list[Point]) -> Claim:
 
 
 def onset(points: list[Point]) -> float:
-    """Hold time at which the local slope dΔF/dlog10 t first reaches half of the fitted one, s."""
+    """Hold time at which the local slope dΔF/dlog10 t first reaches half of the fitted slope, s."""
     times, drop = points[0].hold_times, curve(points, lambda p: p.friction_drop)
     x = np.log10(times)
     slope = np.gradient(drop, x)
@@ -290,7 +233,7 @@ def _onset_claim(points: list[Point]) -> Claim:
     return Claim(
         "fig3",
         "the logarithmic regime starts at about 1 s with ΔV and at about 10 s without",
-        f"the slope reaches half of β at {with_pressure:.2g} s with and {without:.2g} s without (h' = 0.1)",
+        f"the slope reaches half of β at {with_pressure:.2g} s with ΔV and at {without:.2g} s without (h' = 0.1)",
         bool(with_pressure < 2 and 3 < without / with_pressure < 40),
     )
 
@@ -317,7 +260,6 @@ def _morphology_claim(points: list[Point]) -> Claim:
     return Claim(
         "fig5",
         "Δμ·A0/A rises linearly, and weakly, with C/A",
-        f"correlation {straight:.3f}; it changes by {change:.1%} while C/A goes from {x.min():.2f} to "
-        f"{x.max():.2f} /nm",
+        f"correlation {straight:.3f}; change by {change:.1%} between C/A = {x.min():.2f} and {x.max():.2f} /nm",
         bool(straight > 0.7 and 0 < change < 0.4),
     )

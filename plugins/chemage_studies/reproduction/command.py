@@ -1,4 +1,4 @@
-"""``chemage reproduce``: run the sweep that the targets need, draw, compare, write the page."""
+"""The command ``chemage reproduce``."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from chemage.cli.options import WorkersOpt
 
 if TYPE_CHECKING:
     from chemage import SweepResult
@@ -16,37 +18,41 @@ def reproduce(
     targets: Annotated[
         list[str] | None, typer.Argument(help="fig1 … fig6, table1, kappa, or all (the default)", show_default=False)
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="folder for the sweep, the figures and the page")] = Path(
+    out: Annotated[Path, typer.Option("--out", "-o", help="folder of the sweep, the figures and the page")] = Path(
         "reproduction"
     ),
-    seeds: Annotated[int, typer.Option(min=1, max=32, help="surfaces for every row; the paper has one")] = 1,
-    executor: Annotated[str, typer.Option(help="serial, processes, or dask[:address]")] = "processes",
-    workers: Annotated[int | None, typer.Option(min=1, help="default one a processor")] = None,
-    pixels: Annotated[int | None, typer.Option(help="coarser surfaces for a quick look; the paper's are 2500")] = None,
+    seeds: Annotated[int, typer.Option(min=1, max=32, help="number of surfaces; the paper has one")] = 1,
+    executor: Annotated[str, typer.Option(help="serial, processes, or dask[:ADDRESS]")] = "processes",
+    workers: WorkersOpt = None,
+    pixels: Annotated[int | None, typer.Option(help="pixels per side of coarser surfaces; default: 2500")] = None,
 ) -> None:
-    """Compute the paper's figures and tables anew and lay them beside the published numbers.
+    """Compute the figures and tables of the paper.
 
-    Interrupted, the same command goes on where it stopped.
+    The results are compared with the published numbers. Completed points are skipped; rerun the same command to resume.
     """
     from chemage import sweep
-    from chemage_studies.reproduction import checks, pages, studies
+    from chemage_studies.reproduction import checks, studies
 
     names = studies.chosen(targets or [])
     surfaces = studies.SURFACE_SEEDS[:seeds]
     folder = out / f"{'-'.join(names) if len(names) < len(studies.TARGETS) else 'all'}-{seeds}-{pixels or 2500}"
     result = sweep(
-        studies.scene(names, surfaces, pixels), folder / "sweep", executor=executor, workers=workers, progress=True
+        studies.scene(names, surfaces, pixels),
+        folder / "sweep",
+        executor=executor,
+        workers=workers,
+        progress=True,
     )
     if failed := result.failed:
         for point in failed:
             typer.echo(f"failed: {point!r}: {point.error}", err=True)
-        typer.echo(f"{len(failed)} of {len(result)} points failed; the same command tries them again", err=True)
+        typer.echo(f"{len(failed)} of {len(result)} points failed; rerun the same command to try them again", err=True)
         raise typer.Exit(1)
     lines, claims = write(result, names, folder, seeds=surfaces, pixels=pixels or 2500)
     width = max(len(line.quantity) for line in lines) if lines else 0
     for line in lines:
         typer.echo(
-            f"{line.target:7} {line.quantity:{width}}  paper {line.paper:<8g} ours {pages.shown(line.ours):18} "
+            f"{line.target:7} {line.quantity:{width}}  paper {line.paper:<8g} ours {line.ours!s:18} "
             f"{line.difference:+7.1%}  {checks.WORDS[line.within]}"
         )
     for claim in claims:
@@ -59,7 +65,7 @@ def reproduce(
 def write(
     result: SweepResult, names: list[str], folder: Path, *, seeds: tuple[int, ...], pixels: int
 ) -> tuple[list[checks.Line], list[checks.Claim]]:
-    """Figures and page of a finished sweep into ``folder``; what an earlier call drew there is drawn anew."""
+    """Write figures and page of a completed sweep into ``folder``, and return the comparison with the paper."""
     from chemage import fresh_file, versions
     from chemage.reports.figures import save_figures
     from chemage_studies.reproduction import checks, figures, pages

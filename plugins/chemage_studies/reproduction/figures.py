@@ -1,4 +1,4 @@
-"""The figures, drawn as the paper draws them, from the points of the studies."""
+"""The figures of the paper, drawn from the points of the studies."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.reports.figures import panels
+from chemage.reports.figures import GREY, PALETTE, panels
 from chemage_studies.reproduction import published
 from chemage_studies.reproduction.checks import LOAD, SLOPE, VOLUME, Studies
 from chemage_studies.reproduction.points import Point, curve, grouped, mean
@@ -16,17 +16,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#777777")
-
 
 def _figure(columns: int, rows: int = 1, width: float = 4.6, height: float = 3.9) -> tuple[Figure, list[Axes]]:
     return panels(width * columns, height * rows, columns, rows, dpi=130)
 
 
 def fig1(studies: Studies) -> Figure:
-    """ΔF and Δμ against hold time at several loads."""
+    """Draw ΔF and Δμ against hold time at several loads."""
     figure, (left, right) = _figure(2)
-    for ((load,), group), colour in zip(grouped(studies["loads"], LOAD).items(), COLOURS, strict=True):
+    for ((load,), group), colour in zip(grouped(studies["loads"], LOAD).items(), PALETTE, strict=True):
         times = group[0].hold_times
         left.plot(times, curve(group, lambda p: p.friction_drop) / 1000, color=colour, label=f"{load / 1000:g} µN")
         right.plot(times, curve(group, lambda p: p.coefficient), color=colour)
@@ -37,21 +35,21 @@ def fig1(studies: Studies) -> Figure:
 
 
 def fig2(studies: Studies) -> Figure:
-    """Barriers and pressures at several loads; ΔF and Δμ against load; ΔF against contact area."""
+    """Draw barriers and pressures at several loads, ΔF and Δμ against load, and ΔF against contact area."""
     figure, (barriers, pressures, empty, drop, coefficient, area) = _figure(3, rows=2, width=4.0, height=3.4)
     empty.axis("off")
     groups = {load / 1000: group for (load,), group in grouped(studies["loads"], LOAD).items()}
-    for load, colour in zip((20.0, 100.0, 500.0), COLOURS, strict=False):
+    for load, colour in zip((20.0, 100.0, 500.0), PALETTE, strict=False):
         group = groups[load]
         edges = group[0].observables["barrier_edges"][0]
         barriers.stairs(_density(group, "barriers_start"), edges, color=colour, label=f"{load:g} µN")
         barriers.stairs(_density(group, "barriers_open"), edges, color=colour, ls="--")
         pressures.stairs(_density(group, "pressures"), group[0].observables["pressure_edges"][0], color=colour)
     barriers.set(xlabel="barrier to forming (eV)", ylabel="density per site (1/eV)", xlim=(0.4, 2.2))
-    barriers.legend(frameon=False, fontsize=7, title="— at start, -- open at end", title_fontsize=7)
+    barriers.legend(frameon=False, fontsize=7, title="— initial, -- unbonded at end", title_fontsize=7)
     pressures.set(xlabel="pressure (GPa)", ylabel="density per site (1/GPa)", xlim=(0, 8))
     loads = np.array(list(groups))
-    for time, colour in zip((1.0, 1e3, 1e5), COLOURS, strict=False):
+    for time, colour in zip((1.0, 1e3, 1e5), PALETTE, strict=False):
         values = np.array([mean(p.at(time) for p in group).value for group in groups.values()])
         drop.plot(loads, values / 1000, "o-", ms=3, color=colour, label=f"{time:g} s")
         coefficient.plot(loads, values / loads / 1000, "o-", ms=3, color=colour)
@@ -69,30 +67,30 @@ def _density(points: list[Point], name: str) -> np.ndarray:
 
 
 def fig3(studies: Studies) -> Figure:
-    """Δμ against hold time for each h'_rms, and against h'_rms at fixed times, with and without ΔV."""
+    """Draw Δμ against hold time for each h'_rms, and against h'_rms at fixed times, with and without ΔV."""
     figure, axes = _figure(2, rows=2, height=3.5)
     for row, ((volume,), points) in enumerate(grouped(studies["slopes"], VOLUME).items()):
         over_time, over_slope = axes[2 * row], axes[2 * row + 1]
         by_slope = {key[0]: group for key, group in grouped(points, SLOPE).items()}
         title = "ΔV = 6.4 Å$^3$" if volume else "ΔV = 0"
-        for (slope, group), colour in zip(by_slope.items(), COLOURS, strict=False):
+        for (slope, group), colour in zip(by_slope.items(), PALETTE, strict=False):
             over_time.plot(group[0].hold_times, curve(group, lambda p: p.coefficient), color=colour, label=f"{slope:g}")
         over_time.set(xscale="log", xlabel="hold time (s)", ylabel="Δμ", title=title)
         over_time.legend(frameon=False, fontsize=7, title="h'", title_fontsize=7)
-        for time, colour in zip((0.1, 1.0, 10.0, 1e3), COLOURS, strict=False):
+        for time, colour in zip((0.1, 1.0, 10.0, 1e3), PALETTE, strict=False):
             values = [mean(p.at(time) / p.summary["load"] for p in group).value for group in by_slope.values()]
             over_slope.plot(list(by_slope), values, "o-", ms=3, color=colour, label=f"{time:g} s")
         over_slope.set(xlabel="h'$_{rms}$", ylabel="Δμ", title=title, yscale="log")
-        if row == 0:  # the same times below, where a legend would lie on the curves
+        if row == 0:  # the row below has the same times, and no room for a legend
             over_slope.legend(frameon=False, fontsize=7)
     return figure
 
 
 def fig4(studies: Studies) -> Figure:
-    """ΔF against the strength of the interaction."""
+    """Draw ΔF against the strength of the interaction."""
     figure, (axes,) = _figure(1)
     groups = {key[0]: group for key, group in grouped(studies["interaction"], "interaction.strength").items()}
-    for time, colour in zip((1.0, 1e3, 1e5), COLOURS, strict=False):
+    for time, colour in zip((1.0, 1e3, 1e5), PALETTE, strict=False):
         axes.plot(
             list(groups),
             [mean(p.at(time) for p in g).value / 1000 for g in groups.values()],
@@ -107,10 +105,10 @@ def fig4(studies: Studies) -> Figure:
 
 
 def fig5(studies: Studies) -> Figure:
-    """Δμ·A0/A against C/A over the rows of Table 1."""
+    """Draw Δμ·A0/A against C/A for the rows of Table 1."""
     figure, (axes,) = _figure(1, width=7.0)
     groups = grouped(studies["rows"], "surface.hurst", "surface.zeta", "surface.eta")
-    for row, colour in zip(published.TABLE_1, COLOURS, strict=False):
+    for row, colour in zip(published.TABLE_1, PALETTE, strict=False):
         group = groups[row.hurst, row.zeta, row.eta]
         axes.plot(
             [p.summary["perimeter_to_area"] for p in group],
@@ -126,12 +124,12 @@ def fig5(studies: Studies) -> Figure:
 
 
 def fig6(studies: Studies) -> Figure:
-    """Δμ against hold time, half hydroxylated, with the detachment-front factor."""
+    """Draw Δμ against hold time at half hydroxylation, with the detachment-front factor."""
     figure, (axes,) = _figure(1)
     points = studies["front"]
     times = points[0].hold_times
     for point in points:
-        axes.plot(times, point.coefficient, color=COLOURS[0], lw=0.8)
+        axes.plot(times, point.coefficient, color=PALETTE[0], lw=0.8)
     beta = mean(p.summary["beta"] for p in points)
     axes.set(
         xscale="log", xlabel="hold time (s)", ylabel="Δμ", title=f"β = {beta.value:.4f} (paper: {published.FIG_6_BETA})"
@@ -140,10 +138,10 @@ def fig6(studies: Studies) -> Figure:
 
 
 def table1(studies: Studies) -> Figure:
-    """Patches and contour length of the rows of Table 1, ours against the paper's."""
+    """Draw our patches and contour lengths of the rows of Table 1 against those of the paper."""
     figure, (left, right) = _figure(2)
     groups = grouped(studies["rows"], "surface.hurst", "surface.zeta", "surface.eta")
-    for row, colour in zip(published.TABLE_1, COLOURS, strict=False):
+    for row, colour in zip(published.TABLE_1, PALETTE, strict=False):
         group = groups[row.hurst, row.zeta, row.eta]
         for axes, name, paper in ((left, "patches", row.patches), (right, "perimeter_to_area", row.perimeter_to_area)):
             ours = mean(p.summary[name] for p in group)
@@ -157,14 +155,14 @@ def table1(studies: Studies) -> Figure:
                 label=row.name,
             )
     for axes, label, scale, ends in ((left, "patches", "log", (8, 1500)), (right, "C/A (1/nm)", "linear", (0, 1.1))):
-        axes.plot(ends, ends, color="#aaaaaa", lw=0.8, zorder=0)
+        axes.plot(ends, ends, color=GREY, lw=0.8, zorder=0)
         axes.set(xlabel=f"{label}, paper", ylabel=f"{label}, ours", xscale=scale, yscale=scale, xlim=ends, ylim=ends)
     left.legend(frameon=False, fontsize=7)
     return figure
 
 
 def kappa(studies: Studies) -> Figure:
-    """Contact area against load beside Persson's and Bush–Gibson–Thomas' predictions."""
+    """Draw contact area against load, with the predictions of Persson and of Bush, Gibson and Thomas."""
     from chemage.contacts.theory import bgt_area_fraction, persson_area_fraction
 
     figure, (left, right) = _figure(2)
@@ -178,17 +176,17 @@ def kappa(studies: Studies) -> Figure:
         ]
     )
     fine = np.linspace(0, x.max() * 1.05, 200)
-    left.plot(x, ours, "o", ms=4, color=COLOURS[0], label="pixels in contact")
-    left.plot(x, corrected, "s", ms=4, mfc="none", color=COLOURS[0], label="corrected for pixels")
-    left.plot(fine, persson_area_fraction(fine), color=COLOURS[1], label="Persson")
-    left.plot(fine, bgt_area_fraction(fine), color=COLOURS[2], label="Bush, Gibson & Thomas")
+    left.plot(x, ours, "o", ms=4, color=PALETTE[0], label="pixels in contact")
+    left.plot(x, corrected, "s", ms=4, mfc="none", color=PALETTE[0], label="corrected for pixels")
+    left.plot(fine, persson_area_fraction(fine), color=PALETTE[1], label="Persson")
+    left.plot(fine, bgt_area_fraction(fine), color=PALETTE[2], label="Bush, Gibson & Thomas")
     left.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="A/A$_0$")
     left.legend(frameon=False, fontsize=7)
-    right.plot(x, ours / x, "o", ms=4, color=COLOURS[0])
-    right.plot(x, corrected / x, "s", ms=4, mfc="none", color=COLOURS[0])
-    right.axhline(published.KAPPA, color="#777777", lw=0.8)
-    right.axhline(np.sqrt(8 / np.pi), color=COLOURS[1], lw=0.8)
-    right.axhline(np.sqrt(2 * np.pi), color=COLOURS[2], lw=0.8)
+    right.plot(x, ours / x, "o", ms=4, color=PALETTE[0])
+    right.plot(x, corrected / x, "s", ms=4, mfc="none", color=PALETTE[0])
+    right.axhline(published.KAPPA, color=GREY, lw=0.8)
+    right.axhline(np.sqrt(8 / np.pi), color=PALETTE[1], lw=0.8)
+    right.axhline(np.sqrt(2 * np.pi), color=PALETTE[2], lw=0.8)
     right.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="κ", ylim=(1.4, 2.7))
     return figure
 

@@ -1,4 +1,4 @@
-"""The points of the studies in a form that figures and checks read."""
+"""The points of the studies, and their means over surface seeds."""
 
 from __future__ import annotations
 
@@ -9,27 +9,28 @@ from typing import Any
 import numpy as np
 
 import chemage
+from chemage.foundation.text import plus_minus
 from chemage_studies.reproduction.studies import TARGETS, members
 
 
 @dataclass(frozen=True)
 class Point:
-    """One finished scene of a study."""
+    """A completed point of a study."""
 
-    #: dotted path -> value, as swept
+    #: the swept fields: dotted path -> value
     changes: dict[str, Any]
-    #: the scene's summary: contact measures, β …
+    #: summary of the run, see :meth:`chemage.Run.summary`
     summary: dict[str, Any]
-    #: (m,) s
+    #: s, (m,)
     hold_times: np.ndarray
-    #: (m,) nN and its standard error over replicas
+    #: ΔF and its standard error over replicas, nN, (m,)
     friction_drop: np.ndarray
     friction_drop_stderr: np.ndarray
     observables: dict[str, np.ndarray] = field(default_factory=dict)
 
     @classmethod
     def of(cls, point: chemage.Point) -> Point:
-        """From a finished point of a sweep."""
+        """Read a completed point of a sweep."""
         aging = point.aging()
         return cls(
             point.values,
@@ -46,38 +47,36 @@ class Point:
         return self.friction_drop / self.summary["load"]
 
     def at(self, time: float) -> float:
-        """ΔF at the hold time nearest to ``time``, nN."""
+        """ΔF at the hold time nearest to ``time`` (s), nN."""
         return float(self.friction_drop[self.index(time)])
 
     def index(self, time: float) -> int:
-        """Position of the hold time nearest to ``time``."""
+        """Index of the hold time nearest to ``time`` (s)."""
         return int(np.argmin(np.abs(np.log(self.hold_times) - np.log(time))))
 
 
 @dataclass(frozen=True)
 class Mean:
-    """A number over surface seeds."""
+    """Mean and scatter of a number over surface seeds."""
 
     value: float
-    #: standard deviation between seeds; nan for one
+    #: standard deviation between seeds; nan for a single seed
     scatter: float
     count: int
 
-    @property
-    def stderr(self) -> float:
-        """Standard error of the mean; nan for one seed."""
-        return self.scatter / self.count**0.5
+    def __str__(self) -> str:
+        return plus_minus(self.value, self.scatter)
 
 
 def mean(values: Iterable[float]) -> Mean:
-    """Mean and standard deviation between seeds."""
+    """Compute mean and standard deviation over surface seeds."""
     found = np.array(list(values), dtype=np.float64)
     scatter = float(found.std(ddof=1)) if found.size > 1 else float("nan")
     return Mean(float(found.mean()), scatter, found.size)
 
 
 def grouped(points: Iterable[Point], *paths: str) -> dict[tuple[Any, ...], list[Point]]:
-    """Points with equal values at ``paths`` together (they differ in the surface's seed), in order of appearance."""
+    """Group the points with equal values at ``paths``, which differ in the surface seed, in order of appearance."""
     groups: dict[tuple[Any, ...], list[Point]] = {}
     for point in points:
         groups.setdefault(tuple(point.changes[path] for path in paths), []).append(point)
@@ -85,12 +84,12 @@ def grouped(points: Iterable[Point], *paths: str) -> dict[tuple[Any, ...], list[
 
 
 def curve(points: list[Point], quantity: Callable[[Point], np.ndarray]) -> np.ndarray:
-    """Mean over seeds of an array each point has, same shape."""
+    """Average an array over points; same shape."""
     return np.mean([quantity(point) for point in points], axis=0)
 
 
 def studies_of(points: Iterable[Point], targets: Iterable[str]) -> dict[str, list[Point]]:
-    """The points of each study that ``targets`` need, in the study's order, the seeds of one scene together."""
+    """Sort the points into the studies of ``targets``, in the order of each study, with seeds of one scene together."""
     by_content: dict[str, list[Point]] = {}
     for point in points:
         by_content.setdefault(_content(point.changes), []).append(point)

@@ -1,4 +1,4 @@
-"""What Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018) report, and how close we hold ourselves to it."""
+"""Published numbers of Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018), and tolerances."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ KAPPA_ROWS = 2.15
 #: half hydroxylated, h'_rms = 0.4, detachment-front factor 0.15
 FIG_6_BETA = 0.0087
 
-#: relative differences from the paper that we hold ourselves to, by quantity
+#: largest accepted relative difference from the paper, by quantity
 TOLERANCE = {
     "beta": 0.12,
     "perimeter_to_area": 0.12,

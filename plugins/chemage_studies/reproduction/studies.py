@@ -1,4 +1,4 @@
-"""Which scenes each figure and table needs; all of them make one sweep, so that contacts are shared between figures."""
+"""The scenes of each figure and table; all of them form one sweep, so that figures share contacts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ VOLUMES = (0.0064, 0.0)
 #: seeds of the surfaces; the first is that of the scene silica-rough
 SURFACE_SEEDS = tuple(range(7, 7 + 32))
 
-#: which studies a target needs
+#: the studies of each figure or table
 TARGETS: dict[str, tuple[str, ...]] = {
     "fig1": ("loads",),
     "fig2": ("loads",),
@@ -45,7 +45,13 @@ _REFERENCE: dict[str, Any] = {
 
 
 def chosen(names: Sequence[str]) -> list[str]:
-    """Target names with ``all`` (or nothing) spelled out, in the paper's order."""
+    """Check the names of targets and sort them as in the paper; none, or ``all``, means all targets.
+
+    Raises
+    ------
+    InputError
+        There is no such target.
+    """
     for name in names:
         if name not in (*TARGETS, "all"):
             known = [*TARGETS, "all"]
@@ -54,7 +60,7 @@ def chosen(names: Sequence[str]) -> list[str]:
 
 
 def members(study: str) -> list[dict[str, Any]]:
-    """The points of a study, one surface seed: dotted path -> value, every varied path in each."""
+    """List the points of a study for one surface seed: dotted path -> value, with all varied paths in each."""
     match study:
         case "loads":
             varied: Iterable[dict[str, Any]] = ({"contact.load": load} for load in LOADS)
@@ -86,16 +92,23 @@ def members(study: str) -> list[dict[str, Any]]:
 
 
 def scene(targets: Sequence[str], seeds: Sequence[int], pixels: int | None = None) -> dict[str, Any]:
-    """Scene data whose sweep holds every point that ``targets`` need, each once, for every surface seed.
+    """Make scene data whose sweep has every point of ``targets`` once for every surface seed.
 
-    ``pixels`` coarsens every surface at the same size, for quick looks.
+    ``pixels`` coarsens every surface at constant size, for tests.
+
+    Raises
+    ------
+    InputError
+        ``pixels`` cannot resolve the shortest wavelength.
     """
     data, _ = scene_data("silica-rough")
     data = override(data, {"name": "reproduction"})
     data["observe"] = [{"kind": "barrier-spectrum"}, {"kind": "pressure-spectrum"}]
     if pixels is not None:
         if pixels < 320:
-            raise InputError.of("pixels", pixels, "cannot hold the shortest wavelength (ζ = 150)", "take 320 or more")
+            raise InputError.of(
+                "pixels", pixels, "cannot resolve the shortest wavelength (ζ = 150)", "give 320 or more"
+            )
         data = override(data, {"surface.pixels": pixels, "surface.pixel_size": 2500 * 0.4518 / pixels})
     points: dict[str, dict[str, Any]] = {}
     for study in dict.fromkeys(study for target in targets for study in TARGETS[target]):

@@ -1,1 +1,1 @@
-"""What scaling by contact area explains between tips and rough contacts."""
+"""Scaling of friction by contact area, studied with tips and rough contacts."""

@@ -1,22 +1,27 @@
-"""``chemage study tips``: the study on the command line."""
+"""The command ``chemage study``."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from chemage.cli.options import ForceOpt
+
 
 def study(
-    name: Annotated[str, typer.Argument(help="which study: tips")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="folder for the page, its figures and tables")] = Path(
+    name: Annotated[str, typer.Argument(help="name of the study: tips")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="folder of the page, its figures and its tables")] = Path(
         "study-tips"
     ),
-    quick: Annotated[bool, typer.Option("--quick", help="a few contacts only, to see what comes out")] = False,
-    force: Annotated[bool, typer.Option("--force", help="overwrite what is already there")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="compute a few contacts only, as a test")] = False,
+    force: ForceOpt = False,
 ) -> None:
-    """Run a study that comes with chemage and write it down: a page with figures, and tables as CSV."""
+    """Run an installed study.
+
+    Writes a page with figures, and tables as CSV.
+    """
     from chemage import InputError
 
     if name != "tips":
@@ -26,12 +31,16 @@ def study(
 
 
 def write(out: Path, *, quick: bool = False, force: bool = False) -> list[Path]:
-    """Run the study and write page, figures and tables into ``out``; existing files are kept unless ``force``."""
-    from rich.console import Console
-    from rich.progress import Progress
+    """Run the study, write page, figures and tables into ``out``, and return their paths.
 
+    Raises
+    ------
+    StoreError
+        A file exists and ``force`` is false, or ``out`` cannot be written.
+    """
     from chemage import StoreError, fresh_file, preflight
-    from chemage_studies.tips import page
+    from chemage.foundation.progress import progress_bars
+    from chemage_studies.tips import figures, page
     from chemage_studies.tips.study import STRENGTHS, compute
 
     try:
@@ -43,21 +52,14 @@ def write(out: Path, *, quick: bool = False, force: bool = False) -> list[Path]:
     targets = [*(out / name for name in names), *(out / "figures" / name for name in pictures)]
     for path in targets:
         preflight(path, force=force)
-    with Progress(console=Console(stderr=True), transient=True) as bars:
-        tasks: dict[str, Any] = {}
-
-        def tell(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(f"interaction {stage}", total=total)
-            bars.update(tasks[stage], completed=done)
-
-        studies = [compute(strength, tell, quick=quick) for strength in STRENGTHS]
+    with progress_bars() as report:
+        studies = [compute(strength, report, quick=quick) for strength in STRENGTHS]
     texts = (page.page(studies, "figures"), page.contacts_csv(studies), page.curves_csv(studies))
     for path, text in zip(targets, texts, strict=False):
         with fresh_file(path, force=force) as part:
             part.write_text(text, encoding="utf-8")
     main = studies[0]
-    drawn = (page.collapse_figure(main), page.pressure_figure(main), page.rim_figure(studies))
+    drawn = (figures.collapse_figure(main), figures.pressure_figure(main), figures.rim_figure(studies))
     for path, figure in zip(targets[3:], drawn, strict=True):
         with fresh_file(path, force=force) as part:
             figure.savefig(part, format="png")

@@ -1,10 +1,10 @@
-"""``chemage study tips``: what scaling by contact area explains, and what it does not.
+"""``chemage study tips``: how far contact area explains the friction drop of tips and rough contacts.
 
-Tips of 10 to 100 nm radius (the scene ``silica-tips``) are aged beside rough contacts (``silica-patch``) of the same
-chemistry, at equal nominal pressure and at equal contact area. Bonds per contact area are then predicted in steps, so
-that what each step explains can be told in numbers: by area alone; by area and mean pressure; by area and the whole
-distribution of the pressure; and by that and the length of the rim, where sites have fewer neighbours. The pressure's
-effect is taken from uniform periodic contacts, which have neither rim nor distribution.
+Tips of 10 to 100 nm radius (the scene ``silica-tips``) and rough contacts (``silica-patch``) of the same chemistry are
+aged at equal nominal pressure and at equal contact area. The number of bonds is then predicted in steps, to quantify
+what each explains: from the area alone; from area and mean pressure; from area and distribution of the pressure; and
+also from the length of the rim, where sites have fewer neighbours. The effect of pressure is that in uniform periodic
+contacts, which have neither a rim nor a distribution.
 """
 
 from __future__ import annotations
@@ -12,26 +12,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from chemage import FIT_WINDOW
+import numpy as np
 
-if TYPE_CHECKING:
-    import numpy as np
+from chemage import FIT_WINDOW, Aging, ContactSolution, Fit, Scene, age, override, parse_scene, scene_data
+from chemage.foundation.statistics import standard_error
 
-    from chemage import Aging, ContactSolution, Fit, Scene
-
-#: eV, strength of the interaction between neighbours: of single asperities, and of the rough contacts of the paper
+#: strength of the interaction between neighbours, eV: of the single asperities and of the rough contacts of the paper
 STRENGTHS = (0.1, 0.5)
 #: rms slope -> seeds of the rough surfaces at the nominal pressure of ``silica-patch``
 SLOPES = {0.05: (1, 2, 3, 4), 0.1: (1, 2, 3, 4), 0.2: (1, 2, 3, 4)}
-#: (radius nm, load nN) of tips whose contact area rough contacts are pressed to, and the surfaces' seeds
+#: (radius nm, load nN) of the tips in the comparison at equal area, and seeds of the rough surfaces
 EQUAL_AREA = ((50.0, 60.0), (50.0, 400.0), (100.0, 400.0))
 EQUAL_AREA_SEEDS = (1, 2, 3, 4, 5, 6)
-#: GPa, of the uniform contacts, close where bonds bend upwards with pressure; the first stands for none
+#: pressures of the uniform contacts, GPa, dense where the bonds increase fastest; the first is practically zero
 UNIFORM = (1e-6, *(0.25 * step for step in range(1, 13)), 3.5, 4.0, 5.0, 6.0, 8.0, 10.0, 13.0, 17.0)
 UNIFORM_PIXELS, UNIFORM_REPLICAS = 128, 8
-#: replicas are drawn until about this many sites have been aged
+#: approximate number of aged sites of each contact, over all replicas
 SITES = 100_000
 WINDOW = FIT_WINDOW
 NOTHING = "nothing (ΔF itself)"
@@ -64,64 +62,72 @@ class Aged:
 
     @property
     def density_error(self) -> np.ndarray:
-        """Its standard error, (m,)."""
-        return self.aging.bonds.std(axis=0, ddof=1) / math.sqrt(self.aging.replicas) / self.contact.area
+        """Standard error of :attr:`density`, 1/nm², (m,)."""
+        return standard_error(self.aging.bonds) / self.contact.area
 
     def fit(self) -> Fit:
-        """The line of Δμ against log t over the window."""
+        """Fit a line of Δμ against log t over the window."""
         return self.aging.fit(*WINDOW)
 
     def at(self, time: float) -> int:
         """Index of the hold time nearest to ``time``."""
-        import numpy as np
-
         return int(np.argmin(np.abs(np.log(self.aging.hold_times / time))))
 
 
 @dataclass(frozen=True)
 class Collapse:
-    """How far bonds lie from a prediction: the natural logarithm of their ratio."""
+    """Deviation of the number of bonds from a prediction: the natural logarithm of their ratio."""
 
     what: str
-    #: root mean square over contacts and over the hold times of the window
+    #: root mean square over contacts and the hold times in the window
     rms: float
-    #: over contacts at each hold time, (m,)
+    #: root mean square over contacts at each hold time, (m,)
     at: np.ndarray
 
 
 @dataclass(frozen=True)
 class Study:
-    """What the study found at one strength of the interaction."""
+    """The results of the study at one strength of the interaction."""
 
     strength: float
     contacts: list[Aged]
-    #: (m,) s
+    #: hold times, s, (m,)
     times: np.ndarray
-    #: (pressures, m) bonds per area of uniform contacts, 1/nm²
+    #: bonds per area of uniform contacts, 1/nm², (pressures, m)
     uniform: np.ndarray
     collapses: list[Collapse] = field(default_factory=list)
-    #: what the finite number of replicas adds to every rms
+    #: contribution of the finite number of replicas to each rms
     noise: float = math.nan
-    #: relative change of the bonds for a rim of 1/nm, (m,): what is left over area and pressure against C/A
+    #: relative change of the number of bonds per C/A, nm, (m,)
     rim: np.ndarray | None = None
 
     def group(self, name: str) -> list[Aged]:
-        """The contacts of a group."""
+        """List the contacts of a group."""
         return [one for one in self.contacts if one.group == name]
+
+    def rim_effect(self, time: float) -> float:
+        """Relative change of the number of bonds per C/A at the hold time nearest to ``time`` (s), nm."""
+        assert self.rim is not None
+        return float(self.rim[self.contacts[0].at(time)])
 
 
 # -- computing --------------------------------------------------------------------------------------------------------
 
 
-Tell = Callable[[str, int, int], None]
+def compute(strength: float, report: Callable[[str, int, int], None], *, quick: bool = False) -> Study:
+    """Age every contact of the study and predict the numbers of bonds.
 
-
-def compute(strength: float, tell: Tell, *, quick: bool = False) -> Study:
-    """Age every contact of the study. ``quick``: a few contacts and a tenth of the replicas, to see that it works."""
-    import numpy as np
-
+    Parameters
+    ----------
+    strength
+        Strength of the interaction between neighbours, eV.
+    report
+        Receives (name of the stage, contacts done, contacts in total).
+    quick
+        Compute a few contacts with a tenth of the replicas only.
+    """
     tips = [_scene(data, strength) for data in _tips()]
-    patch = _scene(_patch(), strength)
+    patch = _scene(scene_data("silica-patch")[0], strength)
     if any(one.chemistry != patch.chemistry or one.hold is None or patch.hold is None for one in tips):
         raise ValueError("the scenes silica-tips and silica-patch must have the same chemistry")
     slopes = {0.1: (1,)} if quick else SLOPES
@@ -134,10 +140,10 @@ def compute(strength: float, tell: Tell, *, quick: bool = False) -> Study:
     def count(made: Any) -> Any:
         nonlocal done
         done += 1
-        tell(f"{strength:g} eV", done, jobs)
+        report(f"interaction {strength:g} eV", done, jobs)
         return made
 
-    tell(f"{strength:g} eV", 0, jobs)
+    report(f"interaction {strength:g} eV", 0, jobs)
     contacts = [count(_tip(one, share)) for one in tips]
     surfaces: dict[tuple[float, int], Any] = {}
     for slope, numbers in slopes.items():
@@ -146,7 +152,8 @@ def compute(strength: float, tell: Tell, *, quick: bool = False) -> Study:
             contact = patch.contact.solve(rough, patch.load)
             contacts.append(count(_aged(f"rough {slope:g}, seed {seed}", "rough", contact, patch, slope, share)))
     for radius, load in pairs:
-        tip = _tip(_scene(_patched_tip(radius, load), strength), share)
+        data = override(_tips()[0], {"surface.radius": radius, "contact.load": load})
+        tip = _tip(_scene(data, strength), share)
         if tip.name not in [one.name for one in contacts]:
             contacts.append(tip)
         for seed in seeds:
@@ -160,8 +167,6 @@ def compute(strength: float, tell: Tell, *, quick: bool = False) -> Study:
 
 
 def _tips() -> list[dict[str, Any]]:
-    from chemage import override, scene_data
-
     data, _ = scene_data("silica-tips")
     sweep = data.pop("sweep")
     return [
@@ -171,22 +176,8 @@ def _tips() -> list[dict[str, Any]]:
     ]
 
 
-def _patched_tip(radius: float, load: float) -> dict[str, Any]:
-    from chemage import override
-
-    return override(_tips()[0], {"surface.radius": radius, "contact.load": load})
-
-
-def _patch() -> dict[str, Any]:
-    from chemage import scene_data
-
-    return scene_data("silica-patch")[0]
-
-
 def _scene(data: dict[str, Any], strength: float) -> Scene:
-    from chemage import override, parse_scene
-
-    # before a second some of the contacts have not a single bond
+    # before 1 s some of the contacts have no bond at all
     return parse_scene(override(data, {"interaction.strength": strength, "hold.start": "1 s"}))
 
 
@@ -201,7 +192,7 @@ def _rough(patch: Scene, slope: float, seed: int) -> Any:
 
 
 def _pressed_to(patch: Scene, rough: Any, sites: int) -> ContactSolution:
-    """The rough contact whose number of pixels in contact is ``sites``, or nearest to it, found by trying loads."""
+    """Find the rough contact whose number of pixels in contact is closest to ``sites``, by varying the load."""
     load = patch.load * sites / (0.01 * rough.heights.size)
     best: ContactSolution | None = None
     below = above = None
@@ -218,7 +209,7 @@ def _pressed_to(patch: Scene, rough: Any, sites: int) -> ContactSolution:
             above = (load, found)
         if below is None or above is None:
             load *= 1.02 * sites / max(found, 1) if found < sites else 0.98 * sites / found
-        else:  # area goes with load by a power near 1
+        else:  # the area is nearly proportional to the load
             power = math.log(above[0] / below[0]) / math.log(above[1] / below[1])
             load = below[0] * (sites / below[1]) ** power
     assert best is not None
@@ -233,8 +224,6 @@ def _aged(
 
 
 def _age(contact: ContactSolution, scene: Scene, replicas: int) -> Aging:
-    from chemage import age
-
     chemistry, engine, hold = scene.chemistry, scene.engine, scene.hold
     assert chemistry is not None
     assert engine is not None
@@ -251,11 +240,7 @@ def _age(contact: ContactSolution, scene: Scene, replicas: int) -> Aging:
 
 
 def _uniform(patch: Scene, pressure: float, quick: bool) -> np.ndarray:
-    """Bonds per area of a contact under one pressure everywhere, without a rim, 1/nm², (m,)."""
-    import numpy as np
-
-    from chemage import ContactSolution
-
+    """Bonds per area of a contact of uniform pressure without a rim, 1/nm², (m,)."""
     maker: Any = patch.surface
     pixels = UNIFORM_PIXELS // 2 if quick else UNIFORM_PIXELS
     contact = ContactSolution(
@@ -268,19 +253,17 @@ def _uniform(patch: Scene, pressure: float, quick: bool) -> np.ndarray:
     return _age(contact, patch, UNIFORM_REPLICAS).bonds.mean(axis=0) / contact.area
 
 
-# -- explaining -------------------------------------------------------------------------------------------------------
+# -- predictions ------------------------------------------------------------------------------------------------------
 
 
 def _explained(study: Study) -> Study:
-    import numpy as np
-
     density = np.stack([one.density for one in study.contacts])
     errors = np.stack([one.density_error for one in study.contacts])
     area = np.array([one.contact.area for one in study.contacts])
     rim = np.array([one.contact.perimeter_to_area for one in study.contacts])
     means = of_pressure(study, np.array([one.contact.mean_contact_pressure for one in study.contacts]))
     fields = np.stack([_of_field(study, one.contact) for one in study.contacts])
-    # through zero: without a rim the prediction must hold by itself
+    # a line through zero: without a rim the prediction has no correction
     slope = rim @ (density / fields - 1) / (rim @ rim)
     deviations = {
         NOTHING: np.log(density * area[:, None]),
@@ -289,7 +272,7 @@ def _explained(study: Study) -> Study:
         STAGES[2]: np.log(density / fields),
         STAGES[3]: np.log(density / fields / (1 + rim[:, None] * slope)),
     }
-    for what in (NOTHING, STAGES[0]):  # these predict one curve for all, the mean; the others have no such constant
+    for what in (NOTHING, STAGES[0]):  # here the prediction is the mean curve
         deviations[what] = deviations[what] - deviations[what].mean(axis=0)
     inside = (study.times >= WINDOW[0]) & (study.times <= WINDOW[1])
     collapses = [
@@ -301,17 +284,13 @@ def _explained(study: Study) -> Study:
 
 
 def of_pressure(study: Study, pressure: np.ndarray) -> np.ndarray:
-    """Bonds per area at each ``pressure`` (n,), linear between the uniform contacts, (n, m)."""
-    import numpy as np
-
+    """Bonds per area at each ``pressure`` (n,) GPa, interpolated between the uniform contacts, 1/nm², (n, m)."""
     return np.stack([np.interp(pressure, UNIFORM, column) for column in study.uniform.T], axis=-1)
 
 
 def _of_field(study: Study, contact: ContactSolution) -> np.ndarray:
-    """The same, averaged over the pressures of a contact, (m,)."""
-    import numpy as np
-
-    # linear in the table, so that the weight of each uniform contact is enough
+    """Bonds per area of uniform contacts, averaged over the pressures of a contact, 1/nm², (m,)."""
+    # the interpolation is linear in the table, so that the weight of each uniform contact is sufficient
     pressure = contact.pressure[contact.contact]
     right = np.clip(np.searchsorted(UNIFORM, pressure), 1, len(UNIFORM) - 1)
     table = np.array(UNIFORM)
@@ -320,10 +299,14 @@ def _of_field(study: Study, contact: ContactSolution) -> np.ndarray:
     return weights @ study.uniform / pressure.size
 
 
-def left_over(study: Study, time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Bonds over what area and the distribution of the pressure predict, less 1, at ``time``; and C/A (1/nm)."""
-    import numpy as np
+def deviation(study: Study, time: float) -> tuple[np.ndarray, np.ndarray]:
+    """Relative deviation of the bonds at ``time`` (s) from the prediction of area and distribution of the pressure.
 
+    Returns
+    -------
+    tuple
+        The deviation of each contact, (n,), and its C/A, 1/nm, (n,).
+    """
     at = study.contacts[0].at(time)
-    left = [one.density[at] / _of_field(study, one.contact)[at] - 1 for one in study.contacts]
-    return np.array(left), np.array([one.contact.perimeter_to_area for one in study.contacts])
+    deviations = [one.density[at] / _of_field(study, one.contact)[at] - 1 for one in study.contacts]
+    return np.array(deviations), np.array([one.contact.perimeter_to_area for one in study.contacts])
