@@ -28,6 +28,7 @@ __all__ = ["EmpiricalQuantile", "Gaussian", "PiecewiseLinearDensity", "Tabulated
 
 @hookimpl
 def chemage_register() -> dict[str, dict[str, str]]:
+    """The distributions of this package."""
     return {
         "barriers": {
             "gaussian": "chemage_barriers.gaussian:Gaussian",

@@ -1,4 +1,4 @@
-"""Normally distributed barriers, whole or cut off."""
+"""Normally distributed barriers, with or without bounds."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from chemage import Barriers, Energy, Unit
 class Gaussian(Barriers):
     """Normal distribution with ``mean`` and ``std``, conditioned on lying between ``lower`` and ``upper``.
 
-    Truncation is exact, not by clipping or rejection, and holds in the far tails too: there everything is done with
-    logarithms of the normal distribution's two tails. ``std`` 0 puts every barrier at ``mean``.
+    Truncation is exact, neither by clipping nor by rejection, in the far tails too: quantiles are computed from the
+    logarithms of both tail probabilities. With ``std`` 0 every barrier equals ``mean``.
     """
 
     kind = "gaussian"
 
     mean: Energy
-    """mean of the whole normal distribution, eV"""
+    """mean of the normal distribution before truncation, eV"""
     std: Annotated[float, Unit("eV", ge=0)]
-    """its standard deviation, eV; 0: all barriers are equal"""
+    """standard deviation of the normal distribution before truncation, eV; 0: all barriers are equal"""
     lower: Energy | None = None
-    """no barrier lies below, eV; None: not cut off"""
+    """lower bound of the barriers, eV; default: none"""
     upper: Energy | None = None
-    """no barrier lies above, eV; None: not cut off"""
+    """upper bound of the barriers, eV; default: none"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -52,9 +52,9 @@ class Gaussian(Barriers):
         return float(a), float(b)
 
     def _point(self) -> float | None:
-        """Where all barriers are equal to double precision, or None.
+        """The barrier if all are equal to double precision, or None.
 
-        With a bound more than 1e8 standard deviations out, what is beyond it has decayed within a rounding error of it.
+        More than 1e8 standard deviations from the mean, the density beyond a bound decays within its rounding error.
         """
         if self.std == 0:
             return self.mean
@@ -74,7 +74,7 @@ class Gaussian(Barriers):
         if math.isinf(low) and math.isinf(high):
             return self.mean + self.std * special.ndtri(u)
         a, b = self._cuts()
-        # Both tails as sums of positive terms, Φ(x) = (1 − u)Φ(a) + uΦ(b) and likewise 1 − Φ(x): nothing cancels.
+        # Both tails are sums of positive terms, Φ(x) = (1 − u)Φ(a) + uΦ(b) and likewise 1 − Φ(x): no cancellation.
         with np.errstate(divide="ignore"):
             left, right = np.log1p(-u), np.log(u)
         below = np.logaddexp(left + special.log_ndtr(a), right + special.log_ndtr(b))
@@ -95,7 +95,7 @@ class Gaussian(Barriers):
             return np.where((e >= low) & (e <= high), np.exp(log_density), 0.0)
 
     def _log_share(self) -> float:
-        """Logarithm of the share of the whole normal distribution that lies between the bounds."""
+        """Logarithm of the probability that the normal distribution assigns to the interval between the bounds."""
         from scipy import special
 
         a, b = self._cuts()

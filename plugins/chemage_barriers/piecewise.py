@@ -1,4 +1,4 @@
-"""Quantiles and densities of tabulated distributions. Plain numpy; knows nothing of the framework."""
+"""Quantiles and densities of tabulated distributions, in plain numpy."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ class PiecewiseLinearDensity:
     Parameters
     ----------
     energies
-        (m,) strictly increasing, m ≥ 2; any unit, the same that :meth:`quantile` answers in.
+        (m,) strictly increasing, m ≥ 2; any unit, which is then also the unit of :meth:`quantile`.
     weights
-        density at each energy, (m,) ≥ 0, at least one positive; normalised here.
+        density at each energy, (m,) ≥ 0, at least one positive; it is normalised.
 
     Raises
     ------
     ValueError
-        Naming the entry that is wrong.
+        An entry is wrong; the message names it.
     """
 
     def __init__(self, energies: ArrayLike | Sequence[float], weights: ArrayLike | Sequence[float]) -> None:
@@ -52,10 +52,10 @@ class PiecewiseLinearDensity:
         _increasing("energies", x, strictly=True)
         if np.any(p < 0):
             at = int(np.flatnonzero(p < 0)[0])
-            raise ValueError(f"weights[{at}] = {p[at]:g} is negative; a probability density is not")
+            raise ValueError(f"weights[{at}] = {p[at]:g} is negative; a probability density must be at least 0")
         if not np.any(p > 0):
             raise ValueError("weights: zero everywhere; at least one value must be positive")
-        # scaled before it is summed, so that neither 1e308 nor 1e-308 spoils the normalisation
+        # scaled before it is summed, so that the sum neither overflows nor underflows
         p /= p.max()
         span = x[-1] - x[0]
         if not np.isfinite(span):
@@ -75,9 +75,9 @@ class PiecewiseLinearDensity:
     def quantile(self, uniform: np.ndarray) -> Doubles:
         """Energies at ``uniform`` in [0, 1], same shape, non-decreasing to within rounding.
 
-        Inside an interval the share w of its area left of t solves 2at + (b − a)t² = w, a and b = 1 − a being the
-        relative densities at its ends. It is solved from the end where the density is lower, in the form whose terms
-        are all positive, so that no digits cancel where the density goes to zero.
+        At a part t of an interval the share w of its area solves 2at + (b − a)t² = w, where a and b = 1 − a are the
+        relative densities at its ends. It is solved from the end of lower density, in the form whose terms are all
+        positive, so that there is no cancellation where the density goes to zero.
         """
         u = np.asarray(uniform, dtype=np.float64)
         interval = np.clip(np.searchsorted(self._cumulative, u, side="right") - 1, 0, self._area.size - 1)

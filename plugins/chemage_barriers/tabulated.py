@@ -1,4 +1,4 @@
-"""The user's own distribution of barriers: a tabulated density, or samples."""
+"""A distribution of barriers from the user's own data: a tabulated density, or samples."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _listed(value: Any) -> Any:
 
 
 def _named_unit(value: Any) -> Any:
-    """A unit by its name alone, "meV", is one of it."""
+    """A name alone is read as one of that unit: "meV" as "1 meV"."""
     return f"1 {value}" if isinstance(value, str) and value[:1].isalpha() else value
 
 
@@ -32,7 +32,7 @@ def read_columns(path: str | Path) -> np.ndarray:
     Raises
     ------
     StoreError
-        The file is missing, cannot be read, or is not such a table.
+        The file is missing, cannot be read, or does not hold such a table.
     """
     try:
         return parse_columns(Path(path).read_text(encoding="utf-8-sig"), str(path))
@@ -47,8 +47,8 @@ def read_columns(path: str | Path) -> np.ndarray:
 def parse_columns(text: str, source: str) -> np.ndarray:
     """The numbers of a text table, (rows, columns).
 
-    Columns are separated by commas, semicolons, tabs or blanks; what follows ``#`` is a comment; a first line of names
-    is skipped.
+    Columns are separated by commas, semicolons, tabs or blanks; text after ``#`` is a comment; one line of column names
+    before the numbers is skipped.
 
     Raises
     ------
@@ -80,26 +80,26 @@ def parse_columns(text: str, source: str) -> np.ndarray:
 
 
 class Tabulated(Barriers):
-    """A density given at points and joined by straight lines, or the distribution of samples.
+    """A tabulated density with linear interpolation, or the distribution of samples.
 
     Give ``energies`` with ``weights``, or ``samples``, or a ``path`` to a text file with two columns (energies and
-    weights) or one (samples). The file is read at once and its numbers become the options, so that a stored result
-    holds the distribution itself. Samples are not smoothed: their ordered values are joined by straight lines at the
+    weights) or one (samples). The file is read at once and its numbers replace ``path``, so that a stored result
+    contains the distribution itself. Samples are not smoothed: their ordered values are joined by straight lines at the
     probabilities i/(n − 1), so barriers lie between the smallest and the largest.
     """
 
     kind = "tabulated"
 
     energies: Numbers | None = None
-    """strictly increasing, in ``energy_unit``"""
+    """energies of the table, strictly increasing, in ``energy_unit``"""
     weights: Numbers | None = None
-    """probability density at ``energies``, ≥ 0, in any unit: it is normalised"""
+    """probability density at ``energies``, ≥ 0, in any unit; it is normalised"""
     samples: Numbers | None = None
     """barriers in ``energy_unit``, in any order, for example from molecular dynamics"""
     path: str | None = None
-    """text file to take ``energies`` and ``weights``, or ``samples``, from"""
+    """text file with ``energies`` and ``weights``, or with ``samples``"""
     energy_unit: Annotated[float, Unit("eV", gt=0), BeforeValidator(_named_unit)] = 1.0
-    """unit of the energies given, eV: "meV", or a number"""
+    """unit of the given energies: its name, such as "meV", or its value in eV; default: 1 eV"""
 
     _distribution: PiecewiseLinearDensity | EmpiricalQuantile = PrivateAttr()
 

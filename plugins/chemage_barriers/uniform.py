@@ -1,4 +1,4 @@
-"""Barriers evenly spread over an interval."""
+"""Barriers uniformly distributed on an interval."""
 
 from __future__ import annotations
 

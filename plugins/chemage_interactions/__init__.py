@@ -1,4 +1,4 @@
-"""How bonded sites change the barriers of others: ``elastic-pairs``."""
+"""Interactions, by which a bond changes the barriers of neighbouring sites: ``elastic-pairs``."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ __all__ = ["ElasticPairs"]
 
 @hookimpl
 def chemage_register() -> dict[str, dict[str, str]]:
+    """The interactions of this package."""
     return {"interaction": {"elastic-pairs": "chemage_interactions.elastic_pairs:ElasticPairs"}}
 
 

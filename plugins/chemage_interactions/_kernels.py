@@ -1,7 +1,4 @@
-"""Kernels on sorted lists of pixels (numba). They know the random numbers, and nothing else of the framework.
-
-Cost and memory go with the number of sites, not of pixels: no array of the grid's size is made.
-"""
+"""Numba kernels on sorted lists of pixels. Cost and memory grow with the number of sites, not with that of pixels."""
 
 from __future__ import annotations
 
@@ -10,14 +7,16 @@ import numpy as np
 
 from chemage.foundation.random import pair_uniform
 
-#: slots of a site's row, (row, column) steps; slot 7 − s is the way back
+#: (row, column) steps to the neighbours in the slots of a site's row; slot 7 − s is the opposite of slot s
 SLOTS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
 
 
 @nb.njit(cache=True, nogil=True)
-def row_starts(sites, nx, ny):
-    """Where each row of pixels begins in the sorted list: (nx + 1,) int64; an empty array if the list is not
-    ascending or leaves the grid."""
+def row_starts(sites: np.ndarray, nx: int, ny: int) -> np.ndarray:
+    """Where each row of pixels begins in the sorted list ``sites``: (nx + 1,) int64.
+
+    An empty array if the list is not ascending, or if a pixel lies outside the grid.
+    """
     starts = np.zeros(nx + 1, dtype=np.int64)
     row = 0
     before = np.int64(-1)
@@ -35,12 +34,12 @@ def row_starts(sites, nx, ny):
 
 
 @nb.njit(cache=True, nogil=True)
-def eight_neighbours(sites, starts, nx, ny, periodic, out):
-    """Fills ``out`` (n, 8) int32 with the positions of the eight nearest neighbours in the list, or -1.
+def eight_neighbours(sites: np.ndarray, starts: np.ndarray, nx: int, ny: int, periodic: bool, out: np.ndarray) -> None:
+    """Fill ``out`` (n, 8) int32 with the positions of the eight nearest neighbours in the list, or -1.
 
-    Rows are merged: one pointer runs along the row of each step, so a site costs a handful of reads that are nearly all
-    in the cache, and one write of 32 bytes. On a periodic grid one or two pixels wide, steps that lead to the same
-    pixel count once, and a pixel is not its own neighbour.
+    Rows are merged: one pointer moves along each neighbouring row, so a site costs a few reads, nearly all of them from
+    the cache, and one write of 32 bytes. On a periodic grid one or two pixels wide, steps that lead to the same pixel
+    count once, and a pixel is not its own neighbour.
     """
     first_step = 0 if periodic and nx < 3 else -1
     last_step = 0 if periodic and nx < 2 else 1
@@ -88,10 +87,20 @@ def eight_neighbours(sites, starts, nx, ny, periodic, out):
 
 
 @nb.njit(cache=True, nogil=True)
-def pair_couplings(sites, neighbours, k0, k1, stream, strength, bias, out):
-    """Fills ``out`` (n, k) with strength·(φ − bias), φ uniform in (0, 1), one number for each pair of pixels.
+def pair_couplings(
+    sites: np.ndarray,
+    neighbours: np.ndarray,
+    k0: np.uint64,
+    k1: np.uint64,
+    stream: int,
+    strength: float,
+    bias: float,
+    out: np.ndarray,
+) -> None:
+    """Fill ``out`` (n, k) with strength·(φ − bias), φ uniform on (0, 1), one number for each pair of pixels.
 
-    Each number is drawn once, at the pair's lower site, and copied to the other; 0 where there is no neighbour.
+    Each number is drawn once, for the first site of the pair, and copied to the other; 0 where there is no neighbour.
+    k0, k1: the key of the random numbers, see `chemage.random.key`.
     """
     n, k = neighbours.shape
     for i in range(n):

@@ -10,7 +10,7 @@ from chemage import InputError, Interaction, Seed, Unit
 
 
 def _read_only(array: np.ndarray, dtype: type[np.generic]) -> np.ndarray:
-    """A read-only view: numba compiles a kernel anew for writable arrays, so all are given in one way."""
+    """A read-only view: numba would compile a kernel a second time for writable arrays."""
     view = np.ascontiguousarray(array, dtype=dtype).view()
     view.setflags(write=False)
     return view
@@ -19,8 +19,8 @@ def _read_only(array: np.ndarray, dtype: type[np.generic]) -> np.ndarray:
 class ElasticPairs(Interaction):
     """A bond changes the forming barriers of its eight nearest neighbours, each by ΔE_in = I_b (φ_in − ε).
 
-    φ_in is uniform on (0, 1), one number for each pair of neighbouring pixels, drawn once. It is a function of the seed
-    and the two pixels alone: a pair keeps it when load, contact or strength change. Li, Pastewka & Szlufarska,
+    φ_in is uniform on (0, 1), one number for each pair of neighbouring pixels. It is a function of the seed and of the
+    two pixels alone, so a pair keeps it when load, contact or strength change. Li, Pastewka & Szlufarska,
     Phys. Rev. E 98, 023001 (2018), eqs. 4 and 5.
     """
 
@@ -28,12 +28,12 @@ class ElasticPairs(Interaction):
     cite: ClassVar[tuple[str, ...]] = ("Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)",)
 
     strength: Annotated[float, Unit("eV", ge=0)]
-    """I_b, eV"""
+    """I_b, the strength of the interaction, eV"""
     bias: Annotated[float, Unit("")] = 0.1
-    """ε: the share of pairs where a bond helps its neighbour to form"""
+    """ε: the share of pairs in which a bond lowers its neighbour's forming barrier; default: 0.1"""
 
     def neighbours(self, pixels: tuple[int, int], periodic: bool, sites: np.ndarray) -> np.ndarray:
-        """The eight nearest pixels that are sites: (n, 8) int32, -1 where there is none.
+        """The positions in ``sites`` of the eight nearest pixels: (n, 8) int32, -1 for a pixel that is no site.
 
         Columns 0…7 are the steps (−1,−1), (−1,0), (−1,1), (0,−1), (0,1), (1,−1), (1,0), (1,1). On a periodic grid one
         or two pixels wide, steps that lead to the same pixel count once, and no site is its own neighbour.
@@ -41,7 +41,7 @@ class ElasticPairs(Interaction):
         Raises
         ------
         InputError
-            ``sites`` are not ascending pixel indices of the grid.
+            ``sites`` are not ascending, or not pixels of the grid.
         """
         from chemage_interactions import _kernels
 
@@ -49,7 +49,10 @@ class ElasticPairs(Interaction):
         sites = _read_only(sites, np.int64)
         starts = _kernels.row_starts(sites, nx, ny)
         if starts.size == 0 or sites.size > np.iinfo(np.int32).max:
-            raise InputError(f"sites: not ascending pixel indices, or outside the grid of {nx} x {ny} pixels")
+            raise InputError(
+                f"sites: must be ascending pixel indices on the grid of {nx} x {ny} pixels, at most 2**31 - 1 of them; "
+                "sort them, remove duplicates, or enlarge the grid"
+            )
         out = np.empty((sites.size, len(_kernels.SLOTS)), dtype=np.int32)
         _kernels.eight_neighbours(sites, starts, nx, ny, bool(periodic), out)
         out.setflags(write=False)
@@ -58,8 +61,8 @@ class ElasticPairs(Interaction):
     def coupling(self, sites: np.ndarray, neighbours: np.ndarray, seed: Seed) -> np.ndarray:
         """ΔE_in of each neighbour, (n, k) float32 eV, symmetric bit for bit; 0 where there is none.
 
-        Rounded to 6e-8 of their value, a millionth of k_BT at room temperature, for 32 bytes less a site and a line of
-        memory less an event. Engines add and take away the rounded number exactly.
+        Single precision rounds them by 6e-8 of their value, a millionth of k_BT at room temperature, and saves 32 bytes
+        per site and one cache line per event. Engines add and subtract the rounded number exactly.
         """
         from chemage import random
         from chemage_interactions import _kernels

@@ -1,4 +1,4 @@
-"""Engines that follow bonds forming and breaking: see docs/kinetics.md for which to take."""
+"""Engines that follow the forming and breaking of bonds; docs/kinetics.md compares them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def chemage_register() -> dict[str, dict[str, str]]:
 
 
 def __getattr__(name: str) -> Any:
-    # Engines bring numba along; it is imported when the first one is wanted.
+    # Engines import numba, so they are imported on first use.
     for target in ENGINES.values():
         module, cls = target.split(":")
         if cls == name:

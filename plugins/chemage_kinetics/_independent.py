@@ -3,138 +3,156 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from chemage.foundation.random import uniform
+from chemage_kinetics._chain import FLICKER, SOJOURN_BLOCKS, SOJOURN_DRAWS, sojourn
 from chemage_kinetics._common import (
     STREAMS,
-    bare,
+    Holds,
+    Key,
     count_flip,
     count_sojourn,
     fixed_barrier,
-    hot,
-    inner,
-    jit,
     later,
     past,
     rate,
-    sojourn,
     until,
 )
+from chemage_kinetics._memory import Float, Int, borrowed, hot, jit
 
 STREAM = STREAMS["independent"]
-#: With more flips than this to be expected before the next hold time, they are drawn together.
-MANY = 8.0
-_SOJOURN_BLOCKS = np.uint64(1 << 40)
+
+
+class Sites(NamedTuple):
+    """All sites in their present states, with their random numbers and the times of their next events."""
+
+    key: Key
+    pixels: np.ndarray
+    """(n,) int64"""
+    forming: np.ndarray
+    """(n,) eV"""
+    breaking: np.ndarray
+    """(n,) eV, or empty where bonds never break"""
+    nu: float
+    per_unit: float
+    """1/k_B T over one fixed-point unit of energy"""
+    state: np.ndarray
+    """(n,) bool"""
+    times: np.ndarray
+    """(n, 2) float64 s: pending times as pairs"""
+    draws: np.ndarray
+    """(n,) int64: random numbers drawn so far"""
 
 
 @hot
-def _wait(k0, k1, pixel, draw, barrier, nu, per_unit):
-    wait = -math.log(uniform(k0, k1, STREAM, pixel, draw)) / nu
+def _draw(sites: Sites, i: Int, barrier: Int, high: Float, low: Float) -> tuple[Float, Float]:
+    """A new pending time of site i, from the instant high + low on, as a pair. Infinite where the rate is zero."""
+    draw = sites.draws[i]
+    sites.draws[i] = draw + 1
+    wait = -math.log(uniform(sites.key.k0, sites.key.k1, STREAM, sites.pixels[i], draw)) / sites.nu
     if barrier > 0:
-        wait *= math.exp(barrier * per_unit)
-    return wait
+        wait *= math.exp(barrier * sites.per_unit)
+    if wait < 1.0e300:
+        return later(high, low, wait)
+    return np.inf, 0.0
 
 
 @jit
-def draw_times(k0, k1, pixels, forming, breaking, nu, per_unit, start, state, times, draws):
-    """First pending times (n, 2) of all sites, from the time ``start`` on; infinite where the rate is zero."""
-    for i in range(pixels.size):
-        times[i, 0] = np.inf
-        times[i, 1] = 0.0
-        if state[i] and breaking.size == 0:
+def draw_times(sites: Sites, start: Float) -> None:
+    """Draw the first pending times of all sites, from the time ``start`` (s) on."""
+    sites = borrowed(sites)
+    for i in range(sites.pixels.size):
+        if sites.state[i] and sites.breaking.size == 0:
+            sites.times[i, 0] = np.inf
+            sites.times[i, 1] = 0.0
             continue
-        barrier = fixed_barrier(breaking[i] if state[i] else forming[i])
-        wait = _wait(k0, k1, pixels[i], draws[i], barrier, nu, per_unit)
-        draws[i] += 1
-        if wait < 1.0e300:
-            times[i, 0], times[i, 1] = later(start, 0.0, wait)
+        barrier = fixed_barrier(sites.breaking[i] if sites.state[i] else sites.forming[i])
+        sites.times[i, 0], sites.times[i, 1] = _draw(sites, i, barrier, start, 0.0)
 
 
-@inner
-def _follow(k0, k1, pixels, forming, breaking, nu, per_unit, hold_times, first, last, state, times, draws, tally, rng):
-    pixels = bare(pixels)
-    forming = bare(forming)
-    breaking = bare(breaking)
-    hold_times = bare(hold_times)
-    state = bare(state)
-    times = bare(times)
-    draws = bare(draws)
-    tally = bare(tally)
-    rng = bare(rng)
-    final = hold_times[hold_times.size - 1]
-    rng[0] = k0
-    rng[1] = k1
+@hot
+def _stay(
+    sites: Sites,
+    rng: np.ndarray,
+    i: Int,
+    bonded: bool,
+    forms: Int,
+    breaks: Int,
+    span: Float,
+    tally: np.ndarray,
+    hold: Int,
+) -> None:
+    """Follow site i for ``span`` seconds, in which it flips many times: draw its state and the number of its flips."""
+    rng[0] = sites.key.k0
+    rng[1] = sites.key.k1
     rng[2] = np.uint64(STREAM)
+    rng[3] = np.uint64(sites.pixels[i])
+    rng[4] = SOJOURN_BLOCKS + np.uint64(sites.draws[i] * SOJOURN_DRAWS)
+    sites.draws[i] += 1
+    here = rate(breaks if bonded else forms, sites.nu, sites.per_unit)
+    there = rate(forms if bonded else breaks, sites.nu, sites.per_unit)
+    _, _, other, out_here, out_there = sojourn(rng, here, there, 0.0, 0.0, span)
+    count_sojourn(tally, hold, np.int64(bonded), out_here, out_there, other)
+    if other:
+        sites.state[i] = not bonded
+
+
+@hot
+def _follow_site(sites: Sites, holds: Holds, rng: np.ndarray, i: Int) -> None:
+    """Follow site i, whose next event comes before the last hold time, to that time."""
+    times = holds.times
+    final = times[times.size - 1]
+    high = sites.times[i, 0]
+    low = sites.times[i, 1]
+    forms = fixed_barrier(sites.forming[i])
+    breaks = fixed_barrier(sites.breaking[i]) if sites.breaking.size > 0 else np.int64(0)
+    slower = min(rate(forms, sites.nu, sites.per_unit), rate(breaks, sites.nu, sites.per_unit))
+    hold = 0
+    while not past(high, low, final):
+        while past(high, low, times[hold]):
+            hold += 1
+        bonded = not sites.state[i]
+        sites.state[i] = bonded
+        count_flip(holds.tally, hold, np.int64(bonded))
+        if sites.breaking.size == 0:
+            high = np.inf
+            low = 0.0
+            break
+        span = until(high, low, times[hold])
+        if span * slower > FLICKER:
+            _stay(sites, rng, i, bonded, forms, breaks, span, holds.tally, hold)
+            high = times[hold]
+            low = 0.0
+        high, low = _draw(sites, i, breaks if sites.state[i] else forms, high, low)
+    sites.times[i, 0] = high
+    sites.times[i, 1] = low
+
+
+@jit
+def follow(sites: Sites, holds: Holds, rng: np.ndarray, first: Int, last: Int) -> None:
+    """Follow the sites ``first`` to ``last`` - 1 to the last hold time. rng: (5,) uint64 scratch, see `_chain`."""
+    sites = borrowed(sites)
+    holds = borrowed(holds)
+    final = holds.times[holds.times.size - 1]
     for i in range(first, last):
-        high = times[i, 0]
-        low = times[i, 1]
-        if past(high, low, final):
-            continue
-        forms = fixed_barrier(forming[i])
-        breaks = fixed_barrier(breaking[i]) if breaking.size > 0 else np.int64(0)
-        slower = min(rate(forms, nu, per_unit), rate(breaks, nu, per_unit))
-        hold = 0
-        while not past(high, low, final):
-            while past(high, low, hold_times[hold]):
-                hold += 1
-            bonded = not state[i]
-            state[i] = bonded
-            count_flip(tally, hold, np.int64(bonded))
-            if breaking.size == 0:
-                high = np.inf
-                low = 0.0
-                break
-            span = until(high, low, hold_times[hold])
-            if span * slower > MANY:
-                rng[3] = np.uint64(pixels[i])
-                rng[4] = _SOJOURN_BLOCKS + np.uint64(draws[i] * 4096)
-                draws[i] += 1
-                here = rate(breaks if bonded else forms, nu, per_unit)
-                there = rate(forms if bonded else breaks, nu, per_unit)
-                _, _, other, out_here, out_there = sojourn(rng, here, there, 0.0, 0.0, span)
-                count_sojourn(tally, hold, np.int64(bonded), out_here, out_there, other)
-                if other:
-                    state[i] = not bonded
-                high = hold_times[hold]
-                low = 0.0
-            wait = _wait(k0, k1, pixels[i], draws[i], breaks if state[i] else forms, nu, per_unit)
-            draws[i] += 1
-            if wait < 1.0e300:
-                high, low = later(high, low, wait)
-            else:
-                high = np.inf
-                low = 0.0
-        times[i, 0] = high
-        times[i, 1] = low
+        if not past(sites.times[i, 0], sites.times[i, 1], final):
+            _follow_site(sites, holds, rng, i)
 
 
 @jit
-def follow(k0, k1, pixels, forming, breaking, nu, per_unit, hold_times, first, last, state, times, draws, tally):
-    """Follow the sites ``first`` to ``last`` - 1 to the last hold time. tally: (m, 3) int64, bonds formed, broken, and
-    the difference, between the hold time before and this one."""
-    _follow(
-        k0,
-        k1,
-        pixels,
-        forming,
-        breaking,
-        nu,
-        per_unit,
-        hold_times,
-        first,
-        last,
-        state,
-        times,
-        draws,
-        tally,
-        np.empty(5, np.uint64),
-    )
-
-
-@jit
-def moments(forming, breaking, nu, per_unit, state, spans, mean, variance):
+def moments(
+    forming: np.ndarray,
+    breaking: np.ndarray,
+    nu: Float,
+    per_unit: Float,
+    state: np.ndarray,
+    spans: np.ndarray,
+    mean: np.ndarray,
+    variance: np.ndarray,
+) -> None:
     """Expected number of bonds after ``spans`` (m,) seconds, and its variance, for every site a two-state chain."""
     mean[:] = 0.0
     variance[:] = 0.0

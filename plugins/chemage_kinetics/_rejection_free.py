@@ -1,565 +1,321 @@
-"""Kernel of the direct method: an eight-way sum tree over the rates.
+"""Kernel of the direct method: every event is selected from the exact total rate, by the tree of `_sum_tree`.
 
-A node holds the sum of its eight children, which share one cache line (64 bytes). After an event the parents of every
-changed leaf are summed again from their children; nothing is ever subtracted, so slow rates keep their last bit next to
-rates 25 decades faster.
-
-From a quarter of a million sites on (FAR) an event waits for memory more than it computes: the sums on its path, the
-chosen leaf, the neighbour and coupling rows, and for each of the three or so rows of pixels touched one line of
-energies and two of rates. So the next choices in the tree are foreseen and their memory asked for, stage by stage, see
-`_look_ahead`. A site with more than a thousandth of the rate of the whole tree, as one whose bond has just broken by
-chance, is taken out of it into a short list while it lasts: the choices inside the tree then hardly depend on it.
+From a quarter of a million sites on (FAR) an event waits for memory longer than it computes: for the sums on its path,
+the selected leaf, the rows of neighbours and couplings, and, in each of the three or so rows of pixels around it, for
+one line of energies and two of rates. So the next selections are predicted, and their memory is prefetched in stages;
+see `_look_ahead`.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from chemage.foundation.random import uniform_pair
+from chemage_kinetics._chain import FLICKER, sojourn, two_uniforms
 from chemage_kinetics._common import (
     STREAMS,
-    bare,
+    Holds,
+    Key,
+    Model,
     count_flip,
     count_sojourn,
     fixed_coupling,
-    hot,
-    inner,
-    jit,
     later,
-    own_rate,
     past,
+    prefetch_site,
     rate,
-    sojourn,
-    touch,
-    touch_site,
-    two_uniforms,
+    site_rate,
     until,
 )
+from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit, prefetch
+from chemage_kinetics._sum_tree import (
+    UPPER,
+    Rates,
+    descend,
+    list_total,
+    mark,
+    prefetch_leaf,
+    put_back,
+    rate_of,
+    refresh,
+    select,
+    select_cold,
+    select_listed,
+    set_aside,
+    settle,
+    threshold,
+    tree_total,
+)
 
-WAYS = 8
-#: A choice in the tree takes one number for this many levels and another for those below.
-UPPER = 3
-#: Sites from which on it pays to look ahead: a smaller lattice fits the caches.
+#: Sites from which on predicting pays: a smaller lattice fits the caches.
 FAR = 1 << 18
-#: Events whose draws are kept, a power of two above the four looked ahead.
+#: Selections whose random numbers are kept, a power of two above the four predicted ones.
 RING = 8
-#: A site is treated as a two-state chain when something else happens less often than once in so many of its flips.
-FLICKER = 8.0
 
-#: The list of fast sites holds so many (the square of 8), those above this part of the rate of the whole tree.
-ROOM = 64
-FAST = 1.0 / 1024.0
-
-#: What the clock array (float64) and the counter array (int64) hold between calls.
 HIGH, LOW = 0, 1
+EVENT, HOLD, LAST, DONE, DRAWN = 0, 1, 2, 3, 4
 STREAM = STREAMS["rejection-free"]
-EVENT, HOLD, LAST, DONE, DRAWN, LISTED = 0, 1, 2, 3, 4, 5
+#: Blocks of random numbers of one index: of an event, of a selection from the tree, and from where on of a sojourn.
+OF_EVENT, OF_SELECTION, OF_SOJOURN = np.int64(0), np.int64(1), np.uint64(2)
 
 
-def levels(sites: int) -> np.ndarray:
-    """Where each level of the tree starts, the leaves first; the last entry is the size of the whole, (levels + 1,)."""
-    starts = [0]
-    width = max(sites, 1)
-    while True:
-        blocks = -(-width // WAYS)
-        starts.append(starts[-1] + blocks * WAYS)
-        if blocks == 1:
-            return np.array(starts, np.int64)
-        width = blocks
+class System(NamedTuple):
+    """The lattice in its present state."""
+
+    model: Model
+    words: np.ndarray
+    """(n,) int64, see `_common`"""
+    rates: Rates
+    near: np.ndarray
+    """(k, 2) int64 scratch: unbonded neighbours of the present site, and their barriers"""
 
 
-@hot
-def _block_sum(tree, b):
-    return ((tree[b] + tree[b + 1]) + (tree[b + 2] + tree[b + 3])) + (
-        (tree[b + 4] + tree[b + 5]) + (tree[b + 6] + tree[b + 7])
+class Ahead(NamedTuple):
+    """Predicted selections; scratch arrays."""
+
+    key: Key
+    draws: np.ndarray
+    """(RING, 3) float64: two random numbers of each selection, and what is left of its target"""
+    spots: np.ndarray
+    """(RING,) int64: the node that each selection has reached"""
+
+
+class Run(NamedTuple):
+    """Everything a run consists of; its arrays carry the state from call to call."""
+
+    key: Key
+    holds: Holds
+    system: System
+    ahead: Ahead
+    rng: np.ndarray
+    """(5,) uint64 scratch, see `_chain`"""
+    clock: np.ndarray
+    """(2,) float64: HIGH and LOW of the present instant"""
+    counters: np.ndarray
+    """(5,) int64: the number of the next EVENT, the present HOLD time, the LAST site, whether the run is DONE, and the
+    number of the next selection DRAWN from the tree"""
+
+
+def new_run(key: Key, holds: Holds, model: Model, words: np.ndarray, rates: Rates, time: float) -> Run:
+    """A run that starts at ``time`` (s); events and selections are counted from 0."""
+    counters = np.zeros(5, np.int64)
+    counters[LAST] = -1
+    return Run(
+        key=key,
+        holds=holds,
+        system=System(model, words, rates, near=np.empty((model.neighbours.shape[1], 2), np.int64)),
+        ahead=Ahead(key, draws=np.zeros((RING, 3)), spots=np.zeros(RING, np.int64)),
+        rng=np.empty(5, np.uint64),
+        clock=np.array([time, 0.0]),
+        counters=counters,
     )
 
 
-@jit
-def fill(words, breaking, nu, per_unit, tree, starts):
-    """Leaves from energies and states, then every level above; returns the total rate."""
-    for i in range(words.size):
-        tree[i] = own_rate(i, words, breaking, nu, per_unit)
-    for i in range(words.size, starts[1]):
-        tree[i] = 0.0
-    for level in range(1, starts.size - 1):
-        below = starts[level - 1]
-        width = (starts[level] - below) // 8
-        for i in range(width):
-            tree[starts[level] + i] = _block_sum(tree, below + 8 * i)
-        for i in range(starts[level] + width, starts[level + 1]):
-            tree[i] = 0.0
-    return _block_sum(tree, starts[starts.size - 2])
+@hot
+def _draw(ahead: Ahead, drawn: Int) -> None:
+    """The two random numbers that select the ``drawn``-th site from the tree."""
+    slot = drawn & (RING - 1)
+    ahead.draws[slot, 0], ahead.draws[slot, 1] = uniform_pair(ahead.key.k0, ahead.key.k1, STREAM, drawn, OF_SELECTION)
 
 
 @hot
-def _refresh(tree, starts, dirty, count):
-    """Sum again every ancestor of the ``count`` leaf blocks listed in ``dirty``; returns the total."""
-    for level in range(starts.size - 2):
-        below = starts[level]
-        above = starts[level + 1]
-        kept = 0
-        for d in range(count):
-            block = dirty[d]
-            tree[above + block] = _block_sum(tree, below + 8 * block)
-            parent = block >> 3
-            known = False
-            for e in range(kept):
-                if dirty[e] == parent:
-                    known = True
-                    break
-            if not known:
-                dirty[kept] = parent
-                kept += 1
-        count = kept
-    return _block_sum(tree, starts[starts.size - 2])
-
-
-@hot
-def _find(i, sites, count):
-    """Where site i stands in the list, or -1; without a branch, so that vector registers do it."""
-    found = 0
-    for h in range(count):
-        found += h + 1 if sites[h] == i else 0
-    return found - 1
-
-
-@hot
-def _enter(h, i, value, sites, rates):
-    sites[h] = i
-    rates[h] = value
-    rates[ROOM + (h >> 3)] = _block_sum(rates, h & ~7)
-
-
-@hot
-def _settle(i, value, fast, tree, sites, rates, counters):
-    """Give site i its rate: in the list if that is above ``fast`` and there is room, otherwise in its leaf."""
-    count = counters[LISTED]
-    if count > 0 and tree[i] == 0.0:  # as it is for those in the list
-        h = _find(i, sites, count)
-        if h >= 0:
-            if value > fast:
-                _enter(h, i, value, sites, rates)
-                return
-            count -= 1
-            counters[LISTED] = count
-            _enter(h, sites[count], rates[count], sites, rates)
-            _enter(count, -1, 0.0, sites, rates)
-    if value > fast and count < ROOM:
-        _enter(count, i, value, sites, rates)
-        counters[LISTED] = count + 1
-        value = 0.0
-    tree[i] = value
-
-
-@inner
-def _settle_cold(i, value, fast, tree, sites, rates, counters):
-    _settle(i, value, fast, tree, sites, rates, counters)
-
-
-@hot
-def _bar(far, tree, starts):
-    """The rate above which a site is listed."""
-    return FAST * _block_sum(tree, starts[starts.size - 2]) if far else np.inf
-
-
-@jit
-def relist(fast, tree, starts, sites, rates):
-    """Move the sites ``fast`` (int64) from a newly filled tree to the list, where they were; returns their number."""
-    dirty = np.empty(1, np.int64)
-    for h in range(fast.size):
-        _enter(h, fast[h], tree[fast[h]], sites, rates)
-        tree[fast[h]] = 0.0
-        dirty[0] = fast[h] >> 3
-        _refresh(tree, starts, dirty, 1)
-    return fast.size
-
-
-@inner
-def _own(i, tree, sites, rates, counters):
-    """The rate of site i, wherever it stands."""
-    h = _find(i, sites, counters[LISTED])
-    return rates[h] if h >= 0 else tree[i]
-
-
-@inner
-def _set_aside(i, tree, starts, dirty, sites, rates, counters):
-    """Take the rate of site i out of the draw; returns the total rate of all others."""
-    _settle_cold(i, 0.0, np.inf, tree, sites, rates, counters)
-    dirty[0] = i >> 3
-    return _refresh(tree, starts, dirty, 1) + _block_sum(rates, ROOM)
-
-
-@inner
-def _put_back(i, value, far, tree, starts, dirty, sites, rates, counters):
-    """Undo `_set_aside`."""
-    _settle_cold(i, value, _bar(far, tree, starts), tree, sites, rates, counters)
-    dirty[0] = i >> 3
-    _refresh(tree, starts, dirty, 1)
-
-
-@hot
-def _descend(tree, base, target):
-    """The child at which the running sum passes ``target``, never one of zero rate; and what is left of the target."""
-    chosen = 0
-    for s in range(8):
-        w = tree[base + s]
-        if w > 0.0:
-            chosen = s
-            if target < w:
-                break
-            target -= w
-    return chosen, target
-
-
-@hot
-def _pick(tree, starts, target, v):
-    """The leaf at which the running sum of rates passes ``target``; never one of zero rate.
-
-    With a ``v`` that is not 0, ``target`` only picks one of the nodes UPPER levels down, and ``v`` a leaf below it. An
-    event elsewhere hardly moves the first choice and does not touch the second, so `_look_ahead` can foresee them.
-    """
+def _begin(ahead: Ahead, rates: Rates, total: Float, slot: Int) -> None:
+    """First stage of predicting a selection: down to the last level but two."""
     node = 0
-    top = starts.size - 2
-    for level in range(top, -1, -1):
-        child, target = _descend(tree, starts[level] + 8 * node, target)
-        node = 8 * node + child
-        if level == top - UPPER + 1 and v > 0.0:
-            target = v * tree[starts[level] + node]
-    return node
-
-
-@inner
-def _pick_cold(tree, starts, target):
-    return _pick(tree, starts, target, 0.0)
-
-
-@hot
-def _pick_listed(target, rates):
-    """The entry of the list at which the running sum passes ``target``."""
-    block, target = _descend(rates, ROOM, target)
-    return 8 * block + _descend(rates, 8 * block, target)[0]
-
-
-@hot
-def _begin(tree, starts, total, draws, spots, slot):
-    """First stage of looking ahead: down to the last level but two."""
-    node = 0
-    top = starts.size - 2
-    target = draws[slot, 0] * total
+    top = rates.starts.size - 2
+    target = ahead.draws[slot, 0] * total
     for level in range(top, 1, -1):
-        child, target = _descend(tree, starts[level] + 8 * node, target)
+        child, target = descend(rates.tree, rates.starts[level] + 8 * node, target)
         node = 8 * node + child
         if level == top - UPPER + 1:
-            target = draws[slot, 1] * tree[starts[level] + node]
-    spots[slot] = node
-    draws[slot, 2] = target
-    touch(tree, starts[1] + 8 * node)
+            target = ahead.draws[slot, 1] * rates.tree[rates.starts[level] + node]
+    ahead.spots[slot] = node
+    ahead.draws[slot, 2] = target
+    prefetch(rates.tree, rates.starts[1] + 8 * node)
 
 
 @hot
-def _draw(k0, k1, drawn, draws):
-    """The two numbers that pick the ``drawn``-th site from the tree; block 0 of an index is the event's own."""
-    draws[drawn & (RING - 1), 0], draws[drawn & (RING - 1), 1] = uniform_pair(k0, k1, STREAM, drawn, 1)
+def _look_ahead(ahead: Ahead, system: System, drawn: Int, total: Float) -> None:
+    """Prefetch the memory of the next predicted events; a wrong prediction costs time and changes nothing.
 
-
-@hot
-def _look_ahead(drawn, k0, k1, tree, starts, total, words, neighbours, coupling, breaking, draws, spots):
-    """Ask for the memory of the next events while there is time; a wrong guess costs that time and nothing else.
-
-    Four draws ahead the sums above the leaves, three ahead the leaves, two ahead the site's own rows, one ahead its
-    neighbours: each stage finds what the stage before has asked for.
+    Four selections ahead the sums above the leaves, three ahead the leaves, two ahead the site's own rows, one ahead
+    its neighbours: each stage finds in cache what the stage before has prefetched.
     """
-    _draw(k0, k1, drawn + 4, draws)
-    _begin(tree, starts, total, draws, spots, (drawn + 4) & (RING - 1))
+    tree = system.rates.tree
+    above = system.rates.starts[1]
+    _draw(ahead, drawn + 4)
+    _begin(ahead, system.rates, total, (drawn + 4) & (RING - 1))
 
     slot = (drawn + 3) & (RING - 1)
-    node = spots[slot]
-    child, draws[slot, 2] = _descend(tree, starts[1] + 8 * node, draws[slot, 2])
-    spots[slot] = 8 * node + child
-    touch(tree, 8 * spots[slot])
+    node = ahead.spots[slot]
+    child, ahead.draws[slot, 2] = descend(tree, above + 8 * node, ahead.draws[slot, 2])
+    ahead.spots[slot] = 8 * node + child
+    prefetch(tree, 8 * ahead.spots[slot])
 
     slot = (drawn + 2) & (RING - 1)
-    node = spots[slot]
-    node = min(8 * node + _descend(tree, 8 * node, draws[slot, 2])[0], words.size - 1)
-    spots[slot] = node
-    touch_site(node, words, neighbours, coupling, breaking)
+    node = ahead.spots[slot]
+    node = min(8 * node + descend(tree, 8 * node, ahead.draws[slot, 2])[0], system.words.size - 1)
+    ahead.spots[slot] = node
+    prefetch_site(node, system.words, system.model)
 
-    node = spots[(drawn + 1) & (RING - 1)]
-    for s in range(neighbours.shape[1]):
-        j = np.int64(neighbours[node, s])
+    node = ahead.spots[(drawn + 1) & (RING - 1)]
+    for s in range(system.model.neighbours.shape[1]):
+        j = np.int64(system.model.neighbours[node, s])
         if j >= 0:
-            touch(words, j)
-            touch(tree, j)
-            touch(tree, starts[1] + (j >> 3))
+            prefetch(system.words, j)
+            prefetch_leaf(tree, above, j)
 
 
 @hot
-def _shift(i, words, neighbours, coupling, tree, above, near):
-    """Turn the state of site i over and move its neighbours' energies; returns how many free neighbours ``near`` lists.
+def _shift(system: System, i: Int) -> Int:
+    """Change the state of site i and the energies of its neighbours; returns how many unbonded ones ``near`` lists.
 
-    The neighbours' lines are all asked for in this short loop, so that their latencies overlap; the next one, long with
-    exponentials, finds them in cache.
+    The neighbours' lines are all prefetched in this short loop, so that their latencies overlap; the next loop, long
+    with exponentials, finds them in cache.
     """
-    word = words[i] ^ 1
-    words[i] = word
+    above = system.rates.starts[1]
+    word = system.words[i] ^ 1
+    system.words[i] = word
     sign = 2 if word & 1 else -2
     found = 0
-    for s in range(neighbours.shape[1]):
-        j = np.int64(neighbours[i, s])
+    for s in range(system.model.neighbours.shape[1]):
+        j = np.int64(system.model.neighbours[i, s])
         if j >= 0:
-            touch(tree, j)
-            touch(tree, above + (j >> 3))
-            word = words[j] + sign * fixed_coupling(coupling[i, s])
-            words[j] = word
+            prefetch_leaf(system.rates.tree, above, j)
+            word = system.words[j] + sign * fixed_coupling(system.model.coupling[i, s])
+            system.words[j] = word
             if word & 1 == 0:
-                near[found, 0] = j
-                near[found, 1] = word >> 1
+                system.near[found, 0] = j
+                system.near[found, 1] = word >> 1
                 found += 1
     return found
 
 
 @hot
-def _rates(i, found, far, words, breaking, nu, per_unit, tree, starts, dirty, near, sites, rates, counters):
+def _update(system: System, i: Int, found: Int) -> Float:
     """New rates of site i and of the ``found`` sites in ``near``, and all sums above; returns the tree's total."""
-    fast = _bar(far, tree, starts)
-    count = 0
+    fast = threshold(system.rates)
+    count = np.int64(0)
     for s in range(-1, found):
         if s < 0:
             j = i
-            value = own_rate(i, words, breaking, nu, per_unit)
+            value = site_rate(i, system.words, system.model)
         else:
-            j = near[s, 0]
-            value = rate(near[s, 1], nu, per_unit)
-        _settle(j, value, fast, tree, sites, rates, counters)
-        block = j >> 3
-        known = False
-        for e in range(count):
-            if dirty[e] == block:
-                known = True
-                break
-        if not known:
-            dirty[count] = block
-            count += 1
-    return _refresh(tree, starts, dirty, count)
+            j = system.near[s, 0]
+            value = rate(system.near[s, 1], system.model.nu, system.model.per_unit)
+        settle(j, value, fast, system.rates)
+        count = mark(system.rates, j >> 3, count)
+    return refresh(system.rates, count)
 
 
 @inner
-def _flip(
-    i, far, words, neighbours, coupling, breaking, nu, per_unit, tree, starts, dirty, near, sites, rates, counters
-):
+def _flip(system: System, i: Int) -> None:
     """Form or break the bond of site i: new energies and rates around it."""
-    found = _shift(i, words, neighbours, coupling, tree, starts[1], near)
-    _rates(i, found, far, words, breaking, nu, per_unit, tree, starts, dirty, near, sites, rates, counters)
+    _update(system, i, _shift(system, i))
 
 
-@inner
+@hot
+def _start_sequence(run: Run, event: Int) -> None:
+    """Set ``rng`` to the private sequence of the sojourn that follows an event."""
+    run.rng[0] = run.key.k0
+    run.rng[1] = run.key.k1
+    run.rng[2] = np.uint64(STREAM)
+    run.rng[3] = np.uint64(event)
+    run.rng[4] = OF_SOJOURN
+
+
+@hot
 def _dwell(
-    rng,
-    i,
-    high,
-    low,
-    limit,
-    rate_back,
-    leave_back,
-    far,
-    words,
-    neighbours,
-    coupling,
-    breaking,
-    nu,
-    per_unit,
-    tree,
-    starts,
-    dirty,
-    near,
-    sites,
-    rates,
-    counters,
-    tally,
-    hold,
-):
-    """Follow site i, which flips to and fro, until something else happens or the time ``limit`` comes.
+    run: Run, i: Int, high: Float, low: Float, hold: Int, rate_back: Float, leave_back: Float
+) -> tuple[Float, Float, Int]:
+    """Follow site i, which flickers, until something else happens or the present hold time is reached.
 
     Returns the clock and the site of the last event.
     """
-    rate_here = _own(i, tree, sites, rates, counters)
-    leave_here = _set_aside(i, tree, starts, dirty, sites, rates, counters)
+    system = run.system
+    rates = system.rates
+    tally = run.holds.tally
+    limit = run.holds.times[hold]
+    rate_here = rate_of(i, rates)
+    leave_here = set_aside(i, rates)
     if leave_here * FLICKER >= rate_here:
-        _put_back(i, rate_here, far, tree, starts, dirty, sites, rates, counters)
+        put_back(i, rate_here, rates)
         return high, low, i
     spent, exited, other, out_here, out_there = sojourn(
-        rng, rate_here, rate_back, leave_here, leave_back, until(high, low, limit)
+        run.rng, rate_here, rate_back, leave_here, leave_back, until(high, low, limit)
     )
-    count_sojourn(tally, hold, words[i], out_here, out_there, other)
+    count_sojourn(tally, hold, system.words[i], out_here, out_there, other)
     if exited:
         high, low = later(high, low, spent)
     if not exited or past(high, low, limit):
         high = limit
         low = 0.0
     if other:
-        _flip(
-            i,
-            far,
-            words,
-            neighbours,
-            coupling,
-            breaking,
-            nu,
-            per_unit,
-            tree,
-            starts,
-            dirty,
-            near,
-            sites,
-            rates,
-            counters,
-        )
-        rate_here = _own(i, tree, sites, rates, counters)
-        leave_here = _set_aside(i, tree, starts, dirty, sites, rates, counters)
+        _flip(system, i)
+        rate_here = rate_of(i, rates)
+        leave_here = set_aside(i, rates)
     if not exited:
-        _put_back(i, rate_here, far, tree, starts, dirty, sites, rates, counters)
+        put_back(i, rate_here, rates)
         return high, low, i
-    target = two_uniforms(rng)[0] * leave_here
-    if target < _block_sum(rates, ROOM):
-        j = sites[_pick_listed(target, rates)]
+    target = two_uniforms(run.rng)[0] * leave_here
+    if target < list_total(rates):
+        j = rates.sites[select_listed(rates, target)]
     else:
-        j = _pick_cold(tree, starts, two_uniforms(rng)[0] * _block_sum(tree, starts[starts.size - 2]))
-    _put_back(i, rate_here, far, tree, starts, dirty, sites, rates, counters)
-    _flip(
-        j, far, words, neighbours, coupling, breaking, nu, per_unit, tree, starts, dirty, near, sites, rates, counters
-    )
-    count_flip(tally, hold, words[j])
+        j = select_cold(rates, two_uniforms(run.rng)[0] * tree_total(rates))
+    put_back(i, rate_here, rates)
+    _flip(system, j)
+    count_flip(tally, hold, system.words[j])
     return high, low, j
 
 
+@hot
+def _select(ahead: Ahead, system: System, v: Float, drawn: Int, total: Float, listed: Float) -> tuple[Int, Float, Int]:
+    """Select the site of an event, ``v`` uniform on (0, 1); returns the site, its rate, and selections drawn so far."""
+    rates = system.rates
+    v *= total + listed
+    if v < listed:
+        h = select_listed(rates, v)
+        return rates.sites[h], rates.rates[h], drawn
+    w = 0.0
+    if rates.listing:
+        _look_ahead(ahead, system, drawn, total)
+        v = ahead.draws[drawn & (RING - 1), 0] * total
+        w = ahead.draws[drawn & (RING - 1), 1]
+    i = select(rates, v, w)
+    return i, rates.tree[i], drawn + 1
+
+
 @jit
-def advance(
-    k0,
-    k1,
-    neighbours,
-    coupling,
-    breaking,
-    nu,
-    per_unit,
-    hold_times,
-    superbasins,
-    far,
-    words,
-    tree,
-    starts,
-    sites,
-    rates,
-    clock,
-    counters,
-    tally,
-    events,
-):
+def advance(run: Run, superbasins: bool | None, events: Int) -> None:
     """Go on for at most ``events`` events, or to the last hold time (then ``counters[DONE]`` is 1).
 
-    superbasins: True or None, so that the chain is compiled only where it is used.
-    far: whether to look ahead and to list fast sites; changes what is drawn.
-    sites, rates: (ROOM,) and (ROOM + 8,), the list of fast sites and the sums of its blocks of eight.
-    tally: (m, 3) int64, bonds formed, broken, and the difference, between the hold time before and this one. All from
-    ``words`` to ``counters`` carry the state from call to call.
+    superbasins: True or None, so that the two-state chain is compiled only where it is used.
     """
-    dirty = np.empty(neighbours.shape[1] + 1, np.int64)
-    near = np.empty((neighbours.shape[1], 2), np.int64)
-    draws = np.zeros((RING, 3))
-    spots = np.zeros(RING, np.int64)
-    _advance(
-        k0,
-        k1,
-        neighbours,
-        coupling,
-        breaking,
-        nu,
-        per_unit,
-        hold_times,
-        superbasins,
-        far,
-        words,
-        tree,
-        starts,
-        sites,
-        rates,
-        clock,
-        counters,
-        tally,
-        events,
-        dirty,
-        near,
-        draws,
-        spots,
-        np.empty(5, np.uint64),
-    )
-
-
-@inner
-def _advance(
-    k0,
-    k1,
-    neighbours,
-    coupling,
-    breaking,
-    nu,
-    per_unit,
-    hold_times,
-    superbasins,
-    far,
-    words,
-    tree,
-    starts,
-    sites,
-    rates,
-    clock,
-    counters,
-    tally,
-    events,
-    dirty,
-    near,
-    draws,
-    spots,
-    rng,
-):
-    neighbours = bare(neighbours)
-    coupling = bare(coupling)
-    breaking = bare(breaking)
-    hold_times = bare(hold_times)
-    words = bare(words)
-    tree = bare(tree)
-    starts = bare(starts)
-    sites = bare(sites)
-    rates = bare(rates)
-    counters = bare(counters)
-    tally = bare(tally)
-    dirty = bare(dirty)
-    near = bare(near)
-    draws = bare(draws)
-    spots = bare(spots)
-    rng = bare(rng)
-    high = clock[HIGH]
-    low = clock[LOW]
-    event = counters[EVENT]
-    drawn = counters[DRAWN]
-    hold = counters[HOLD]
-    last = counters[LAST]
-    final = hold_times[hold_times.size - 1]
-    total = _block_sum(tree, starts[starts.size - 2])
+    run = borrowed(run)
+    system = run.system
+    times = run.holds.times
+    final = times[times.size - 1]
+    high = run.clock[HIGH]
+    low = run.clock[LOW]
+    event = run.counters[EVENT]
+    drawn = run.counters[DRAWN]
+    hold = run.counters[HOLD]
+    last = run.counters[LAST]
+    total = tree_total(system.rates)
     done = False
-    if far:
+    if system.rates.listing:
         for e in range(drawn, drawn + 4):
-            _draw(k0, k1, e, draws)
+            _draw(run.ahead, e)
     while events > 0:
-        listed = _block_sum(rates, ROOM)
-        both = total + listed
-        if both <= 0.0:
+        listed = list_total(system.rates)
+        if total + listed <= 0.0:
             done = True
             break
-        u, v = uniform_pair(k0, k1, STREAM, event, 0)
-        step = -math.log(u) / both
+        u, v = uniform_pair(run.key.k0, run.key.k1, STREAM, event, OF_EVENT)
+        step = -math.log(u) / (total + listed)
         if high + step > 2.0 * final + 1.0:
             done = True
             break
@@ -569,69 +325,27 @@ def _advance(
             break
         high = next_high
         low = next_low
-        while past(high, low, hold_times[hold]):
+        while past(high, low, times[hold]):
             hold += 1
-        v *= both
-        if v < listed:
-            h = _pick_listed(v, rates)
-            i = sites[h]
-            rate_back = rates[h]
-        else:
-            w = 0.0
-            if far:
-                _look_ahead(drawn, k0, k1, tree, starts, total, words, neighbours, coupling, breaking, draws, spots)
-                v = draws[drawn & (RING - 1), 0] * total
-                w = draws[drawn & (RING - 1), 1]
-            i = _pick(tree, starts, v, w)
-            rate_back = tree[i]
-            drawn += 1
+        i, rate_back, drawn = _select(run.ahead, system, v, drawn, total, listed)
         event += 1
         events -= 1
 
         leave_back = np.inf
-        if superbasins is not None and i == last and breaking.size > 0:
-            # The site has flipped twice running: what else could have happened?
-            leave_back = _set_aside(i, tree, starts, dirty, sites, rates, counters)
-        found = _shift(i, words, neighbours, coupling, tree, starts[1], near)
-        total = _rates(i, found, far, words, breaking, nu, per_unit, tree, starts, dirty, near, sites, rates, counters)
-        count_flip(tally, hold, words[i])
+        if superbasins is not None and i == last and system.model.breaking.size > 0:
+            # Two events in a row on this site: at what total rate could anything else have happened?
+            leave_back = set_aside(i, system.rates)
+        total = _update(system, i, _shift(system, i))
+        count_flip(run.holds.tally, hold, system.words[i])
         last = i
         if superbasins is not None and leave_back * FLICKER < rate_back:
-            rng[0] = k0
-            rng[1] = k1
-            rng[2] = np.uint64(STREAM)
-            rng[3] = np.uint64(event - 1)
-            rng[4] = np.uint64(2)  # the blocks before were the event's own, and the choice's in the tree
-            high, low, last = _dwell(
-                rng,
-                i,
-                high,
-                low,
-                hold_times[hold],
-                rate_back,
-                leave_back,
-                far,
-                words,
-                neighbours,
-                coupling,
-                breaking,
-                nu,
-                per_unit,
-                tree,
-                starts,
-                dirty,
-                near,
-                sites,
-                rates,
-                counters,
-                tally,
-                hold,
-            )
-            total = _block_sum(tree, starts[starts.size - 2])
-    clock[HIGH] = high
-    clock[LOW] = low
-    counters[EVENT] = event
-    counters[DRAWN] = drawn
-    counters[HOLD] = hold
-    counters[LAST] = last
-    counters[DONE] = 1 if done else 0
+            _start_sequence(run, event - 1)
+            high, low, last = _dwell(run, i, high, low, hold, rate_back, leave_back)
+            total = tree_total(system.rates)
+    run.clock[HIGH] = high
+    run.clock[LOW] = low
+    run.counters[EVENT] = event
+    run.counters[DRAWN] = drawn
+    run.counters[HOLD] = hold
+    run.counters[LAST] = last
+    run.counters[DONE] = 1 if done else 0

@@ -1,4 +1,4 @@
-"""Engine ``auto``: takes the engine that suits the lattice, and says which and why."""
+"""Engine ``auto``: selects an engine by the lattice, and reports which one and why."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import Field
 
 from chemage import Engine
 from chemage.foundation.threads import available
-from chemage_kinetics import _next_reaction as graph
+from chemage_kinetics._patches import patches_of
 from chemage_kinetics.independent import Independent
 from chemage_kinetics.next_reaction import NextReaction
 from chemage_kinetics.rejection_free import RejectionFree
@@ -17,18 +17,19 @@ from chemage_kinetics.rejection_free import RejectionFree
 if TYPE_CHECKING:
     from chemage import BondHistory, ReactionLattice, Seed
 
-#: From this many sites on, sharing patches between threads is worth the start of the threads ...
+#: From this many sites on, sharing patches between threads pays for starting the threads ...
 WORTH_SHARING = 50_000
-#: ... if no patch holds more than this part of them.
+#: ... if no patch holds more than this fraction of them.
 LARGEST_SHARE = 0.6
 
 
 class Auto(Engine):
-    """The engine that suits the lattice; :meth:`choose` says which it is, and why.
+    """The engine that suits the lattice; :meth:`choose` returns it, with the reason.
 
-    Nothing interacts: ``independent``. Many sites in patches of which none holds most of them, or flipping to and fro
-    to be followed patch by patch: ``next-reaction``. Otherwise ``rejection-free``. All are exact, so the choice changes
-    the sample and its cost and not its law; it depends on the lattice alone, so the number of threads changes nothing.
+    ``independent`` where no site interacts with another. ``next-reaction`` for many sites in patches none of which
+    holds most of them, and for several patches with ``superbasins``. Otherwise ``rejection-free``. All are exact, so
+    the selection affects the sample and its cost and not its distribution. It depends on the lattice and
+    ``superbasins`` alone, not on the number of threads.
     """
 
     kind = "auto"
@@ -36,22 +37,22 @@ class Auto(Engine):
     speed_only = ("workers",)
 
     workers: int = Field(default=1, ge=0)
-    """threads inside one run; 0 takes one for each processor this process may use"""
+    """threads inside one run; 0: one per processor that this process may use; default: 1"""
     superbasins: bool = False
-    """follow a site that flips to and fro as an absorbing two-state chain (exact; Novotny 1995)"""
+    """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
+    cost does not depend on the number of its events (Novotny 1995); default: no"""
 
     def choose(self, lattice: ReactionLattice) -> tuple[Engine, str]:
         """The engine for this lattice, and why."""
         if not lattice.interacting or lattice.neighbours is None:
             return Independent(workers=self.workers), "no site interacts with another, so the closed form holds"
         n = lattice.sites.size
-        starts = np.empty(n + 1, np.int32)
-        patches = graph.find_patches(lattice.neighbours, np.empty(n, np.int32), starts, np.zeros(n, np.int32))
-        largest = int(np.diff(starts[: patches + 1]).max(initial=0))
+        _, starts = patches_of(lattice.neighbours)
+        patches, largest = starts.size - 1, int(np.diff(starts).max(initial=0))
         shape = f"the largest of {patches} patches holds {largest} of {n} sites"
         if patches > 1 and self.superbasins:
             engine = NextReaction(workers=self.workers, superbasins=True)
-            return engine, f"{shape}: sites that flip to and fro are followed patch by patch"
+            return engine, f"{shape}: sites that flicker are followed patch by patch"
         if n >= WORTH_SHARING and largest <= LARGEST_SHARE * n:
             return NextReaction(workers=self.workers, superbasins=self.superbasins), f"{shape}: threads can share them"
         few = "few sites" if n < WORTH_SHARING else "most sites in one patch"

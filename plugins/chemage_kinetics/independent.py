@@ -1,4 +1,4 @@
-"""Engine ``independent``: sites that do not interact, by the closed form of the two-state chain."""
+"""Engine ``independent``: sites that do not interact, each a two-state chain."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from pydantic import Field
 
-from chemage import KB, Engine, InputError, check_times, temperature_value
+from chemage import Engine, InputError, check_times, temperature_value
 from chemage.foundation.threads import available
-from chemage_kinetics import _common
 from chemage_kinetics import _independent as kernel
-from chemage_kinetics._driver import Job, frozen_empty, room_temperature_cost, run_pieces
+from chemage_kinetics._common import Holds
+from chemage_kinetics._driver import Job, model_of, room_temperature_cost, run_pieces
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,11 +23,11 @@ PIECE = 50_000
 
 
 class Independent(Engine):
-    """Non-interacting sites: exact, and the cost of a site does not depend on how often it flips.
+    """Sites that do not interact: exact, at a cost per site that does not depend on the number of its events.
 
-    A site that flips many times before a hold time gets its state and its number of flips from the law of the
-    alternating renewal process. The sample is the same to the last bit on any number of threads. Refuses lattices that
-    interact.
+    Where a site has many events before a hold time, its state and their number are drawn from the distributions of the
+    alternating renewal process. Results are the same to the last bit on any number of threads. Lattices whose sites
+    interact are refused.
     """
 
     kind = "independent"
@@ -37,7 +37,7 @@ class Independent(Engine):
     speed_only = ("workers",)
 
     workers: int = Field(default=1, ge=0)
-    """threads to share the sites between; 0 takes one for each processor this process may use"""
+    """threads that share the sites; 0: one per processor that this process may use; default: 1"""
 
     def concurrency(self) -> int:
         """Threads of one run: ``workers``."""
@@ -57,46 +57,31 @@ class Independent(Engine):
     ) -> BondHistory:
         job = Job(self.kind, lattice, hold_times, temperature, seed, start)
         n = lattice.sites.size
-        state = job.state.copy()
         if job.resume is not None:
             times, draws = np.array(job.resume["times"]), np.array(job.resume["draws"])
         else:
             times, draws = np.empty((n, 2)), job.carried_array("draws", np.zeros(n, np.int64))
-            kernel.draw_times(
-                job.k0,
-                job.k1,
-                lattice.sites,
-                lattice.forming,
-                job.breaking,
-                job.nu,
-                job.per_unit,
-                job.time,
-                state,
-                times,
-                draws,
-            )
+        model = job.model
+        sites = kernel.Sites(
+            key=job.key,
+            pixels=lattice.sites,
+            forming=lattice.forming,
+            breaking=model.breaking,
+            nu=model.nu,
+            per_unit=model.per_unit,
+            state=job.state.copy(),
+            times=times,
+            draws=draws,
+        )
+        if job.resume is None:
+            kernel.draw_times(sites, job.time)
 
         def follow(first: int, last: int, tally: np.ndarray) -> int:
-            kernel.follow(
-                job.k0,
-                job.k1,
-                lattice.sites,
-                lattice.forming,
-                job.breaking,
-                job.nu,
-                job.per_unit,
-                job.hold_times,
-                first,
-                last,
-                state,
-                times,
-                draws,
-                tally,
-            )
+            kernel.follow(sites, Holds(job.hold_times, tally), np.empty(5, np.uint64), first, last)
             return last
 
         run_pieces(job, follow, [(first, min(first + PIECE, n)) for first in range(0, n, PIECE)], self.workers)
-        return job.history(state, times=times, draws=draws)
+        return job.history(sites.state, times=times, draws=draws)
 
     def mean(
         self,
@@ -123,14 +108,11 @@ class Independent(Engine):
             given = start if isinstance(start, np.ndarray) else start.state
             begin = 0.0 if isinstance(start, np.ndarray) else start.time
             if given.shape != state.shape:
-                raise InputError.of("start", given.shape, f"expected {state.shape}", "one entry a site")
+                raise InputError.of("start", given.shape, f"expected {state.shape}", "give one entry per site")
             state[:] = given
         if times[0] < begin:
             raise InputError.of("hold_times", float(times[0]), f"the start is at {begin} s", "give later hold times")
         mean, variance = np.empty(times.size), np.empty(times.size)
-        breaking = frozen_empty(0) if lattice.breaking is None else lattice.breaking
-        per_unit = 1.0 / (KB * kelvin * _common.UNITS_PER_EV)
-        kernel.moments(
-            lattice.forming, breaking, float(lattice.attempt_frequency), per_unit, state, times - begin, mean, variance
-        )
+        model = model_of(lattice, kelvin)
+        kernel.moments(lattice.forming, model.breaking, model.nu, model.per_unit, state, times - begin, mean, variance)
         return mean, variance

@@ -1,4 +1,4 @@
-"""Engine ``next-reaction``: every site has its own clock; patches are followed one by one, on any number of threads."""
+"""Engine ``next-reaction``: every site has the time of its next event; patches are followed one by one."""
 
 from __future__ import annotations
 
@@ -10,20 +10,22 @@ from pydantic import Field
 from chemage import Engine
 from chemage.foundation.threads import available
 from chemage_kinetics import _next_reaction as kernel
+from chemage_kinetics._common import Holds
 from chemage_kinetics._driver import SLICE, Job, bonded, room_temperature_cost, run_pieces
+from chemage_kinetics._event_queue import new_order, new_queue
+from chemage_kinetics._patches import patches_of
 
 if TYPE_CHECKING:
     from chemage import BondHistory, ReactionLattice, Seed
 
-#: Sites in a piece of work: small enough to share out evenly, large enough to forget the call.
+#: Sites in a piece of work: small enough to balance the threads, large enough to amortise the call overhead.
 PIECE = 20_000
 
 
 class NextReaction(Engine):
-    """Next-reaction method (Gibson & Bruck 2000), patch by patch, with a counter of random numbers for every site.
+    """Next-reaction method (Gibson & Bruck 2000), patch by patch; every site has random numbers of its own.
 
-    The trajectory is the same to the last bit on any number of threads. Memory: 50 to 60 bytes a site besides the
-    lattice.
+    Results are the same to the last bit on any number of threads. Memory: 50 to 60 bytes per site besides the lattice.
     """
 
     kind = "next-reaction"
@@ -32,9 +34,10 @@ class NextReaction(Engine):
     speed_only = ("workers",)
 
     workers: int = Field(default=1, ge=0)
-    """threads to follow patches on; 0 takes one for each processor this process may use"""
+    """threads that follow patches; 0: one per processor that this process may use; default: 1"""
     superbasins: bool = False
-    """follow a site that flips to and fro as an absorbing two-state chain (exact; Novotny 1995)"""
+    """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
+    cost does not depend on the number of its events (Novotny 1995); default: no"""
 
     def concurrency(self) -> int:
         """Threads of one run: ``workers``."""
@@ -56,45 +59,28 @@ class NextReaction(Engine):
         n = lattice.sites.size
         words = job.words()
         spot = np.zeros((n, 2), np.int32)
-        order = np.empty(n, np.int32)
-        starts = np.empty(n + 1, np.int32)
-        patches = kernel.find_patches(job.neighbours, order, starts, spot.reshape(-1)[:n])
-        starts = starts[: patches + 1].copy()
+        order, starts = patches_of(job.model.neighbours, label=spot.reshape(-1)[:n])
         if job.resume is not None:
             times, draws = np.array(job.resume["times"]), np.array(job.resume["draws"])
         else:
             times, draws = np.empty((n, 2)), job.carried_array("draws", np.zeros(n, np.int64))
-            clock = np.array([job.time, 0.0])
-            kernel.draw_times(
-                job.k0, job.k1, lattice.sites, words, job.breaking, job.nu, job.per_unit, clock, times, draws
-            )
-
-        # A patch that is taken up again sorts its sites anew, so a slice is not much shorter than that takes.
-        events = max(SLICE, int(np.diff(starts).max(initial=0)))
+        sites = kernel.Sites(job.key, job.model, lattice.sites, words, draws)
+        if job.resume is None:
+            kernel.draw_times(sites, job.time, times)
+        largest = int(np.diff(starts).max(initial=0))
 
         def follow(first: int, last: int, tally: np.ndarray) -> int:
-            return kernel.follow(
-                job.k0,
-                job.k1,
-                lattice.sites,
-                job.neighbours,
-                job.coupling,
-                job.breaking,
-                job.nu,
-                job.per_unit,
-                job.hold_times,
-                self.superbasins or None,
-                order,
-                starts,
-                first,
-                last,
-                words,
-                times,
-                draws,
-                spot,
-                tally,
-                events,
+            most = int(np.diff(starts[first : last + 1]).max(initial=0))
+            run = kernel.Run(
+                sites=sites,
+                holds=Holds(job.hold_times, tally),
+                queue=new_queue(times, spot, most, float(job.hold_times[-1])),
+                order=new_order(order, starts, most),
+                sooner=np.empty(job.model.neighbours.shape[1], np.int64),
+                rng=np.empty(5, np.uint64),
             )
+            # A patch that is continued sorts its sites anew, so a slice is not much shorter than that takes.
+            return kernel.follow(run, first, last, self.superbasins or None, max(SLICE, largest))
 
         run_pieces(job, follow, _pieces(starts), self.workers)
         return job.history(bonded(words), times=times, draws=draws)

@@ -8,23 +8,25 @@ import numpy as np
 
 from chemage import Engine
 from chemage_kinetics import _rejection_free as kernel
-from chemage_kinetics._driver import SLICE, Job, aligned, bonded, room_temperature_cost
+from chemage_kinetics._driver import SLICE, Job, bonded, room_temperature_cost
+from chemage_kinetics._sum_tree import empty_rates, fill, relist
 
 if TYPE_CHECKING:
     from chemage import BondHistory, ReactionLattice, Seed
 
 
 class RejectionFree(Engine):
-    """Direct method on an eight-way sum tree (Gillespie 1976): one event, one draw, no rejections.
+    """Direct method on an eight-way sum tree (Gillespie 1976): every attempt is an event, there are no rejections.
 
-    Memory: 17 bytes a site besides the lattice. Time per event grows as log8 of the number of sites.
+    Memory: 18 bytes per site besides the lattice. Time per event grows as log8 of the number of sites.
     """
 
     kind = "rejection-free"
     cite = ("Gillespie, J. Comput. Phys. 22, 403 (1976), doi:10.1016/0021-9991(76)90041-3",)
 
     superbasins: bool = False
-    """follow a site that flips to and fro as an absorbing two-state chain (exact; Novotny 1995)"""
+    """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
+    cost does not depend on the number of its events (Novotny 1995); default: no"""
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""
@@ -40,52 +42,27 @@ class RejectionFree(Engine):
     ) -> BondHistory:
         job = Job(self.kind, lattice, hold_times, temperature, seed, start)
         words = job.words()
-        starts = kernel.levels(words.size)
-        tree = aligned(int(starts[-1]))
-        kernel.fill(words, job.breaking, job.nu, job.per_unit, tree, starts)
-        clock = np.array([job.time, 0.0])
-        sites, rates = np.full(kernel.ROOM, -1), aligned(kernel.ROOM + 8)
-        rates[:] = 0.0
-        far = words.size >= kernel.FAR
-        counters = np.zeros(6, np.int64)
-        counters[kernel.LAST] = -1
+        rates = empty_rates(words.size, job.model.neighbours.shape[1], listing=words.size >= kernel.FAR)
+        fill(words, job.model, rates)
+        run = kernel.new_run(job.key, job.holds, job.model, words, rates, job.time)
+        counters = run.counters
         if job.resume is not None:
-            clock[:] = job.resume["clock"]
+            run.clock[:] = job.resume["clock"]
             counters[kernel.EVENT] = job.resume["event"][0]
             counters[kernel.DRAWN] = job.resume["drawn"][0]
             counters[kernel.LAST] = job.resume["last"][0]
             if job.resume["fast"].size:
-                counters[kernel.LISTED] = kernel.relist(job.resume["fast"], tree, starts, sites, rates)
+                relist(job.resume["fast"], rates)
         else:
-            counters[kernel.EVENT] = job.carried("event") + 1  # the pending event's own draw has been looked at
+            counters[kernel.EVENT] = job.carried("event") + 1  # the random numbers of the pending event are used up
             counters[kernel.DRAWN] = job.carried("drawn")
         while not counters[kernel.DONE]:
-            kernel.advance(
-                job.k0,
-                job.k1,
-                job.neighbours,
-                job.coupling,
-                job.breaking,
-                job.nu,
-                job.per_unit,
-                job.hold_times,
-                self.superbasins or None,
-                far,
-                words,
-                tree,
-                starts,
-                sites,
-                rates,
-                clock,
-                counters,
-                job.tally,
-                SLICE,
-            )
+            kernel.advance(run, self.superbasins or None, SLICE)
         return job.history(
             bonded(words),
-            clock=clock,
+            clock=run.clock,
             event=counters[kernel.EVENT : kernel.EVENT + 1].copy(),
             drawn=counters[kernel.DRAWN : kernel.DRAWN + 1].copy(),
-            fast=sites[: counters[kernel.LISTED]].copy(),
+            fast=rates.sites[: rates.listed[0]].copy(),
             last=counters[kernel.LAST : kernel.LAST + 1].copy(),
         )

@@ -1,11 +1,11 @@
-"""What the engines cost: events a second, growth with the number of sites, memory, compilation, the paper's contact.
+"""The cost of the engines: events per second, growth with the lattice, memory, compilation, the paper's contact.
 
-    python tests/benchmarks/kinetics.py                      # everything but the reference contact
+    python tests/benchmarks/kinetics.py                      # all sections but the reference contact
     python tests/benchmarks/kinetics.py --only events rough  # some sections
     python tests/benchmarks/kinetics.py --reference          # ten replicas of the paper's contact, 20 and 500 uN
     python tests/benchmarks/kinetics.py --markdown out.md    # the tables, to a file as well
 
-Times are CPU seconds of this process unless said otherwise; a run's time includes all of its own set-up.
+Times are CPU seconds of this process unless stated otherwise; a run's time includes all of its own set-up.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def rough_geometry() -> str:
 
 
 def grow(kind: str, side: int) -> dict[str, float]:
-    """One lattice in a process of its own: seconds an event, and peak memory over what was there before."""
+    """One lattice in a process of its own: seconds per event, and peak memory above that of the process before."""
     warm_up()
 
     def memory(what: str) -> int:
@@ -127,7 +127,7 @@ def grow(kind: str, side: int) -> dict[str, float]:
     lattice = full(side)
     built = memory("VmHWM")
     held = memory("VmRSS")
-    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # the peak starts anew
+    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # resets the peak
     count, cpu = 0, 0.0
     for seed in range(max(1, round(300_000 / side**2))):
         begin = time.process_time()
@@ -166,9 +166,9 @@ def scaling() -> str:
         "1e4",
         "1e5",
         "1e6",
-        "1e7 sites, ns an event",
+        "1e7 sites, ns per event",
         "growth",
-        "lattice, bytes a site",
+        "lattice, bytes per site",
         "lattice and run, peak",
         "building the lattice, peak",
     ]
@@ -182,7 +182,7 @@ import numpy as np
 from chemage import ReactionLattice
 near = dict(neighbours=[[1], [0]], coupling=[[0.1], [0.1]])
 lattice = ReactionLattice(pixels=(1, 2), sites=[0, 1], forming=[0.9, 0.9], breaking=[1.0, 1.0], **near)
-if {kind!r} == "independent":  # after the one above, whose check has started numba: 0.25 s once in a process
+if {kind!r} == "independent":  # after the one above, whose validation has started numba: 0.25 s once per process
     lattice = ReactionLattice(pixels=(1, 2), sites=[0, 1], forming=[0.9, 0.9], breaking=[1.0, 1.0])
 engine = chemage.engine({kind!r}, **{options!r})
 begin = time.process_time()
@@ -242,7 +242,7 @@ def superbasins() -> str:
             engine.run(lattice, [1.0], temperature=300)
             history, cpu, _ = timed(lambda engine=engine: engine.run(lattice, [1e5, 3e5], temperature=300, seed=1), 1)
             rows.append([kind, "on" if on else "off", f"{history.events}", f"{cpu * 1e3:.1f}"])
-    return table("One site that flips to and fro", ["engine", "superbasins", "events", "run, ms"], rows)
+    return table("One site that flickers", ["engine", "superbasins", "events", "run, ms"], rows)
 
 
 def reference() -> str:
@@ -300,16 +300,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=SECTIONS, help="sections to run")
     parser.add_argument("--reference", action="store_true", help="only the paper's contact (solves it first)")
-    parser.add_argument("--markdown", type=Path, help="write the tables to this file, too")
-    asked = parser.parse_args()
+    parser.add_argument("--markdown", type=Path, help="also write the tables to this file")
+    options = parser.parse_args()
     warm_up()
-    chosen = [reference] if asked.reference else [SECTIONS[name] for name in asked.only or SECTIONS]
+    chosen = [reference] if options.reference else [SECTIONS[name] for name in options.only or SECTIONS]
     tables = []
     for section in chosen:
         tables.append(section())
         print(tables[-1], flush=True)
-    if asked.markdown:
-        asked.markdown.write_text("\n".join(tables), encoding="utf-8")
+    if options.markdown:
+        options.markdown.write_text("\n".join(tables), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Neighbours and couplings at the ends of what grids can be."""
+"""Neighbours and couplings on extreme grids: empty, tiny, huge."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_a_lone_site_has_no_neighbour_not_even_itself(pixels):
     assert np.all(PAIRS.neighbours(pixels, True, np.array([0])) == -1)
 
 
-def test_cost_goes_with_sites_not_with_pixels():
+def test_memory_grows_with_sites_not_with_pixels():
     # four corners of a grid of 1e10 pixels, joined across its edges
     n = 100_000
     sites = np.array([0, n - 1, n * (n - 1), n * n - 1])
@@ -42,7 +42,7 @@ def test_cost_goes_with_sites_not_with_pixels():
     assert np.unique(coupling[table >= 0]).size == 6
 
 
-def test_no_strength_no_energy():
+def test_zero_strength_gives_zero_coupling():
     none = ca.interaction("elastic-pairs", strength=0)
     sites = np.arange(25)
     assert not none.coupling(sites, none.neighbours((5, 5), True, sites), 0).any()

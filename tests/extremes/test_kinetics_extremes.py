@@ -266,7 +266,7 @@ def test_no_site_and_one_site(kind):
 @pytest.mark.parametrize(("rows", "columns"), [(1, 1), (1, 2), (2, 2), (2, 3), (1, 5), (1, 7)])
 @pytest.mark.parametrize("kind", COUPLED)
 def test_tiny_and_two_wide_periodic_grids(kind, rows, columns):
-    """On a grid two or three wide a neighbour is met from both sides; it counts once."""
+    """On a grid two or three pixels wide one pixel is a neighbour on both sides; it counts once."""
     lattice = grid(rows, columns)
     t = 1.0 / (NU * math.exp(-0.8 / (KB * 300)))
     assert agree(sampled(kind, lattice, 300.0, t, 700), exact(lattice, 300.0, [t])[0]) > CHANCE
@@ -306,7 +306,7 @@ def test_hold_times_may_be_many_equal_and_zero(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_going_on_at_any_hold_time_is_the_uninterrupted_run(kind):
+def test_a_restart_at_any_hold_time_equals_the_uninterrupted_run(kind):
     lattice = grid(5, 7) if kind in COUPLED else alone(np.linspace(0.6, 1.0, 35), np.full(35, 0.8))
     times = np.array([0.0, 1e-3, 0.02, 0.02, 1.0, 5.0, 20.0])
     engine = chemage.engine(kind)
@@ -324,7 +324,7 @@ def test_going_on_at_any_hold_time_is_the_uninterrupted_run(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_going_on_with_other_barriers_takes_state_and_clock_over(kind):
+def test_a_restart_with_other_barriers_keeps_state_and_clock(kind):
     """A second at 300 K, then 400 K: the closed form, piecewise. And a barrier that falls to zero at once."""
     n = 4000
     lattice = alone(np.full(n, 0.8), np.full(n, 0.85))
@@ -345,8 +345,8 @@ def test_going_on_with_other_barriers_takes_state_and_clock_over(kind):
 
 
 @pytest.mark.parametrize("kind", COUPLED)
-def test_another_engine_goes_on(kind):
-    """State and clock pass from engine to engine; the law does not notice."""
+def test_another_engine_can_continue_a_history(kind):
+    """State and clock can be passed from engine to engine without an effect on the distribution."""
     lattice = grid(2, 3)
     t = 1.0 / (NU * math.exp(-0.8 / (KB * 300)))
     other = "bkl" if kind != "bkl" else "rejection-free"
@@ -359,7 +359,7 @@ def test_another_engine_goes_on(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_start_states_are_taken_with_their_energies(kind):
+def test_a_start_state_counts_with_its_couplings(kind):
     lattice = grid(2, 3) if kind in COUPLED else alone(np.full(6, 0.8), np.full(6, 0.85))
     t = 0.6 / (NU * math.exp(-0.8 / (KB * 300)))
     begin = np.array([1, 0, 1, 1, 0, 0], bool)
@@ -384,7 +384,7 @@ def test_replicas_differ_and_repeat(kind):
 
 
 @pytest.mark.parametrize("kind", ["next-reaction", "independent", "auto"])
-def test_the_number_of_threads_cannot_be_seen(kind):
+def test_results_do_not_depend_on_the_number_of_threads(kind):
     """Many patches of all sizes, more than one piece of work; every array of the history is compared."""
     rng = np.random.default_rng(4)
     n = 130_000
@@ -425,7 +425,7 @@ def test_runs_side_by_side_do_not_disturb_each_other(kind):
 
 
 @pytest.mark.parametrize("kind", COUPLED)
-def test_single_precision_couplings_are_taken(kind):
+def test_couplings_in_single_precision_are_used_as_they_are(kind):
     double = grid(5, 7)
     single = type(double)(**{**double.todict(), "coupling": double.coupling.astype(np.float32)})
     rounded = type(double)(**{**double.todict(), "coupling": single.coupling.astype(np.float64)})

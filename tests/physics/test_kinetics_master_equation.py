@@ -53,7 +53,7 @@ def patch(name: str, temperature: float) -> dict[str, np.ndarray]:
 
 
 def copies_of(one: dict[str, np.ndarray], copies: int) -> ReactionLattice:
-    """``copies`` patches that do not feel each other."""
+    """``copies`` patches that do not interact with each other."""
     n = one["forming"].size
     slots = int(np.count_nonzero(one["pairs"], axis=1).max())
     neighbours = np.full((n, slots), -1)
@@ -141,7 +141,7 @@ def test_all_states_at_five_times_follow_the_master_equation(kind, name, tempera
 
 @pytest.mark.parametrize(("copies", "runs"), [(40, 200), (8000, 1)])
 def test_the_list_of_fast_sites_changes_no_probability(copies, runs, monkeypatch):
-    """On large lattices `rejection-free` keeps fast sites apart and foresees its choices; here on small ones, too."""
+    """On large lattices `rejection-free` lists fast sites and predicts its selections; here on small ones, too."""
     monkeypatch.setattr("chemage_kinetics._rejection_free.FAR", 9)
     name, temperature = "2x4 with a hole", 300.0
     one = patch(name, temperature)
@@ -165,8 +165,8 @@ def test_the_list_of_fast_sites_changes_no_probability(copies, runs, monkeypatch
 
 
 @pytest.mark.parametrize("sites", [9, 400, 3000])
-def test_looking_ahead_is_invisible(sites, monkeypatch):
-    """`bkl` foresees its attempts on large lattices, to have their memory at hand; that changes nothing else."""
+def test_prefetching_changes_no_result(sites, monkeypatch):
+    """On large lattices `bkl` predicts its attempts and prefetches their memory; this changes nothing but the time."""
     one = patch("3x3", 300.0)
     lattice = copies_of(one, -(-sites // 9))
     times = solution("3x3", 300.0)[0]

@@ -1,5 +1,5 @@
-"""The queue of `next-reaction` (buckets, chunks, lazy entries, many events ahead) against the plainest program that
-draws the same numbers: the least of all pending times, again and again."""
+"""The queue of `next-reaction` (buckets, chunks, lazy entries) against the simplest program with the same random
+numbers: one that searches all pending times for the smallest before every event."""
 
 from __future__ import annotations
 

@@ -1,0 +1,355 @@
+"""A lazy queue of pending times: buckets of time, of which only the present one is a heap.
+
+The sites of a patch are sorted once into buckets of time, the finer the more sites there are, and only the present
+bucket is a heap, small enough for the nearest cache. A time that moves later leaves its entry, in a bucket or in the
+heap, where it is: entries are lower bounds, and are corrected when they reach the top. None of this affects the order
+of events, which depends on the times alone.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from chemage_kinetics._common import past
+from chemage_kinetics._memory import Float, Int, hot, inner, prefetch
+
+#: Buckets of time cover so many octaves back from the last hold time; everything earlier is in the first one.
+OCTAVES = 64
+#: A patch of up to so many sites has a single bucket; a larger one has four per octave or more, so that not many more
+#: than a thousand sites are in the heap at once, up to MOST_BUCKETS.
+ONE_BUCKET = 256
+MOST_BUCKETS = 256 * OCTAVES
+#: Sites that move to a later bucket are listed in chunks of one cache line: the next chunk of the bucket, the number of
+#: sites, the sites.
+NEXT, COUNT, ENTRIES = 0, 1, 2
+HELD = 14
+#: How many sites ahead a list of scattered sites is prefetched.
+AHEAD = 12
+
+
+class Grid(NamedTuple):
+    """How times are divided into buckets, see `_bucket`."""
+
+    offset: int
+    """subtracted from the leading bits of a time"""
+    shift: int
+    """trailing bits that are left out"""
+    last: int
+    """the last bucket"""
+
+
+class Queue(NamedTuple):
+    """Pending times, and the queue of those before the last hold time."""
+
+    times: np.ndarray
+    """(n, 2) float64 s: pending times as pairs"""
+    spot: np.ndarray
+    """(n, 2) int32: the position of a site in the heap, and the later bucket in whose chunks it is listed; or -1"""
+    keys: np.ndarray
+    """(most + 1, 2) float64: times in the heap, of four children per entry; ``most``: sites of the largest patch"""
+    sites: np.ndarray
+    """(most + 1,) int32: sites in the heap"""
+    heads: np.ndarray
+    """(MOST_BUCKETS,) int64: the first chunk of each bucket, or -1"""
+    pool: np.ndarray
+    """(chunks, ENTRIES + HELD) int32: see NEXT, COUNT, ENTRIES"""
+    spare: np.ndarray
+    """(2,) int64: the first chunk that is free again, or -1; the first chunk never used"""
+    number: np.ndarray
+    """(1,) float64 scratch"""
+    bits: np.ndarray
+    """(1,) int64: the same memory"""
+    final: float
+    """the last hold time, s"""
+
+
+class Order(NamedTuple):
+    """The sites patch by patch and, within the present patch, bucket by bucket."""
+
+    order: np.ndarray
+    """(n,) int32: the sites"""
+    starts: np.ndarray
+    """(patches + 1,) int32: where each patch begins"""
+    ends: np.ndarray
+    """(MOST_BUCKETS + 2,) int64: where each bucket of the present patch ends"""
+    room: np.ndarray
+    """(most,) int32 scratch"""
+
+
+def new_queue(times: np.ndarray, spot: np.ndarray, most: int, final: float) -> Queue:
+    """Memory for the queue of any patch of up to ``most`` sites; shares ``times`` and ``spot``."""
+    # The heap rarely holds more than a small part of a patch; pages that are never written take no memory.
+    number = np.empty(1)
+    return Queue(
+        times=times,
+        spot=spot,
+        keys=np.empty((most + 1, 2)),
+        sites=np.empty(most + 1, np.int32),
+        heads=np.empty(MOST_BUCKETS, np.int64),
+        pool=np.empty((most // HELD + MOST_BUCKETS + 1, ENTRIES + HELD), np.int32),
+        spare=np.empty(2, np.int64),
+        number=number,
+        bits=number.view(np.int64),
+        final=final,
+    )
+
+
+def new_order(order: np.ndarray, starts: np.ndarray, most: int) -> Order:
+    """Memory to sort any patch of up to ``most`` sites; shares ``order`` and ``starts``."""
+    return Order(order, starts, ends=np.empty(MOST_BUCKETS + 2, np.int64), room=np.empty(most, np.int32))
+
+
+# -- the heap ------------------------------------------------------------------------------------------------------
+
+
+@hot
+def _before(high: Float, low: Float, site: Int, other_high: Float, other_low: Float, other_site: Int) -> bool:
+    return high < other_high or (high == other_high and (low < other_low or (low == other_low and site < other_site)))
+
+
+@hot
+def _put(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, at: Int, high: Float, low: Float, site: Int) -> None:
+    keys[at, 0] = high
+    keys[at, 1] = low
+    sites[at] = site
+    spot[site, 0] = at
+
+
+@hot
+def _move(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, source: Int, at: Int) -> None:
+    keys[at, 0] = keys[source, 0]
+    keys[at, 1] = keys[source, 1]
+    sites[at] = sites[source]
+    spot[sites[at], 0] = at
+
+
+@hot
+def _rise(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, at: Int, high: Float, low: Float, site: Int) -> None:
+    """Put an entry at heap position ``at`` or above, where it belongs."""
+    while at > 0:
+        above = (at - 1) >> 2
+        if not _before(high, low, site, keys[above, 0], keys[above, 1], np.int64(sites[above])):
+            break
+        _move(keys, sites, spot, above, at)
+        at = above
+    _put(keys, sites, spot, at, high, low, site)
+
+
+@hot
+def _sink(
+    keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, size: Int, at: Int, high: Float, low: Float, site: Int
+) -> None:
+    """Put an entry at heap position ``at`` or below, where it belongs."""
+    while True:
+        child = 4 * at + 1
+        if child >= size:
+            break
+        best = child
+        best_high = keys[child, 0]
+        for c in range(child + 1, min(child + 4, size)):
+            if keys[c, 0] <= best_high and _before(
+                keys[c, 0], keys[c, 1], np.int64(sites[c]), keys[best, 0], keys[best, 1], np.int64(sites[best])
+            ):
+                best = c
+                best_high = keys[c, 0]
+        if not _before(keys[best, 0], keys[best, 1], np.int64(sites[best]), high, low, site):
+            break
+        _move(keys, sites, spot, best, at)
+        at = best
+    _put(keys, sites, spot, at, high, low, site)
+
+
+@inner
+def drop(keys: np.ndarray, sites: np.ndarray, spot: np.ndarray, size: Int, site: Int) -> Int:
+    """Take a site out of the heap of ``size`` entries; returns the new size."""
+    at = np.int64(spot[site, 0])
+    if at < 0:
+        return size
+    spot[site, 0] = -1
+    size -= 1
+    if at < size:
+        high = keys[size, 0]
+        low = keys[size, 1]
+        moved = np.int64(sites[size])
+        above = (at - 1) >> 2
+        if at > 0 and _before(high, low, moved, keys[above, 0], keys[above, 1], np.int64(sites[above])):
+            _rise(keys, sites, spot, at, high, low, moved)
+        else:
+            _sink(keys, sites, spot, size, at, high, low, moved)
+    return size
+
+
+# -- the buckets ---------------------------------------------------------------------------------------------------
+
+
+@inner
+def _grid(sites: Int, queue: Queue) -> Grid:
+    """How a patch of so many sites is divided into buckets."""
+    bits = 2
+    while sites >> (14 + bits) > 0 and OCTAVES << bits < MOST_BUCKETS:
+        bits += 1
+    last = (OCTAVES << bits) - 1 if sites > ONE_BUCKET else 0
+    queue.number[0] = queue.final
+    return Grid((queue.bits[0] >> (52 - bits)) - last, 52 - bits, last)
+
+
+@hot
+def bucket_of(time: Float, grid: Grid, queue: Queue) -> Int:
+    """The bucket of a time: exponent and some leading bits of a positive double."""
+    queue.number[0] = time
+    return min(max((queue.bits[0] >> grid.shift) - grid.offset, 0), grid.last)
+
+
+@hot
+def _list_later(site: Int, bucket: Int, queue: Queue) -> bool:
+    """List a site in the chunks of a later bucket. False where it is listed in one that is later still."""
+    spot = queue.spot
+    pool = queue.pool
+    if spot[site, 1] < 0:
+        spot[site, 1] = bucket
+        chunk = queue.heads[bucket]
+        if chunk < 0 or pool[chunk, COUNT] == HELD:
+            fresh = queue.spare[0]
+            if fresh >= 0:
+                queue.spare[0] = np.int64(pool[fresh, NEXT])
+            else:
+                fresh = queue.spare[1]
+                queue.spare[1] += 1
+            pool[fresh, NEXT] = chunk
+            pool[fresh, COUNT] = 0
+            queue.heads[bucket] = fresh
+            chunk = fresh
+        pool[chunk, ENTRIES + pool[chunk, COUNT]] = site
+        pool[chunk, COUNT] += 1
+        return True
+    return spot[site, 1] <= bucket
+
+
+@hot
+def correct_top(queue: Queue, size: Int, grid: Grid, present: Int) -> Int:
+    """Correct the entries at the top of the heap until the first is right; returns the size of the heap."""
+    keys = queue.keys
+    sites = queue.sites
+    while size > 0:
+        site = np.int64(sites[0])
+        high = queue.times[site, 0]
+        low = queue.times[site, 1]
+        if high == keys[0, 0] and low == keys[0, 1]:
+            break
+        gone = past(high, low, queue.final)
+        if not gone:
+            bucket = bucket_of(high, grid, queue)
+            gone = bucket > present and _list_later(site, bucket, queue)
+        if gone:
+            queue.spot[site, 0] = -1
+            size -= 1
+            if size == 0:
+                break
+            high = keys[size, 0]
+            low = keys[size, 1]
+            site = np.int64(sites[size])
+        _sink(keys, sites, queue.spot, size, np.int64(0), high, low, site)
+    return size
+
+
+@hot
+def offer(queue: Queue, size: Int, site: Int, grid: Grid, present: Int) -> Int:
+    """Enter a pending time that is new or earlier than before in the queue; returns the size of the heap."""
+    high = queue.times[site, 0]
+    low = queue.times[site, 1]
+    at = np.int64(queue.spot[site, 0])
+    if at >= 0:
+        if _before(high, low, site, queue.keys[at, 0], queue.keys[at, 1], site):
+            _rise(queue.keys, queue.sites, queue.spot, at, high, low, site)
+        return size
+    if past(high, low, queue.final):
+        return size
+    bucket = bucket_of(high, grid, queue)
+    if bucket > present and _list_later(site, bucket, queue):
+        return size
+    _rise(queue.keys, queue.sites, queue.spot, size, high, low, site)
+    return size + 1
+
+
+@inner
+def _offer_cold(queue: Queue, size: Int, site: Int, grid: Grid, present: Int) -> Int:
+    return offer(queue, size, site, grid, present)
+
+
+@inner
+def open_bucket(queue: Queue, order: Order, patch: Int, size: Int, grid: Grid, bucket: Int) -> Int:
+    """Take the entries of one bucket of a patch into the heap; returns its size."""
+    begin = order.ends[bucket - 1] if bucket > 0 else np.int64(order.starts[patch])
+    end = order.ends[bucket]
+    for at in range(begin, end):
+        if at + AHEAD < end:
+            prefetch(queue.times, order.order[at + AHEAD])
+            prefetch(queue.spot, order.order[at + AHEAD])
+        site = np.int64(order.order[at])
+        if queue.spot[site, 0] < 0:
+            size = _offer_cold(queue, size, site, grid, bucket)
+    pool = queue.pool
+    chunk = queue.heads[bucket]
+    queue.heads[bucket] = -1
+    while chunk >= 0:
+        following = np.int64(pool[chunk, NEXT])
+        prefetch(pool, following)
+        for e in range(ENTRIES, ENTRIES + pool[chunk, COUNT]):
+            prefetch(queue.times, pool[chunk, e])
+            prefetch(queue.spot, pool[chunk, e])
+        for e in range(ENTRIES, ENTRIES + pool[chunk, COUNT]):
+            site = np.int64(pool[chunk, e])
+            queue.spot[site, 1] = -1
+            if queue.spot[site, 0] < 0:
+                size = _offer_cold(queue, size, site, grid, bucket)
+        pool[chunk, NEXT] = queue.spare[0]
+        queue.spare[0] = chunk
+        chunk = following
+    return size
+
+
+@hot
+def _sorting_bucket(queue: Queue, i: Int, grid: Grid) -> Int:
+    """The bucket of site i; the one after the last where it has no event before the last hold time."""
+    high = queue.times[i, 0]
+    return grid.last + 1 if past(high, queue.times[i, 1], queue.final) else bucket_of(high, grid, queue)
+
+
+@inner
+def start_patch(queue: Queue, order: Order, patch: Int) -> Grid:
+    """Empty the queue and sort the sites of a patch by bucket; returns the grid."""
+    begin = np.int64(order.starts[patch])
+    end = np.int64(order.starts[patch + 1])
+    grid = _grid(end - begin, queue)
+    sites = order.order
+    ends = order.ends
+    room = order.room
+    for o in range(begin, end):
+        queue.spot[sites[o], 0] = -1
+        queue.spot[sites[o], 1] = -1
+    for b in range(grid.last + 3):
+        ends[b] = 0
+    for o in range(begin, end):
+        i = np.int64(sites[o])
+        if o + AHEAD < end:
+            prefetch(queue.times, sites[o + AHEAD])
+        room[o - begin] = i
+        ends[_sorting_bucket(queue, i, grid) + 1] += 1
+    ends[0] = begin
+    for b in range(grid.last + 2):
+        ends[b + 1] += ends[b]
+    # Now where each bucket begins; filling them moves that to their ends.
+    for o in range(end - begin):
+        i = np.int64(room[o])
+        if o + AHEAD < end - begin:
+            prefetch(queue.times, room[o + AHEAD])
+        b = _sorting_bucket(queue, i, grid)
+        sites[ends[b]] = i
+        ends[b] += 1
+    for b in range(grid.last + 1):
+        queue.heads[b] = -1
+    queue.spare[0] = -1
+    queue.spare[1] = 0
+    return grid
