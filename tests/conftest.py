@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import signal
 import sys
 from importlib import metadata
@@ -213,7 +214,7 @@ def tiny(site, tmp_path, monkeypatch):
     """The plugin ``tests/stubs/chemage_tiny.py``, installed for this test, here and in every process started here."""
     source = (Path(__file__).parent / "stubs" / "chemage_tiny.py").read_text(encoding="utf-8")
     site.install("chemage-tiny", {"chemage_tiny.py": source}, {"tiny": "chemage_tiny"})
-    monkeypatch.setenv("PYTHONPATH", str(site.folder))
+    monkeypatch.setenv("PYTHONPATH", str(site.folder), prepend=os.pathsep)
     made = Tiny(tmp_path)
     monkeypatch.setenv("CHEMAGE_TINY_LOG", str(tmp_path / "computed.log"))
     monkeypatch.setenv("CHEMAGE_TINY_HOLD", str(tmp_path / "hold"))

@@ -220,10 +220,12 @@ def test_scenes(installed, site):
 def test_cli(site):
     site.install("chemage-example", {"radius.py": example("chemage_cli")}, {"radius": "radius"})
 
+    path = [str(site.folder), *filter(None, [os.environ.get("PYTHONPATH")])]
+
     def run(*arguments):
         return subprocess.run(
             [sys.executable, "-c", "from chemage.cli.app import main; main()", *arguments],
-            env={**os.environ, "PYTHONPATH": str(site.folder)},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(path)},
             capture_output=True,
             text=True,
         )
