@@ -64,7 +64,7 @@ def _solvable(component: ContactSolver, surfaces: Sequence[Surface]) -> list[tup
         except InputError:
             continue
         require(
-            isinstance(light, ContactSolution), f"solve() returned a {type(light).__name__}; expected a ContactSolution"
+            isinstance(light, ContactSolution), f"solve() returned {type(light).__name__}; expected a ContactSolution"
         )
         accepted.append((surface, 0.02 * light.modulus * surface.rms_slope * surface.nominal_area))
     require(accepted, "refused a rough periodic surface and a paraboloid; give surfaces=[...] that it accepts")

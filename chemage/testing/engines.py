@@ -75,7 +75,7 @@ def _history_adds_up(component: Engine) -> None:
     times = np.geomspace(1e-3, 1e3, 13)
     lattice = _disordered(component.interacting)
     history = component.run(lattice, times, temperature=_TEMPERATURE, seed=1)
-    require(isinstance(history, BondHistory), f"run() returned a {type(history).__name__}; expected a BondHistory")
+    require(isinstance(history, BondHistory), f"run() returned {type(history).__name__}; expected a BondHistory")
     require(np.array_equal(history.hold_times, times), "the hold times are not the given ones")
     require(history.state.shape == lattice.sites.shape, f"state of {history.state.shape}")
     require(history.bonds[-1] == history.state.sum(), "the last count is not that of the final state")

@@ -27,7 +27,7 @@ def check_surface_maker(component: SurfaceMaker) -> None:
 @check_of("surface")
 def _makes_a_surface(component: SurfaceMaker) -> None:
     surface = component.make(0)
-    require(isinstance(surface, Surface), f"make() returned a {type(surface).__name__}; expected a chemage.Surface")
+    require(isinstance(surface, Surface), f"make() returned {type(surface).__name__}; expected a chemage.Surface")
     require(np.isfinite(surface.heights).all(), "heights are not finite")
     require_plain(surface.provenance, "provenance")
     require(
