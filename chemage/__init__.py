@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 from chemage.foundation.moved import install
+from chemage.foundation.names import HOME, MODULES
 from chemage.foundation.version import __version__ as __version__
-from chemage.names import HOME, MODULES
 
 install()
 

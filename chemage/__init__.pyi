@@ -84,10 +84,15 @@ from chemage.store.results import write as write
 from chemage.reports.page import write_report as write_report
 from chemage.foundation import errors as errors
 from chemage.reports import figures as figures
+from chemage.cli import options as options
+from chemage.foundation import progress as progress
 from chemage.foundation import random as random
 from chemage.plugins import registry as registry
 from chemage.surfaces import roughness as roughness
+from chemage.foundation import statistics as statistics
+from chemage.foundation import tables as tables
 from chemage import testing as testing
+from chemage.foundation import text as text
 from chemage.contacts import theory as theory
 from chemage.foundation import threads as threads
 from chemage.foundation import units as units

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.foundation.errors import InputError
-from chemage.foundation.text import shortened
+from chemage.foundation.errors import InputError, shortened
 from chemage.foundation.units import convert
 
 #: what users give as a seed: a whole number, or one of numpy's seed sequences

@@ -16,7 +16,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from chemage.foundation.text import shortened
+
+def shortened(value: object, most: int = 80) -> str:
+    """``value`` as text of at most ``most`` characters."""
+    text = str(value)
+    return text if len(text) <= most else text[: most - 3] + "..."
 
 
 class ChemageError(Exception):

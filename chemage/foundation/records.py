@@ -15,9 +15,9 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
-from chemage.foundation.errors import InputError
+from chemage.foundation.errors import InputError, shortened
 from chemage.foundation.messages import explain
-from chemage.foundation.text import html_table, shortened
+from chemage.foundation.text import html_table
 
 
 def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:

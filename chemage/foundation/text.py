@@ -48,12 +48,6 @@ def jsonable(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def shortened(value: object, most: int = 80) -> str:
-    """``value`` as text of at most ``most`` characters."""
-    text = str(value)
-    return text if len(text) <= most else text[: most - 3] + "..."
-
-
 def html_table(title: str, rows: Iterable[tuple[str, ...]]) -> str:
     """A small table for notebooks; everything in it is escaped."""
     lines = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows)

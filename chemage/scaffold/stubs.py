@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from chemage.foundation.errors import PluginError
-from chemage.names import HOME, MODULES
+from chemage.foundation.names import HOME, MODULES
 from chemage.plugins import registry
 
 _HEAD = """# Made by `chemage plugins stubs`; do not edit.

@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 
 import chemage
 from chemage.cli import app as command_line
-from chemage.names import HOME
+from chemage.foundation.names import HOME
 
 BLOCK = re.compile(r"^```(names|components|commands)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 #: a letter with a subscript, and a power, as the pages write them in plain text

@@ -64,7 +64,7 @@ def test_the_page_works_in_a_browser_at_every_width_and_in_the_dark(page, browse
         titles = [text for _, text in seen["headings"]]
         assert "Comparison" in titles
         assert f"at40: {TITLE}" in titles
-        assert "What to cite" in titles
+        assert "References" in titles
         for text in ("Chemistry: the same in all results.", "40 nN", "80 nN", "afm", "log10(1 + t/t_c)"):
             assert text in seen["text"], text
         colours[dark] = seen["colours"]
@@ -157,7 +157,7 @@ def test_an_existing_page_is_kept_unless_forced(page, command):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("at40.h5", "--out", "at40.h5", "--force"), "what this report is made from"),
+        (("at40.h5", "--out", "at40.h5", "--force"), "an input of this report"),
         (("nowhere.h5", "--out", "new.html"), "nowhere.h5 does not exist"),
         (("at40.h5", "--out", "no/new.html"), "does not exist; create it first"),
         (("at40.h5", "--measured", "small.toml", "--out", "new.html"), "small.toml, line"),

@@ -107,7 +107,7 @@ def test_check_counts_and_computes_nothing(command, scene, tiny):
     assert lines["points"] == ["6 (2 x 3)"]
     assert lines["contacts to solve"] == ["2 on 1 surfaces"]
     assert lines["expected cost"] == ["about 0.14 s of CPU time once kernels are compiled"]
-    assert "are free here" in lines["expected disk"][0]
+    assert "free here" in lines["expected disk space"][0]
     assert tiny.computed() == []
     told = json.loads(command("check", scene, "--json").out)
     assert (told["points"], told["contacts"], told["surfaces"]) == (6, 2, 1)
@@ -189,7 +189,7 @@ def test_many_points_need_a_word_without_a_terminal(command, scene, monkeypatch)
     monkeypatch.setattr(sweeps, "MANY_POINTS", 5)
     outcome = command("run", scene)
     assert outcome.status == 2
-    assert "the sweep has 6 points (2 x 3); nothing was computed. Sweep over less, or agree to it (--yes" in outcome.err
+    assert "the sweep has 6 points (2 x 3); nothing was computed. Reduce the sweep, or confirm it (--yes" in outcome.err
     assert command("run", scene, "--yes").status == 0
 
 
@@ -280,6 +280,6 @@ def test_a_terminal_is_asked(scene, answer, status):
     limit = "from chemage.cli.app import main; from chemage.sweeps import running; running.MANY_POINTS = 5; main()"
     words = [sys.executable, "-c", limit, "run", str(scene)]
     code, seen = on_a_terminal(words, answer)
-    assert "the sweep has 6 points (2 x 3); go on? [y/N]" in seen
+    assert "the sweep has 6 points (2 x 3); continue? [y/N]" in seen
     assert code == status
     assert (scene.parent / "study-sweep").exists() == (status == 0)

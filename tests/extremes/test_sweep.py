@@ -70,7 +70,7 @@ def contents(folder):
         ('[sweep]\n"contact.load.x" = [1]', r"contact\.load\.x: 'load' is a value \[at point 0"),
         ('[sweep]\n"contact.load" = [1]\n[sweep.contact]\nload = [2]', r"sweep\.contact\.load: is swept twice"),
         ('[sweep]\n"contact.load" = [1]\n[[sweep.zip]]\ncontact.load = [2]', r"contact\.load: is swept twice"),
-        ('[[sweep.zip]]\n"contact.load" = [1, 2]\n"hold.seed" = [1]', "of equal length: contact.load has 2, hold.seed"),
+        ('[[sweep.zip]]\n"contact.load" = [1, 2]\n"hold.seed" = [1]', "equal length: contact.load has 2, hold.seed"),
         ("[[sweep.zip]]", r"sweep\.zip\.0: names no field"),
         ("[sweep.zip]\nhold.seed = [1]", r"write each group .* as \[\[sweep\.zip\]\], in two brackets"),
         (
@@ -171,9 +171,9 @@ def test_the_folder_of_another_sweep_is_refused(tiny, tmp_path):
 def test_a_damaged_manifest_is_told(tiny, tmp_path, text):
     chemage.sweep(swept(tiny), tmp_path / "out")
     (tmp_path / "out" / "sweep.json").write_text(text)
-    with pytest.raises(StoreError, match=r"cannot be read|is not of a sweep|was made by chemage 9\.0; update"):
+    with pytest.raises(StoreError, match=r"cannot be read|does not describe a sweep|was made by chemage 9\.0; update"):
         chemage.load_sweep(tmp_path / "out")
-    with pytest.raises(StoreError, match=r"cannot be read|is not of a sweep|was made by chemage 9\.0; update"):
+    with pytest.raises(StoreError, match=r"cannot be read|does not describe a sweep|was made by chemage 9\.0; update"):
         chemage.sweep(swept(tiny), tmp_path / "out")
 
 
@@ -260,7 +260,7 @@ def test_a_full_disk_keeps_what_is_finished(tiny, tmp_path, monkeypatch):
 
     with monkeypatch.context() as full:
         full.setattr(Path, "write_bytes", write)
-        with pytest.raises(CannotWrite, match="No space left on device; what is finished is kept"):
+        with pytest.raises(CannotWrite, match="No space left on device; completed points are kept"):
             chemage.sweep(swept(tiny), tmp_path / "out")
     states = chemage.load_sweep(tmp_path / "out").states()
     assert 0 < states.count("done") < 12
@@ -480,7 +480,7 @@ class Broken(Executor):
 
 
 def test_an_executor_that_breaks_ends_the_sweep_and_says_so(tiny, tmp_path):
-    with pytest.raises(ExecutorError, match=r"the executor gave up .*terminated abruptly.*the same sweep goes on"):
+    with pytest.raises(ExecutorError, match=r"the executor gave up .*terminated abruptly.*rerun the same command"):
         chemage.sweep(swept(tiny), tmp_path / "out", executor=Broken())
     assert chemage.sweep(swept(tiny), tmp_path / "out").states() == ["done"] * 12
 

@@ -42,7 +42,7 @@ def test_an_existing_folder_is_kept(tmp_path: Path):
 
 @pytest.mark.parametrize("name", ["Mine", "1st", "a b", "a--b", "lambda", "", "../up"])
 def test_names_that_cannot_be_kinds_are_refused(name: str, tmp_path: Path):
-    with pytest.raises(InputError, match="no name for a kind"):
+    with pytest.raises(InputError, match="is not a valid kind"):
         scaffold.new(name, "barriers", tmp_path)
     assert not list(tmp_path.iterdir())
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from chemage import registry
-from chemage.names import MODULES
+from chemage.foundation.names import MODULES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "plugins.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)

@@ -8,6 +8,7 @@ import pytest
 import chemage
 import chemage_observables
 from chemage import ContactSolution, StoreError, load_scene
+from chemage.foundation.text import plus_minus
 from chemage.reports import run_figures
 from chemage.reports.figures import pooled
 
@@ -114,7 +115,7 @@ def test_friction_is_drawn_with_its_errors_and_its_fit(result):
     t, y = fitted.get_xdata(), fitted.get_ydata()
     assert np.diff(y) / np.diff(np.log10(t)) == pytest.approx(fit.beta)
     assert (t[0], t[-1]) == pytest.approx((10.0, 1e4))
-    assert f"{fit.beta:.3g}" in fitted.get_label()
+    assert plus_minus(fit.beta, fit.beta_stderr) in fitted.get_label()
 
 
 def test_barriers_are_normalised_and_labelled_for_what_lowered_them(result, tmp_path, small_text):

@@ -220,7 +220,7 @@ def test_nothing_is_overwritten_and_nothing_half_written(files, tmp_path, monkey
     write_report(files[1:], out, force=True)
     assert out.read_bytes() != first
     for given in files[0], tmp_path / "." / "data.csv":
-        with pytest.raises(InputError, match="what this report is made from"):
+        with pytest.raises(InputError, match="an input of this report"):
             write_report([files[0]], given, measured=[tmp_path / "data.csv"], force=True)
     with pytest.raises(StoreError, match="does not exist"):
         write_report(files, tmp_path / "no" / "r.html")

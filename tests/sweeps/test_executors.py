@@ -309,7 +309,7 @@ def test_an_address_that_does_not_answer_is_told_in_seconds(monkeypatch, seconds
         ("c.toml", "workers = 2", InputError, "give either address"),
         ("c.toml", 'cluster = "a.B"\naddress = "tcp://x:1"', InputError, "give either address"),
         ("c.toml", "cluster = ", InputError, "cannot be read"),
-        ("c.yaml", "- a\n- b", InputError, "holds list; expected names and values"),
+        ("c.yaml", "- a\n- b", InputError, "holds a list; expected a table of names and values"),
         ("c.yaml", "a: [", InputError, "cannot be read"),
         ("c.toml", 'cluster = "no_such_package.Cluster"', ExecutorError, "cannot be imported .*No module named"),
         ("c.toml", 'cluster = "distributed.NoSuchCluster"', ExecutorError, "cannot be imported"),
@@ -388,7 +388,7 @@ def test_a_scheduler_that_goes_away_ends_the_sweep_in_words(tiny, tmp_path, capf
 
     scene = {**tiny.scene(engine={"kind": "tiny-coin", "pause": 0.3}), "sweep": {"hold.seed": [0, 1, 2, 3, 4, 5]}}
     where = f"dask:{cluster.scheduler_address}"
-    with pytest.raises(ExecutorError, match=r"scheduler is gone.*; what is finished is kept, the same sweep goes on"):
+    with pytest.raises(ExecutorError, match=r"scheduler is gone.*; completed points are kept; rerun the same command"):
         chemage.sweep(scene, tmp_path / "out", executor=where, progress=tell)
     assert "Traceback" not in capfd.readouterr().err
     done = chemage.load_sweep(tmp_path / "out").states().count("done")
@@ -436,7 +436,7 @@ def test_a_cluster_of_our_own_that_stays_without_workers_is_an_error(monkeypatch
             now[0] += 1.5
             pool.width()
 
-    with pytest.raises(ExecutorError, match=r"no worker for 12\d s.*the same sweep goes on"):
+    with pytest.raises(ExecutorError, match=r"no worker for 12\d s.*rerun the same command to resume"):
         wait_on()
 
 

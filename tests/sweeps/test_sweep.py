@@ -19,7 +19,7 @@ from chemage import Aging, ContactSolution, InputError, SceneError, StoreError, 
 from chemage.experiments.schema import scene_schema
 from chemage.foundation.codec import from_json, from_npz, to_json, to_npz
 from chemage.sweeps.grid import Grid, order_of
-from chemage.sweeps.progress import SweepProgress, told
+from chemage.sweeps.progress import SweepProgress
 from chemage.sweeps.running import SweepWarning, read_grid, survey_of
 
 AXES = """
@@ -243,7 +243,7 @@ def test_what_wraps_an_arrow_is_part_of_the_sweep(tiny, site, tmp_path):
         assert plain[4].contact().pressure.max() > 0.3
         assert capped[4].contact().pressure.max() == 0.3
         assert capped[4].summary["max_pressure"] == 0.3
-        told = r"plugins that answer or wrap its stages were none and are cap \(chemage-cap 1\.0\)"
+        told = r"the plugins that implement its stages were none and are cap \(chemage-cap 1\.0\)"
         with pytest.raises(StoreError, match=told):
             chemage.sweep(swept(tiny, AXES), tmp_path / "plain")
     # the same options, in two sweeps of one process: contacts with and without the plugin have keys of their own
@@ -312,11 +312,11 @@ def test_progress_tells_how_far_and_how_long(tiny, tmp_path):
 
 def test_progress_in_words():
     state = SweepProgress("computing", 100, 40, 2, 10, 4, 2, 60.0, 3725.0)
-    assert told(state) == "sweep: 40 of 100 points, 2 failed, 4 of 10 contacts, 1 h 02 min left"
+    assert str(state) == "sweep: 40 of 100 points, 2 failed, 4 of 10 contacts, 1 h 02 min left"
     state = SweepProgress("computing", 100, 40, 0, 10, 4, 2, 60.0, 61.0)
-    assert told(state) == "sweep: 40 of 100 points, 4 of 10 contacts, 1 min 01 s left"
+    assert str(state) == "sweep: 40 of 100 points, 4 of 10 contacts, 1 min 01 s left"
     state = SweepProgress("computing", 100, 0, 0, 10, 0, 2, 60.0, None)
-    assert told(state) == "sweep: 0 of 100 points, 0 of 10 contacts, remaining time not known yet"
+    assert str(state) == "sweep: 0 of 100 points, 0 of 10 contacts, remaining time not known yet"
 
 
 # -- results ----------------------------------------------------------------------------------------------------------

@@ -26,9 +26,9 @@ def _bed(change: Any) -> Any:
 @pytest.mark.parametrize(
     ("component", "check", "said"),
     [
-        (_bed(lambda s, surface, start: s.pressure), "contact_carries_the_load", "gave ndarray"),
-        (_bed(with_fields(load=lambda s: 2 * s.load)), "contact_carries_the_load", "the solution says"),
-        (_bed(with_fields(pressure=lambda s: s.pressure * 1.001)), "contact_carries_the_load", "adds up"),
+        (_bed(lambda s, surface, start: s.pressure), "contact_carries_the_load", "returned ndarray"),
+        (_bed(with_fields(load=lambda s: 2 * s.load)), "contact_carries_the_load", "the solution has"),
+        (_bed(with_fields(pressure=lambda s: s.pressure * 1.001)), "contact_carries_the_load", "integrates to"),
         (
             _bed(with_fields(pressure=lambda s: np.full(s.shape, s.load / s.nominal_area))),
             "contact_carries_the_load",
@@ -54,17 +54,17 @@ def _bed(change: Any) -> Any:
         (
             broken(Bed, solve=lambda self, surface, load, start=None: self._solve(surface, abs(float(load)), start))(),
             "wrong_load_is_refused",
-            "load -1.0: gave",
+            "load -1.0: returned",
         ),
         (
             _bed(lambda s, surface, start: changed(s, pressure=s.pressure * (1 + 1e-9 * next(calls)))),
             "contact_is_deterministic",
-            "different pressures",
+            "two solutions of the same contact differ",
         ),
         (
             _bed(lambda s, surface, start: changed(s, pressure=s.pressure * (1 + (s.modulus > 10)))),
             "contact_scales",
-            "twice modulus",
+            "twice the modulus",
         ),
         (
             _bed(lambda s, surface, start: changed(s, pressure=s.pressure * surface.pixel_size)),
@@ -79,12 +79,12 @@ def _bed(change: Any) -> Any:
         (
             _bed(with_fields(pressure=lambda s: s.pressure * (s.pressure > 0.3))),
             "contact_grows_with_load",
-            "rising load",
+            "increasing load",
         ),
         (
             _bed(lambda s, surface, start: s if start is None else changed(s, pressure=start.pressure)),
             "start_changes_nothing",
-            "another solution",
+            "the solution depends on the start",
         ),
         (_bed(with_fields(pressure=lambda s: s.pressure.T)), "odd_grids_are_solved", "a solution of"),
     ],
@@ -104,4 +104,4 @@ class Hasty(Bed):
 
 
 def test_speed_that_changes_pressures():
-    assert "threads = 2: other pressures" in failing(Hasty(), "speed_does_not_change_the_contact")
+    assert "threads = 2: the pressure differs" in failing(Hasty(), "speed_does_not_change_the_contact")

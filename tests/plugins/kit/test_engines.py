@@ -104,7 +104,7 @@ def test_speed_that_changes_bonds():
         return changed(history, formed=history.formed + (self.threads_used > 2))
 
     hasty = broken(base, **fields, _run=_run)()
-    assert "threads_used = 3: another result" in failing(hasty, "speed_does_not_change_the_run")
+    assert "threads_used = 3: the result differs" in failing(hasty, "speed_does_not_change_the_run")
 
 
 ENGINE_MUTANTS: dict[str, tuple[str, str, dict[str, Any]]] = {
@@ -122,8 +122,8 @@ ENGINE_MUTANTS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "bonds at time 0": ("hold_times_may_coincide", "bonds at time 0", {"change": _eager}),
     "drops a twin": ("hold_times_may_coincide", "where once gave", {"change": _single}),
     "ignores the start": ("start_is_taken", "started with", {"before": _unstarted}),
-    "goes on from the state alone": ("restart_is_exact", "cut at", {"before": _forgetful}),
-    "not for threads": ("threads_change_nothing", "side by side", {"change": _crowded}),
+    "goes on from the state alone": ("restart_is_exact", "continued from", {"before": _forgetful}),
+    "not for threads": ("threads_change_nothing", "concurrent and successive", {"change": _crowded}),
     "half the coupling": ("coupled_sites_are_refused_or_right", "master equation", {"before": _half_coupled}),
     "refuses nothing": (
         "coupled_sites_are_refused_or_right",

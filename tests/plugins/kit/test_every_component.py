@@ -55,7 +55,7 @@ class Rejecting(Flat):
         (Rejecting(), "wrong_options_are_refused", "does not name it"),
         (broken(Flat, todict=lambda self: {"kind": "flat", "low": self})(), "options_go_round", "not plain JSON"),
         (broken(Flat, todict=lambda self: {"low": 0.8})(), "options_go_round", "kind None"),
-        (Stubborn(), "options_go_round", "replace() gave"),
+        (Stubborn(), "options_go_round", "replace() returned"),
         (Listed(), "options_go_round", "unhashable"),
         (broken(Flat)(), "options_go_round", "pickle: PicklingError"),
     ],

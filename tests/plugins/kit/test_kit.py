@@ -38,7 +38,7 @@ def test_the_whole_role_at_once(csv):
         testing.check_engine(Flat())  # pyright: ignore[reportArgumentType]
     with pytest.raises(InputError, match="barriers checks take no path"):
         testing.checks_for(Flat(), path=csv)
-    with pytest.raises(InputError, match="is of no role"):
+    with pytest.raises(InputError, match="has no role"):
         testing.checks_for(ca.chemistry(forming=Flat()))
 
 

@@ -15,8 +15,8 @@ from chemage import testing
         (lambda self, contact, lattice, history: {1: 2.0}, "not all str"),
         (lambda self, contact, lattice, history: {"state": history.state}, "expected"),
         (lambda self, contact, lattice, history: {"name": "many"}, "not numbers"),
-        (lambda self, contact, lattice, history: {"calls": next(calls)}, "second time"),
-        (lambda self, contact, lattice, history: {f"b{history.bonds[-1]}": 1.0}, "as for the others"),
+        (lambda self, contact, lattice, history: {"calls": next(calls)}, "a second call"),
+        (lambda self, contact, lattice, history: {f"b{history.bonds[-1]}": 1.0}, "as for the other replicas"),
     ],
 )
 def test_observables(measure, said):

@@ -21,13 +21,13 @@ def csv(tmp_path):
 @pytest.mark.parametrize(
     ("change", "check", "said"),
     [
-        ({"suffixes": ()}, "suffixes_are_named", "name the endings"),
+        ({"suffixes": ()}, "suffixes_are_named", "name the file endings"),
         ({"suffixes": ("csv",)}, "suffixes_are_named", "with the dot"),
         ({"read": lambda self, path: np.loadtxt(path)}, "bad_files_are_refused", "a missing file: raised FileNotFound"),
-        ({"read": lambda self, path: 1}, "bad_files_are_refused", "gave 1"),
+        ({"read": lambda self, path: 1}, "bad_files_are_refused", "returned 1"),
         ({"read": lambda self, path: _raise(StoreError("bad"))}, "bad_files_are_refused", "does not name it"),
-        ({"read": lambda self, path: None}, "reads_its_file", "gave None"),
-        ({"read": lambda self, path: flat_surface([[float(next(calls))]])}, "reads_its_file", "two different objects"),
+        ({"read": lambda self, path: None}, "reads_its_file", "returned None"),
+        ({"read": lambda self, path: flat_surface([[float(next(calls))]])}, "reads_its_file", "different objects"),
     ],
 )
 def test_readers(change, check, said, csv):

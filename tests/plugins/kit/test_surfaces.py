@@ -23,17 +23,21 @@ def _entropy(seed: Any) -> Any:
 @pytest.mark.parametrize(
     ("make", "check", "said"),
     [
-        (lambda self, seed=0: np.ones((2, 2)), "makes_a_surface", "gave ndarray"),
+        (lambda self, seed=0: np.ones((2, 2)), "makes_a_surface", "returned ndarray"),
         (lambda self, seed=0: flat_surface(np.ones((2, 2)), provenance={}), "makes_a_surface", "provenance is empty"),
         (lambda self, seed=0: flat_surface(np.ones((2, 2)), provenance={"n": (1,)}), "makes_a_surface", "tuple"),
         (lambda self, seed=0: flat_surface(np.ones((2, 2)), provenance={"n": math.nan}), "makes_a_surface", "JSON"),
-        (lambda self, seed=7: flat_surface(np.full((2, 2), float(seed))), "makes_a_surface", "not make(0)"),
+        (
+            lambda self, seed=7: flat_surface(np.full((2, 2), float(seed))),
+            "makes_a_surface",
+            "make(0) differ",
+        ),
         (lambda self, seed=0: flat_surface([[float(next(calls))]]), "surface_follows_its_seed", "same seed gave two"),
         (lambda self, seed=0: flat_surface([[seed == 1]]), "surface_follows_its_seed", "2 different results"),
         (
             lambda self, seed=0: flat_surface(np.random.default_rng(_spawned(seed)).random((2, 2))),
             "surface_follows_its_seed",
-            "spawned from the SeedSequence",
+            "spawned children of the given SeedSequence",
         ),
         (
             lambda self, seed=0: flat_surface(np.random.default_rng(_entropy(seed)).random((2, 2))),
@@ -60,11 +64,11 @@ def test_surfaces(make, check, said):
     ("said", "problem"),
     [
         (None, "expected a dict"),
-        ({"nx": 9.0}, "expected() says nx = 9.0, the surface has 8"),
-        ({"pixel_size": 2.0}, "says pixel_size = 2.0"),
-        ({"rms_slope": 0.01}, "says rms_slope = 0.01"),
+        ({"nx": 9.0}, "expected() has nx = 9.0, not 8"),
+        ({"pixel_size": 2.0}, "has pixel_size = 2.0"),
+        ({"rms_slope": 0.01}, "has rms_slope = 0.01"),
         ({"rms_slope": math.nan}, "rms_slope = nan"),
-        ({"slope": 0.01}, "gives 'slope'; known are nx, ny"),
+        ({"slope": 0.01}, "returned 'slope'; known are nx, ny"),
     ],
 )
 def test_what_surfaces_say_beforehand(said, problem):

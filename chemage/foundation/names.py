@@ -48,6 +48,11 @@ NAMES = {
 HOME = {name: module for module, names in NAMES.items() for name in names.split()}
 #: public modules -> their full name
 MODULES = {
+    "options": "cli.options",
+    "progress": "foundation.progress",
+    "statistics": "foundation.statistics",
+    "tables": "foundation.tables",
+    "text": "foundation.text",
     "errors": "foundation.errors",
     "figures": "reports.figures",
     "random": "foundation.random",
