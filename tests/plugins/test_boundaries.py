@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import names, registry
+from chemage import registry
+from chemage.foundation import names
 
 ROOT = Path(__file__).parents[2]
 PLUGINS = sorted(path.name for path in (ROOT / "plugins").iterdir() if (path / "__init__.py").exists())
