@@ -40,13 +40,14 @@ NEGLIGIBLE = 0.01
 LONGEST_STEP = 1e3
 
 
-#: After clipping, the load is restored by a shift that leaves this part of the excess, or this part of the load, to a
-#: factor; found in at most so many Newton steps.
-NEWTON_ACCURACY, LOAD_ACCURACY, NEWTON_STEPS = 1e-3, 1e-10, 50
+#: After clipping, the load is restored by a shift, found in at most so many Newton steps. A step from an excess of less
+#: than this part of the load is the last one: the next projection or evaluation restores the rest.
+LITTLE_EXCESS, LOAD_ACCURACY, NEWTON_STEPS = 1e-3, 1e-10, 50
 #: The load is restored before an evaluation of the gap if it is wrong by more than this, relatively.
 LOAD_ROUNDING = 1e-13
-#: A direction shorter than this many rounding errors of the terms it is the difference of is noise.
-NOISE = 8.0
+#: A direction shorter than this many rounding errors of the terms it is the difference of is noise. Only so few pixels
+#: run out of conjugate directions.
+NOISE, NOISE_PIXELS = 8.0, 4096
 #: In single precision, the gap is evaluated in double precision if rounding exceeds this part of the error to reach.
 NOISE_SHARE = 0.1
 #: Errors below so many times the rounding errors of the gap cannot be expected to fall further.
@@ -54,11 +55,11 @@ ROUNDING_LIMIT = 10.0
 #: The gap is evaluated in the precision of the state if the error is below this part of the approach or of the rms
 #: height.
 REFINE_BELOW = 1e-5
-#: Steps of the estimate of the pressure error at most; fewer if a step increases neither norm by more than this.
+#: Steps of the estimate of the pressure error at most; fewer if a step increases neither norm by more than this factor.
 MOST_ESTIMATES = 8
-SETTLED = (1.3, 1.4)
-#: Factors of the estimates (L2 norm, largest error): a few steps miss part of the correction. Calibrated.
-ESTIMATE_FACTORS = (1.15, 1.3)
+SETTLED = 2.5
+#: The increase by further steps is extrapolated as a geometric series, whose ratio is at most this.
+LARGEST_RATIO = 0.5
 #: From this iteration on the best pressure is kept, in case the solve fails.
 KEEP_FROM = 15
 
@@ -160,7 +161,7 @@ class Descent:
             else:
                 self.iteration += 1
                 self.since_evaluation += 1
-                slope, largest = self._find_direction()
+                slope, largest = self._find_direction(self.since_evaluation % OUTWARD_PERIOD == 1)
                 if largest > 0.0:
                     self._move(slope, largest)
                 elif self._trusted() and abs(self.standing.offset) <= 1e-3 * self._scale():
@@ -325,10 +326,10 @@ class Descent:
         correction = np.zeros_like(self.search.v)
         floor = float(np.finfo(grid.state).eps)
         highest = float(self.state.p.max())
-        norm = largest = 0.0
+        before = norms = (0.0, 0.0)
         self.steepest, self.since_evaluation = True, 1
         for count in range(1, MOST_ESTIMATES + 1):
-            slope, length = self._find_direction()
+            slope, length = self._find_direction(self.iteration == 0 and count == 1)
             if length == 0.0 or not s.norm:
                 break
             curvature = self._image()
@@ -337,19 +338,16 @@ class Descent:
             step = slope / curvature
             args = self.search, correction, step, step * grid.stiffness
             grid.run(kernels.correct, self.active, *args, grid.part)
-            before = norm, largest
-            norm, largest = math.sqrt(float(grid.part[:, 0].sum())), float(grid.part[:, 1].max())
+            before, norms = norms, (math.sqrt(float(grid.part[:, 0].sum())), float(grid.part[:, 1].max()))
             self.standing = replace(s, residual_sum=float(grid.part[:, 2].sum()))
             self.steepest, self.since_evaluation = False, self.since_evaluation + 1
-            if count > 1 and norm < SETTLED[0] * before[0] and largest < SETTLED[1] * before[1]:
+            if count > 1 and all(new < SETTLED * old for old, new in zip(before, norms, strict=True)):
                 break
         self.standing = s
         if not s.norm:
             return 0.0, 0.0
-        return (
-            math.hypot(ESTIMATE_FACTORS[0] * norm / s.norm, floor),
-            math.hypot(ESTIMATE_FACTORS[1] * largest / highest, floor),
-        )
+        total = [_extrapolated(old, new) for old, new in zip(before, norms, strict=True)]
+        return math.hypot(total[0] / s.norm, floor), math.hypot(total[1] / highest, floor)
 
     # -- direction and step -------------------------------------------------------------------------------------------
 
@@ -364,11 +362,11 @@ class Descent:
             self.near = Split(*make, inverse=False, floating=grid.floating)
             self.near_inverse = Split(*make, inverse=True, floating=False)
 
-    def _precondition(self, clear: bool) -> None:
-        """z from the residual, and ``outward`` where it is due."""
+    def _precondition(self, clear: bool, renew: bool) -> None:
+        """z from the residual, and ``outward`` anew if it is due."""
         grid, search = self.grid, self.search
         v, z, outward = search.v, search.z, search.outward
-        if self.method == 0 and (self.since_evaluation - 1) % OUTWARD_PERIOD == 0:
+        if self.method == 0 and renew:
             grid.run(kernels.indicator, self.active, v, z, clear)
             if self.near_inverse:
                 outward = self.near_inverse.apply(z, self.active, outward, grid.part)
@@ -380,12 +378,12 @@ class Descent:
             z = grid.operator.precondition(v) if self.method < 2 else v
         self.search = search._replace(z=z, outward=outward)
 
-    def _find_direction(self) -> tuple[float, float]:
+    def _find_direction(self, renew: bool) -> tuple[float, float]:
         """The conjugate direction d; returns its product with the residual, and its norm, 0 if d is only noise."""
         grid, s = self.grid, self.standing
         # Blocks that were active before may not be any more.
         clear = self.since_evaluation == 1 or not self.split
-        self._precondition(clear)
+        self._precondition(clear, renew)
         share = OUTWARD_SHARE if self.method == 0 else 0.0
         uniform = (self.near_inverse or grid.operator).stiffness
         grid.run(kernels.products, self.active, self.search, share, uniform, grid.part)
@@ -398,7 +396,8 @@ class Descent:
         if beta < 0.0 or zv + beta * dv <= 0.0:
             beta = 0.0
         while True:
-            grid.run(kernels.direction, self.active, self.search, beta, zm + beta * dm, clear, grid.part)
+            few = s.pixels <= NOISE_PIXELS
+            grid.run(kernels.direction, self.active, self.search, beta, zm + beta * dm, clear, few, grid.part)
             squares, terms = grid.sums(2)
             limit = NOISE * float(np.finfo(grid.work).eps)
             if squares > limit * limit * terms:
@@ -436,7 +435,8 @@ class Descent:
         shift, scale, squares = self._project(step)
         grid.run(kernels.move, self.active, self.state.p, d, step, shift, scale, grid.part)
         self.load = grid.sums(1)[0]
-        if grid.stiffness * math.sqrt(squares) > NEGLIGIBLE * self.standing.error:
+        left_out = math.sqrt(squares) + abs(scale - 1.0) * self.standing.norm
+        if grid.stiffness * left_out > NEGLIGIBLE * self.standing.error:
             factor = grid.stiffness
             y = near.apply(d, self.active, y, grid.part) if near else self._displacement(grid.operator.spectrum(d))
         else:
@@ -460,15 +460,24 @@ class Descent:
         total, count, squares = grid.sums(3)
         if grid.offset_fixed is not None:
             return 0.0, 1.0, squares
-        goal = max(LOAD_ACCURACY * grid.load, NEWTON_ACCURACY * (total - grid.load))
         for _ in range(NEWTON_STEPS):
             excess = total - grid.load
-            if not squares or not count or excess <= goal:
+            if not squares or not count or excess <= LOAD_ACCURACY * grid.load:
                 break
             shift += excess / count
+            if excess < LITTLE_EXCESS * grid.load:
+                return shift, 1.0, squares + count * shift**2
             grid.run(kernels.projection, *args, shift, grid.part)
             total, count, squares = grid.sums(3)
         return shift, grid.load / total if total > 0.0 else 1.0, squares
 
     def _displacement(self, spectrum: Array) -> Array:
         return self.grid.operator.displacement(spectrum)
+
+
+def _extrapolated(before: float, now: float) -> float:
+    """The limit of a norm that a step of conjugate gradients took from ``before`` to ``now``."""
+    if not 0.0 < before < now:
+        return now
+    ratio = min((now - before) / before, LARGEST_RATIO)
+    return now + (now - before) * ratio / (1.0 - ratio)

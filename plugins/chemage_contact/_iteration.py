@@ -2,8 +2,9 @@
 
 The gradient is the gap, so the solution satisfies p ≥ 0, gap ≥ 0, p·gap = 0. Method:
 
-* Conjugate gradients on the working set {p > 0} ∪ {gap < 0}, clipped to p ≥ 0 after an exact line search, restarted
-  only when the direction is not one of descent: I. A. Polonsky, L. M. Keer, Wear 231, 206 (1999) without its
+* Conjugate gradients on the working set {p > 0} ∪ {gap < 0}, projected onto p ≥ 0 and the load after an exact line
+  search (by a shift, which gives the nearest admissible pressure), restarted only when the direction is not one of
+  descent: I. A. Polonsky, L. M. Keer, Wear 231, 206 (1999) without its
   restarts, after L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018).
 * Preconditioner of opposite order: the inverse symbol |q|, restricted to the working set: E. A. H. Vollebregt, J.
   Optim. Theory Appl. 162, 862 (2014). Most of its term for flow out of the working set is removed again (the regional
@@ -19,8 +20,8 @@ The gradient is the gap, so the solution satisfies p ≥ 0, gap ≥ 0, p·gap = 
 
 Everything is made dimensionless: heights in units of their rms value, measured down from the highest point; pressure
 in units of a power of two near its mean, so that the conversion at the end does not round and the pressure returned is
-the one whose errors were measured. This module goes from grid to grid; ``_grid`` is the problem on one grid and ``_descent`` the
-iteration on it.
+the one whose errors were measured. This module goes from grid to grid; ``_grid`` is the problem on one grid and
+``_descent`` the iteration on it.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from ._team import Team
 Array = NDArray[Any]
 
 #: A coarse grid only provides a start: it is solved to this tolerance, in at most so many iterations.
-COARSE_TOLERANCE = 5e-3
+COARSE_TOLERANCE = 1e-2
 COARSE_ITERATIONS = 30
 
 

@@ -175,6 +175,7 @@ def products(lo, hi, blocks, search, share, uniform, part):
     part[b] = (Σ z, Σ z·v, Σ d, Σ d·v, Σ z·y, Σ d·y, Σ y). Reads v, outward, d, y; updates z.
     """
     v, z, d, y = search.v, search.z, search.d, search.y
+    level = z.dtype.type(uniform)
     for b in range(lo, hi):
         sz = 0.0
         szv = 0.0
@@ -190,7 +191,7 @@ def products(lo, hi, blocks, search, share, uniform, part):
             for i in range(vb.size):
                 vi = float(vb[i])
                 weight = 1.0 if vi != 0.0 else 0.0
-                loss = kb[i] - uniform if kb[i] > uniform else 0.0
+                loss = kb[i] - level if kb[i] > level else 0.0
                 zi = weight * zb[i] - share * loss * vi
                 zb[i] = zi
                 di = weight * db[i]
@@ -212,28 +213,30 @@ def products(lo, hi, blocks, search, share, uniform, part):
 
 
 @njit(**_OPTIONS)
-def direction(lo, hi, blocks, search, beta, shift, clear, part):
+def direction(lo, hi, blocks, search, beta, shift, clear, terms, part):
     """d = z + beta·d - shift on the working set, 0 elsewhere; blocks that are not active are only written if
-    ``clear``. part[b] = (Σ d², Σ z² + (beta·d)²), from which cancellation is recognised. Reads v, z; updates d."""
+    ``clear``. part[b] = (Σ d², Σ z² + (beta·d)² if ``terms``, else 0), from which cancellation is recognised. Reads v,
+    z; updates d."""
     v, z, d = search.v, search.z, search.d
     for b in range(lo, hi):
         row, start, stop = _block(blocks, b, v.shape[1])
         vb, zb, db = v[row, start:stop], z[row, start:stop], d[row, start:stop]
         squares = 0.0
-        terms = 0.0
+        both = 0.0
         if blocks.active[b]:
+            if terms:
+                for i in range(vb.size):
+                    new, old = float(zb[i]), beta * db[i]
+                    both += new * new + old * old if vb[i] != 0 else 0.0
             for i in range(vb.size):
-                inside = vb[i] != 0
-                new = float(zb[i]) if inside else 0.0
-                old = beta * db[i] if inside else 0.0
-                value = new + old - shift if inside else 0.0
+                value = zb[i] + beta * db[i] - shift
+                value = value if vb[i] != 0 else 0.0
                 db[i] = value
                 squares += value * value
-                terms += new * new + old * old
         elif clear:
             db[:] = 0
         part[b, 0] = squares
-        part[b, 1] = terms
+        part[b, 1] = both
 
 
 @njit(**_OPTIONS)

@@ -23,7 +23,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 
-from independent_contact import Body, Errors, evaluate
+from independent_contact import Body, Errors, dense_solution, evaluate
 
 from chemage.objects import ContactSolution, Surface
 from chemage_contact import FFTBEM
@@ -230,15 +230,70 @@ def gap_table(names: list[str], count: int | None, verbose: bool) -> None:
                 )
 
 
+#: families, tolerance and precision for the estimate of the pressure error, and how many cases
+ESTIMATES = (
+    ("moderate", 1e-3, "mixed", 60),
+    ("moderate", 1e-5, "mixed", 150),
+    ("moderate", 1e-7, "mixed", 40),
+    ("moderate", 1e-5, "single", 40),
+    ("light", 1e-5, "mixed", 60),
+    ("few_pixels", 1e-5, "mixed", 100),
+    ("outliers", 1e-5, "mixed", 50),
+    ("worn", 1e-5, "mixed", 60),
+    ("layers", 1e-5, "mixed", 80),
+)
+
+
+def estimates(family: str, tolerance: float, precision: str, count: int, seed: int) -> np.ndarray:
+    """Estimated over true error of the pressure, (n, 2): relative L2 norm and largest error over largest pressure.
+
+    Cases whose pressure is exact up to rounding are left out.
+    """
+    rows = []
+    for case in cases(family, count, seed):
+        solution = case.solve(precision=precision, tolerance=tolerance)
+        if case.heights.size <= 600:
+            exact = dense_solution(case.body.matrix(case.heights.shape), case.heights, case.mean)
+        else:
+            exact = case.solve(precision="double", tolerance=1e-11 if family != "layers" else 1e-9).pressure
+        difference = solution.pressure.astype(np.float64) - exact
+        true = np.array([np.linalg.norm(difference) / np.linalg.norm(exact), np.abs(difference).max() / exact.max()])
+        if true[0] > (3e-7 if precision == "single" else 1e-9):
+            found = solution.convergence
+            rows.append(np.array([found["pressure_error"], found["pressure_error_max"]]) / true)
+    return np.array(rows).reshape(-1, 2)
+
+
+def estimate_table(count: int | None, seed: int) -> None:
+    print(
+        "| family, tolerance, precision | cases | estimate / truth: L2 norm (least, median, largest) | largest error |"
+    )
+    print("| --- | --- | --- | --- |")
+    found = []
+    for family, tolerance, precision, number in ESTIMATES:
+        ratios = estimates(family, tolerance, precision, number if count is None else count, seed)
+        found.append(ratios)
+        shown = [", ".join(f"{x:.2f}" for x in np.quantile(ratios[:, k], [0, 0.5, 1])) for k in (0, 1)]
+        print(f"| {family} {tolerance:g} {precision} | {len(ratios)} | {shown[0]} | {shown[1]} |", flush=True)
+    ratios = np.concatenate(found)
+    inside = np.mean((ratios > 1 / 3) & (ratios < 3), axis=0)
+    print(f"\n{len(ratios)} contacts: within a factor 3 {inside[0]:.1%} (L2), {inside[1]:.1%} (largest).")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("families", nargs="*", default=[], help=f"some of {', '.join(FAMILIES)}, pressure")
     parser.add_argument("--count", type=int, help="cases per family")
+    parser.add_argument("--seed", type=int, default=1, help="of the contacts for the estimate of the pressure error")
     parser.add_argument("--verbose", action="store_true", help="print every case that is not plain success")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
     names = [name for name in arguments.families or FAMILIES if name in FAMILIES]
-    gap_table(names, arguments.count, arguments.verbose)
+    if names:
+        gap_table(names, arguments.count, arguments.verbose)
+    if "pressure" in arguments.families or not arguments.families:
+        print()
+        estimate_table(arguments.count, arguments.seed)
 
 
 if __name__ == "__main__":
