@@ -30,7 +30,9 @@ class FFTBEM(ContactSolver):
 
     Finds the pressure with p ≥ 0, gap ≥ 0, p·gap = 0 on every pixel. Converged means that both errors are below
     ``tolerance``: the rms gap over the contact and the largest penetration outside it, relative to the rms height, or
-    to the approach since first touch where that is smaller.
+    to the approach since first touch where that is smaller. They are those of the pressure that is returned.
+    ``ContactSolution.convergence`` also estimates the error of the pressure: ``pressure_error`` (L2 norm, relative) and
+    ``pressure_error_max`` (largest, relative to the largest pressure).
     The iteration is described in ``chemage_contact._iteration``; its speed and accuracy in ``docs/contact.md``.
     """
 
