@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 
 from independent_contact import Body, Errors, dense_solution, evaluate
 
-from chemage.objects import ContactSolution, Surface
+from chemage import ContactSolution, Surface
 from chemage_contact import FFTBEM
 from chemage_surfaces import SelfAffine
 

@@ -14,8 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from contact_errors import MODULUS, Case, cases, check, estimates, rough, slope
 from independent_contact import Body, dense_solution, evaluate
 
-from chemage.errors import ConvergenceError, InputError
-from chemage.objects import Surface
+from chemage import ConvergenceError, InputError, Surface
 from chemage_contact import FFTBEM, _descent
 
 STRICT = [("single", 1e-6), ("mixed", 1e-12), ("double", 1e-12)]
