@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,8 @@ class Convolution:
         if floating and periodic:
             self._symbol[0, 0] = 0.0  # a uniform displacement only shifts the offset, but its rounding exceeds the rest
         self._inverse: Array | None = None
+        #: of the preconditioner for a uniform residual, once it was used
+        self.stiffness = 0.0
         self._substrate = substrate
         self._buffer: Array | None = None
         self._turn: Array | None = None
@@ -48,6 +51,19 @@ class Convolution:
     def transforms(self) -> int:
         """Transforms made so far."""
         return self._transforms.count + (self._unpadded.count if self._unpadded is not self._transforms else 0)
+
+    @cached_property
+    def response(self) -> float:
+        """Root of the mean squared symbol: rms displacement under random pressures of unit rms."""
+        rows, columns = self._transforms.padded
+        weight = np.full(self._symbol.shape[1], 2.0)
+        weight[0] = 1.0
+        if columns % 2 == 0 and columns > 1:
+            weight[-1] = 1.0
+        squares = np.square(self._symbol, dtype=np.float64) @ weight
+        if squares.size != rows:
+            squares[1 : (rows + 1) // 2] *= 2.0
+        return math.sqrt(float(squares.sum()) / (rows * columns))
 
     def spectrum(self, x: Array) -> Array:
         """Transform of x (nx, ny), zero-padded."""
@@ -76,6 +92,7 @@ class Convolution:
         """Approximately G⁻¹v."""
         if self._inverse is None:
             self._inverse = (self._substrate.inverse() * self.unit).astype(self.dtype)
+            self.stiffness = float(self._inverse[0, 0])
         if self._turn is not None:
             return self._packed(v, self._inverse, np.empty(self.shape, self.dtype))
         spectrum = self._unpadded.forward(v)

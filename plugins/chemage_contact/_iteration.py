@@ -2,8 +2,9 @@
 
 The gradient is the gap, so the solution satisfies p ≥ 0, gap ≥ 0, p·gap = 0. Method:
 
-* Conjugate gradients on the working set {p > 0} ∪ {gap < 0}, clipped to p ≥ 0 after an exact line search, restarted
-  only when the direction is not one of descent: I. A. Polonsky, L. M. Keer, Wear 231, 206 (1999) without its
+* Conjugate gradients on the working set {p > 0} ∪ {gap < 0}, projected onto p ≥ 0 and the load after an exact line
+  search (by a shift, which gives the nearest admissible pressure), restarted only when the direction is not one of
+  descent: I. A. Polonsky, L. M. Keer, Wear 231, 206 (1999) without its
   restarts, after L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018).
 * Preconditioner of opposite order: the inverse symbol |q|, restricted to the working set: E. A. H. Vollebregt, J.
   Optim. Theory Appl. 162, 862 (2014). Most of its term for flow out of the working set is removed again (the regional
@@ -18,8 +19,9 @@ The gradient is the gap, so the solution satisfies p ≥ 0, gap ≥ 0, p·gap = 
   a step that clips nothing reuses the spectrum of its direction: four or five transforms per iteration.
 
 Everything is made dimensionless: heights in units of their rms value, measured down from the highest point; pressure
-in units of its mean. This module goes from grid to grid; ``_grid`` is the problem on one grid and ``_descent`` the
-iteration on it.
+in units of a power of two near its mean, so that the conversion at the end does not round and the pressure returned is
+the one whose errors were measured. This module goes from grid to grid; ``_grid`` is the problem on one grid and
+``_descent`` the iteration on it.
 """
 
 from __future__ import annotations
@@ -33,8 +35,8 @@ from numpy.typing import NDArray
 
 from . import _kernels as kernels
 from ._descent import Descent, Outcome
-from ._grid import PRECISIONS, Grid, Settings
-from ._kernels import Heights
+from ._grid import PRECISIONS, Grid, Settings, rescale, sums
+from ._kernels import Heights, State
 from ._operators import Substrate
 from ._resampling import dimensionless, grids, regridded, resampled
 from ._team import Team
@@ -42,18 +44,19 @@ from ._team import Team
 Array = NDArray[Any]
 
 #: A coarse grid only provides a start: it is solved to this tolerance, in at most so many iterations.
-COARSE_TOLERANCE = 5e-3
+COARSE_TOLERANCE = 1e-2
 COARSE_ITERATIONS = 30
 
 
 @dataclass
 class Result:
-    """A solution in dimensionless units. ``pressure`` (mean 1 under load control), ``gap`` (rms heights), both (nx,
-    ny)."""
+    """A solution in dimensionless units: ``pressure`` and ``gap``, both (nx, ny); errors relative to ``scale``."""
 
     pressure: Array
     gap: Array
     offset: float
+    scale: float
+    """rms heights"""
     rms_gap: float
     penetration: float
     converged: bool
@@ -61,6 +64,10 @@ class Result:
     transforms: int
     history: list[tuple[float, float]]
     levels: list[tuple[tuple[int, int], int]]
+    pressure_error: tuple[float, float]
+    """estimated: L2 norm relative to that of the pressure, largest error relative to the largest pressure"""
+    rounding: bool = False
+    """whether rounding errors prevent a smaller error"""
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -69,21 +76,10 @@ class Result:
         return max(self.rms_gap, self.penetration)
 
 
-def sums(p: Array, r: Array, team: Team) -> tuple[float, float, float]:
-    """Σ p, Σ p·|r| and the least p, of two arrays (nx, ny)."""
-    part = team.table(kernels.totals, p.shape[0], 3, p, r)
-    return float(part[:, 0].sum()), float(part[:, 1].sum()), float(part[:, 2].min(initial=math.inf))
-
-
-def rescale(p: Array, factor: float, team: Team) -> float:
-    """Multiply p (nx, ny) in place; returns the new sum."""
-    return float(team.table(kernels.scale, p.shape[0], 1, p, p.dtype.type(factor)).sum())
-
-
-def projected(q: Array) -> Array:
-    """The nearest array to q that has no negative entry and the mean 1: max(q - t, 0)."""
+def projected(q: Array, mean: float = 1.0) -> Array:
+    """The nearest array to q that has no negative entry and the given mean: max(q - t, 0)."""
     order = np.sort(q, axis=None)[::-1].astype(np.float64)
-    excess = np.cumsum(order) - q.size
+    excess = np.cumsum(order) - mean * q.size
     index = np.arange(1, q.size + 1)
     last = int(np.flatnonzero(order * index > excess)[-1])
     return np.maximum(q - excess[last] / (last + 1), 0.0)
@@ -94,6 +90,7 @@ def solve(
     heights: Heights,
     *,
     stiffness: float,
+    mean: float = 1.0,
     offset: float | None = None,
     start: Array | None = None,
     settings: Settings,
@@ -101,7 +98,7 @@ def solve(
 ) -> Result:
     """Solve on ``substrate`` for ``heights``.
 
-    ``stiffness`` is (unit of pressure)·pixel/(E*·unit of height). With ``offset`` None the mean pressure is 1;
+    ``stiffness`` is (unit of pressure)·pixel/(E*·unit of height). With ``offset`` None ``mean`` is the mean pressure;
     otherwise the gap is G p - h + offset and the load follows (negative: approach since first touch). ``start`` is a
     pressure to begin from instead of a coarser grid. Never raises for lack of convergence: look at ``converged``.
     """
@@ -115,23 +112,26 @@ def solve(
         h = heights if finest else regridded(heights, shape, state, substrate.periodic, team)
         # Displacements are counted in pixels of the grid at hand.
         pixels = here.pixel[0] * here.pixel[1] / (substrate.pixel[0] * substrate.pixel[1])
-        grid = Grid(here, h, stiffness * math.sqrt(pixels), offset, settings, team)
+        grid = Grid(here, h, stiffness * math.sqrt(pixels), mean, offset, settings, team, finest)
         end = _solve_on(grid, p, finest)
         p = end.pressure
         levels.append((shape, end.iterations))
         if finest:
-            end.gap += end.offset
+            end.gap += end.gap_offset
             return Result(
                 pressure=p,
                 gap=end.gap,
-                offset=end.offset - stiffness * grid.uniform,
-                rms_gap=end.rms_gap,
-                penetration=end.penetration,
+                offset=end.offset - stiffness * mean * grid.uniform,
+                scale=end.scale,
+                rms_gap=end.rms_gap / end.scale,
+                penetration=end.penetration / end.scale,
                 converged=end.converged,
                 iterations=end.iterations,
                 transforms=grid.transforms,
-                history=grid.history,
+                history=[(rms / end.scale, deepest / end.scale) for rms, deepest in grid.history],
                 levels=levels,
+                pressure_error=end.pressure_error,
+                rounding=end.rounding,
                 notes=end.notes,
             )
     raise AssertionError("there is always a finest grid")
@@ -146,7 +146,7 @@ def _solve_on(grid: Grid, p: Array | None, finest: bool) -> Outcome:
         p = resampled(p, body.shape, grid.state, body.periodic, grid.team, kernels.resample_pressure)
     if load_given:
         total, _, least = sums(p, p, grid.team)
-        rescale(p, p.size / total, grid.team)
+        rescale(p, grid.load / total, grid.team)
         if body.padded == body.shape and least > 0.0:
             end = _full_contact(grid)
             if end is not None:
@@ -169,23 +169,35 @@ def _flattening(grid: Grid) -> Array:
 def _full_contact(grid: Grid) -> Outcome | None:
     """The solution if every pixel touches, else None.
 
-    The gap is computed from the varying part of the pressure: under a large mean the sum would not resolve it.
+    The gap is computed from the varying part of the pressure: under a large mean the sum would not resolve it. It is
+    that of the pressure returned, after the mean was added and the sum rounded. That pressure is the solution rounded
+    to its precision, and counts as converged even if its error exceeds the tolerance.
     """
-    varying = _flattening(grid)
-    if float(varying.min()) <= -1.0:
+    mean = grid.state(grid.mean)
+    p = _flattening(grid)
+    p += mean
+    if float(p.min()) <= 0.0:
         return None
-    r = grid.gap(varying, True)
-    offset = -float(r.mean(dtype=np.float64))
-    rms = math.sqrt(float(np.mean(np.square(r + r.dtype.type(offset)), dtype=np.float64)))
-    varying += varying.dtype.type(1.0)
+    varying = p - mean
+    r = np.empty_like(p)
+    # The mean height is the offset, if the load is given and the body periodic.
+    base = float(np.mean(dimensionless(grid.heights, np.float64, grid.team)))
+    operator = grid.exact() if grid.state == np.float64 or not grid.finest else grid.double()
+    grid.gap(operator, base, State(varying, r))
+    correction = -float(r.mean(dtype=np.float64))
+    rms = math.sqrt(float(np.mean(np.square(r + r.dtype.type(correction)), dtype=np.float64)))
     grid.history.append((rms, 0.0))
-    return Outcome(varying, r, offset, rms, 0.0, rms < grid.settings.tolerance, 0, [])
+    offset = base + correction
+    approach = grid.uniform * grid.stiffness * grid.mean - offset
+    scale = min(1.0, approach) if approach > 0.0 else 1.0
+    eps = 2.0 * float(np.finfo(grid.state).eps)
+    return Outcome(p, r, correction, offset, scale, rms, 0.0, True, 0, [], True, (eps, eps))
 
 
 def _first_guess(grid: Grid) -> Array:
     """The admissible pressure nearest to the one that presses the heights flat."""
     if grid.offset_fixed is None:
-        return projected(_flattening(grid) + 1.0).astype(grid.state)
+        return projected(_flattening(grid) + grid.mean, grid.mean).astype(grid.state)
     scaled = dimensionless(grid.heights, grid.work, grid.team)
     q = grid.operator.precondition(scaled - grid.work(grid.offset_fixed))
     return np.maximum(q, 0.0).astype(grid.state) / grid.state(grid.stiffness)

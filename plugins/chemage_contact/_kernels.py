@@ -50,7 +50,7 @@ class State(NamedTuple):
     p: Array
     """pressure"""
     r: Array
-    """gap before the offset is added"""
+    """gap up to a uniform offset"""
 
 
 class Search(NamedTuple):
@@ -105,7 +105,7 @@ def advance(lo, hi, blocks, state, y, factor, part):
             row, start, stop = _block(blocks, b, p.shape[1])
             pb, rb, yb = p[row, start:stop], r[row, start:stop], y[row, start:stop]
             for i in range(pb.size):
-                new = rb[i] + factor * yb[i]
+                new = r.dtype.type(rb[i] + factor * yb[i])
                 rb[i] = new
                 weight = 1.0 if pb[i] > 0 else 0.0
                 total += weight * new
@@ -118,7 +118,7 @@ def advance(lo, hi, blocks, state, y, factor, part):
 def residual(lo, hi, blocks, state, offset, v, part):
     """Residual on the working set {p > 0} ∪ {gap < 0}: v = -gap there, 0 elsewhere.
 
-    part[b] = (Σ gap² over p > 0, largest penetration where p = 0, pixels in the working set, Σ v). Reads p, r;
+    part[b] = (Σ gap² over p > 0, largest penetration where p = 0, pixels in the working set, Σ v, Σ p²). Reads p, r;
     writes v. A gap of exactly zero inside the set is written as a negligible number, because v ≠ 0 marks the set.
     """
     p, r = state.p, state.r
@@ -128,12 +128,14 @@ def residual(lo, hi, blocks, state, offset, v, part):
         deepest = 0.0
         count = 0.0
         total = 0.0
+        pressures = 0.0
         if blocks.active[b]:
             row, start, stop = _block(blocks, b, p.shape[1])
             pb, rb, vb = p[row, start:stop], r[row, start:stop], v[row, start:stop]
             for i in range(pb.size):
                 gap = rb[i] + offset
                 inside = pb[i] > 0
+                pressures += float(pb[i]) * float(pb[i])
                 held = gap if inside else 0.0
                 squares += held * held
                 outside = gap if gap < 0.0 and not inside else 0.0
@@ -151,6 +153,7 @@ def residual(lo, hi, blocks, state, offset, v, part):
         part[b, 1] = deepest
         part[b, 2] = count
         part[b, 3] = total
+        part[b, 4] = pressures
 
 
 @njit(**_OPTIONS)
@@ -167,11 +170,12 @@ def indicator(lo, hi, blocks, v, out, clear):
 
 
 @njit(**_OPTIONS)
-def products(lo, hi, blocks, search, share, part):
-    """z -= share·max(outward, 0)·v on the working set, 0 elsewhere in active blocks, and sums over the set:
+def products(lo, hi, blocks, search, share, uniform, part):
+    """z -= share·max(outward - uniform, 0)·v on the working set, 0 elsewhere in active blocks, and sums over the set:
     part[b] = (Σ z, Σ z·v, Σ d, Σ d·v, Σ z·y, Σ d·y, Σ y). Reads v, outward, d, y; updates z.
     """
     v, z, d, y = search.v, search.z, search.d, search.y
+    level = z.dtype.type(uniform)
     for b in range(lo, hi):
         sz = 0.0
         szv = 0.0
@@ -187,7 +191,7 @@ def products(lo, hi, blocks, search, share, part):
             for i in range(vb.size):
                 vi = float(vb[i])
                 weight = 1.0 if vi != 0.0 else 0.0
-                loss = kb[i] if kb[i] > 0 else 0.0
+                loss = kb[i] - level if kb[i] > level else 0.0
                 zi = weight * zb[i] - share * loss * vi
                 zb[i] = zi
                 di = weight * db[i]
@@ -209,15 +213,21 @@ def products(lo, hi, blocks, search, share, part):
 
 
 @njit(**_OPTIONS)
-def direction(lo, hi, blocks, search, beta, shift, clear, part):
+def direction(lo, hi, blocks, search, beta, shift, clear, terms, part):
     """d = z + beta·d - shift on the working set, 0 elsewhere; blocks that are not active are only written if
-    ``clear``. part[b] = Σ d². Reads v, z; updates d."""
+    ``clear``. part[b] = (Σ d², Σ z² + (beta·d)² if ``terms``, else 0), from which cancellation is recognised. Reads v,
+    z; updates d."""
     v, z, d = search.v, search.z, search.d
     for b in range(lo, hi):
         row, start, stop = _block(blocks, b, v.shape[1])
         vb, zb, db = v[row, start:stop], z[row, start:stop], d[row, start:stop]
         squares = 0.0
+        both = 0.0
         if blocks.active[b]:
+            if terms:
+                for i in range(vb.size):
+                    new, old = float(zb[i]), beta * db[i]
+                    both += new * new + old * old if vb[i] != 0 else 0.0
             for i in range(vb.size):
                 value = zb[i] + beta * db[i] - shift
                 value = value if vb[i] != 0 else 0.0
@@ -226,12 +236,13 @@ def direction(lo, hi, blocks, search, beta, shift, clear, part):
         elif clear:
             db[:] = 0
         part[b, 0] = squares
+        part[b, 1] = both
 
 
 @njit(**_OPTIONS)
-def clipped(lo, hi, blocks, p, d, step, part):
-    """The sums of max(p + step·d, 0) without computing it: part[b] = (its sum, pixels that are clipped, the sum of
-    the squares that are cut off). Reads p, d; writes nothing else."""
+def projection(lo, hi, blocks, p, d, step, shift, part):
+    """Sums of max(q - shift, 0) with q = p + step·d, without storing it: part[b] = (its sum, pixels where it is
+    positive, Σ of its squared difference from q). Reads p, d; writes nothing else."""
     for b in range(lo, hi):
         total = 0.0
         count = 0.0
@@ -240,39 +251,72 @@ def clipped(lo, hi, blocks, p, d, step, part):
             row, start, stop = _block(blocks, b, p.shape[1])
             pb, db = p[row, start:stop], d[row, start:stop]
             for i in range(pb.size):
-                new = pb[i] + step * db[i]
+                new = pb[i] + step * db[i] - shift
                 cut = new if new < 0.0 else 0.0
-                count += 1.0 if new < 0.0 else 0.0
-                squares += cut * cut
+                change = cut + shift
+                squares += change * change
                 total += new - cut
+                count += 1.0 if new > 0.0 else 0.0
         part[b, 0] = total
         part[b, 1] = count
         part[b, 2] = squares
 
 
 @njit(**_OPTIONS)
-def move(lo, hi, blocks, p, d, step, scale):
-    """p = scale·max(p + step·d, 0), and d = the change of p. Updates p, d.
+def move(lo, hi, blocks, p, d, step, shift, scale, part):
+    """p = scale·max(p + step·d - shift, 0), and d = the change of p. part[b] = Σ p. Updates p, d.
 
     The change is rounded to the work precision first and the rounded change is added, so that p stays consistent with
     the gap, which is only updated by changes. A pixel that leaves the contact is set to exactly zero.
     """
     for b in range(lo, hi):
+        total = 0.0
         if blocks.active[b]:
             row, start, stop = _block(blocks, b, p.shape[1])
             pb, db = p[row, start:stop], d[row, start:stop]
             for i in range(pb.size):
                 old = pb[i]
-                new = old + step * db[i]
+                new = old + step * db[i] - shift
                 new = scale * new if new > 0.0 else 0.0
                 db[i] = new - old
                 rounded = old + db[i]
-                pb[i] = rounded if new > 0.0 and rounded > 0.0 else 0.0
+                new = rounded if new > 0.0 and rounded > 0.0 else 0.0
+                pb[i] = new
+                total += new
+        part[b, 0] = total
 
 
 @njit(**_OPTIONS)
-def subtract(lo, hi, blocks, u, heights, factor, state, part):
-    """r = factor·u - (values - top)·scale with the heights' values, top and factor (scale), in every block;
+def correct(lo, hi, blocks, search, e, step, factor, part):
+    """A step of the linear correction on the working set: e += step·d, v -= factor·y. part[b] = (Σ e², largest |e|,
+    Σ v). Reads d, y; updates e, v. The working set stays marked by v ≠ 0."""
+    v, d, y = search.v, search.d, search.y
+    for b in range(lo, hi):
+        squares = 0.0
+        largest = 0.0
+        total = 0.0
+        if blocks.active[b]:
+            row, start, stop = _block(blocks, b, v.shape[1])
+            vb, db, yb, eb = v[row, start:stop], d[row, start:stop], y[row, start:stop], e[row, start:stop]
+            for i in range(vb.size):
+                new = vb[i] - factor * yb[i]
+                new = 1e-30 if new == 0.0 else new
+                new = new if vb[i] != 0 else 0.0
+                vb[i] = new
+                total += new
+                change = eb[i] + step * db[i]
+                eb[i] = change
+                squares += change * change
+            for i in range(eb.size):
+                largest = max(largest, abs(eb[i]))
+        part[b, 0] = squares
+        part[b, 1] = largest
+        part[b, 2] = total
+
+
+@njit(**_OPTIONS)
+def subtract(lo, hi, blocks, u, heights, factor, base, state, part):
+    """r = factor·u - (values - top)·scale + base with the heights' values, top and factor (scale), in every block;
     part[b] = (Σ r, Σ 1) over p > 0. Reads u, the heights and p; writes r."""
     h, top, scale = heights.values, heights.top, heights.factor
     p, r = state.p, state.r
@@ -282,7 +326,7 @@ def subtract(lo, hi, blocks, u, heights, factor, state, part):
         total = 0.0
         count = 0.0
         for i in range(pb.size):
-            new = factor * ub[i] - (hb[i] - top) * scale
+            new = r.dtype.type(factor * ub[i] - (hb[i] - top) * scale + base)
             rb[i] = new
             weight = 1.0 if pb[i] > 0 else 0.0
             total += weight * new

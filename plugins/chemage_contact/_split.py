@@ -51,6 +51,8 @@ class Split:
             return b.inverse() * unit if inverse else b.symbol() / unit
 
         far = symbol(body.regrid(coarse)) * _far(coarse)
+        #: of the inverse operator for a uniform displacement
+        self.stiffness = float(far[0, 0])
         if floating:
             far[0, 0] = 0.0
         self._far = _whole(far / RATIO**2, coarse[0]).astype(dtype)
