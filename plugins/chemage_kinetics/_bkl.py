@@ -159,7 +159,7 @@ def _flip_cold(i: Int, classes: Classes, near: np.ndarray) -> None:
     _flip(i, classes, near)
 
 
-@hot
+@inner
 def _start_sequence(run: Run, attempt: Int) -> None:
     """Set ``rng`` to the private sequence of the sojourn that follows an attempt."""
     run.rng[0] = run.key.k0
@@ -169,7 +169,7 @@ def _start_sequence(run: Run, attempt: Int) -> None:
     run.rng[4] = OF_SOJOURN
 
 
-@hot
+@inner
 def _dwell(
     run: Run, i: Int, high: Float, low: Float, hold: Int, rate_back: Float, leave_back: Float
 ) -> tuple[Float, Float, Int]:

@@ -21,7 +21,7 @@ from chemage_kinetics._common import (
     rate,
     until,
 )
-from chemage_kinetics._memory import Float, Int, borrowed, hot, jit
+from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit
 
 STREAM = STREAMS["independent"]
 
@@ -73,7 +73,7 @@ def draw_times(sites: Sites, start: Float) -> None:
         sites.times[i, 0], sites.times[i, 1] = _draw(sites, i, barrier, start, 0.0)
 
 
-@hot
+@inner
 def _stay(
     sites: Sites,
     rng: np.ndarray,
@@ -100,7 +100,7 @@ def _stay(
         sites.state[i] = not bonded
 
 
-@hot
+@inner
 def _follow_site(sites: Sites, holds: Holds, rng: np.ndarray, i: Int) -> None:
     """Follow site i, whose next event comes before the last hold time, to that time."""
     times = holds.times

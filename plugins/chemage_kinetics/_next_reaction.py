@@ -301,7 +301,7 @@ def _offer_around(queue: Queue, size: Int, i: Int, neighbours: np.ndarray, grid:
     return size
 
 
-@hot
+@inner
 def _end_aside(
     run: Run, i: Int, high: Float, low: Float, chain: Chain, hold: Int, size: Int, grid: Grid, present: Int
 ) -> Int:

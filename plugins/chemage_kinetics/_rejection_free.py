@@ -217,7 +217,7 @@ def _flip(system: System, i: Int) -> None:
     _update(system, i, _shift(system, i))
 
 
-@hot
+@inner
 def _start_sequence(run: Run, event: Int) -> None:
     """Set ``rng`` to the private sequence of the sojourn that follows an event."""
     run.rng[0] = run.key.k0
@@ -227,7 +227,7 @@ def _start_sequence(run: Run, event: Int) -> None:
     run.rng[4] = OF_SOJOURN
 
 
-@hot
+@inner
 def _dwell(
     run: Run, i: Int, high: Float, low: Float, hold: Int, rate_back: Float, leave_back: Float
 ) -> tuple[Float, Float, Int]:
