@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import signal
 import sys
 from importlib import metadata
@@ -10,9 +11,11 @@ from pathlib import Path
 from textwrap import dedent
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+import chemage
 from chemage import registry
 from chemage.testing import isolated_registry as isolated_registry
 
@@ -151,19 +154,19 @@ class Outcome(NamedTuple):
 @pytest.fixture
 def command(monkeypatch, capsys):
     """``command("run", "scene.toml", ...)``: the command line, in this process."""
-    from chemage import cli
+    from chemage.cli import app as command_line
 
     def leave(status):
         raise SystemExit(status)
 
-    monkeypatch.setattr(cli.app, "registered_commands", list(cli.app.registered_commands))
-    monkeypatch.setattr(cli.os, "_exit", leave)
+    monkeypatch.setattr(command_line.app, "registered_commands", list(command_line.app.registered_commands))
+    monkeypatch.setattr(command_line.os, "_exit", leave)
 
     def call(*words):
         capsys.readouterr()
         monkeypatch.setattr(sys, "argv", ["chemage", *map(str, words)])
         with pytest.raises(SystemExit) as stop:
-            cli.main()
+            command_line.main()
         printed = capsys.readouterr()
         return Outcome(stop.value.code, printed.out, printed.err)
 
@@ -174,7 +177,7 @@ class Tiny:
     """An installed plugin with a whole experiment of a millisecond, which logs what it computes."""
 
     def __init__(self, folder):
-        self._log = folder / "computed.log"
+        self._log, self._hold = folder / "computed.log", folder / "hold"
 
     def scene(self, **sections):
         """Scene data; ``sections`` replace or add whole sections."""
@@ -198,14 +201,88 @@ class Tiny:
         """Start a new log."""
         self._log.unlink(missing_ok=True)
 
+    def hold(self, replicas, seconds=0.0):
+        """Let that many replicas (of the log) be computed at once, and each further one wait; None: none waits."""
+        if replicas is None:
+            self._hold.unlink(missing_ok=True)
+        else:
+            self._hold.write_text(f"{replicas} {seconds}")
+
 
 @pytest.fixture
 def tiny(site, tmp_path, monkeypatch):
     """The plugin ``tests/stubs/chemage_tiny.py``, installed for this test, here and in every process started here."""
     source = (Path(__file__).parent / "stubs" / "chemage_tiny.py").read_text(encoding="utf-8")
     site.install("chemage-tiny", {"chemage_tiny.py": source}, {"tiny": "chemage_tiny"})
-    monkeypatch.setenv("PYTHONPATH", str(site.folder))
+    monkeypatch.setenv("PYTHONPATH", str(site.folder), prepend=os.pathsep)
     made = Tiny(tmp_path)
     monkeypatch.setenv("CHEMAGE_TINY_LOG", str(tmp_path / "computed.log"))
+    monkeypatch.setenv("CHEMAGE_TINY_HOLD", str(tmp_path / "hold"))
     with registry.using(site.registry()):
         yield made
+
+
+class Examples:
+    """A record of each kind, with some fields changed."""
+
+    @staticmethod
+    def surface(**changes):
+        heights = np.arange(12.0).reshape(3, 4)
+        return chemage.Surface(**{"heights": heights, "pixel_size": 0.5, "provenance": {"kind": "ramp"}, **changes})
+
+    @staticmethod
+    def contact(**changes):
+        pressure = np.zeros((4, 5))
+        pressure[1, 1:3] = 2.0, 4.0
+        pressure[3, 0] = 6.0
+        return chemage.ContactSolution(
+            **{"pressure": pressure, "load": 3.0, "pixel_size": 0.5, "modulus": 10.0, **changes}
+        )
+
+    @staticmethod
+    def lattice(**changes):
+        fields = {
+            "pixels": (3, 3),
+            "sites": [1, 4, 7],
+            "forming": [0.8, 0.9, 1.0],
+            "breaking": [1.1, 1.1, 1.2],
+            "neighbours": [[1, -1], [0, 2], [1, -1]],
+            "coupling": [[0.1, 0.0], [0.1, -0.2], [-0.2, 0.0]],
+            "pixel_size": 0.45,
+        }
+        return chemage.ReactionLattice(**{**fields, **changes})
+
+    @staticmethod
+    def history(**changes):
+        fields = {
+            "hold_times": [1.0, 10.0],
+            "bonds": [1, 2],
+            "formed": [2, 4],
+            "broken": [1, 2],
+            "state": [True, False, True],
+            "time": 10.0,
+            "temperature": 300.0,
+            "engine": "by-hand",
+            "resume": {"words": np.array([3], np.uint64)},
+        }
+        return chemage.BondHistory(**{**fields, **changes})
+
+    @staticmethod
+    def aging(**changes):
+        fields = {
+            "hold_times": [1.0, 10.0, 100.0],
+            "bonds": [[10, 20, 30], [12, 24, 30]],
+            "sites": [50, 50],
+            "events": [40, 44],
+            "load": 60.0,
+            "temperature": 300.0,
+            "engine": "by-hand",
+            "observables": {"x": np.array([[1.0], [2.0]])},
+        }
+        return chemage.Aging(**{**fields, **changes})
+
+
+@pytest.fixture(scope="session")
+def examples():
+    """``examples.surface(pixel_size=2.0)`` and so on: small records of plain arrays."""
+    return Examples

@@ -1,8 +1,8 @@
-"""The points of a sweep: ``[sweep]`` read, and every point validated before the first is computed.
+"""The points of a sweep: reads ``[sweep]`` and validates every point before the first is computed.
 
-Every line of ``[sweep]`` is one axis of a grid; each ``[[sweep.zip]]`` holds lines that move together and make one
-axis. The last axis moves fastest. A value replaces what the scene has at that path: a number, a string with its unit, a
-whole section given as an inline table, or ``false`` for a section that is to be left out.
+Every entry of ``[sweep]`` is one axis of a grid; the entries of a ``[[sweep.zip]]`` vary together and form one axis.
+The last axis varies fastest. A value replaces the value of the scene at that path: a number, a string with its unit, a
+whole section given as an inline table, or ``false`` for a section to be left out.
 """
 
 from __future__ import annotations
@@ -16,24 +16,27 @@ from typing import Any, get_args
 
 import numpy as np
 
-from chemage import registry
-from chemage.errors import ChemageError, InputError, PluginError, SceneError
-from chemage.scene import REQUIRED, SECTIONS, Scene, override, parse_scene
-from chemage.units import Unit
+from chemage.experiments.estimate import cost
+from chemage.experiments.scene import REQUIRED, SECTIONS, Scene, parse_scene
+from chemage.experiments.scene_files import override
+from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
+from chemage.foundation.messages import nearest
+from chemage.foundation.units import Unit
+from chemage.plugins import registry
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Fields that move together, and the values they take."""
+    """Fields that vary together, and their values."""
 
     #: dotted paths into the scene
     paths: tuple[str, ...]
-    #: for each position, one value a path
+    #: for each position on the axis one value per path
     values: tuple[tuple[Any, ...], ...]
 
     @property
     def name(self) -> str:
-        """The paths in one word."""
+        """The paths, joined."""
         return " & ".join(self.paths)
 
     def __len__(self) -> int:
@@ -50,12 +53,12 @@ class Grid:
 
     @classmethod
     def read(cls, data: Mapping[str, Any], source: str = "the scene") -> Grid:
-        """From scene data with ``[sweep]`` in it.
+        """Read the grid from scene data with ``[sweep]``.
 
         Raises
         ------
         SceneError
-            Listing everything that is wrong with ``[sweep]`` itself.
+            ``[sweep]`` is not valid; the message lists all its errors.
         """
         base = {name: section for name, section in data.items() if name != "sweep"}
         problems: list[tuple[str, str]] = []
@@ -78,11 +81,16 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Length of each axis."""
+        """Number of positions on each axis."""
         return tuple(len(axis) for axis in self.axes)
 
+    @property
+    def product(self) -> str:
+        """The shape as text, such as ``2 x 3``."""
+        return " x ".join(str(length) for length in self.shape)
+
     def positions(self, point: int) -> tuple[int, ...]:
-        """Where ``point`` lies on each axis."""
+        """The position of ``point`` on each axis."""
         places = []
         for axis in reversed(self.axes):
             point, place = divmod(point, len(axis))
@@ -90,7 +98,7 @@ class Grid:
         return tuple(reversed(places))
 
     def changes(self, point: int) -> dict[str, Any]:
-        """Dotted path -> value of what makes ``point`` differ from the base."""
+        """The changes of ``point`` to the base: dotted path -> value."""
         return {
             path: value
             for axis, place in zip(self.axes, self.positions(point), strict=True)
@@ -99,7 +107,7 @@ class Grid:
 
     def data(self, point: int) -> dict[str, Any]:
         """Scene data of ``point``."""
-        # a whole section goes in before what is set inside it
+        # a whole section is replaced before a field inside it is set
         changes = sorted(self.changes(point).items(), key=lambda item: item[0].count("."))
         return override(self.base, {path: _without_false(path, value) for path, value in changes})
 
@@ -108,7 +116,7 @@ class Grid:
         return parse_scene(self.data(point), self.source)
 
     def todict(self) -> dict[str, Any]:
-        """Plain JSON; :meth:`fromdict` reads it back."""
+        """Plain JSON values, from which :meth:`fromdict` makes an equal grid."""
         axes = [{"paths": list(axis.paths), "values": [list(values) for values in axis.values]} for axis in self.axes]
         return {"base": self.base, "axes": axes, "source": self.source}
 
@@ -123,20 +131,20 @@ class Grid:
 
 def _axes(sweep: Any, problems: list[tuple[str, str]]) -> list[Axis]:
     if not isinstance(sweep, Mapping):
-        problems.append(("sweep", f"{sweep!r} is not a section; write [sweep] with one list a line"))
+        problems.append(("sweep", f"{sweep!r} is not a section; write [sweep] with one list per line"))
         return []
     axes = [Axis((path,), tuple((value,) for value in values)) for path, values in _lines(sweep, "sweep", problems)]
     zips = sweep.get("zip", [])
     if not isinstance(zips, list) or not all(isinstance(one, Mapping) for one in zips):
-        problems.append(("sweep.zip", "write each group of lines that move together as [[sweep.zip]], in two brackets"))
+        problems.append(("sweep.zip", "write each group of lines that vary together as [[sweep.zip]], in two brackets"))
         return axes
     for number, group in enumerate(zips):
         where = f"sweep.zip.{number}"
         lines = _lines(group, where, problems)
         lengths = {path: len(values) for path, values in lines}
         if len(set(lengths.values())) > 1:
-            told = ", ".join(f"{path} has {length}" for path, length in lengths.items())
-            problems.append((where, f"lines that move together must be of equal length: {told}"))
+            each = ", ".join(f"{path} has {length}" for path, length in lengths.items())
+            problems.append((where, f"lines that vary together must have equal length: {each}"))
         elif lines:
             axes.append(Axis(tuple(lengths), tuple(zip(*(values for _, values in lines), strict=True))))
         elif not group:
@@ -145,7 +153,7 @@ def _axes(sweep: Any, problems: list[tuple[str, str]]) -> list[Axis]:
 
 
 def _lines(table: Mapping[str, Any], where: str, problems: list[tuple[str, str]]) -> list[tuple[str, list[Any]]]:
-    """(path, values) of every list in ``table``, nested or dotted."""
+    """Find (path, values) of every list in ``table``, nested or dotted."""
     lines: list[tuple[str, list[Any]]] = []
 
     def visit(part: Mapping[str, Any], parents: tuple[str, ...]) -> None:
@@ -169,8 +177,6 @@ def _lines(table: Mapping[str, Any], where: str, problems: list[tuple[str, str]]
 
 
 def _wrong_path(path: str) -> str | None:
-    from chemage.spec import nearest
-
     root, _, rest = path.partition(".")
     known = [name for name in SECTIONS if name != "sweep"]
     if root not in known:
@@ -184,16 +190,16 @@ def _without_false(path: str, value: Any) -> Any:
     return None if value is False and path in SECTIONS and path not in REQUIRED else value
 
 
-# -- all points, before the first -------------------------------------------------------------------------------------
+# -- validation of all points -----------------------------------------------------------------------------------------
 
 
 @dataclass
 class Contact:
-    """One contact to solve, which many points may share."""
+    """A contact to solve, which several points may share."""
 
     key: str
     surface: str
-    #: a point that needs it
+    #: a point that uses it
     point: int
     cpu_seconds: float | None
     bytes: float
@@ -201,54 +207,54 @@ class Contact:
 
 @dataclass
 class Survey:
-    """Every point of a grid, validated; what they share, and what they will cost. Estimates are not promises."""
+    """All points of a grid, validated: the contacts they share, and estimates of their cost."""
 
     grid: Grid
-    #: of each point: its own key, that of its ageing, and the number of its contact
+    #: for each point its key, the key of its ageing, and the number of its contact
     keys: list[str] = field(default_factory=list)
     agings: list[str] = field(default_factory=list)
     contact_of: list[int] = field(default_factory=list)
     contacts: list[Contact] = field(default_factory=list)
-    #: CPU seconds of each point without its contact; None where its engine cannot tell
+    #: CPU time of each point without its contact, s; None where its engine gives no estimate
     cpu_seconds: list[float | None] = field(default_factory=list)
-    #: of results on disk
+    #: size of the point files
     bytes: float = 0.0
-    #: of one task, at most
+    #: largest memory of one task, bytes; None if unknown
     memory: float | None = 0.0
-    #: for each axis, position and path: the value as the scene understood it
+    #: for each axis, position and path the validated value, in internal units
     resolved: list[list[list[Any]]] = field(default_factory=list)
     units: dict[str, str] = field(default_factory=dict)
-    #: plugins that answer or wrap an arrow
+    #: plugins that implement hooks of the stages, with their versions
     hooks: list[str] = field(default_factory=list)
     digest: str = ""
 
     @property
     def surfaces(self) -> int:
-        """Distinct surfaces."""
+        """Number of different surfaces."""
         return len({contact.surface for contact in self.contacts})
 
     @property
     def total_cpu_seconds(self) -> float | None:
-        """Of contacts and kinetics together; None where some choice cannot tell."""
+        """CPU time of all contacts and kinetics, s; None if a component gives no estimate."""
         distinct = dict(zip(self.agings, self.cpu_seconds, strict=True)).values()
         costs = [contact.cpu_seconds for contact in self.contacts] + list(distinct)
         return None if any(cost is None for cost in costs) else float(sum(cost for cost in costs if cost is not None))
 
     @property
     def total_bytes(self) -> float:
-        """Of everything in the folder."""
+        """Size of the folder."""
         return self.bytes + sum(contact.bytes for contact in self.contacts)
 
 
-def survey(grid: Grid, tell: Callable[[int, int], None] | None = None) -> Survey:
-    """Validate every point of ``grid``; ``tell`` is called with (points seen, points in all).
+def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Survey:
+    """Validate every point of ``grid``; ``progress`` receives (points validated, number of points).
 
     Raises
     ------
     SceneError
-        Naming each thing that is wrong with its path, the first point where it is, and that point's values.
+        Points are not valid; for each error the message names the path, the first point, and the values of that point.
     """
-    result = Survey(grid, hooks=registry.current().answering())
+    result = Survey(grid, hooks=registry.current().implementing(*registry.current().stage_hooks(), "chemage_observe"))
     result.resolved = [[[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes]
     known: dict[str, int] = {}
     wrong: dict[tuple[str, str], list[int]] = {}
@@ -264,8 +270,8 @@ def survey(grid: Grid, tell: Callable[[int, int], None] | None = None) -> Survey
                 first[1] += 1
             continue
         finally:
-            if tell is not None:
-                tell(point + 1, grid.size)
+            if progress is not None:
+                progress(point + 1, grid.size)
         if wrong:
             continue
         _add(result, point, scene, known)
@@ -274,7 +280,7 @@ def survey(grid: Grid, tell: Callable[[int, int], None] | None = None) -> Survey
                 unresolved[axis].discard(place)
                 _resolve(result, axis, place, scene)
     if wrong:
-        raise SceneError(grid.source, [_told(grid, problem, *where) for problem, where in wrong.items()])
+        raise SceneError(grid.source, [_located(grid, problem, *where) for problem, where in wrong.items()])
     digest = hashlib.blake2b(json.dumps([[axis.paths for axis in grid.axes], result.hooks]).encode(), digest_size=16)
     for key in result.keys:
         digest.update(key.encode())
@@ -282,7 +288,7 @@ def survey(grid: Grid, tell: Callable[[int, int], None] | None = None) -> Survey
     return result
 
 
-def _told(grid: Grid, problem: tuple[str, str], point: int, count: int) -> tuple[str, str]:
+def _located(grid: Grid, problem: tuple[str, str], point: int, count: int) -> tuple[str, str]:
     path, message = problem
     values = ", ".join(f"{name} = {shown(value)}" for name, value in grid.changes(point).items())
     others = f" and at {count - 1} more of {grid.size}" if count > 1 else ""
@@ -290,7 +296,7 @@ def _told(grid: Grid, problem: tuple[str, str], point: int, count: int) -> tuple
 
 
 def shown(value: Any) -> str:
-    """A swept value in a line of text."""
+    """Format a swept value as one line of text."""
     if isinstance(value, Mapping):
         rest = {name: item for name, item in value.items() if name != "kind"}
         return " ".join([str(value.get("kind", "")), *(f"{name}={shown(item)}" for name, item in rest.items())]).strip()
@@ -298,49 +304,32 @@ def shown(value: Any) -> str:
 
 
 def _add(result: Survey, point: int, scene: Scene, known: dict[str, int]) -> None:
-    keys = scene.keys()
+    keys, costs = scene.keys(), cost(scene)
     result.keys.append(keys["result"])
     result.agings.append(keys["aging"])
-    surface = scene.surface.expected()
     if keys["contact"] not in known:
         known[keys["contact"]] = len(result.contacts)
-        solve = scene.contact.expected(surface, scene.load)
-        pixels = surface.get("nx", 0.0) * surface.get("ny", 0.0)
-        stored = 12 * pixels * solve.get("area_fraction", 1.0) + (
-            8 * pixels if getattr(scene.contact, "gap", False) else 0
-        )
         result.contacts.append(
-            Contact(keys["contact"], keys["surface"], point, solve.get("cpu_seconds"), 3000 + stored)
+            Contact(keys["contact"], keys["surface"], point, costs.contact_cpu_seconds, 3000 + costs.contact_file)
         )
-        _note_memory(result, solve)
+        _note_memory(result, costs.contact_bytes)
     result.contact_of.append(known[keys["contact"]])
-    hold, engine, chemistry = scene.hold, scene.engine, scene.chemistry
+    result.cpu_seconds.append(costs.kinetics_cpu_seconds)
     result.bytes += 5000
-    if hold is None or engine is None or chemistry is None:
-        result.cpu_seconds.append(0.0)
-        return
-    times = hold.hold_times.size
-    result.bytes += times * (90 + 11 * hold.replicas)
-    contact = scene.contact.expected(surface, scene.load)
-    if "area_fraction" not in contact or "nx" not in surface or "ny" not in surface:
-        result.cpu_seconds.append(None)
-        result.memory = None
-        return
-    sites = contact["area_fraction"] * surface["nx"] * surface["ny"] * chemistry.hydroxylation
-    one = engine.expected(sites, chemistry.interaction is not None)
-    result.cpu_seconds.append(one["cpu_seconds"] * hold.replicas if "cpu_seconds" in one else None)
-    _note_memory(result, one)
+    if scene.hold is not None:
+        result.bytes += scene.hold.hold_times.size * (90 + 11 * scene.hold.replicas)
+        _note_memory(result, costs.replica_bytes)
 
 
-def _note_memory(result: Survey, cost: Mapping[str, float]) -> None:
-    if "bytes" not in cost:
+def _note_memory(result: Survey, size: float | None) -> None:
+    if size is None:
         result.memory = None
     elif result.memory is not None:
-        result.memory = max(result.memory, cost["bytes"])
+        result.memory = max(result.memory, size)
 
 
 def _resolve(result: Survey, axis: int, place: int, scene: Scene) -> None:
-    """Keep the values of one position as the scene understood them: "20 uN" is 20000.0 nN."""
+    """Record the validated values of one position: "20 uN" is 20000.0 nN."""
     data = scene.todict()
     for number, path in enumerate(result.grid.axes[axis].paths):
         given = result.grid.axes[axis].values[place][number]
@@ -364,13 +353,13 @@ def _unit(path: str, scene: Scene) -> str:
     info = type(owner).model_fields.get(name) if owner is not None else None
     if info is None:
         return ""
-    # the unit of an optional field stands one level deeper
+    # the unit of an optional field is one level deeper
     places = [info.metadata, *(getattr(part, "__metadata__", ()) for part in get_args(info.annotation))]
     return next((mark.unit for place in places for mark in place if isinstance(mark, Unit)), "")
 
 
 def order_of(contacts: list[Contact]) -> list[int]:
-    """Numbers of ``contacts`` such that those of one surface follow each other."""
+    """Order the numbers of ``contacts`` so that those of one surface follow each other."""
     first: dict[str, int] = {}
     for number, contact in enumerate(contacts):
         first.setdefault(contact.surface, number)
@@ -379,8 +368,14 @@ def order_of(contacts: list[Contact]) -> list[int]:
 
 
 def check_base(data: Any, source: str) -> dict[str, Any]:
-    """``data`` as plain JSON values, or an error that says it is not."""
+    """Check that scene data are plain JSON values, and return them as such.
+
+    Raises
+    ------
+    InputError
+        They contain something else.
+    """
     try:
         return json.loads(json.dumps(data))
     except (TypeError, ValueError) as error:
-        raise InputError(f"{source}: a scene is numbers, strings, lists and tables only: {error}") from None
+        raise InputError(f"{source}: a scene may hold numbers, strings, lists and tables only: {error}") from None

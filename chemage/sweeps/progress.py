@@ -1,4 +1,4 @@
-"""How far a sweep is, told while it runs."""
+"""Progress of a sweep, reported while it runs."""
 
 from __future__ import annotations
 
@@ -7,95 +7,85 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+
+from chemage.foundation.progress import progress_bars
 
 
 @dataclass(frozen=True)
 class SweepProgress:
-    """How far a sweep is."""
+    """Progress of a sweep at one moment."""
 
     #: ``validating`` or ``computing``
     stage: str
     points: int
-    #: points validated, or finished
+    #: points validated, or completed
     done: int
     failed: int
     contacts: int
     contacts_done: int
-    #: tasks that run side by side
+    #: concurrent tasks
     workers: int
-    #: wall seconds since this run of the sweep began
+    #: wall time since this call began, s
     elapsed: float
-    #: wall seconds still to go, None while there is nothing to tell from
+    #: estimated remaining wall time, s; None before the first task has ended
     remaining: float | None
 
+    def __str__(self) -> str:
+        if self.stage == "validating":
+            return f"sweep: {self.done} of {self.points} points validated, {_left(self.remaining)}"
+        failed = f", {self.failed} failed" if self.failed else ""
+        return (
+            f"sweep: {self.done} of {self.points} points{failed}, {self.contacts_done} of {self.contacts} contacts, "
+            f"{_left(self.remaining)}"
+        )
 
-Tell = Callable[[SweepProgress], None]
+
+#: receives the progress of a sweep, several times a second
+Report = Callable[[SweepProgress], None]
 
 
 @contextmanager
-def display(progress: Tell | bool | None) -> Iterator[Tell | None]:
+def reporting(progress: Report | bool | None) -> Iterator[Report | None]:
+    """The function to report progress with: that of the caller; for True one that shows progress on stderr."""
     if progress is True:
-        with show_progress() as tell:
-            yield tell
+        with show_progress() as report:
+            yield report
     else:
         yield progress or None
 
 
 @contextmanager
-def show_progress(seconds: float = 5.0) -> Iterator[Tell]:
-    """Bars on stderr; where that is no terminal, a line every few ``seconds``."""
+def show_progress(seconds: float = 5.0) -> Iterator[Report]:
+    """Show the progress of a sweep on stderr: bars on a terminal, elsewhere a line every few ``seconds``."""
     if not sys.stderr.isatty():
-        begin = time.perf_counter()
-        last, printed = begin, ""
-
-        def line(state: SweepProgress) -> None:
-            nonlocal last, printed
-            now = time.perf_counter()
-            ended = state.stage == "computing" and state.done + state.failed == state.points
-            if (now > last + seconds or (ended and last > begin)) and told(state) != printed:
-                last, printed = now, told(state)
-                print(printed, file=sys.stderr, flush=True)
-
-        yield line
+        yield _lines(seconds)
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-    columns = (
-        TextColumn("{task.description:<10}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[note]}"),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
-        tasks: dict[str, Any] = {}
-
-        def bar(name: str, done: int, total: int, note: str) -> None:
-            if name not in tasks:
-                tasks[name] = bars.add_task(name, total=total, note=note)
-            bars.update(tasks[name], completed=done, total=total, note=note)
+    with progress_bars() as bar:
 
         def draw(state: SweepProgress) -> None:
             if state.stage == "validating":
                 bar("validating", state.done, state.points, _left(state.remaining))
                 return
-            bar("contacts", state.contacts_done, state.contacts, "")
             failed = f"{state.failed} failed, " if state.failed else ""
+            bar("contacts", state.contacts_done, state.contacts)
             bar("points", state.done + state.failed, state.points, f"{failed}{_left(state.remaining)}")
 
         yield draw
 
 
-def told(state: SweepProgress) -> str:
-    """How far a sweep is, in a line."""
-    if state.stage == "validating":
-        return f"sweep: {state.done} of {state.points} points validated, {_left(state.remaining)}"
-    failed = f", {state.failed} failed" if state.failed else ""
-    return (
-        f"sweep: {state.done} of {state.points} points{failed}, {state.contacts_done} of {state.contacts} contacts, "
-        f"{_left(state.remaining)}"
-    )
+def _lines(seconds: float) -> Report:
+    begin = last = time.perf_counter()
+    printed = ""
+
+    def line(state: SweepProgress) -> None:
+        nonlocal last, printed
+        now = time.perf_counter()
+        ended = state.stage == "computing" and state.done + state.failed == state.points
+        if (now > last + seconds or (ended and last > begin)) and str(state) != printed:
+            last, printed = now, str(state)
+            print(printed, file=sys.stderr, flush=True)
+
+    return line
 
 
 def _left(seconds: float | None) -> str:

@@ -1,4 +1,4 @@
-"""A sweep read from its folder, done or not."""
+"""The results of a sweep, read from its folder at any time."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from chemage.errors import InputError, StoreError
-from chemage.objects import Aging, ContactSolution
-from chemage.scene import Scene
-from chemage.sweeps.folder import FORMAT, Folder, unpack_aging
+from chemage.ageing.aging import Aging
+from chemage.contacts.solution import ContactSolution
+from chemage.experiments.run import Run
+from chemage.experiments.scene import Scene
+from chemage.foundation.codec import from_json
+from chemage.foundation.errors import InputError, StoreError
+from chemage.sweeps.folder import FORMAT, Folder
 from chemage.sweeps.grid import Axis, Grid, shown
-from chemage.sweeps.table import Table
+from chemage.sweeps.table import Table, error_text
 
 if TYPE_CHECKING:
     import pandas
@@ -23,24 +26,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Point:
-    """One point of a sweep, read from the folder when asked."""
+    """One point of a sweep, read from the folder when its results are used."""
 
     result: SweepResult
     index: int
 
     @property
     def changes(self) -> dict[str, Any]:
-        """Dotted path -> value that makes this point what it is, as it was written."""
+        """The changes of this point to the scene: dotted path -> value, as written in ``[sweep]``."""
         return self.result.grid.changes(self.index)
 
     @property
     def values(self) -> dict[str, Any]:
-        """Dotted path -> value as the scene understood it: numbers in internal units."""
+        """The validated changes of this point: dotted path -> value, numbers in internal units."""
         return {path: column[self.index] for path, column in self.result.swept.items()}
 
     @property
     def key(self) -> str:
-        """Content hash of everything the result depends on."""
+        """Content hash of everything on which the result depends."""
         return self.result.keys[self.index]
 
     @cached_property
@@ -54,18 +57,17 @@ class Point:
 
     @property
     def error(self) -> str:
-        """Why it failed; empty otherwise."""
-        told = self._content.get("error")
-        return f"{told['stage']}: {told['type']}: {told['message']}" if told else ""
+        """Stage, type and message of the error of a point that failed; empty otherwise."""
+        return error_text(self._content.get("error"))
 
     @property
     def summary(self) -> dict[str, Any]:
-        """The numbers of :meth:`chemage.Run.summary`.
+        """The summary of the run, see :meth:`chemage.Run.summary`.
 
         Raises
         ------
         StoreError
-            The point is not done.
+            The point failed or is missing.
         """
         if self.status != "done":
             raise StoreError(
@@ -78,21 +80,21 @@ class Point:
         return self.result.grid.scene(self.index)
 
     def aging(self) -> Aging:
-        """Ageing, bonds of every replica included.
+        """The ageing curve, with the bonds of every replica.
 
         Raises
         ------
         StoreError
-            The point is not done, or its scene stops at the contact.
+            The point failed or is missing, or its scene stops at the contact.
         """
         if not self.summary["hold_times"]:
             raise StoreError(
                 f"point {self.index} of {self.result.folder} has no ageing: its scene stops at the contact"
             )
-        return unpack_aging(self._content["aging"])
+        return from_json(Aging, self._content["aging"])
 
     def contact(self) -> ContactSolution:
-        """The contact this point rests on.
+        """The contact of this point.
 
         Raises
         ------
@@ -104,6 +106,25 @@ class Point:
             raise StoreError(f"the contact of point {self.index} is not in {self.result.folder}")
         return found
 
+    def run(self) -> Run:
+        """This point as a run, without its surface.
+
+        Raises
+        ------
+        StoreError
+            The point failed or is missing, or its contact is not in the folder.
+        """
+        scene, summary = self.scene(), self.summary
+        return Run(
+            scene.todict(),
+            self.contact(),
+            aging=self.aging() if summary["hold_times"] else None,
+            timings=summary["timings"],
+            versions=summary["versions"],
+            keys=summary["keys"],
+            cite=tuple(summary["cite"]),
+        )
+
     def __repr__(self) -> str:
         return f"<Point {self.index}: {', '.join(f'{path} = {shown(value)}' for path, value in self.changes.items())}>"
 
@@ -113,7 +134,7 @@ def _no_counts() -> dict[str, int]:
 
 
 class SweepResult:
-    """A sweep's folder, done or not: a sequence of :class:`Point`."""
+    """The results of a sweep, complete or not: a sequence of :class:`Point`."""
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
@@ -124,7 +145,7 @@ class SweepResult:
 
     @property
     def name(self) -> str:
-        """The scene's name."""
+        """Name of the scene."""
         return str(self.grid.base.get("name", "scene"))
 
     @property
@@ -134,12 +155,12 @@ class SweepResult:
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """What varies; the last axis moves fastest."""
+        """The axes of the grid; the last varies fastest."""
         return self.grid.axes
 
     @cached_property
     def swept(self) -> dict[str, list[Any]]:
-        """Dotted path -> its value at every point, as the scene understood it: numbers in internal units."""
+        """The swept fields: dotted path -> validated value at every point, numbers in internal units."""
         resolved = self._manifest["resolved"]
         columns: dict[str, list[Any]] = {path: [] for axis in self.axes for path in axis.paths}
         for point in range(len(self)):
@@ -150,11 +171,11 @@ class SweepResult:
 
     @property
     def units(self) -> dict[str, str]:
-        """Dotted path -> unit of :attr:`swept`, empty where it has none."""
+        """The units of :attr:`swept`: dotted path -> unit, empty for numbers without a unit."""
         return self._manifest["units"]
 
     def contact_key(self, point: int) -> str:
-        """Content hash of the contact that ``point`` rests on."""
+        """Content hash of the contact of ``point``."""
         return self._manifest["contacts"][self._manifest["contact_of"][point]]
 
     def __len__(self) -> int:
@@ -169,12 +190,12 @@ class SweepResult:
         return (Point(self, index) for index in range(len(self)))
 
     def where(self, values: Mapping[str, Any]) -> list[Point]:
-        """The points at which every dotted path has the value given, as it was written or as it was understood.
+        """Find the points with the given values: dotted path -> value, as written in ``[sweep]`` or as validated.
 
         Raises
         ------
         InputError
-            A path that is not swept.
+            A path is not swept.
         """
         for path in values:
             if path not in self.swept:
@@ -189,7 +210,7 @@ class SweepResult:
         ]
 
     def states(self) -> list[str]:
-        """``done``, ``failed`` or ``missing`` for each point, as the folder is now."""
+        """The present state of each point: ``done``, ``failed`` or ``missing``."""
         known: dict[str, str] = {}
         for key in self.keys:
             if key not in known:
@@ -202,16 +223,16 @@ class SweepResult:
         return [self[index] for index, state in enumerate(self.states()) if state == "failed"]
 
     def table(self) -> Table:
-        """The numbers of all points, read from the folder now."""
+        """The table of all points, as they are in the folder at present."""
         points = (self.store.read_point(key) for key in self.keys)
         return Table.collect(self.swept, self.units, points)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """One row a point: status, what was swept, the numbers. Needs pandas."""
+        """A data frame with one row per point: status, swept fields, results. Needs pandas."""
         return self.table().to_pandas()
 
     def to_xarray(self) -> xarray.Dataset:
-        """Dimensions point, hold_time, replica: also friction and bonds at each hold time. Needs xarray."""
+        """A dataset with dimensions point, hold_time and replica, which includes the ageing curves. Needs xarray."""
         return self.table().to_xarray()
 
     def write_tables(self) -> tuple[Path, Path]:
@@ -234,7 +255,7 @@ class SweepResult:
         return names
 
     def status(self) -> dict[str, Any]:
-        """Counts of points done, failed and missing, in all and for each value of each axis; and what failed."""
+        """Count the points done, failed and missing, in total and for each value of each axis, and list failures."""
         states = self.states()
         counts = [[_no_counts() for _ in axis.values] for axis in self.axes]
         total = _no_counts()
@@ -269,15 +290,15 @@ class SweepResult:
         }
 
     def __repr__(self) -> str:
-        return f"<SweepResult {self.folder}: {len(self)} points, {' x '.join(str(n) for n in self.grid.shape)}>"
+        return f"<SweepResult {self.folder}: {len(self)} points, {self.grid.product}>"
 
 
 def load_sweep(folder: str | Path) -> SweepResult:
-    """The sweep in ``folder``, finished or not.
+    """Read the results of the sweep in ``folder``, complete or not.
 
     Raises
     ------
     StoreError
-        It is not the folder of a sweep, or a newer chemage made it.
+        It is not the folder of a sweep, or a newer version of chemage wrote it.
     """
     return SweepResult(folder)

@@ -1,5 +1,6 @@
-"""Computing a sweep: every point validated, then contacts and points handed out as independent tasks, a point as soon
-as its contact is there. What is in the folder is never computed again.
+"""Computing a sweep: validates every point, then distributes contacts and points as independent tasks.
+
+A point is submitted as soon as its contact is solved. Completed contacts and points are skipped.
 """
 
 from __future__ import annotations
@@ -16,42 +17,42 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from chemage.errors import ExecutorError, InputError, SceneError, StoreError, WorkerLost
-from chemage.executors import Pool, open_pool
-from chemage.runs import versions
-from chemage.scene import located, override, scene_data
-from chemage.sweeps.folder import FORMAT, Folder, compute, failure, solve
+from chemage.experiments.provenance import versions
+from chemage.experiments.scene_files import located, override, scene_data
+from chemage.foundation.errors import ExecutorError, InputError, SceneError, StoreError, WorkerLost
+from chemage.foundation.threads import restored as threads_restored
+from chemage.sweeps.executors.opening import open_pool
+from chemage.sweeps.executors.pool import Pool
+from chemage.sweeps.folder import FORMAT, RESUME, Folder
 from chemage.sweeps.grid import Grid, Survey, check_base, order_of, survey
-from chemage.sweeps.progress import SweepProgress, Tell, display
+from chemage.sweeps.progress import Report, SweepProgress, reporting
 from chemage.sweeps.result import SweepResult
-from chemage.threads import restored as threads_restored
+from chemage.sweeps.tasks import compute, failure, solve
 
-#: more points than this are asked about before they are looked at
+#: sweeps of more points need confirmation before they are validated
 MANY_POINTS = 100_000
-#: results may fill this part of the room that is left on the disk
+#: fraction of the free disk space that results may fill without confirmation
 DISK_SHARE = 0.9
 
 
-_KEPT = "what is finished is kept, the same sweep goes on"
-
-
 class SweepWarning(UserWarning):
-    """Something about a sweep that its user should know."""
+    """A warning about a sweep, for example about results of different versions."""
 
 
+#: receives a description of what needs confirmation, and returns whether the sweep may continue
 Confirm = Callable[[str], bool]
 
 
-# -- before anything runs ---------------------------------------------------------------------------------------------
+# -- before the first task --------------------------------------------------------------------------------------------
 
 
 def read_grid(scene: str | Path | Mapping[str, Any], changes: Mapping[str, Any] | None = None) -> Grid:
-    """The grid of a scene file, an installed scene, or scene data, with dotted-path ``changes`` to the base.
+    """Read the grid of a scene file, an installed scene, or scene data, with dotted-path ``changes`` to the base.
 
     Raises
     ------
     SceneError
-        ``[sweep]`` is missing or wrong.
+        ``[sweep]`` is missing or not valid.
     """
     data, source = (dict(scene), "the scene") if isinstance(scene, Mapping) else scene_data(scene)
     data = override(data, changes or {})
@@ -60,35 +61,39 @@ def read_grid(scene: str | Path | Mapping[str, Any], changes: Mapping[str, Any] 
     return Grid.read(check_base(located(data, Path.cwd()), source), source)
 
 
-def survey_of(grid: Grid, *, tell: Tell | None = None, confirm: Confirm | None = None) -> Survey:
-    """Validate every point; more than ``MANY_POINTS`` of them only if ``confirm`` agrees."""
+def survey_of(grid: Grid, *, progress: Report | None = None, confirm: Confirm | None = None) -> Survey:
+    """Validate every point; more than ``MANY_POINTS`` points only if ``confirm`` returns True.
+
+    Raises
+    ------
+    SceneError
+        A point is not valid.
+    InputError
+        There are too many points, and ``confirm`` did not return True.
+    """
     begin = time.perf_counter()
     if grid.size > MANY_POINTS:
-        _ask(f"the sweep has {grid.size} points ({_product(grid)})", confirm)
+        _require_confirmation(f"the sweep has {grid.size} points ({grid.product})", confirm)
     last = begin
 
-    def heard(seen: int, total: int) -> None:
+    def report(validated: int, total: int) -> None:
         nonlocal last
         now = time.perf_counter()
-        if tell is not None and (now > last + 0.2 or seen == total):
+        if progress is not None and (now > last + 0.2 or validated == total):
             last = now
-            left = (now - begin) * (total - seen) / seen
-            tell(SweepProgress("validating", total, seen, 0, 0, 0, 1, now - begin, left))
+            left = (now - begin) * (total - validated) / validated
+            progress(SweepProgress("validating", total, validated, 0, 0, 0, 1, now - begin, left))
 
-    return survey(grid, heard)
-
-
-def _product(grid: Grid) -> str:
-    return " x ".join(str(length) for length in grid.shape)
+    return survey(grid, report)
 
 
-def _ask(what: str, confirm: Confirm | None) -> None:
+def _require_confirmation(what: str, confirm: Confirm | None) -> None:
     if confirm is None or not confirm(what):
-        raise InputError(f"{what}; nothing was computed. Sweep over less, or agree to it (--yes, or confirm=)")
+        raise InputError(f"{what}; nothing was computed. Reduce the sweep, or confirm it (--yes, or confirm=True)")
 
 
 def room_for(path: Path) -> int:
-    """Bytes left where ``path`` is or will be."""
+    """Free disk space where ``path`` is or will be, bytes."""
     place = path.absolute()
     while not place.exists():
         place = place.parent
@@ -98,7 +103,7 @@ def room_for(path: Path) -> int:
 def _check_room(found: Survey, path: Path, confirm: Confirm | None) -> None:
     need, room = found.total_bytes, room_for(path)
     if need > DISK_SHARE * room:
-        _ask(
+        _require_confirmation(
             f"the {found.grid.size} points and {len(found.contacts)} contacts may need {_size(need)}, but "
             f"{path.absolute().parent} has {_size(room)} left",
             confirm,
@@ -114,7 +119,7 @@ def _size(count: float) -> str:
 
 
 def _check_folder(folder: Folder, found: Survey, force: bool) -> None:
-    """Refuse what is not ours, or of another sweep unless that is to be replaced."""
+    """Refuse a folder that is not of a sweep, or of another sweep unless that is to be replaced."""
     path = folder.path
     if path.exists() and not path.is_dir():
         raise StoreError(f"{path} is a file; a sweep is computed into a folder")
@@ -131,7 +136,7 @@ def _check_folder(folder: Folder, found: Survey, force: bool) -> None:
     changed = [f"{name} {then[name]} -> {now[name]}" for name in now if name in then and then[name] != now[name]]
     if changed:
         warnings.warn(
-            f"{path} was begun with other versions ({', '.join(changed)}); points of both will stand side by side",
+            f"{path} was begun with other versions ({', '.join(changed)}); it will hold points of both",
             SweepWarning,
             stacklevel=3,
         )
@@ -142,16 +147,16 @@ def _difference(there: Mapping[str, Any], found: Survey) -> str:
     if [axis.paths for axis in old.axes] != [axis.paths for axis in found.grid.axes]:
         return f"over {', '.join(axis.name for axis in old.axes)}"
     if old.shape != found.grid.shape:
-        return f"{_product(old)} points instead of {_product(found.grid)}"
+        return f"{old.product} points instead of {found.grid.product}"
     if there["hooks"] != found.hooks:
         before, now = (", ".join(names) or "none" for names in (there["hooks"], found.hooks))
-        return f"plugins that answer or wrap its stages were {before} and are {now}"
+        return f"the plugins that implement its stages were {before} and are {now}"
     different = sum(a != b for a, b in zip(there["keys"], found.keys, strict=True))
     return f"{different} of its {len(found.keys)} points differ"
 
 
 def _clear(folder: Folder) -> None:
-    """Remove what a sweep left, and nothing else; the manifest last, so that the folder stays known as a sweep's."""
+    """Remove the files of a sweep only; the manifest last, so that the folder stays recognisable as that of a sweep."""
     for name in ("points", "contacts", ".parts"):
         shutil.rmtree(folder.path / name, ignore_errors=True)
     for name in ("results.csv", "results.h5", "sweep.json"):
@@ -184,54 +189,58 @@ def sweep(
     workers: int | None = None,
     threads: int | None = None,
     changes: Mapping[str, Any] | None = None,
-    progress: Tell | bool | None = None,
+    progress: Report | bool | None = None,
     confirm: Confirm | bool = False,
     force: bool = False,
 ) -> SweepResult:
-    """Compute every point of a scene's ``[sweep]`` into the folder ``out``; what is there is not computed again.
+    """Compute every point of a scene with ``[sweep]`` into the folder ``out``; completed points are skipped.
 
     Parameters
     ----------
     scene
-        A scene file, the name of an installed scene, or scene data (a mapping), with ``sweep`` in it.
+        A scene file, the name of an installed scene, or scene data (a mapping) that contain ``sweep``.
     out
-        A new folder, or one in which this very sweep was begun.
+        A new folder, or the folder of this sweep, which then resumes.
     executor, workers, threads
-        See :func:`chemage.executors.open_pool`. Results do not depend on them.
+        Where to compute, the number of concurrent points, and the threads of each; see
+        :func:`chemage.sweeps.executors.opening.open_pool`. Results do not depend on them.
     changes
-        Dotted path -> value: changes to the scene below the sweep.
+        Dotted path -> value: changes to the scene before it is swept.
     progress
-        Called with a :class:`SweepProgress` several times a second; True prints to stderr.
+        Receives a :class:`~chemage.sweeps.progress.SweepProgress` several times a second; True shows it on stderr.
     confirm
-        Asked, with a sentence, when there are very many points or little room on the disk; True agrees to anything.
+        Receives a sentence if there are very many points or little free disk space, and returns whether to continue;
+        True confirms always.
     force
-        Compute everything anew.
+        Replace the results in ``out`` and compute all points.
 
     Returns
     -------
     SweepResult
-        Points that failed are recorded in it, see ``SweepResult.failed``; a next call tries them again.
+        All points; those that failed are in ``SweepResult.failed`` and are tried again by the next call.
 
     Raises
     ------
     SceneError
-        A point is not valid; all points are looked at before the first is computed.
+        A point is not valid; all points are validated before the first is computed.
+    InputError
+        The sweep needs confirmation, or ``executor``, ``workers`` or ``threads`` is not valid.
     StoreError
-        ``out`` holds something else, or cannot be written to.
+        ``out`` holds something else, or cannot be written.
     ExecutorError
-        The workers cannot be started.
+        The workers cannot be started, or have ended.
     """
     begin = time.perf_counter()
-    agree = (lambda text: True) if confirm is True else (confirm or None)
+    confirmed = (lambda text: True) if confirm is True else (confirm or None)
     with ExitStack() as stack:
-        tell = stack.enter_context(display(progress))
+        report = stack.enter_context(reporting(progress))
         stack.enter_context(threads_restored())  # tasks that run in this process set their own
-        found = survey_of(read_grid(scene, changes), tell=tell, confirm=agree)
+        found = survey_of(read_grid(scene, changes), progress=report, confirm=confirmed)
         folder = Folder(Path(out).absolute())
         _check_folder(folder, found, force)
-        _check_room(found, folder.path, agree)
+        _check_room(found, folder.path, confirmed)
         pool = None
-        if force or _Todo(folder, found).left:  # workers that cannot be had are told before anything is written
+        if force or _Todo(folder, found).left:  # raises before anything is written if the workers cannot be started
             pool = stack.enter_context(open_pool(executor, workers, threads))
         _make(folder.path)
         stack.enter_context(folder.locked())
@@ -242,7 +251,7 @@ def sweep(
             folder.write_manifest(_manifest(found))
         todo = _Todo(folder, found)
         if todo.left and pool is not None:
-            _carry_out(todo, pool, tell, begin)
+            _run_tasks(todo, pool, report, begin)
         result = SweepResult(folder.path)
         result.write_tables()
         shutil.rmtree(folder.path / ".parts", ignore_errors=True)
@@ -258,12 +267,12 @@ def _make(path: Path) -> None:
 
 @dataclass
 class _Task:
-    """A contact, or points that share their ageing."""
+    """A contact to solve, or points with the same ageing."""
 
     contact: int
     points: list[int]
     weight: float
-    #: whether it runs with nothing beside it, so that a dead worker is certainly its doing
+    #: whether no other task runs at the same time, so that a worker that dies must have died of this one
     alone: bool = False
 
     @property
@@ -272,7 +281,7 @@ class _Task:
 
 
 class _Todo:
-    """What is still to be computed, in the order in which neighbours share a surface."""
+    """The tasks that are left, in an order in which successive contacts share a surface."""
 
     def __init__(self, folder: Folder, found: Survey) -> None:
         self.folder, self.found = folder, found
@@ -310,27 +319,27 @@ class _Todo:
 
     @property
     def left(self) -> int:
-        """Tasks not handed out."""
+        """Number of tasks ready to be submitted."""
         return len(self._ready) + len(self._contacts)
 
     def take(self, solving: int, width: int) -> _Task:
-        """The next task when ``solving`` contacts are under way on ``width`` workers.
+        """Take the next task while ``solving`` contacts are being solved on ``width`` workers.
 
-        Points first, while their contact is still in somebody's memory; but half the workers stay with contacts, so
-        that the last of them is not started when everything else is done.
+        Points come first, while a worker still has their contact in memory; but half of the workers solve contacts, so
+        that the last contact does not start after everything else has ended.
         """
         if self._contacts and (not self._ready or solving < width // 2):
             return self._contacts.popleft()
         return self._ready.popleft()
 
     def remaining(self) -> tuple[list[float], list[float]]:
-        """Weights of what is not handed out: contacts, points."""
+        """The weights of the tasks that are not submitted: contacts, points."""
         points = [task.weight for task in self._ready]
         points += [task.weight for tasks in self._waiting.values() for task in tasks]
         return [task.weight for task in self._contacts], points
 
     def finished(self, task: _Task, answer: Mapping[str, Any]) -> None:
-        """Note what came back."""
+        """Record the end of a task."""
         if task.solves:
             self.contacts_done += 1
             dependents = self._waiting.pop(task.contact)
@@ -349,13 +358,12 @@ class _Todo:
                 self.done += len(same)
 
     def lost(self, task: _Task, error: WorkerLost) -> None:
-        """Note a task that killed its workers."""
-        stage = "contact" if task.solves else "ageing"
-        told = failure(0, {}, stage, error)["error"]
+        """Record a task whose workers died."""
+        found = failure(0, {}, "contact" if task.solves else "ageing", error)["error"]
         if task.solves:
-            self.finished(task, {"error": told})
+            self.finished(task, {"error": found})
         else:
-            self._record(task.points, told)
+            self._record(task.points, found)
 
     def _record(self, points: list[int], error: Mapping[str, Any]) -> None:
         for point in points:
@@ -366,21 +374,20 @@ class _Todo:
 
 @dataclass
 class _Clock:
-    """Tells the remaining time from what tasks cost so far."""
+    """Estimates the remaining time from the duration of completed tasks."""
 
-    begin: float
     seconds: dict[bool, float] = field(default_factory=lambda: {True: 0.0, False: 0.0})
     weight: dict[bool, float] = field(default_factory=lambda: {True: 0.0, False: 0.0})
     count: dict[bool, int] = field(default_factory=lambda: {True: 0, False: 0})
 
     def add(self, task: _Task, seconds: float) -> None:
-        """A task that took so long."""
+        """Add the duration of a completed task."""
         self.seconds[task.solves] += seconds
         self.weight[task.solves] += task.weight
         self.count[task.solves] += 1
 
     def remaining(self, contacts: list[float], points: list[float], width: int) -> float | None:
-        """Wall seconds for what is left."""
+        """Estimate the wall time of the remaining tasks, s; None before the first task has ended."""
         total = 0.0
         for solves, left in ((True, contacts), (False, points)):
             weights = sum(left)
@@ -396,10 +403,10 @@ class _Clock:
         return total / max(1, width)
 
 
-def _carry_out(todo: _Todo, pool: Pool, tell: Tell | None, begin: float) -> None:
+def _run_tasks(todo: _Todo, pool: Pool, report: Report | None, begin: float) -> None:
     running: dict[Future[dict[str, Any]], _Task] = {}
     suspects: deque[_Task] = deque()
-    clock, heard = _Clock(begin), 0.0
+    clock, last_report = _Clock(), 0.0
     path, digest = str(todo.folder.path), todo.found.digest
 
     def submit(task: _Task) -> Future[dict[str, Any]]:
@@ -408,14 +415,14 @@ def _carry_out(todo: _Todo, pool: Pool, tell: Tell | None, begin: float) -> None
             return pool.executor.submit(solve, path, digest, contact.point, contact.key, pool.threads)
         return pool.executor.submit(compute, path, digest, task.points, pool.threads)
 
-    def report(now: float) -> None:
-        if tell is None:
+    def report_now(now: float) -> None:
+        if report is None:
             return
         contacts, points = todo.remaining()
         for task in (*running.values(), *suspects):
             (contacts if task.solves else points).append(task.weight / 2)
         width = pool.width()
-        tell(
+        report(
             SweepProgress(
                 "computing",
                 len(todo.found.keys),
@@ -443,14 +450,14 @@ def _carry_out(todo: _Todo, pool: Pool, tell: Tell | None, begin: float) -> None
             for future in finished:
                 task = running.pop(future)
                 if not pool.blames_one and not task.alone and isinstance(future.exception(), WorkerLost):
-                    suspects.append(task)  # perhaps it only stood behind the one that killed the worker
+                    suspects.append(task)  # perhaps it only waited on the worker that another task killed
                 else:
                     _settle(todo, task, future, clock)
             now = time.perf_counter()
-            if now > heard + 0.2:
-                heard = now
-                report(now)
-        report(time.perf_counter())
+            if now > last_report + 0.2:
+                last_report = now
+                report_now(now)
+        report_now(time.perf_counter())
     except BaseException:
         for future in running:
             future.cancel()
@@ -464,12 +471,9 @@ def _settle(todo: _Todo, task: _Task, future: Future[dict[str, Any]], clock: _Cl
     except WorkerLost as error:
         todo.lost(task, error)
     except (BrokenExecutor, CancelledError) as error:
-        raise ExecutorError(f"the executor gave up ({type(error).__name__}: {error}); {_KEPT}") from error
+        raise ExecutorError(f"the executor gave up ({type(error).__name__}: {error}); {RESUME}") from error
     except ExecutorError as error:
-        raise ExecutorError(f"{error}; {_KEPT}") from error
+        raise ExecutorError(f"{error}; {RESUME}") from error
     else:
         clock.add(task, answer["seconds"])
         todo.finished(task, answer)
-
-
-# -- telling ----------------------------------------------------------------------------------------------------------

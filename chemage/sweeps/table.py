@@ -1,4 +1,4 @@
-"""The table of a sweep: one row a point, in memory, as CSV, as HDF5, and for pandas and xarray on request."""
+"""The table of a sweep with one row per point: in memory, as CSV, as HDF5, for pandas and for xarray."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.store import fresh_file
+from chemage.foundation.files import fresh_file
 from chemage.sweeps.grid import shown
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
-#: numbers of a point: name in the summary -> (unit, meaning)
+#: scalar results of a point: name in the summary -> (unit, meaning)
 SCALARS = {
     "area_fraction": ("1", "contact area over nominal area"),
     "area": ("nm2", "contact area"),
@@ -43,7 +43,7 @@ SCALARS = {
     "cutoff_time": ("s", "cut-off time"),
     "cutoff_time_stderr": ("s", "standard error of the cut-off time"),
 }
-#: numbers at each hold time
+#: results at each hold time: name in the summary -> (unit, meaning)
 CURVES = {
     "friction_drop": ("nN", "friction drop, mean over replicas"),
     "friction_drop_stderr": ("nN", "its standard error"),
@@ -54,9 +54,9 @@ CURVES = {
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of a sweep; nan and -1 stand where a point has nothing."""
+    """Columns of a sweep; missing values are nan, or -1 for bonds."""
 
-    #: path -> one value a point, as the scene understood it (numbers in internal units, the rest as text)
+    #: path -> one validated value per point: numbers in internal units, everything else as text
     swept: dict[str, np.ndarray]
     units: dict[str, str]
     #: ``done``, ``failed`` or ``missing`` for each point
@@ -64,7 +64,7 @@ class Table:
     error: list[str]
     #: (points,) each
     scalars: dict[str, np.ndarray]
-    #: (times,) s if all points share them, else (points, times)
+    #: s, (times,) if equal for all points, else (points, times)
     hold_times: np.ndarray
     #: (points, times) each
     curves: dict[str, np.ndarray]
@@ -75,7 +75,7 @@ class Table:
     def collect(
         cls, swept: Mapping[str, Sequence[Any]], units: Mapping[str, str], points: Iterable[Mapping[str, Any] | None]
     ) -> Table:
-        """From what the folder has of each point, read one after the other."""
+        """Make the table from the files of the points, read one after the other; None for a missing point."""
         count = len(next(iter(swept.values())))
         status, error = ["missing"] * count, [""] * count
         scalars = {name: np.full(count, np.nan) for name in SCALARS}
@@ -85,8 +85,7 @@ class Table:
                 continue
             status[number] = point["status"]
             if point["status"] != "done":
-                told = point["error"]
-                error[number] = f"{told['stage']}: {told['type']}: {told['message']}"
+                error[number] = error_text(point["error"])
                 continue
             summary = point["summary"]
             for name, column in scalars.items():
@@ -106,11 +105,11 @@ class Table:
 
     @property
     def points(self) -> int:
-        """Rows."""
+        """Number of rows."""
         return len(self.status)
 
     def write_csv(self, path: Path) -> None:
-        """One line a point: what was swept, the numbers, the last hold time; units in the heading."""
+        """Write CSV with one line per point: swept fields, scalars, last values of the curves, with units."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         names = [
@@ -138,7 +137,7 @@ class Table:
             part.write_text(text.getvalue(), encoding="utf-8")
 
     def write_hdf5(self, path: Path, attributes: Mapping[str, Any]) -> None:
-        """NetCDF4 layout with dimensions point, hold_time and replica: ``xarray.open_dataset(path)`` reads it."""
+        """Write NetCDF4 with dimensions point, hold_time and replica, readable with ``xarray.open_dataset``."""
         import h5netcdf
         import h5py
 
@@ -151,11 +150,11 @@ class Table:
                 "hold_time": self.hold_times.shape[-1],
                 "replica": self.bonds.shape[1],
             }
-            for name, (dims, values, told) in self._variables().items():
+            for name, (dims, values, notes) in self._variables().items():
                 kind = text if values.dtype == object else values.dtype
                 empty = 0 in values.shape
                 variable = file.create_variable(name, dims, kind, data=None if empty else values)
-                for key, note in told.items():
+                for key, note in notes.items():
                     variable.attrs[key] = note
 
     def _variables(self) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]:
@@ -178,27 +177,32 @@ class Table:
         return found
 
     def to_pandas(self) -> pandas.DataFrame:
-        """A data frame with one row a point, indexed by its number; curves are left out, see :meth:`to_xarray`."""
+        """A data frame with one row per point, without the curves, which :meth:`to_xarray` includes."""
         import pandas
 
         columns: dict[str, Any] = {"status": self.status, **self.swept, **self.scalars, "error": self.error}
         return pandas.DataFrame(columns, index=pandas.RangeIndex(self.points, name="point"))
 
     def to_xarray(self) -> xarray.Dataset:
-        """A dataset with dimensions point, hold_time and replica; what was swept are coordinates along point."""
+        """A dataset with dimensions point, hold_time and replica; the swept fields are coordinates along point."""
         import xarray
 
-        variables = {name: (dims, values, told) for name, (dims, values, told) in self._variables().items()}
+        variables = self._variables()
         coordinates = ["point", *self.swept, *(name for name in ("hold_time", "hold_times") if name in variables)]
         return xarray.Dataset(variables).set_coords(coordinates)
+
+
+def error_text(error: Mapping[str, Any] | None) -> str:
+    """Format the error of a point as ``stage: type: message``; empty without one."""
+    return f"{error['stage']}: {error['type']}: {error['message']}" if error else ""
 
 
 def _column(values: Sequence[Any]) -> np.ndarray:
     if all(isinstance(value, bool) for value in values):
         return np.array([int(value) for value in values])
     if all(isinstance(value, int) and not isinstance(value, bool) for value in values):
-        with_limits = np.iinfo(np.int64)
-        if all(with_limits.min <= value <= with_limits.max for value in values):
+        limits = np.iinfo(np.int64)
+        if all(limits.min <= value <= limits.max for value in values):
             return np.array(values, dtype=np.int64)
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return np.array(values, dtype=np.float64)
@@ -225,7 +229,7 @@ def _padded(count: int, rows: Mapping[int, tuple[np.ndarray, dict[str, np.ndarra
 
 
 def _last(values: np.ndarray) -> np.ndarray:
-    """The last number of each row that is one."""
+    """The last finite number of each row, nan where there is none."""
     if values.shape[-1] == 0:
         return np.full(values.shape[:-1], np.nan)
     rows = np.atleast_2d(values)

@@ -8,8 +8,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage.spec import Barriers
-from chemage.units import Energy, Unit
+from chemage import Barriers, Energy, Unit
 
 
 class Gaussian(Barriers):

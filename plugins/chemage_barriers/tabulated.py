@@ -10,9 +10,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import BeforeValidator, PrivateAttr, model_validator
 
-from chemage.errors import StoreError
-from chemage.spec import Barriers
-from chemage.units import Unit
+from chemage import Barriers, StoreError, Unit
 from chemage_barriers.piecewise import EmpiricalQuantile, PiecewiseLinearDensity
 
 

@@ -7,8 +7,7 @@ from typing import Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage.spec import Barriers
-from chemage.units import Energy
+from chemage import Barriers, Energy
 
 
 class Uniform(Barriers):

@@ -1,19 +1,27 @@
 """Fused passes over the arrays of the contact iteration.
 
-Everything that is not a Fourier transform happens here, one pass over memory per kernel. Work is cut into blocks: a
-block is ``width`` neighbouring pixels of one row. Each block writes its sums to its own row of a table, and the rows
-are added in order afterwards; threads share out whole blocks, so results are the same bytes for any number of
-threads. Sums run in double precision whatever the arrays are. Blocks that are not ``live`` (no pixel of the working
-set in or near them) are skipped, which at small loads is most of them.
+Everything that is not a Fourier transform happens here, with one pass over memory per kernel. The work is divided into
+blocks: a block is up to ``width`` neighbouring pixels of one row. Each block writes its sums to its own row of a table,
+and the rows are added in order afterwards. Threads process whole blocks, so the results are the same bytes for any
+number of threads. Sums are made in double precision whatever the arrays are. Blocks that are not active (no pixel of
+the working set in or near them) are skipped; at small loads that is most of them.
 
-Two dtypes occur: the *state* (pressure ``p``, gap before the offset ``r``) and the *work* vectors (``v``, ``z``,
-``d``, ``y``). All arrays are (nx, ny). The working set is marked by ``v != 0``.
+Two dtypes occur: that of the *state* (pressure and gap) and that of the *work* vectors of the conjugate gradients. All
+arrays are (nx, ny). A pixel belongs to the working set where the residual is not zero.
+
+Every kernel starts with the range ``lo`` … ``hi`` of blocks or rows that one thread processes. Arguments that belong
+together are named tuples, which numba compiles as if they were passed one by one.
 """
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
 
 #: largest number of pixels in a block
 WIDTH = 512
@@ -25,21 +33,79 @@ REACH = 4
 _OPTIONS = {"cache": True, "nogil": True, "fastmath": {"reassoc", "nsz", "contract"}, "error_model": "numpy"}
 
 
+class Blocks(NamedTuple):
+    """The blocks of a grid and which of them are active."""
+
+    width: int
+    """pixels per block, except for the last one of a row"""
+    per_row: int
+    """blocks per row"""
+    active: Array
+    """(rows · per_row,) uint8, block by block"""
+
+
+class State(NamedTuple):
+    """The unknown and its gradient, in the precision of the state."""
+
+    p: Array
+    """pressure"""
+    r: Array
+    """gap up to a uniform offset"""
+
+
+class Search(NamedTuple):
+    """The vectors of the conjugate gradients, in the precision of the work."""
+
+    v: Array
+    """residual: minus the gap on the working set, 0 elsewhere"""
+    z: Array
+    """preconditioned residual"""
+    outward: Array
+    """preconditioner applied to the indicator of the working set"""
+    d: Array
+    """direction"""
+    y: Array
+    """displacement under the previous direction"""
+
+
+class Heights(NamedTuple):
+    """Heights (nx, ny) as given, and what makes them dimensionless: (values - top)·factor has rms 1 and no positive
+    entry. Kernels compute that on the fly, which saves an array."""
+
+    values: Array
+    top: float = 0.0
+    factor: float = 1.0
+
+
+class Axis(NamedTuple):
+    """Linear interpolation along one axis: entry k of the target is (1 - weight[k])·source[lower[k]] +
+    weight[k]·source[upper[k]]."""
+
+    lower: Array
+    upper: Array
+    weight: Array
+
+
 @njit(**_OPTIONS)
-def advance(lo, hi, width, live, p, r, y, factor, part):
+def _block(blocks, b, columns):
+    """Row, first column and end column of block b."""
+    row = b // blocks.per_row
+    start = (b - row * blocks.per_row) * blocks.width
+    return row, start, min(columns, start + blocks.width)
+
+
+@njit(**_OPTIONS)
+def advance(lo, hi, blocks, state, y, factor, part):
     """r += factor·y; part[b] = (Σ r, Σ 1) over p > 0. Reads p, y; updates r."""
-    ny = p.shape[1]
-    per_row = (ny + width - 1) // width
+    p, r = state.p, state.r
     for b in range(lo, hi):
         total = 0.0
         count = 0.0
-        if live[b]:
-            row = b // per_row
-            start = (b - row * per_row) * width
-            stop = min(ny, start + width)
+        if blocks.active[b]:
+            row, start, stop = _block(blocks, b, p.shape[1])
             pb, rb, yb = p[row, start:stop], r[row, start:stop], y[row, start:stop]
             for i in range(pb.size):
-                new = rb[i] + factor * yb[i]
+                new = r.dtype.type(rb[i] + factor * yb[i])
                 rb[i] = new
                 weight = 1.0 if pb[i] > 0 else 0.0
                 total += weight * new
@@ -49,28 +115,27 @@ def advance(lo, hi, width, live, p, r, y, factor, part):
 
 
 @njit(**_OPTIONS)
-def residual(lo, hi, width, live, p, r, offset, v, part):
-    """Steepest descent on the working set {p > 0} ∪ {gap < 0}: v = -gap there, 0 elsewhere.
+def residual(lo, hi, blocks, state, offset, v, part):
+    """Residual on the working set {p > 0} ∪ {gap < 0}: v = -gap there, 0 elsewhere.
 
-    part[b] = (Σ gap² over p > 0, largest penetration where p = 0, pixels in the working set, Σ v). Reads p, r;
+    part[b] = (Σ gap² over p > 0, largest penetration where p = 0, pixels in the working set, Σ v, Σ p²). Reads p, r;
     writes v. A gap of exactly zero inside the set is written as a negligible number, because v ≠ 0 marks the set.
     """
-    ny = p.shape[1]
-    per_row = (ny + width - 1) // width
+    p, r = state.p, state.r
     for b in range(lo, hi):
         squares = 0.0
         through = 0.0
         deepest = 0.0
         count = 0.0
         total = 0.0
-        if live[b]:
-            row = b // per_row
-            start = (b - row * per_row) * width
-            stop = min(ny, start + width)
+        pressures = 0.0
+        if blocks.active[b]:
+            row, start, stop = _block(blocks, b, p.shape[1])
             pb, rb, vb = p[row, start:stop], r[row, start:stop], v[row, start:stop]
             for i in range(pb.size):
                 gap = rb[i] + offset
                 inside = pb[i] > 0
+                pressures += float(pb[i]) * float(pb[i])
                 held = gap if inside else 0.0
                 squares += held * held
                 outside = gap if gap < 0.0 and not inside else 0.0
@@ -88,19 +153,16 @@ def residual(lo, hi, width, live, p, r, offset, v, part):
         part[b, 1] = deepest
         part[b, 2] = count
         part[b, 3] = total
+        part[b, 4] = pressures
 
 
 @njit(**_OPTIONS)
-def indicator(lo, hi, width, live, v, out, clear):
-    """out = 1 on the working set, 0 elsewhere, also in blocks that are not live if ``clear``. Reads v."""
-    ny = v.shape[1]
-    per_row = (ny + width - 1) // width
+def indicator(lo, hi, blocks, v, out, clear):
+    """out = 1 on the working set, 0 elsewhere; blocks that are not active are only written if ``clear``. Reads v."""
     for b in range(lo, hi):
-        row = b // per_row
-        start = (b - row * per_row) * width
-        stop = min(ny, start + width)
+        row, start, stop = _block(blocks, b, v.shape[1])
         vb, ob = v[row, start:stop], out[row, start:stop]
-        if live[b]:
+        if blocks.active[b]:
             for i in range(vb.size):
                 ob[i] = 1 if vb[i] != 0 else 0
         elif clear:
@@ -108,12 +170,12 @@ def indicator(lo, hi, width, live, v, out, clear):
 
 
 @njit(**_OPTIONS)
-def products(lo, hi, width, live, v, z, outward, share, d, y, part):
-    """z -= share·max(outward, 0)·v on the working set, 0 elsewhere in live blocks, and sums over the set:
+def products(lo, hi, blocks, search, share, uniform, part):
+    """z -= share·max(outward - uniform, 0)·v on the working set, 0 elsewhere in active blocks, and sums over the set:
     part[b] = (Σ z, Σ z·v, Σ d, Σ d·v, Σ z·y, Σ d·y, Σ y). Reads v, outward, d, y; updates z.
     """
-    ny = v.shape[1]
-    per_row = (ny + width - 1) // width
+    v, z, d, y = search.v, search.z, search.d, search.y
+    level = z.dtype.type(uniform)
     for b in range(lo, hi):
         sz = 0.0
         szv = 0.0
@@ -122,16 +184,14 @@ def products(lo, hi, width, live, v, z, outward, share, d, y, part):
         szy = 0.0
         sdy = 0.0
         sy = 0.0
-        if live[b]:
-            row = b // per_row
-            start = (b - row * per_row) * width
-            stop = min(ny, start + width)
+        if blocks.active[b]:
+            row, start, stop = _block(blocks, b, v.shape[1])
             vb, zb, db, yb = v[row, start:stop], z[row, start:stop], d[row, start:stop], y[row, start:stop]
-            kb = outward[row, start:stop]
+            kb = search.outward[row, start:stop]
             for i in range(vb.size):
                 vi = float(vb[i])
                 weight = 1.0 if vi != 0.0 else 0.0
-                loss = kb[i] if kb[i] > 0 else 0.0
+                loss = kb[i] - level if kb[i] > level else 0.0
                 zi = weight * zb[i] - share * loss * vi
                 zb[i] = zi
                 di = weight * db[i]
@@ -153,18 +213,21 @@ def products(lo, hi, width, live, v, z, outward, share, d, y, part):
 
 
 @njit(**_OPTIONS)
-def direction(lo, hi, width, live, v, z, d, beta, shift, clear, part):
-    """d = z + beta·d - shift on the working set, 0 elsewhere, also in blocks that are not live if ``clear``;
-    part[b] = Σ d². Reads v, z; updates d."""
-    ny = v.shape[1]
-    per_row = (ny + width - 1) // width
+def direction(lo, hi, blocks, search, beta, shift, clear, terms, part):
+    """d = z + beta·d - shift on the working set, 0 elsewhere; blocks that are not active are only written if
+    ``clear``. part[b] = (Σ d², Σ z² + (beta·d)² if ``terms``, else 0), from which cancellation is recognised. Reads v,
+    z; updates d."""
+    v, z, d = search.v, search.z, search.d
     for b in range(lo, hi):
-        row = b // per_row
-        start = (b - row * per_row) * width
-        stop = min(ny, start + width)
+        row, start, stop = _block(blocks, b, v.shape[1])
         vb, zb, db = v[row, start:stop], z[row, start:stop], d[row, start:stop]
         squares = 0.0
-        if live[b]:
+        both = 0.0
+        if blocks.active[b]:
+            if terms:
+                for i in range(vb.size):
+                    new, old = float(zb[i]), beta * db[i]
+                    both += new * new + old * old if vb[i] != 0 else 0.0
             for i in range(vb.size):
                 value = zb[i] + beta * db[i] - shift
                 value = value if vb[i] != 0 else 0.0
@@ -173,71 +236,97 @@ def direction(lo, hi, width, live, v, z, d, beta, shift, clear, part):
         elif clear:
             db[:] = 0
         part[b, 0] = squares
+        part[b, 1] = both
 
 
 @njit(**_OPTIONS)
-def clipped(lo, hi, width, live, p, d, step, part):
-    """What max(p + step·d, 0) would do: part[b] = (its sum, pixels it cuts, Σ cut²). Reads p, d; writes nothing."""
-    ny = p.shape[1]
-    per_row = (ny + width - 1) // width
+def projection(lo, hi, blocks, p, d, step, shift, part):
+    """Sums of max(q - shift, 0) with q = p + step·d, without storing it: part[b] = (its sum, pixels where it is
+    positive, Σ of its squared difference from q). Reads p, d; writes nothing else."""
     for b in range(lo, hi):
         total = 0.0
         count = 0.0
         squares = 0.0
-        if live[b]:
-            row = b // per_row
-            start = (b - row * per_row) * width
-            stop = min(ny, start + width)
+        if blocks.active[b]:
+            row, start, stop = _block(blocks, b, p.shape[1])
             pb, db = p[row, start:stop], d[row, start:stop]
             for i in range(pb.size):
-                new = pb[i] + step * db[i]
+                new = pb[i] + step * db[i] - shift
                 cut = new if new < 0.0 else 0.0
-                count += 1.0 if new < 0.0 else 0.0
-                squares += cut * cut
+                change = cut + shift
+                squares += change * change
                 total += new - cut
+                count += 1.0 if new > 0.0 else 0.0
         part[b, 0] = total
         part[b, 1] = count
         part[b, 2] = squares
 
 
 @njit(**_OPTIONS)
-def move(lo, hi, width, live, p, d, step, scale):
-    """p = scale·max(p + step·d, 0), and d = the change of p. Updates p, d.
+def move(lo, hi, blocks, p, d, step, shift, scale, part):
+    """p = scale·max(p + step·d - shift, 0), and d = the change of p. part[b] = Σ p. Updates p, d.
 
     The change is rounded to the work precision first and the rounded change is added, so that p stays consistent with
-    the gap, which only ever sees changes. A pixel that leaves the contact is set to exactly zero.
+    the gap, which is only updated by changes. A pixel that leaves the contact is set to exactly zero.
     """
-    ny = p.shape[1]
-    per_row = (ny + width - 1) // width
     for b in range(lo, hi):
-        if live[b]:
-            row = b // per_row
-            start = (b - row * per_row) * width
-            stop = min(ny, start + width)
+        total = 0.0
+        if blocks.active[b]:
+            row, start, stop = _block(blocks, b, p.shape[1])
             pb, db = p[row, start:stop], d[row, start:stop]
             for i in range(pb.size):
                 old = pb[i]
-                new = old + step * db[i]
+                new = old + step * db[i] - shift
                 new = scale * new if new > 0.0 else 0.0
                 db[i] = new - old
                 rounded = old + db[i]
-                pb[i] = rounded if new > 0.0 and rounded > 0.0 else 0.0
+                new = rounded if new > 0.0 and rounded > 0.0 else 0.0
+                pb[i] = new
+                total += new
+        part[b, 0] = total
 
 
 @njit(**_OPTIONS)
-def subtract(lo, hi, width, live, u, h, top, scale, factor, p, r, part):
-    """r = factor·u - (h - top)·scale in every block; part[b] = (Σ r, Σ 1) over p > 0. Reads u, h, p; writes r."""
-    ny = p.shape[1]
-    per_row = (ny + width - 1) // width
+def correct(lo, hi, blocks, search, e, step, factor, part):
+    """A step of the linear correction on the working set: e += step·d, v -= factor·y. part[b] = (Σ e², largest |e|,
+    Σ v). Reads d, y; updates e, v. The working set stays marked by v ≠ 0."""
+    v, d, y = search.v, search.d, search.y
     for b in range(lo, hi):
-        row = b // per_row
-        start = (b - row * per_row) * width
-        stop = min(ny, start + width)
+        squares = 0.0
+        largest = 0.0
+        total = 0.0
+        if blocks.active[b]:
+            row, start, stop = _block(blocks, b, v.shape[1])
+            vb, db, yb, eb = v[row, start:stop], d[row, start:stop], y[row, start:stop], e[row, start:stop]
+            for i in range(vb.size):
+                new = vb[i] - factor * yb[i]
+                new = 1e-30 if new == 0.0 else new
+                new = new if vb[i] != 0 else 0.0
+                vb[i] = new
+                total += new
+                change = eb[i] + step * db[i]
+                eb[i] = change
+                squares += change * change
+            for i in range(eb.size):
+                largest = max(largest, abs(eb[i]))
+        part[b, 0] = squares
+        part[b, 1] = largest
+        part[b, 2] = total
+
+
+@njit(**_OPTIONS)
+def subtract(lo, hi, blocks, u, heights, factor, base, state, part):
+    """r = factor·u - (values - top)·scale + base with the heights' values, top and factor (scale), in every block;
+    part[b] = (Σ r, Σ 1) over p > 0. Reads u, the heights and p; writes r."""
+    h, top, scale = heights.values, heights.top, heights.factor
+    p, r = state.p, state.r
+    for b in range(lo, hi):
+        row, start, stop = _block(blocks, b, p.shape[1])
         ub, hb, pb, rb = u[row, start:stop], h[row, start:stop], p[row, start:stop], r[row, start:stop]
         total = 0.0
         count = 0.0
         for i in range(pb.size):
-            new = factor * ub[i] - (hb[i] - top) * scale
+            new = r.dtype.type(factor * ub[i] - (hb[i] - top) * scale + base)
             rb[i] = new
             weight = 1.0 if pb[i] > 0 else 0.0
             total += weight * new
@@ -318,10 +407,11 @@ def moments(lo, hi, heights, top, factor, part):
 
 
 @njit(**_OPTIONS)
-def standardise(lo, hi, heights, top, factor, out):
-    """out = (heights - top)·factor. Reads heights; writes out."""
+def standardise(lo, hi, heights, out):
+    """out = the dimensionless heights. Reads them; writes out."""
+    top, factor = heights.top, heights.factor
     for i in range(lo, hi):
-        hb, ob = heights[i], out[i]
+        hb, ob = heights.values[i], out[i]
         for j in range(hb.size):
             ob[j] = (hb[j] - top) * factor
 
@@ -387,14 +477,15 @@ def multiply_packed(lo, hi, z, symbol, turn):
 
 
 @njit(**_OPTIONS)
-def resample_pressure(lo, hi, source, i0, i1, wi, j0, j1, wj, target):
-    """As ``resample``, but zero where the nearer half of what is interpolated carries no pressure.
+def resample_pressure(lo, hi, source, rows, columns, target):
+    """As ``resample``, but zero where pixels without pressure make up more than half of the interpolation weights.
 
     Bilinear interpolation alone would widen every patch by up to a coarse pixel.
     """
+    j0, j1, wj = columns.lower, columns.upper, columns.weight
     for i in range(lo, hi):
-        a, b = source[i0[i]], source[i1[i]]
-        w = wi[i]
+        a, b = source[rows.lower[i]], source[rows.upper[i]]
+        w = rows.weight[i]
         for j in range(target.shape[1]):
             p00, p01, p10, p11 = a[j0[j]], a[j1[j]], b[j0[j]], b[j1[j]]
             u = wj[j]
@@ -404,11 +495,12 @@ def resample_pressure(lo, hi, source, i0, i1, wi, j0, j1, wj, target):
 
 
 @njit(**_OPTIONS)
-def resample(lo, hi, source, i0, i1, wi, j0, j1, wj, target):
-    """Bilinear resampling, rows lo … hi of target: weight wi of row i1 against row i0, and likewise for columns."""
+def resample(lo, hi, source, rows, columns, target):
+    """Bilinear resampling, rows lo … hi of target, from the interpolation along ``rows`` and along ``columns``."""
+    j0, j1, wj = columns.lower, columns.upper, columns.weight
     for i in range(lo, hi):
-        a, b = source[i0[i]], source[i1[i]]
-        w = wi[i]
+        a, b = source[rows.lower[i]], source[rows.upper[i]]
+        w = rows.weight[i]
         for j in range(target.shape[1]):
             left = (1.0 - w) * a[j0[j]] + w * b[j0[j]]
             right = (1.0 - w) * a[j1[j]] + w * b[j1[j]]
@@ -416,14 +508,14 @@ def resample(lo, hi, source, i0, i1, wi, j0, j1, wj, target):
 
 
 @njit(**_OPTIONS)
-def restrict(lo, hi, width, live, x, coarse):
+def restrict(lo, hi, blocks, x, coarse):
     """Rows lo … hi of coarse[I, J] = Σ φ(i - RATIO·I) φ(j - RATIO·J) x[i, j], φ the hat of half-width RATIO;
     periodic.
 
-    x must be zero in blocks that are not live. Reads the live part of x twice (2·RATIO - 1 rows per coarse row).
+    x must be zero in blocks that are not active. Reads the active part of x twice (2·RATIO - 1 rows per coarse row).
     """
     nx, ny = x.shape
-    per_row = (ny + width - 1) // width
+    width, per_row, active = blocks.width, blocks.per_row, blocks.active
     column = np.zeros(ny + 2 * RATIO, x.dtype)  # with a halo of one coarse pixel
     for row in range(lo, hi):
         column[:] = 0
@@ -432,7 +524,7 @@ def restrict(lo, hi, width, live, x, coarse):
             i = (row * RATIO + a) % nx
             weight = x.dtype.type(1.0 - abs(a) / RATIO)
             for s in range(per_row):
-                if live[i * per_row + s]:
+                if active[i * per_row + s]:
                     start = s * width
                     stop = min(ny, start + width)
                     xb = x[i, start:stop]
@@ -507,15 +599,15 @@ def _stencil_row(x0, x1, x2, x3, x4, weights, out):
 
 
 @njit(**_OPTIONS)
-def local(lo, hi, width, live, x, stencil, coarse, out, part):
-    """out = stencil * x + interpolated coarse, in live blocks of rows lo … hi; periodic. part[b] = Σ x·out.
+def local(lo, hi, blocks, x, stencil, coarse, out, part):
+    """out = stencil * x + interpolated coarse, in active blocks of rows lo … hi; periodic. part[b] = Σ x·out.
 
     ``stencil[a, b]`` weighs the up to four neighbours at distances (a, b) ≤ REACH. x must be zero in blocks that are
-    not live. ``width`` and the number of columns are multiples of ``RATIO``. Reads 2·REACH + 1 rows of x, which stay
+    not active. ``width`` and the number of columns are multiples of ``RATIO``. Reads 2·REACH + 1 rows of x, which stay
     in cache; writes out once.
     """
     nx, ny = x.shape
-    per_row = (ny + width - 1) // width
+    width, per_row, active = blocks.width, blocks.per_row, blocks.active
     pairs = np.zeros((REACH + 1, width + 2 * REACH), x.dtype)
     between = np.zeros(ny // RATIO + 1, x.dtype)
     one = x.dtype.type(1)
@@ -526,7 +618,7 @@ def local(lo, hi, width, live, x, stencil, coarse, out, part):
         upper, lower = coarse[base], coarse[(base + 1) % coarse.shape[0]]
         for s in range(per_row):
             part[row * per_row + s, 0] = 0.0
-            if not live[row * per_row + s]:
+            if not active[row * per_row + s]:
                 continue
             if not ready:
                 for k in range(upper.size):

@@ -2,7 +2,7 @@
 
 A substrate knows its grid and returns a ``symbol``, the factor between the transforms of pressure and displacement
 for unit contact modulus, in nm: u(q) = symbol(q)·p(q)/E*. To add one (another boundary, another material) write a
-class with these members; the iteration never asks what it is.
+class with these members; the iteration depends on nothing else.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 
 class Substrate(Protocol):
-    """What the solver needs to know of an elastic body."""
+    """The interface of an elastic body to the solver."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -131,24 +131,19 @@ class PeriodicLayer:
         q = wave_numbers(self.shape, self.pixel)
         q[0, 0] = 1.0
         x = 2.0 * q * self.thickness
-        # Numerator and denominator divided by cosh(x), so that thick layers do not overflow; below x = 1e-3 the
-        # series, against cancellation.
+        # Numerator and denominator divided by cosh(x), so that thick layers do not overflow.
         sech = 2.0 * np.exp(-x) / (1.0 + np.exp(-2.0 * x))
         constant = 5.0 - 4.0 * nu * (3.0 - 2.0 * nu)
-        factor = ((3.0 - 4.0 * nu) * np.tanh(x) - x * sech) / ((constant + 0.5 * x * x) * sech + (3.0 - 4.0 * nu))
-        small = x < 1e-3
-        xs = x[small]
-        factor[small] = ((2.0 - 4.0 * nu) * xs + (3.0 - 4.0 * nu) * xs**3 / 6.0) / (
-            8.0 * (1.0 - nu) ** 2 + (2.0 - 2.0 * nu) * xs**2
-        )
-        values = 2.0 / q * factor
+        numerator = (3.0 - 4.0 * nu) * _sinh_less_x(x, sech) + (2.0 - 4.0 * nu) * x * sech
+        values = 2.0 / q * numerator / ((constant + 0.5 * x * x) * sech + (3.0 - 4.0 * nu))
         values[0, 0] = self.thickness * (1.0 - 2.0 * nu) / (1.0 - nu) ** 2
         return values
 
     def inverse(self) -> Floats:
         values = self.symbol()
-        if values[0, 0] <= 0.0:  # an incompressible layer cannot be compressed uniformly
-            values[0, 0] = 2.0 * float(values.ravel()[1:].max(initial=0.0)) or 1.0
+        if values[0, 0] <= 0.0:  # an incompressible layer cannot be compressed uniformly: as the longest wave
+            longest = [float(edge[0]) for edge in (values[1:, 0], values[0, 1:]) if edge.size]
+            values[0, 0] = min(longest, default=1.0)
         return 1.0 / values
 
     def regrid(self, shape: tuple[int, int]) -> Self:
@@ -183,7 +178,7 @@ class FreeHalfSpace:
         kernel = _love(np.minimum(x, px - x)[: px // 2 + 1], np.minimum(y, py - y)[: py // 2 + 1], self.pixel)
         half = _cosine(kernel, py, 1)
         full = _cosine(half, px, 0)
-        # The truncated kernel is positive definite on the pixels that count; rounding must not say otherwise.
+        # The truncated kernel is positive definite on the unpadded pixels; negative values are rounding errors.
         return np.maximum(full, 0.0)
 
     def inverse(self) -> Floats:
@@ -194,6 +189,16 @@ class FreeHalfSpace:
 
     def window(self, shape: tuple[int, int]) -> Self:
         return replace(self, shape=shape)
+
+
+def _sinh_less_x(x: Floats, sech: Floats) -> Floats:
+    """(sinh x - x)/cosh x; by its series where the difference would cancel."""
+    values = np.tanh(x) - x * sech
+    small = x < 0.3
+    y = np.square(x[small])
+    series = 1.0 + y / 20.0 * (1.0 + y / 42.0 * (1.0 + y / 72.0 * (1.0 + y / 110.0 * (1.0 + y / 156.0))))
+    values[small] = x[small] * y / 6.0 * series * sech[small]
+    return values
 
 
 def _rescaled(shape: tuple[int, int], pixel: tuple[float, float], new: tuple[int, int]) -> tuple[float, float]:
@@ -213,8 +218,8 @@ def _love(x: Floats, y: Floats, pixel: tuple[float, float]) -> Floats:
     ax, ay = pixel
 
     def corner(sx: float, sy: float) -> Floats:
-        # Antiderivative of 1/r: x asinh(y/|x|) + y asinh(x/|y|); pixel corners are at half-integers, so neither is
-        # ever zero.
+        # Antiderivative of 1/r: x asinh(y/|x|) + y asinh(x/|y|); pixel corners are at half-integers, so x and y are
+        # never zero.
         xs = ((x + sx) * ax)[:, None]
         ys = ((y + sy) * ay)[None, :]
         return xs * np.arcsinh(ys / np.abs(xs)) + ys * np.arcsinh(xs / np.abs(ys))

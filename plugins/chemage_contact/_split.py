@@ -5,8 +5,8 @@ particle-particle particle-mesh sums (R. W. Hockney, J. W. Eastwood, Computer Si
 grid: symbol = W·symbol + (1 - W)·symbol with a Gaussian W that the coarse grid resolves. The coarse part goes through
 restriction, a Fourier transform on the coarse grid and interpolation; the rest is a stencil of nine by nine pixels,
 fitted so that the relative error over all wave vectors is smallest. It costs a fraction of the Fourier transform of the
-fine grid, less still where little is in contact, and is right to about one part in ten: too coarse for an answer, good
-enough to find the correction to one.
+fine grid, even less where little is in contact, and is accurate to about 10 %: not enough for a solution, but enough to
+compute corrections to one.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ._operators import Substrate
 from ._transforms import Transforms
 
 if TYPE_CHECKING:
-    from ._team import Live, Team
+    from ._team import Active, Team
 
 Array = NDArray[Any]
 Floats = NDArray[np.float64]
@@ -41,10 +41,8 @@ def suits(body: Substrate) -> bool:
 class Split:
     """Approximately a convolution on the grid of ``body``: with its symbol, or with the inverse one."""
 
-    def __init__(
-        self, body: Substrate, dtype: Any, library: str, team: Team, width: int, *, inverse: bool, floating: bool
-    ) -> None:
-        self._run, self._width = team.run, width
+    def __init__(self, body: Substrate, dtype: Any, library: str, team: Team, *, inverse: bool, floating: bool) -> None:
+        self._run = team.run
         coarse = (body.shape[0] // RATIO, body.shape[1] // RATIO)
         self._transforms = Transforms(coarse, coarse, library, team.threads)
         unit = float(np.sqrt(body.pixel[0] * body.pixel[1]))
@@ -53,6 +51,8 @@ class Split:
             return b.inverse() * unit if inverse else b.symbol() / unit
 
         far = symbol(body.regrid(coarse)) * _far(coarse)
+        #: of the inverse operator for a uniform displacement
+        self.stiffness = float(far[0, 0])
         if floating:
             far[0, 0] = 0.0
         self._far = _whole(far / RATIO**2, coarse[0]).astype(dtype)
@@ -61,16 +61,16 @@ class Split:
         self._stencil = _fitted(symbol(sample), symbol(sample.regrid(small)) * _far(small)).astype(dtype)
         self._coarse = np.empty(coarse, dtype)
 
-    def apply(self, x: Array, live: Live, out: Array, part: Array) -> Array:
-        """The convolution of x (nx, ny; zero in blocks that are not live) in live blocks of ``out``.
+    def apply(self, x: Array, active: Active, out: Array, part: Array) -> Array:
+        """The convolution of x (nx, ny; zero in blocks that are not active) in active blocks of ``out``.
 
-        Leaves Σ x·out over each block in ``part[:, 0]``.
+        Σ x·out over each block is in ``part[:, 0]`` afterwards.
         """
-        self._run(kernels.restrict, live.coarse, self._width, live.mask, x, self._coarse)
+        self._run(kernels.restrict, active.coarse_edges, active.blocks, x, self._coarse)
         spectrum = self._transforms.forward(self._coarse)
         spectrum *= self._far
         far = self._transforms.backward(spectrum)
-        self._run(kernels.local, live.rows, self._width, live.mask, x, self._stencil, far, out, part)
+        self._run(kernels.local, active.row_edges, active.blocks, x, self._stencil, far, out, part)
         return out
 
 

@@ -1,4 +1,4 @@
-"""Threads that share out the blocks and rows of a kernel. What they compute does not depend on how many there are."""
+"""Threads that share the blocks and rows of a kernel. The results do not depend on the number of threads."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from . import _kernels as kernels
 
 Array = NDArray[Any]
 
-#: Blocks or rows, live ones where that matters, below which waking another thread takes longer than the work.
+#: Number of (active) blocks or rows below which waking another thread takes longer than the work.
 FEW = 512
-#: Cost of a live block over that of one that is skipped.
-LIVE_COST = 16
+#: Cost of an active block relative to that of one that is skipped.
+ACTIVE_COST = 16
 
 
 class Team:
-    """Runs a kernel on a few threads, the calling one among them; the kernels release the interpreter lock."""
+    """Runs a kernel on a few threads, including the calling one; the kernels release the interpreter lock."""
 
     def __init__(self, threads: int) -> None:
         self.threads = max(1, threads)
@@ -36,7 +36,7 @@ class Team:
             self._pool.shutdown()
 
     def even(self, count: int) -> list[int]:
-        """Edges of about equal shares of ``count`` rows; a single share where that is few."""
+        """Edges of about equal shares of ``count`` rows; a single share if the rows are few."""
         shares = 1 if count < FEW else self.threads
         return [count * k // shares for k in range(shares + 1)]
 
@@ -50,24 +50,26 @@ class Team:
             job.result()
 
     def table(self, kernel: Callable[..., None], rows: int, columns: int, *args: Any) -> Array:
-        """What ``kernel(lo, hi, *args, part)`` notes for each row, (rows, columns) float64."""
+        """The table (rows, columns) float64 that ``kernel(lo, hi, *args, part)`` fills row by row."""
         part = np.zeros((rows, columns))
         self.run(kernel, rows, *args, part)
         return part
 
 
-class Live:
-    """Which blocks take part in an iteration, and shares of blocks, rows and coarse rows with as many of them each.
+class Active:
+    """The active blocks of an iteration, and ranges of blocks, rows and coarse rows of about equal work per thread.
 
-    ``mask`` (rows · per_row,) uint8, block by block.
+    ``mask`` (rows · per_row,) bool or uint8, block by block; ``width`` pixels per block.
     """
 
-    def __init__(self, mask: Array, per_row: int, threads: int) -> None:
-        self.mask = mask
+    def __init__(self, mask: Array, width: int, per_row: int, threads: int) -> None:
+        mask = mask.astype(np.uint8)
+        #: as the kernels take them
+        self.blocks = kernels.Blocks(width, per_row, mask)
         rows = mask.size // per_row
         shares = 1 if np.count_nonzero(mask) < FEW else threads
-        done = np.concatenate([[0], np.cumsum(1 + LIVE_COST * mask.astype(np.int64))])
+        done = np.concatenate([[0], np.cumsum(1 + ACTIVE_COST * mask.astype(np.int64))])
         goals = done[-1] * np.arange(1, shares) // shares
-        self.blocks = [0, *(int(b) for b in np.searchsorted(done, goals)), mask.size]
-        self.rows = [0, *(int(r) for r in np.searchsorted(done[::per_row], goals)), rows]
-        self.coarse = [edge // kernels.RATIO for edge in self.rows]
+        self.block_edges = [0, *(int(b) for b in np.searchsorted(done, goals)), mask.size]
+        self.row_edges = [0, *(int(r) for r in np.searchsorted(done[::per_row], goals)), rows]
+        self.coarse_edges = [edge // kernels.RATIO for edge in self.row_edges]

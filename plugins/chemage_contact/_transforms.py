@@ -1,8 +1,8 @@
 """Two-dimensional real Fourier transforms with a choice of library.
 
-``scipy`` (pocketfft, BSD licence) is always there. ``ducc0`` (GPL v2+), ``pyfftw`` (BSD wrapper around FFTW, which is
-GPL v2+) and ``mkl_fft`` (BSD wrapper around Intel's proprietary MKL) are used if the user has installed them and asks
-for them by name.
+``scipy`` (pocketfft, BSD licence) is always available. ``ducc0`` (GPL v2+), ``pyfftw`` (BSD wrapper around FFTW, which
+is GPL v2+) and ``mkl_fft`` (BSD wrapper around Intel's proprietary MKL) are used if they are installed and the user
+requests them by name.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft as sfft
 
-from chemage.errors import InputError
+from chemage import InputError
 
-#: Pixels below which one thread transforms faster than two.
+#: Number of pixels below which one thread is faster than two.
 SHARED = 1 << 17
-#: What pip calls the libraries.
+#: Names of the libraries' packages.
 PACKAGES = {"ducc0": "ducc0", "pyfftw": "pyfftw", "mkl_fft": "mkl-fft mkl-service"}
 
 Array = NDArray[Any]
@@ -29,7 +29,7 @@ class Transforms:
     """Forward and backward transforms between real (nx, ny) and half spectra (px, py//2+1), zero-padded to ``padded``
     = (px, py).
 
-    Counts the transforms it makes in ``count``. Raises ``InputError`` when the library asked for is not installed.
+    ``count`` is the number of transforms made. Raises ``InputError`` if the library is not installed.
     """
 
     def __init__(self, shape: tuple[int, int], padded: tuple[int, int], library: str, workers: int) -> None:
@@ -39,7 +39,7 @@ class Transforms:
         self._forward, self._backward, self._in_place = _functions(library)
 
     def forward(self, x: Array) -> Array:
-        """Half spectrum of x, which is left alone."""
+        """Half spectrum of x, which is not changed."""
         self.count += 1
         return self._forward(x, self.padded, self.workers)
 
@@ -49,10 +49,10 @@ class Transforms:
         return self._backward(spectrum, self.shape, self.padded, self.workers)
 
     def in_place(self, z: Array, forward: bool) -> Array:
-        """The complex transform of z, or back, in its own memory where the library can. The result is what counts.
+        """The complex transform of z, or the inverse one, in the memory of z if the library can; use the return value.
 
-        With z a view of a real array, pairs of neighbours taken for complex numbers, this is a transform of that array
-        without the memory of a spectrum, which takes longer to get from the system than a pass over it.
+        If z is a view of a real array (pairs of neighbours as complex numbers), this transforms that array without
+        memory for a spectrum, which would take longer to allocate than a pass over it.
         """
         self.count += 1
         return self._in_place(z, forward, self.workers)
@@ -106,7 +106,7 @@ def _functions(library: str) -> tuple[Callable[..., Array], Callable[..., Array]
         if library == "pyfftw":
             importlib.import_module("pyfftw.interfaces.cache").enable()
     except ImportError as error:
-        remedy = f"pip install {PACKAGES[library]}, or choose 'scipy', which is always there"
+        remedy = f"pip install {PACKAGES[library]}, or choose 'scipy', which is always available"
         raise InputError.of("fft", library, f"cannot be imported ({error})", remedy) from error
 
     def forward2(x: Array, padded: tuple[int, int], workers: int) -> Array:

@@ -9,17 +9,27 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage.errors import ConvergenceError, InputError
-from chemage.objects import ContactSolution, Surface
-from chemage.spec import ContactSolver, force
-from chemage.threads import available
-from chemage.units import Length, Pressure, Unit, convert
+from chemage import (
+    ContactSolution,
+    ContactSolver,
+    ConvergenceError,
+    InputError,
+    Length,
+    Pressure,
+    Surface,
+    Unit,
+    convert,
+    force,
+)
+from chemage.foundation.threads import available
 from chemage_contact import _iteration as iteration
 from chemage_contact import _kernels as kernels
+from chemage_contact._grid import rescale, sums
+from chemage_contact._kernels import Heights
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate
 from chemage_contact._team import Team
 
-#: What single precision can reach, relative to the rms height, with a margin.
+#: The smallest tolerance that single precision reaches, with a margin.
 SINGLE_LIMIT = 1e-6
 
 
@@ -28,7 +38,9 @@ class FFTBEM(ContactSolver):
 
     Finds the pressure with p ≥ 0, gap ≥ 0, p·gap = 0 on every pixel. Converged means that both errors are below
     ``tolerance``: the rms gap over the contact and the largest penetration outside it, relative to the rms height, or
-    to the approach since first touch where that is smaller.
+    to the approach since first touch where that is smaller. They are those of the pressure that is returned.
+    ``ContactSolution.convergence`` also estimates the error of the pressure: ``pressure_error`` (L2 norm, relative) and
+    ``pressure_error_max`` (largest, relative to the largest pressure).
     The iteration is described in ``chemage_contact._iteration``; its speed and accuracy in ``docs/contact.md``.
     """
 
@@ -49,37 +61,39 @@ class FFTBEM(ContactSolver):
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa"""
     tolerance: float = Field(default=1e-5, gt=0, lt=1, allow_inf_nan=False)
     """largest error of the gap, relative to the rms height (or to the approach since first touch, where smaller)"""
+    pressure_tolerance: float | None = Field(default=None, gt=0, lt=1, allow_inf_nan=False)
+    """largest estimated relative L2 error of the pressure, in addition to ``tolerance``; default: not required"""
     precision: Literal["single", "double", "mixed"] = "mixed"
-    """mixed: iterate in single, keep pressure and gap in double (as accurate as double); single: half the memory"""
+    """mixed: iterate in single, pressure and gap in double precision (as accurate as double); single: least memory"""
     boundary: Literal["auto", "periodic", "free"] = "auto"
-    """auto: as the surface is; free: an isolated contact on an infinite half-space"""
+    """periodic or free (an isolated contact on an infinite half-space); auto: periodic if the surface is"""
     levels: int | None = Field(default=None, ge=1)
-    """grids from fine to coarse to start from; 1: the given grid only; absent: as many as help"""
+    """number of grids in the coarse-to-fine start; 1: the given grid only; default: chosen automatically"""
     max_iterations: int = Field(default=500, ge=0)
-    """on the given grid"""
+    """largest number of iterations on the given grid"""
     on_failure: Literal["raise", "return"] = "raise"
-    """what to do short of the tolerance: raise ConvergenceError, or return a solution with ``converged`` False"""
+    """if the tolerance is not reached: raise ConvergenceError, or return a solution with ``converged`` False"""
     gap: bool = False
-    """whether the solution carries the gap (memory and file size double)"""
+    """whether the solution contains the gap (memory and file size double)"""
     thickness: Length | None = None
-    """of the elastic body if it is a layer bonded to a rigid base, nm (periodic only); absent: half-space"""
+    """thickness of an elastic layer bonded to a rigid base, nm (periodic only); default: half-space"""
     poisson_ratio: Annotated[float, Unit("", ge=0, le=0.5)] = 0.25
-    """of the layer; unused for a half-space"""
+    """Poisson's ratio of the layer; not used for a half-space"""
     fft: Literal["scipy", "ducc0", "pyfftw", "mkl_fft"] = "scipy"
-    """Fourier transform library; all but scipy must be installed by the user (mind their licences)"""
+    """Fourier transform library; all but scipy must be installed separately (note their licences)"""
     threads: int | None = Field(default=None, ge=1)
-    """absent: all processors this process may use"""
+    """threads of one solve; default: all processors available to this process"""
 
     @model_validator(mode="after")
     def _check(self) -> FFTBEM:
         if self.precision == "single" and self.tolerance < SINGLE_LIMIT:
             raise ValueError(
-                f"tolerance = {self.tolerance:g}: single precision stalls above this; "
+                f"tolerance = {self.tolerance:g}: single precision cannot reach this; "
                 f"use precision = 'mixed', or a tolerance of at least {SINGLE_LIMIT:g}"
             )
         if self.tolerance < 1e-13:
             raise ValueError(
-                f"tolerance = {self.tolerance:g}: below the rounding of double precision; use 1e-12 or more"
+                f"tolerance = {self.tolerance:g}: below the rounding errors of double precision; use 1e-12 or more"
             )
         if self.thickness is not None and self.boundary == "free":
             raise ValueError("thickness: a layer needs boundary = 'periodic'; leave one of the two out")
@@ -112,17 +126,19 @@ class FFTBEM(ContactSolver):
         if self.precision == "single" and not (load / surface.pixel_size**2 > 1e-35 and pressure < 1e35):
             raise InputError.of("load", load, "the pressure leaves the range of float32", "use precision = 'mixed'")
         initial = _usable(start, surface, load)
+        quantum = _power_of_two(pressure)
         with self._team() as team:
             scaled, unit = _dimensionless(surface, pressure / self.modulus, team)
             result = iteration.solve(
                 self._body(surface),
                 scaled,
-                stiffness=pressure / self.modulus * (surface.pixel_size / unit),
+                stiffness=quantum / self.modulus * (surface.pixel_size / unit),
+                mean=pressure / quantum,
                 start=initial,
                 settings=self._settings(),
                 team=team,
             )
-            return self._finish(surface, result, unit, pressure, load, team)
+            return self._finish(surface, result, unit, quantum, load, team)
 
     def sweep(self, surface: Surface, loads: Sequence[float | str]) -> list[ContactSolution]:
         """Contacts of ``surface`` under each of ``loads`` (nN, or strings), in the order given.
@@ -167,10 +183,16 @@ class FFTBEM(ContactSolver):
         strain = approach / max(surface.shape) / surface.pixel_size
         with self._team() as team:
             scaled, unit = _dimensionless(surface, strain, team)
-            pressure = self.modulus * (unit / surface.pixel_size)
-            settings = self._settings()
-            result = iteration.solve(body, scaled, stiffness=1.0, offset=-approach / unit, settings=settings, team=team)
-            return self._finish(surface, result, unit, pressure, None, team)
+            quantum = _power_of_two(self.modulus * (unit / surface.pixel_size))
+            result = iteration.solve(
+                body,
+                scaled,
+                stiffness=quantum / self.modulus * (surface.pixel_size / unit),
+                offset=-approach / unit,
+                settings=self._settings(),
+                team=team,
+            )
+            return self._finish(surface, result, unit, quantum, None, team)
 
     def _periodic(self, surface: Surface) -> bool:
         return surface.periodic if self.boundary == "auto" else self.boundary == "periodic"
@@ -194,6 +216,7 @@ class FFTBEM(ContactSolver):
             max_iterations=self.max_iterations,
             levels=self.levels,
             library=self.fft,
+            pressure_tolerance=self.pressure_tolerance,
         )
 
     def _team(self) -> Team:
@@ -204,7 +227,7 @@ class FFTBEM(ContactSolver):
         return {"kind": options.pop("kind"), "options": options, "surface": surface.provenance}
 
     def _untouched(self, surface: Surface, approach: float) -> ContactSolution:
-        """No contact: a load of zero, or an approach of zero or less."""
+        """The solution without contact: a load of zero, or an approach of zero or less."""
         pressure = np.zeros(surface.shape, dtype=iteration.PRECISIONS[self.precision][0])
         pressure.setflags(write=False)
         gap = None
@@ -220,7 +243,7 @@ class FFTBEM(ContactSolver):
             rms_slope=surface.rms_slope,
             rms_height=surface.rms_height,
             displacement=approach,
-            convergence=_report(self, 0.0, 0.0, 0.0, 0.0, 0, [], []),
+            convergence=_report(self, None, force_error=0.0, complementarity=0.0, scale=0.0),
             notes=("no load: the bodies just touch and no pixel carries pressure",) if approach == 0 else (),
             provenance=self._provenance(surface),
         )
@@ -234,12 +257,14 @@ class FFTBEM(ContactSolver):
         load: float | None,
         team: Team,
     ) -> ContactSolution:
-        """The solution in nm, GPa and nN; without a ``load`` it is what the pressures add up to."""
+        """The solution in nm, GPa and nN; without a ``load``, the load is the sum of the pressure."""
         values = result.pressure
         area = surface.pixel_size**2
-        total, weighted, least = iteration.sums(values, result.gap, team)
-        complementarity = weighted / total if weighted else 0.0
-        load = total * pressure * area if load is None else load
+        total, weighted, least = sums(values, result.gap, team)
+        complementarity = weighted / total / result.scale if weighted else 0.0
+        # The factor is a power of two: nothing is rounded.
+        force = rescale(values, pressure, team) * area
+        load = force if load is None else load
         notes = list(result.notes)
         if not result.converged:
             message = self._failure(result)
@@ -252,10 +277,14 @@ class FFTBEM(ContactSolver):
                 )
             notes.append(message)
         if values.size and least > 0.0:
-            notes.append("full contact: every pixel touches, and more load only adds uniform pressure")
-        # The last rounding of the load: what is left after thousands of single-precision changes.
-        factor = pressure * (load / (total * pressure * area)) if load > 0 else pressure
-        force_error = abs(iteration.rescale(values, factor, team) * area / load - 1.0) if load > 0 else 0.0
+            more = "uniform pressure" if self._periodic(surface) else "the pressure of a flat punch"
+            notes.append(f"full contact: every pixel touches, and more load only adds {more}")
+            if result.converged and result.error >= self.tolerance:
+                notes.append(
+                    f"the pressure is exact up to the rounding of {values.dtype} numbers, which at this load leaves "
+                    f"a relative gap error of {result.error:.3g} (tolerance {self.tolerance:g})"
+                )
+        force_error = abs(force / load - 1.0) if load > 0 else 0.0
         if not force_error < 1e-3:
             raise InputError.of("load", load, f"the pressure leaves the range of {values.dtype} numbers")
         values.setflags(write=False)
@@ -279,25 +308,27 @@ class FFTBEM(ContactSolver):
             iterations=result.iterations,
             convergence=_report(
                 self,
-                result.rms_gap,
-                result.penetration,
-                force_error,
-                complementarity,
-                result.transforms,
-                result.history,
-                result.levels,
+                result,
+                force_error=force_error,
+                complementarity=complementarity,
+                scale=result.scale * unit,
             ),
             notes=tuple(notes),
             provenance=self._provenance(surface),
         )
 
     def _failure(self, result: iteration.Result) -> str:
+        larger = "accept a larger tolerance"
         if result.iterations >= self.max_iterations:
-            why, remedy = "the iteration limit was reached", "raise max_iterations, or accept a larger tolerance"
-        elif self.precision == "single":
-            why, remedy = "single precision cannot do better", "use precision = 'mixed', or a larger tolerance"
+            why, remedy = "the iteration limit was reached", f"raise max_iterations, or {larger}"
+        elif result.rounding and self.precision == "single":
+            why, remedy = "rounding errors of single precision were reached", f"use precision = 'mixed', or {larger}"
+        elif result.rounding:
+            why, remedy = "rounding errors of double precision were reached", larger
+        elif self.precision == "double":
+            why, remedy = "the error stopped falling", larger
         else:
-            why, remedy = "the error stopped falling", "accept a larger tolerance, or use precision = 'double'"
+            why, remedy = "the error stopped falling", f"{larger}, or use precision = 'double'"
         return (
             f"fft-bem: {why} after {result.iterations} iterations at a relative gap error of {result.error:.3g} "
             f"(rms gap {result.rms_gap:.3g}, penetration {result.penetration:.3g}; tolerance {self.tolerance:g}): "
@@ -305,35 +336,27 @@ class FFTBEM(ContactSolver):
         )
 
 
-def _report(
-    solver: FFTBEM,
-    rms_gap: float,
-    penetration: float,
-    force_error: float,
-    complementarity: float,
-    transforms: int,
-    history: list[tuple[float, float]],
-    levels: list[tuple[tuple[int, int], int]],
-) -> dict[str, Any]:
-    """What the solution says of its own error; gaps relative to the rms height, pressures to their sum."""
-    return {
+def _report(solver: FFTBEM, result: iteration.Result | None, **errors: float) -> dict[str, Any]:
+    """The errors of the solution and how it was found: plain values."""
+    found: dict[str, Any] = {
         "tolerance": solver.tolerance,
-        "rms_gap": rms_gap,
-        "penetration": penetration,
-        "force_error": force_error,
-        "complementarity": complementarity,
         "precision": solver.precision,
-        "transforms": transforms,
-        "history": [[float(rms), float(deepest)] for rms, deepest in history],
-        "levels": [{"pixels": list(shape), "iterations": count} for shape, count in levels],
+        "rms_gap": result.rms_gap if result else 0.0,
+        "penetration": result.penetration if result else 0.0,
+        "pressure_error": result.pressure_error[0] if result else 0.0,
+        "pressure_error_max": result.pressure_error[1] if result else 0.0,
+        "transforms": result.transforms if result else 0,
+        "history": [[float(rms), float(deepest)] for rms, deepest in result.history] if result else [],
+        "levels": [{"pixels": list(shape), "iterations": n} for shape, n in result.levels] if result else [],
     }
+    return found | errors
 
 
-def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[iteration.Heights, float]:
+def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[Heights, float]:
     """Heights below the highest point in units of their rms value, and that unit in nm.
 
-    A flat surface has none (one whose heights differ by rounding only, or vanish, counts as flat); the displacement
-    under a mean ``strain`` (pressure over modulus) serves instead.
+    A surface counts as flat if its heights vanish or differ by rounding only; the unit is then the displacement
+    under a mean ``strain`` (pressure over modulus).
     """
     heights = surface.heights
     nx, ny = heights.shape
@@ -341,17 +364,22 @@ def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[iterati
     top = float(part[:, 1].max())
     unit = top - float(part[:, 0].min())
     if unit <= max(8.0 * float(np.finfo(heights.dtype).eps) * abs(top), 1e-290):
-        return iteration.Heights(heights, top, 0.0), strain * max(nx, ny) * surface.pixel_size
-    # Through the largest value, so that squares of 1e-200 nm do not vanish.
+        return Heights(heights, top, 0.0), strain * max(nx, ny) * surface.pixel_size
+    # Relative to the largest value, so that squares of 1e-200 nm do not underflow.
     part = team.table(kernels.moments, nx, 2, heights, top, 1.0 / unit)
     spread = math.sqrt(float(part[:, 1].sum()) / (nx * ny) + float(part[:, 0].var()))
-    return iteration.Heights(heights, top, 1.0 / unit / spread), unit * spread
+    return Heights(heights, top, 1.0 / unit / spread), unit * spread
+
+
+def _power_of_two(value: float) -> float:
+    """The largest power of two that does not exceed a positive value; at least the smallest normal number."""
+    return math.ldexp(1.0, max(math.frexp(value)[1] - 1, -1022))
 
 
 def _usable(start: ContactSolution | None, surface: Surface, load: float) -> np.ndarray | None:
-    """The pressure of a neighbouring solution where it beats a start from coarse grids: same grid, a load near by.
+    """The pressure of a neighbouring solution if it is a better start than coarse grids: same grid, similar load.
 
-    Growing the contact takes longer than shrinking it; measured break-even ratios, see ``docs/contact.md``.
+    Growing the contact takes longer than shrinking it; the break-even ratios are measured (``docs/contact.md``).
     """
     if start is None or start.shape != surface.shape or not 0.8 * start.load <= load <= 1.05 * start.load:
         return None

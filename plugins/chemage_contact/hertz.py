@@ -7,17 +7,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from chemage.errors import InputError
-from chemage.objects import ContactSolution, Surface
-from chemage.spec import ContactSolver
-from chemage.units import Pressure
+from chemage import ContactSolution, ContactSolver, InputError, Pressure, Surface
 
 
 class Hertz(ContactSolver):
     """Sphere of radius R on an elastic half-space: a = (3FR/4E*)^(1/3), p(r) = p0 sqrt(1 − r²/a²), p0 = 3F/(2πa²).
 
     A pixel is in contact if its centre is, so that the contact area is πa² without bias, and carries the exact mean
-    of p over its square; the little that falls on pixels just outside is shared out in proportion, so that the pixels
+    of p over its square; the small force on pixels just outside is distributed in proportion, so that the pixels
     add up to the load. The radius is the one the surface was made with, ``surface.provenance["radius"]`` in nm; its
     apex is the middle of the grid.
     """
@@ -41,7 +38,7 @@ class Hertz(ContactSolver):
                 "load",
                 load,
                 f"the contact has a radius of {edge:.4g} nm, but the surface reaches only {room:.4g} nm from the apex",
-                "give the surface more pixels, or press less",
+                "use more pixels or a smaller load",
             )
         pressure = np.zeros(surface.shape)
         if load > 0:
@@ -73,7 +70,7 @@ def _radius(surface: Surface) -> float:
     if isinstance(radius, bool) or not isinstance(radius, int | float) or not (0 < radius < math.inf):
         raise InputError(
             f"contact 'hertz' needs a sphere, but this surface has no radius (provenance['radius'] = {radius!r}); "
-            "make one with surface kind 'sphere', or use contact 'fft-bem'"
+            "use surface kind 'sphere' or contact 'fft-bem'"
         )
     return float(radius)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from chemage.random import pair_uniform
+from chemage.foundation.random import pair_uniform
 
 #: (row, column) steps to the neighbours in the slots of a site's row; slot 7 − s is the opposite of slot s
 SLOTS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))

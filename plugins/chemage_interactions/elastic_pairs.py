@@ -6,9 +6,7 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from chemage.errors import InputError
-from chemage.spec import Interaction, Seed
-from chemage.units import Unit
+from chemage import InputError, Interaction, Seed, Unit
 
 
 def _read_only(array: np.ndarray, dtype: type[np.generic]) -> np.ndarray:

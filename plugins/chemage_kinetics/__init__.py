@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from chemage.hookspecs import hookimpl
+from chemage import hookimpl
 
 if TYPE_CHECKING:
     from chemage_kinetics.auto import Auto

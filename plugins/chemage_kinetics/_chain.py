@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from chemage.random import uniform_pair
+from chemage.foundation.random import uniform_pair
 from chemage_kinetics._memory import Float, inner
 
 #: A site that flips more than so many times before anything else happens is treated as a two-state chain.

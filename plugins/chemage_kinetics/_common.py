@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage.random import KINETICS
+from chemage.foundation.random import KINETICS
 from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit, prefetch
 
 #: Fixed-point units in an electronvolt.

@@ -10,10 +10,8 @@ from threading import Event
 
 import numpy as np
 
-from chemage.objects import BondHistory, ReactionLattice
-from chemage.spec import Seed
-from chemage.threads import available
-from chemage.units import KB
+from chemage import KB, BondHistory, ReactionLattice, Seed
+from chemage.foundation.threads import available
 from chemage_kinetics import _common
 from chemage_kinetics._common import Holds, Key, Model
 from chemage_kinetics._fingerprint import fingerprint

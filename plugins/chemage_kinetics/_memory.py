@@ -55,7 +55,7 @@ def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
         view.parent = ir.Constant(view.parent.type, None)
         return view._getvalue()
     if isinstance(kind, types.BaseTuple):
-        for at, part in enumerate(kind):
+        for at, part in enumerate(kind):  # pyright: ignore[reportArgumentType]
             inside = _without_owner(context, builder, part, builder.extract_value(value, at))
             value = builder.insert_value(value, inside, at)
     return value

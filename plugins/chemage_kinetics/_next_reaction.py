@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage.random import uniform
+from chemage.foundation.random import uniform
 from chemage_kinetics._chain import FLICKER, SOJOURN_BLOCKS, SOJOURN_DRAWS, sojourn
 from chemage_kinetics._common import (
     STREAMS,

@@ -6,8 +6,8 @@ import hashlib
 
 import numpy as np
 
-from chemage.objects import ReactionLattice
-from chemage.random import Seed, key
+from chemage import ReactionLattice
+from chemage.foundation.random import Keyed, key
 from chemage_kinetics._common import Key
 
 #: Sites whose pixel and energies enter the key, spread evenly over the lattice.
@@ -17,7 +17,7 @@ PROBES = 256
 STEPS_PER_EV = 1000.0 * np.sqrt(2.0)
 
 
-def noise_key(seed: Seed, stream: int, lattice: ReactionLattice) -> Key:
+def noise_key(seed: Keyed, stream: int, lattice: ReactionLattice) -> Key:
     """The key of the random numbers of an engine with this ``stream`` on ``lattice``.
 
     It is a hash of the seed, the engine and the lattice, so that one seed gives independent noise on every contact and

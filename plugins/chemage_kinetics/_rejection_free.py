@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage.random import uniform_pair
+from chemage.foundation.random import uniform_pair
 from chemage_kinetics._chain import FLICKER, sojourn, two_uniforms
 from chemage_kinetics._common import (
     STREAMS,

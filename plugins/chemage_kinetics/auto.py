@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from pydantic import Field
 
-from chemage.spec import Engine
-from chemage.threads import available
+from chemage import Engine
+from chemage.foundation.threads import available
 from chemage_kinetics._patches import patches_of
 from chemage_kinetics.independent import Independent
 from chemage_kinetics.next_reaction import NextReaction
 from chemage_kinetics.rejection_free import RejectionFree
 
 if TYPE_CHECKING:
-    from chemage.objects import BondHistory, ReactionLattice
-    from chemage.spec import Seed
+    from chemage import BondHistory, ReactionLattice, Seed
 
 #: From this many sites on, sharing patches between threads pays for starting the threads ...
 WORTH_SHARING = 50_000

@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from chemage.spec import Engine
+from chemage import Engine
 from chemage_kinetics import _bkl as kernel
 from chemage_kinetics._driver import SLICE, Job, bonded, room_temperature_cost
 from chemage_kinetics._rate_classes import members, new_classes
 
 if TYPE_CHECKING:
-    from chemage.objects import BondHistory, ReactionLattice
-    from chemage.spec import Seed
+    from chemage import BondHistory, ReactionLattice, Seed
 
 
 class BKL(Engine):

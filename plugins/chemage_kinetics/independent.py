@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from pydantic import Field
 
-from chemage.errors import InputError
-from chemage.spec import Engine, check_times, temperature_value
-from chemage.threads import available
+from chemage import Engine, InputError, check_times, temperature_value
+from chemage.foundation.threads import available
 from chemage_kinetics import _independent as kernel
 from chemage_kinetics._common import Holds
 from chemage_kinetics._driver import Job, model_of, room_temperature_cost, run_pieces
@@ -17,8 +16,7 @@ from chemage_kinetics._driver import Job, model_of, room_temperature_cost, run_p
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from chemage.objects import BondHistory, ReactionLattice
-    from chemage.spec import Seed
+    from chemage import BondHistory, ReactionLattice, Seed
 
 #: Sites in a piece of work.
 PIECE = 50_000

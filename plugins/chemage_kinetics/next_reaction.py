@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from pydantic import Field
 
-from chemage.spec import Engine
-from chemage.threads import available
+from chemage import Engine
+from chemage.foundation.threads import available
 from chemage_kinetics import _next_reaction as kernel
 from chemage_kinetics._common import Holds
 from chemage_kinetics._driver import SLICE, Job, bonded, room_temperature_cost, run_pieces
@@ -16,8 +16,7 @@ from chemage_kinetics._event_queue import new_order, new_queue
 from chemage_kinetics._patches import patches_of
 
 if TYPE_CHECKING:
-    from chemage.objects import BondHistory, ReactionLattice
-    from chemage.spec import Seed
+    from chemage import BondHistory, ReactionLattice, Seed
 
 #: Sites in a piece of work: small enough to balance the threads, large enough to amortise the call overhead.
 PIECE = 20_000

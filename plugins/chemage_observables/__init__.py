@@ -1,9 +1,9 @@
-"""Observables that come with chemage."""
+"""Observables: ``barrier-spectrum``, ``pressure-spectrum``."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from chemage.hookspecs import hookimpl
+from chemage import hookimpl
 
 if TYPE_CHECKING:
     from chemage_observables.barrier_spectrum import BarrierSpectrum as BarrierSpectrum
@@ -15,7 +15,7 @@ __all__ = ["BarrierSpectrum", "PressureSpectrum"]
 
 @hookimpl
 def chemage_register() -> dict[str, dict[str, str]]:
-    """The kinds of this package."""
+    """The components of this package."""
     return {
         "observable": {
             "barrier-spectrum": "chemage_observables.barrier_spectrum:BarrierSpectrum",

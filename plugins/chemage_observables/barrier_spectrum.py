@@ -1,32 +1,39 @@
-"""The barriers a contact offers, and those that are left once bonds have formed."""
+"""The distribution of the forming barriers of a contact before any bond has formed and at the end."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Self
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage.objects import BondHistory, ContactSolution, ReactionLattice
-from chemage.spec import Observable
-from chemage.units import Energy
+from chemage import BondHistory, Chemistry, ContactSolution, Energy, Observable, Observed, ReactionLattice
+from chemage.reports.figures import BLUE, GREEN, GREY, ORANGE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 class BarrierSpectrum(Observable):
-    """Histograms of the forming barriers, as densities per site (1/eV): of all sites before any bond formed
-    (``barriers_start``), of the sites still open at the end (``barriers_open``, with what bonded neighbours add), and
-    the start barriers of the sites that are bonded at the end (``barriers_bonded``). Li et al. 2018, Fig. 2(a).
+    """Histograms of the forming barriers as densities per site, 1/eV. Li et al. 2018, Fig. 2(a).
+
+    ``barriers_start``: all sites before any bond has formed; ``barriers_open``: the sites unbonded at the end, with the
+    coupling of bonded neighbours; ``barriers_bonded``: initial barriers of the sites bonded at the end.
     """
 
     kind = "barrier-spectrum"
+    figures: ClassVar[Mapping[str, str]] = {
+        "barriers": "Distributions of the forming barrier: before any bond has formed, and of the sites that are still "
+        "unbonded at the last hold time."
+    }
 
     lower: Energy = 0.0
-    """lower edge of the histogram"""
+    """lower edge of the histogram, eV"""
     upper: Energy = 2.5
-    """upper edge; what lies outside is not counted, so a density integrates to the share of sites inside"""
+    """upper edge of the histogram, eV; a density integrates to the fraction of sites between the edges"""
     bins: int = Field(default=125, ge=1, le=100_000)
-    """bins of equal width between them"""
+    """number of bins of equal width"""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -37,7 +44,7 @@ class BarrierSpectrum(Observable):
     def measure(
         self, contact: ContactSolution, lattice: ReactionLattice, history: BondHistory
     ) -> Mapping[str, np.ndarray]:
-        """Bin edges (bins + 1,) eV and three densities (bins,) 1/eV; each is per site of the lattice."""
+        """Compute the bin edges, (bins + 1,) eV, and three densities per site of the lattice, (bins,) 1/eV."""
         edges = np.linspace(self.lower, self.upper, self.bins + 1)
         forming, bonded = lattice.forming, history.state
         now = np.array(forming)
@@ -55,3 +62,55 @@ class BarrierSpectrum(Observable):
             "barriers_open": density(now[~bonded]),
             "barriers_bonded": density(forming[bonded]),
         }
+
+    def draw(self, figure: str, axes: Axes, results: Sequence[Observed]) -> None:
+        """Draw intrinsic barriers and those of all, unbonded and bonded sites; of several results all and unbonded."""
+        filled = _draw_one(axes, results[0]) if len(results) == 1 else _draw_several(axes, results)
+        axes.set(xlabel="barrier to forming a bond (eV)", ylabel="density per site (1/eV)", ylim=(0, None))
+        if filled:
+            axes.set_xlim(min(filled), max(filled))
+        axes.legend(frameon=False, fontsize=8 if len(results) == 1 else 7)
+
+
+def _draw_one(axes: Axes, one: Observed) -> list[float]:
+    """Draw one result, and return the energies between which its densities are not zero."""
+    measured, last = one.aging.observables, f"{one.aging.hold_times[-1]:.3g} s"
+    edges = measured["barrier_edges"][0]
+    energy = np.linspace(edges[0], edges[-1], 801)
+    intrinsic = _intrinsic_density(one.chemistry, energy)
+    if intrinsic is not None:
+        axes.plot(energy, intrinsic, color=GREY, lw=1.2, label="intrinsic")
+    lowered = one.chemistry is not None and one.chemistry.activation_volume > 0
+    for name, colour, label in (
+        ("barriers_start", BLUE, "lowered by pressure" if lowered else "of the sites"),
+        ("barriers_open", ORANGE, f"unbonded at {last}"),
+        ("barriers_bonded", GREEN, f"bonded at {last} (initial barrier)"),
+    ):
+        axes.stairs(measured[name].mean(axis=0), edges, color=colour, lw=1.4, label=label)
+    filled = np.flatnonzero(measured["barriers_start"].mean(axis=0) + measured["barriers_open"].mean(axis=0))
+    if not filled.size:
+        return []
+    return [edges[max(filled[0] - 3, 0)], edges[min(filled[-1] + 4, edges.size - 1)]]
+
+
+def _intrinsic_density(chemistry: Chemistry | None, energy: np.ndarray) -> np.ndarray | None:
+    density = chemistry.forming.density(energy) if chemistry is not None else None
+    return density if density is not None and np.isfinite(density).all() else None
+
+
+def _draw_several(axes: Axes, results: Sequence[Observed]) -> list[float]:
+    """Draw several results, unbonded sites dashed, and return the energies between which densities are not zero."""
+    limits: list[float] = []
+    for one in results:
+        measured = one.aging.observables
+        edges = measured["barrier_edges"][0]
+        for name, dashes, label in (
+            ("barriers_start", "-", one.label),
+            ("barriers_open", "--", f"{one.label}, unbonded at {one.aging.hold_times[-1]:g} s"),
+        ):
+            density = measured[name].mean(axis=0)
+            axes.stairs(density, edges, color=one.color, lw=1.3, ls=dashes, label=label)
+            filled = np.flatnonzero(density > density.max() * 1e-3)
+            if filled.size:
+                limits += [edges[filled[0]] - 0.05, edges[filled[-1] + 1] + 0.05]
+    return limits

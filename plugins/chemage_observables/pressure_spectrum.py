@@ -7,26 +7,26 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import Field
 
-from chemage.objects import BondHistory, ContactSolution, ReactionLattice
-from chemage.spec import Observable
-from chemage.units import Pressure
+from chemage import BondHistory, ContactSolution, Observable, Pressure, ReactionLattice
 
 
 class PressureSpectrum(Observable):
-    """Histogram of the pressure at the sites, as a density per site (1/GPa): of all sites (``pressures``) and of those
-    that are bonded at the end (``pressures_bonded``, also per site of the lattice)."""
+    """Histograms of the pressure at the sites as densities per site, 1/GPa.
+
+    ``pressures``: all sites; ``pressures_bonded``: the sites bonded at the end, also per site of the lattice.
+    """
 
     kind = "pressure-spectrum"
 
     upper: Pressure = 20.0
-    """upper edge of the histogram, which starts at 0; what lies above is not counted"""
+    """upper edge of the histogram, GPa; the lower edge is 0"""
     bins: int = Field(default=200, ge=1, le=100_000)
-    """bins of equal width"""
+    """number of bins of equal width"""
 
     def measure(
         self, contact: ContactSolution, lattice: ReactionLattice, history: BondHistory
     ) -> Mapping[str, np.ndarray]:
-        """Bin edges (bins + 1,) GPa and two densities (bins,) 1/GPa."""
+        """Compute the bin edges, (bins + 1,) GPa, and two densities per site of the lattice, (bins,) 1/GPa."""
         edges = np.linspace(0.0, self.upper, self.bins + 1)
         pressure = contact.pressure.ravel()[lattice.sites]
 

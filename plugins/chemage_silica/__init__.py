@@ -1,6 +1,6 @@
-"""The material of the paper: silica surfaces with silanol groups that form siloxane bridges.
+"""Silica surfaces with silanol groups that form siloxane bridges.
 
-Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018): the barrier distribution ``md-silica``, and the scenes
+After Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018): the barrier distribution ``md-silica``, and the scenes
 ``silica-rough``, ``silica-tip``, ``silica-tips`` and ``silica-patch``.
 """
 
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from chemage.hookspecs import hookimpl
+from chemage import hookimpl
 
 if TYPE_CHECKING:
     from chemage_silica.barriers import MDSilica as MDSilica
@@ -18,25 +18,15 @@ __all__ = ["MDSilica"]
 
 @hookimpl
 def chemage_register() -> dict[str, dict[str, str]]:
+    """The components of this package."""
     return {"barriers": {"md-silica": "chemage_silica.barriers:MDSilica"}}
 
 
 @hookimpl
 def chemage_scenes() -> dict[str, str]:
-    return {
-        "silica-rough": "chemage_silica.scenes:silica-rough.toml",
-        "silica-tip": "chemage_silica.scenes:silica-tip.toml",
-        "silica-tips": "chemage_silica.scenes:silica-tips.toml",
-        "silica-patch": "chemage_silica.scenes:silica-patch.toml",
-    }
-
-
-@hookimpl
-def chemage_cli() -> list[tuple[str, Any]]:
-    from chemage_silica.reproduction.command import reproduce
-    from chemage_silica.tips import study
-
-    return [("reproduce", reproduce), ("study", study)]
+    """The scenes of this package."""
+    names = ("silica-rough", "silica-tip", "silica-tips", "silica-patch")
+    return {name: f"chemage_silica.scenes:{name}.toml" for name in names}
 
 
 def __getattr__(name: str) -> Any:

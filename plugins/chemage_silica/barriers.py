@@ -1,4 +1,4 @@
-"""The barriers of silica."""
+"""Barriers to the formation of siloxane bridges."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from chemage.spec import Barriers
+from chemage import Barriers
 from chemage_barriers import PiecewiseLinearDensity, parse_columns
 
 
@@ -21,11 +21,11 @@ def _table() -> PiecewiseLinearDensity:
 
 
 class MDSilica(Barriers):
-    """Barriers to forming a siloxane bridge: symmetric triangular density from 0.8 to 1.4 eV.
+    """Barriers to the formation of a siloxane bridge: symmetric triangular density from 0.8 to 1.4 eV.
 
     The published distribution is not tabulated; this shape reproduces the published ageing rates within a few per cent
-    at an activation volume of 6.4 Å³. The table and its provenance are in ``md_silica_barriers.csv`` beside this file;
-    ``tabulated`` takes a table or samples of your own.
+    at an activation volume of 6.4 Å³. The table and its provenance are in ``md_silica_barriers.csv`` in this package;
+    the kind ``tabulated`` reads other tables or samples.
     """
 
     kind = "md-silica"
@@ -35,7 +35,9 @@ class MDSilica(Barriers):
     )
 
     def quantile(self, uniform: np.ndarray) -> np.ndarray:
+        """Barriers (eV) at the probabilities ``uniform``, same shape."""
         return _table().quantile(uniform)
 
     def density(self, energy: np.ndarray) -> np.ndarray:
+        """Probability density (1/eV) at ``energy`` (eV), same shape."""
         return _table().density(energy)

@@ -1,10 +1,10 @@
-"""Surfaces and the readers of height maps: ``self-affine``, ``sphere``, ``from-file``; ``npy``, ``text``, ``hdf5``."""
+"""Surfaces (``self-affine``, ``sphere``, ``from-file``) and readers of height maps (``npy``, ``text``, ``hdf5``)."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from chemage.hookspecs import hookimpl
+from chemage import hookimpl
 
 if TYPE_CHECKING:
     from chemage_surfaces.from_file import FromFile as FromFile
@@ -28,6 +28,7 @@ __all__ = ["FromFile", "Hdf5", "Npy", "SelfAffine", "Sphere", "Text"]
 
 @hookimpl
 def chemage_register() -> dict[str, dict[str, str]]:
+    """The components of this package."""
     return {
         "surface": {
             "self-affine": "chemage_surfaces.self_affine:SelfAffine",

@@ -1,4 +1,4 @@
-"""What the surface makers share: the grid option, and the record of how a surface was made."""
+"""The grid option and the provenance record of the surface makers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BeforeValidator
 
 import chemage
-from chemage.spec import Seed, SurfaceMaker
+from chemage import Seed, SurfaceMaker
 
 #: pixels of the largest grid; its heights alone take 128 GiB
 MOST_PIXELS = 2**34
@@ -18,7 +18,7 @@ MOST_PIXELS = 2**34
 def _count(side: Any) -> int:
     if isinstance(side, bool):
         raise TypeError
-    # a grid is sometimes written 2.5e3
+    # 2.5e3 is a whole number, too
     if isinstance(side, float):
         if not side.is_integer():
             raise TypeError
@@ -35,9 +35,11 @@ def _grid(value: Any) -> tuple[int, int]:
     if len(counts) != 2:
         raise ValueError(f"{len(counts)} numbers; give one whole number of pixels, or two: [nx, ny]")
     if min(counts) < 1:
-        raise ValueError(f"a grid of {counts[0]} x {counts[1]} pixels has none; give at least 1")
+        raise ValueError(f"a grid of {counts[0]} x {counts[1]} pixels is empty; give at least 1")
     if counts[0] * counts[1] > MOST_PIXELS:
-        raise ValueError(f"a grid of {counts[0]} x {counts[1]} pixels is beyond any memory; give at most {MOST_PIXELS}")
+        raise ValueError(
+            f"a grid of {counts[0]} x {counts[1]} pixels is too large for the memory; give at most {MOST_PIXELS}"
+        )
     return counts[0], counts[1]
 
 
@@ -46,7 +48,7 @@ Pixels = Annotated[tuple[int, int], BeforeValidator(_grid, json_schema_input_typ
 
 
 def provenance(maker: SurfaceMaker, seed: Seed | None = None) -> dict[str, Any]:
-    """How a surface was made, in plain JSON values; ``seed`` only where the maker draws random numbers."""
+    """Record how a surface was made, as plain JSON values; with ``seed`` if the maker draws random numbers."""
     options = maker.todict()
     record: dict[str, Any] = {"kind": options.pop("kind"), "options": options, "chemage": chemage.__version__}
     if isinstance(seed, np.random.SeedSequence):

@@ -1,9 +1,8 @@
 """Random self-affine surfaces by Fourier filtering.
 
-Plain functions on plain arrays. Each wave vector owns its place in the random stream, ordered in shells of growing
-wave number, so a seed stands for one *surface*: a finer pixel grid samples the same surface, and a larger ``zeta``
-adds shorter waves to it. This is what makes a convergence study in the pixel size possible without averaging over
-realisations.
+Each wave vector has a fixed position in the random stream, ordered in shells of increasing wavenumber, so that a seed
+defines one *surface*: a finer pixel grid samples the same surface, and a larger ``zeta`` adds shorter waves to it.
+Convergence in the pixel size can therefore be studied without averaging over realisations.
 
 Source: Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018), Eq. 1.
 """
@@ -22,11 +21,11 @@ __all__ = ["self_affine", "spectral_density"]
 
 
 def spectral_density(q: Floats, *, hurst: float, q_roll: float, q_long: float, q_short: float) -> Floats:
-    """Shape of the power spectral density, Eq. 1 of the paper, scaled to 1 on the plateau.
+    """Shape of the power spectral density, Eq. 1 of the paper, normalised to 1 on the plateau.
 
-    ``q`` (any shape) and the bounds are in the same unit, 1/nm or multiples of 2π/λ_L. Plateau for
-    ``q_long <= q < q_roll``, power law ``(q/q_roll)**(-2-2*hurst)`` for ``q_roll <= q <= q_short``, zero elsewhere.
-    The bounds are inclusive to within rounding (1e-9).
+    ``q`` (any shape) and the cut-offs have the same unit, 1/nm or 2π/λ_L. The density is constant for
+    ``q_long <= q < q_roll``, falls as ``(q/q_roll)**(-2-2*hurst)`` for ``q_roll <= q <= q_short``, and is zero
+    elsewhere. The cut-offs are inclusive to within rounding (1e-9).
     """
     slack = 1e-9
     density = (np.maximum(q, q_roll) / q_roll) ** (-2.0 - 2.0 * hurst)
@@ -48,17 +47,29 @@ def self_affine(
 ) -> Floats:
     """Heights (nx, ny) in nm of a periodic, isotropic, Gaussian self-affine surface with zero mean.
 
-    λ_L is the longer side, q_L = 2π/λ_L, q_s = zeta·q_L, q_r = eta·q_L. Exactly one of ``rms_slope`` (spectral,
-    dimensionless) and ``rms_height`` (nm) is given and met exactly by this realisation. Equal arguments give equal
-    bytes, whatever ``workers``.
+    λ_L is the longer side, q_L = 2π/λ_L, q_s = zeta·q_L, q_r = eta·q_L.
 
-    Raises ``ValueError`` if the cut-offs contradict each other or the grid cannot hold them (``zeta`` above half the
-    pixels of the longer side), or if no wave vector of the grid lies between the cut-offs.
+    Parameters
+    ----------
+    shape, pixel_size
+        Pixels (nx, ny) and the edge of a pixel, nm.
+    hurst, zeta, eta
+        Hurst exponent, short cut-off q_s/q_L and roll-off q_r/q_L.
+    rms_slope, rms_height
+        Spectral rms slope, or rms height (nm), of this realisation; exactly one of them.
+    seed, workers
+        Seed of the surface; threads of the Fourier transform, which do not change a bit of the result.
+
+    Raises
+    ------
+    ValueError
+        The cut-offs contradict each other, the grid cannot resolve them (``zeta`` above half the pixels of the longer
+        side), or no wave vector of the grid lies between them.
     """
     nx, ny = shape
     longest = max(nx, ny)
     if (rms_slope is None) == (rms_height is None):
-        raise ValueError("give either rms_slope or rms_height, not both and not neither")
+        raise ValueError("give either rms_slope or rms_height, not both")
     if min(nx, ny) < 1:
         raise ValueError(f"a grid of {nx} x {ny} pixels has no pixels")
     if not 1.0 <= eta <= zeta:
@@ -69,14 +80,14 @@ def self_affine(
             "use more pixels or a smaller zeta"
         )
     half = _half_spectrum(nx, ny, hurst, zeta, eta, seed)
-    # Wave numbers in units of 2π/λ_L; only the columns up to the short cut-off exist.
+    # wavenumbers in units of 2π/λ_L, in columns up to the short cut-off
     qx = _frequencies(nx) * (longest / nx)
     qy = np.arange(half.shape[1]) * (longest / ny)
     weight = _multiplicity(ny)[: half.shape[1]]
     power = half.real**2 + half.imag**2
     power *= weight
     if rms_slope is not None:
-        # Largest term scaled to one so that extreme spectra neither overflow nor vanish.
+        # the terms are scaled to order one, so that extreme spectra neither overflow nor vanish
         norm = math.sqrt(float(np.sum(power * (qx[:, None] ** 2 + qy**2)))) * (2.0 * math.pi / longest)
         target = rms_slope * pixel_size
     else:
@@ -93,14 +104,14 @@ def self_affine(
 
 
 def _frequencies(n: int) -> Floats:
-    """Integer wave numbers of a transform of length n, in FFT order, as floats."""
+    """Integer wavenumbers of a transform of length n, in FFT order, as floats."""
     index = np.arange(n, dtype=np.float64)
     index[(n + 1) // 2 :] -= n
     return index
 
 
 def _multiplicity(ny: int) -> Floats:
-    """How often each column of a half spectrum occurs in the full one: 2; 1 for zero and the Nyquist of an even ny."""
+    """Multiplicity of each column of a half spectrum in the full one: 1 for zero and the Nyquist frequency, else 2."""
     weight = np.full(ny // 2 + 1, 2.0)
     weight[0] = 1.0
     if ny % 2 == 0:
@@ -111,13 +122,13 @@ def _multiplicity(ny: int) -> Floats:
 def _half_spectrum(
     nx: int, ny: int, hurst: float, zeta: float, eta: float, seed: int | np.random.SeedSequence
 ) -> NDArray[np.complex128]:
-    """Filtered complex white noise: rows in FFT order, columns 0 … top along y; Hermitian where it must be."""
+    """Filtered complex white noise with Hermitian symmetry: rows in FFT order, columns 0 … top along y."""
     longest = max(nx, ny)
     top_x = min(math.floor(zeta * nx / longest * (1.0 + 1e-12)), nx // 2)
     top_y = min(math.floor(zeta * ny / longest * (1.0 + 1e-12)), ny // 2)
     sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     rng = np.random.Generator(np.random.Philox(sequence))
-    # noise[i, j] belongs to kx = i - top_x, ky = j.
+    # noise[i, j] has kx = i - top_x, ky = j
     noise = np.zeros((2 * top_x + 1, top_y + 1), dtype=np.complex128)
     for s in range(1, max(top_x, top_y) + 1):
         draw = rng.standard_normal(2 * (4 * s + 1)).view(np.complex128)
@@ -133,14 +144,14 @@ def _half_spectrum(
     q = np.hypot(kx_all[:, None] * (longest / nx), np.arange(top_y + 1) * (longest / ny))
     noise *= np.sqrt(spectral_density(q, hurst=hurst, q_roll=eta, q_long=1.0, q_short=zeta))
     half = np.zeros((nx, top_y + 1), dtype=np.complex128)
-    half[kx_all % nx] = noise  # for even nx and top_x = nx/2 both ends share one row; the later one stays
+    half[kx_all % nx] = noise  # for even nx and top_x = nx/2 the first and the last share a row, which keeps the last
     for column in (0, ny // 2) if ny % 2 == 0 and top_y == ny // 2 and ny > 1 else (0,):
         _make_hermitian(half[:, column])
     return half
 
 
 def _make_hermitian(column: NDArray[np.complex128]) -> None:
-    """Mirror the positive half of a column that is its own conjugate partner; real entries keep their variance."""
+    """Make a column its own conjugate mirror image from its positive half; real entries keep their variance."""
     n = column.size
     positive = column[1 : (n + 1) // 2]
     column[n - positive.size :] = positive[::-1].conj()

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+import os
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, SerializeAsAny, field_validator
 
-from chemage.errors import InputError, PluginError, StoreError
-from chemage.objects import Surface
-from chemage.spec import Reader, Seed, SurfaceMaker
-from chemage.units import Length, Unit
+from chemage import InputError, Length, Reader, Seed, StoreError, Surface, SurfaceMaker, Unit, reader_for, registry
 from chemage_surfaces._options import provenance
 
 
 def _named_unit(value: Any) -> Any:
-    """A unit by its name alone, "um", is one of it."""
+    """Read the name of a unit, such as "um", as one of that unit."""
     return f"1 {value}" if isinstance(value, str) and value[:1].isalpha() else value
 
 
@@ -25,32 +24,30 @@ FilePath = Annotated[str, BeforeValidator(lambda value: str(value) if isinstance
 
 
 class FromFile(SurfaceMaker):
-    """Heights from a file, higher = nearer to the counter-body.
+    """Heights from a file; higher points are nearer to the counter-body.
 
-    The file's ending chooses among the installed readers, unless ``reader`` names one. A measured map is taken as not
-    periodic unless the file or ``periodic`` says otherwise.
+    The ending of the file selects one of the installed readers, unless ``reader`` is given. A map is not periodic
+    unless the file or ``periodic`` states that it is.
     """
 
     kind = "from-file"
 
     path: FilePath
-    """the file"""
+    """path of the file"""
     reader: SerializeAsAny[Reader] | None = None
-    """kind of reader, or a table with its ``kind`` and options; None: by the file's ending"""
+    """kind of the reader, or a table with its ``kind`` and options; None: selected by the ending of the file"""
     pixel_size: Length | None = None
-    """edge of a pixel, nm; needed where the file does not state it, and taken before what it states"""
+    """edge of a pixel, nm; overrides the value in the file, and is required if the file has none"""
     height_unit: Annotated[float, Unit("nm", gt=0), BeforeValidator(_named_unit)] = 1.0
-    """unit of the heights in the file, nm: "um", or a number to multiply them by"""
+    """unit of the heights in the file, such as "um", or a factor that converts them to nm"""
     detrend: Literal["none", "mean", "plane"] = "none"
-    """what to subtract: nothing, the mean height, or the plane of least squares"""
+    """trend to subtract: none, the mean height, or the least-squares plane"""
     periodic: bool | None = None
-    """whether the map repeats; None: what the file says, else no"""
+    """whether the map is periodic; None: as the file states, else not"""
 
     @field_validator("reader", mode="before")
     @classmethod
     def _reader(cls, value: Any) -> Any:
-        from chemage import registry
-
         if isinstance(value, str):
             return registry.current().make("reader", value, {})
         if isinstance(value, dict):
@@ -60,86 +57,85 @@ class FromFile(SurfaceMaker):
         return value
 
     def identity(self) -> dict[str, Any]:
-        """Kind, options, and a hash of the file's bytes: an edited file is another surface.
+        """Kind, options, and a hash of the content of the file, so that an edited file is another surface.
+
+        The file is read once, and again after its size or modification time changed.
 
         Raises
         ------
         StoreError
             The file cannot be read.
         """
-        return {**super().identity(), "file_blake2b": self._file_hash()}
+        return {**super().identity(), "file_blake2b": _hash(self.path, _stamp(self.path))}
 
     def expected(self) -> dict[str, float]:
+        """Grid and rms slope of the surface in the file, which is read once as long as it does not change."""
         found = self.make()
         nx, ny = found.shape
-        return {"nx": nx, "ny": ny, "pixel_size": found.pixel_size}
-
-    def _file_hash(self) -> str:
-        try:
-            with open(self.path, "rb") as file:
-                return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
-        except OSError as error:
-            raise StoreError(f"{self.path}: {error.strerror or error}") from None
+        return {"nx": nx, "ny": ny, "pixel_size": found.pixel_size, "rms_slope": found.rms_slope}
 
     def make(self, seed: Seed = 0) -> Surface:
-        """The surface in the file. ``seed`` is ignored.
+        """The surface in the file, which is read once as long as it does not change. ``seed`` is ignored.
 
         Raises
         ------
         StoreError
-            The file is missing, truncated, or not of the reader's format.
+            The file is missing, truncated or not in the format of the reader, or no reader accepts its ending.
         InputError
-            No reader or several answer to the file's ending; the pixel size is unknown; heights are not finite.
+            Several readers accept the ending, the pixel size is unknown, or heights are not finite.
         """
-        reader = self.reader or self._by_ending()
+        reader = self.reader or reader_for(self.path)
         if self.pixel_size is not None and "pixel_size" in type(reader).model_fields:
             reader = reader.replace(pixel_size=self.pixel_size)
-        content = self._file_hash()
-        found = reader.read(self.path)
-        if not isinstance(found, Surface):
-            raise InputError(f"{self.path}: reader {reader.kind!r} gives a {type(found).__name__}, not a surface")
-        heights = found.heights
-        if self.height_unit != 1:
-            heights = heights * heights.dtype.type(self.height_unit)
-        if self.detrend != "none":
-            heights = _without_trend(heights, plane=self.detrend == "plane")
-        return Surface(
-            heights=heights,
-            pixel_size=found.pixel_size if self.pixel_size is None else self.pixel_size,
-            periodic=found.periodic if self.periodic is None else self.periodic,
-            provenance={**provenance(self), "reader": reader.kind, "file_blake2b": content},
-        )
+        return _read(self, reader, _stamp(self.path))  # pyright: ignore[reportArgumentType]
 
-    def _by_ending(self) -> Reader:
-        from chemage import registry
 
-        current, ending = registry.current(), Path(self.path).suffix.lower()
-        answering, known = {}, set()
-        for kind in current.kinds("reader"):
-            try:
-                cls = current.choice("reader", kind)
-            except PluginError:
-                continue  # `chemage plugins check` reports it; it must not stop the readers that work
-            known |= set(cls.suffixes)
-            if ending in cls.suffixes:
-                answering[kind] = cls
-        if not answering:
-            raise InputError(
-                f"path = {self.path!r}: no reader for files ending in {ending!r} (there are readers for "
-                f"{', '.join(sorted(known))}); name one with reader = ..."
-            )
-        if len(answering) > 1:
-            raise InputError(
-                f"path = {self.path!r}: readers {', '.join(sorted(answering))} all answer; give reader = ..."
-            )
-        return next(iter(answering.values()))()
+#: identifies the content of a file without reading it: size, modification time (ns), inode, device
+_Stamp = tuple[int, int, int, int]
+
+
+def _stamp(path: str) -> _Stamp:
+    try:
+        found = os.stat(path)
+    except OSError as error:
+        raise StoreError(f"{path}: {error.strerror or error}") from None
+    return found.st_size, found.st_mtime_ns, found.st_ino, found.st_dev
+
+
+@lru_cache(maxsize=64)
+def _hash(path: str, stamp: _Stamp) -> str:
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
+    except OSError as error:
+        raise StoreError(f"{path}: {error.strerror or error}") from None
+
+
+@lru_cache(maxsize=1)
+def _read(maker: FromFile, reader: Reader, stamp: _Stamp) -> Surface:
+    """The surface that was read last is kept: for the estimate of a scene, and for every contact of a sweep."""
+    content = _hash(maker.path, stamp)
+    found = reader.read(maker.path)
+    if not isinstance(found, Surface):
+        raise InputError(f"{maker.path}: reader {reader.kind!r} gives a {type(found).__name__}, not a surface")
+    heights = found.heights
+    if maker.height_unit != 1:
+        heights = heights * heights.dtype.type(maker.height_unit)
+    if maker.detrend != "none":
+        heights = _without_trend(heights, plane=maker.detrend == "plane")
+    return Surface(
+        heights=heights,
+        pixel_size=found.pixel_size if maker.pixel_size is None else maker.pixel_size,
+        periodic=found.periodic if maker.periodic is None else maker.periodic,
+        provenance={**provenance(maker), "reader": reader.kind, "file_blake2b": content},
+    )
 
 
 def _without_trend(heights: np.ndarray, *, plane: bool) -> np.ndarray:
-    """Heights less their mean, or less their plane of least squares."""
+    """Subtract the mean of the heights, or their least-squares plane."""
     result = heights - heights.mean(dtype=np.float64)
     if plane:
-        # on a full grid the two tilts and the mean are orthogonal, so each is a projection of its own
+        # on a full grid the two tilts and the mean are orthogonal, so that each is a separate projection
         for axis, count in enumerate(heights.shape):
             x = np.arange(count) - 0.5 * (count - 1)
             if count > 1:

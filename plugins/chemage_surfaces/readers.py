@@ -1,23 +1,19 @@
 """Readers of height maps: numpy files, text tables, HDF5.
 
-Each takes heights in nm as they stand in the file. The pixel size is the option's, or else what the file states.
+Heights in the files are in nm. The option ``pixel_size`` overrides the pixel size in a file.
 """
 
 from __future__ import annotations
 
 import math
 import re
-import warnings
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from chemage.errors import InputError, StoreError
-from chemage.objects import Surface
-from chemage.spec import Reader
-from chemage.units import Length, convert
+from chemage import InputError, Length, Reader, StoreError, Surface, convert
+from chemage.foundation.tables import data_lines, numbers, read_text, separator_of
 
 if TYPE_CHECKING:
     import h5py
@@ -30,15 +26,15 @@ def _open_error(path: str | PathLike[str], error: OSError) -> StoreError:
 def as_surface(
     heights: Any, source: str, *, pixel_size: float | None, stated: object = None, periodic: bool = False
 ) -> Surface:
-    """A Surface of ``heights`` found in ``source``, once they are known to be a map of finite real numbers.
+    """Make a Surface of the array ``heights`` (nx, ny) nm that was read from ``source``.
 
-    ``pixel_size`` (nm) is what the user gave, ``stated`` (a number in nm, or a string with its unit) what the file
-    says; the user's comes first.
+    ``pixel_size`` (nm) is that of the user and overrides ``stated``, the value in the file: a number in nm, or a string
+    with its unit.
 
     Raises
     ------
     StoreError
-        The array is not two-dimensional, or not of real numbers.
+        The array is not two-dimensional or does not consist of real numbers.
     InputError
         Heights are missing (NaN) or infinite, or the pixel size is unknown.
     """
@@ -61,14 +57,14 @@ def as_surface(
         pixel_size = convert(stated, "nm")
         if not (math.isfinite(pixel_size) and pixel_size > 0):
             raise StoreError(f"{source} states a pixel size of {stated!r}; give pixel_size")
-    # a copy in this machine's byte order, whatever the file's
+    # a copy in the byte order of this machine
     heights = np.array(heights, dtype=np.float32 if heights.dtype.itemsize == 4 else np.float64, order="C")
     heights.setflags(write=False)
     return Surface(heights=heights, pixel_size=pixel_size, periodic=periodic)
 
 
 class Npy(Reader):
-    """A two-dimensional array saved with ``numpy.save``. The file states no pixel size."""
+    """A two-dimensional array saved with ``numpy.save``, which has no pixel size."""
 
     kind = "npy"
     suffixes: ClassVar[tuple[str, ...]] = (".npy",)
@@ -77,7 +73,7 @@ class Npy(Reader):
     """edge of a pixel, nm"""
 
     def read(self, path: str | PathLike[str]) -> Surface:
-        """The surface in the file (heights in nm, not periodic).
+        """Read the surface (heights in nm, not periodic).
 
         Raises
         ------
@@ -101,15 +97,15 @@ class Npy(Reader):
         return as_surface(heights, str(path), pixel_size=self.pixel_size)
 
 
-#: what a text file may say of itself in a comment line
+#: the pixel size in a comment of a text file
 _STATED = re.compile(r"pixel[ _]size\s*[:=]\s*(?P<value>[^,;]+?)\s*$", re.IGNORECASE)
 
 
 class Text(Reader):
-    """A table of heights, one row of pixels a line; line i, column j is pixel (i, j).
+    """A table of heights with one row of pixels per line: line i, column j is pixel (i, j).
 
-    Columns are separated by commas, semicolons, tabs or blanks. Lines that begin with ``#`` or ``%`` are comments; one
-    of the form ``# pixel_size = 0.45 nm`` states the pixel size.
+    Columns are separated by commas, semicolons, tabs or blanks. Lines that begin with ``#`` or ``%`` are comments; the
+    comment ``# pixel_size = 0.45 nm`` gives the pixel size.
     """
 
     kind = "text"
@@ -118,12 +114,12 @@ class Text(Reader):
     pixel_size: Length | None = None
     """edge of a pixel, nm"""
     delimiter: str | None = None
-    """what separates columns; None: found from the first row of numbers (comma, semicolon, tab, else blanks)"""
+    """separator of columns; None: comma, semicolon or tab, whichever the first row contains, else blanks"""
     comments: str = "#%"
     """characters that begin a comment"""
 
     def read(self, path: str | PathLike[str]) -> Surface:
-        """The surface in the file (heights in nm, not periodic).
+        """Read the surface (heights in nm, not periodic).
 
         Raises
         ------
@@ -132,37 +128,21 @@ class Text(Reader):
         InputError
             The pixel size is unknown, or heights are not finite.
         """
-        try:
-            lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
-        except UnicodeDecodeError:
-            raise StoreError(f"{path} is not a text file") from None
-        except OSError as error:
-            raise _open_error(path, error) from None
-        stated, first = None, ""
-        for line in lines:
-            if line.strip()[:1] in tuple(self.comments) and (said := _STATED.search(line)):
-                stated = said["value"]
-            elif line.strip() and line.strip()[0] not in self.comments:
-                first = line
-                break
-        delimiter = self.delimiter or next((mark for mark in ",;\t" if mark in first), None)
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "loadtxt: input contained no data")
-            try:
-                heights = np.loadtxt(lines, delimiter=delimiter, comments=list(self.comments), ndmin=2)
-            except ValueError as error:
-                # numpy adds advice on its own options after the semicolon
-                raise StoreError(f"{path} is not a table of numbers: {str(error).partition(';')[0]}") from None
-        if heights.size == 0:
+        text = read_text(path)
+        lines = data_lines(text, self.comments)
+        if not lines:
             raise StoreError(f"{path} holds no numbers")
-        return as_surface(heights, str(path), pixel_size=self.pixel_size, stated=stated)
+        heights = numbers(lines, str(path), self.delimiter or separator_of(lines[0][1]))
+        header = (line for line in text.splitlines()[: lines[0][0]] if line.strip()[:1] in tuple(self.comments))
+        stated = [match["value"] for line in header if (match := _STATED.search(line))]
+        return as_surface(heights, str(path), pixel_size=self.pixel_size, stated=stated[-1] if stated else None)
 
 
 class Hdf5(Reader):
     """A two-dimensional dataset of an HDF5 (or NetCDF-4) file.
 
-    Attributes ``pixel_size`` (nm, or a string with its unit) and ``periodic`` of the dataset, of its group or of the
-    file are taken where present, the nearest first.
+    The attributes ``pixel_size`` (nm, or a string with its unit) and ``periodic`` are read from the dataset, else from
+    its group, else from the file.
     """
 
     kind = "hdf5"
@@ -171,10 +151,10 @@ class Hdf5(Reader):
     pixel_size: Length | None = None
     """edge of a pixel, nm"""
     dataset: str | None = None
-    """name of the dataset, such as "surface/heights"; None: the only two-dimensional one of numbers"""
+    """name of the dataset, such as "surface/heights"; None: the only two-dimensional dataset of numbers"""
 
     def read(self, path: str | PathLike[str]) -> Surface:
-        """The surface in the file (heights in nm).
+        """Read the surface (heights in nm).
 
         Raises
         ------
@@ -186,16 +166,17 @@ class Hdf5(Reader):
         import h5py
 
         try:
-            # h5py's own message for a missing file is a paragraph
+            # for a missing file the message of h5py is a paragraph
             with open(path, "rb"):
                 pass
             with h5py.File(path, "r") as file:
                 node = self._find(file, path)
-                said = {}
-                for holder in (file, node.parent, node):
-                    said.update(
-                        {name: holder.attrs[name] for name in ("pixel_size", "periodic") if name in holder.attrs}
-                    )
+                attributes = {
+                    name: holder.attrs[name]
+                    for holder in (file, node.parent, node)
+                    for name in ("pixel_size", "periodic")
+                    if name in holder.attrs
+                }
                 heights, name = node[()], f"{path}:{node.name}"
         except (StoreError, InputError):
             raise
@@ -203,11 +184,11 @@ class Hdf5(Reader):
             if error.strerror and "unable to" not in str(error).lower():
                 raise _open_error(path, error) from None
             raise StoreError(f"{path} is not an HDF5 file, or is truncated") from None
-        stated = said.get("pixel_size")
+        stated = attributes.get("pixel_size")
         if isinstance(stated, np.ndarray) and stated.size == 1:
             stated = stated.item()
         return as_surface(
-            heights, name, pixel_size=self.pixel_size, stated=stated, periodic=bool(said.get("periodic", False))
+            heights, name, pixel_size=self.pixel_size, stated=stated, periodic=bool(attributes.get("periodic", False))
         )
 
     def _find(self, file: h5py.File, path: str | PathLike[str]) -> h5py.Dataset:

@@ -1,4 +1,4 @@
-"""The randomly rough surface of the paper."""
+"""Randomly rough, self-affine surfaces."""
 
 from __future__ import annotations
 
@@ -7,10 +7,8 @@ from typing import Annotated, ClassVar, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage.objects import Surface
-from chemage.spec import Seed, SurfaceMaker, checked_seed
-from chemage.threads import available
-from chemage.units import Length, Unit
+from chemage import Length, Seed, Surface, SurfaceMaker, Unit, checked_seed
+from chemage.foundation.threads import available
 from chemage_surfaces._options import Pixels, provenance
 
 
@@ -19,7 +17,7 @@ class SelfAffine(SurfaceMaker):
 
     With q_L = 2π/λ_L, λ_L the longer side, the power spectral density is constant for q_L ≤ q < ``eta`` q_L, falls as
     q^(−2−2H) for ``eta`` q_L ≤ q ≤ ``zeta`` q_L, and is zero elsewhere. Li, Pastewka & Szlufarska, Phys. Rev. E 98,
-    023001 (2018), eq. 1. A seed stands for one surface: a finer grid of the same size samples the same heights, and a
+    023001 (2018), eq. 1. A seed defines one surface: a finer grid of the same size samples the same heights, and a
     larger ``zeta`` adds shorter waves.
     """
 
@@ -36,13 +34,13 @@ class SelfAffine(SurfaceMaker):
     hurst: Annotated[float, Unit("", ge=0, le=1)]
     """Hurst exponent H"""
     zeta: Annotated[float, Unit("", ge=1)]
-    """short cut-off q_s/q_L; at most half the pixels of the longer side (Nyquist)"""
+    """short-wavelength cut-off q_s/q_L; at most half the pixels of the longer side (Nyquist)"""
     eta: Annotated[float, Unit("", ge=1)] = 1.0
     """roll-off q_r/q_L, 1 ≤ eta ≤ zeta; 1: no plateau"""
     rms_slope: Annotated[float, Unit("", ge=0)] | None = None
-    """root mean square slope (spectral), met exactly; give this or rms_height"""
+    """rms slope (spectral) of this realisation; give either this or rms_height"""
     rms_height: Annotated[float, Unit("nm", ge=0)] | None = None
-    """root mean square height, nm, met exactly; give this or rms_slope"""
+    """rms height of this realisation, nm; give either this or rms_slope"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -62,6 +60,7 @@ class SelfAffine(SurfaceMaker):
         return self
 
     def expected(self) -> dict[str, float]:
+        """Grid, shortest wavelength (nm) and, where it is an option, the rms slope."""
         nx, ny = self.pixels
         known = {
             "nx": nx,
@@ -72,14 +71,15 @@ class SelfAffine(SurfaceMaker):
         return known if self.rms_slope is None else {**known, "rms_slope": self.rms_slope}
 
     def coarser(self, factor: int) -> Self | None:
+        """The same surface on pixels ``factor`` times larger; None if they cannot resolve it."""
         nx, ny = self.pixels
-        # below four pixels to the shortest wave the contact is one of pixels, not of the surface
+        # with fewer than four pixels per shortest wavelength the contact depends on the pixels
         if nx % factor or ny % factor or self.zeta > max(nx, ny) / factor / 4:
             return None
         return self.replace(pixels=(nx // factor, ny // factor), pixel_size=self.pixel_size * factor)
 
     def make(self, seed: Seed = 0) -> Surface:
-        """The surface of ``seed``: heights (nx, ny) float64 nm with zero mean; the same seed gives the same bytes.
+        """Make the surface of ``seed``: heights (nx, ny) float64 nm with zero mean, reproducible to the last bit.
 
         Raises
         ------

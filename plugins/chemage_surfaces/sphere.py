@@ -6,21 +6,19 @@ from typing import ClassVar
 
 import numpy as np
 
-from chemage.objects import Surface
-from chemage.spec import Seed, SurfaceMaker
-from chemage.units import Length
+from chemage import Length, Seed, Surface, SurfaceMaker
 from chemage_surfaces._options import Pixels, provenance
 
 
 class Sphere(SurfaceMaker):
-    """A sphere near its apex: the paraboloid −r²/(2R), apex at height 0 in the middle of the grid; not periodic.
+    """A sphere near its apex: the paraboloid −r²/(2R) with apex at height 0 in the middle of the grid; not periodic.
 
-    The paraboloid is the body of Hertz' theory, so that a numerical contact solution of this surface can be compared
-    with the closed form at any load. A true sphere is lower by the fraction r²/(4R²), 0.25 % at r = R/10, where
-    small-strain elasticity is in error by as much.
+    Hertz' theory is that of a paraboloid, so that a numerical solution for this surface can be compared with the closed
+    form at any load. A sphere is lower by the fraction r²/(4R²), 0.25 % at r = R/10, where the error of small-strain
+    elasticity is of the same size.
 
-    The apex lies at pixel index ((nx − 1)/2, (ny − 1)/2): on a pixel where the count is odd, between two where it is
-    even. Either way heights equal their mirror images to the last bit.
+    The apex has the pixel index ((nx − 1)/2, (ny − 1)/2): on a pixel for odd numbers, between pixels for even ones.
+    Heights equal their mirror images to the last bit.
     """
 
     kind = "sphere"
@@ -34,11 +32,12 @@ class Sphere(SurfaceMaker):
     """edge of a pixel, nm"""
 
     def expected(self) -> dict[str, float]:
+        """The grid."""
         nx, ny = self.pixels
         return {"nx": nx, "ny": ny, "pixel_size": self.pixel_size}
 
     def make(self, seed: Seed = 0) -> Surface:
-        """The surface: heights (nx, ny) float64 nm, highest 0 at the apex. ``seed`` is ignored.
+        """Make the surface: heights (nx, ny) float64 nm, at most 0. ``seed`` is ignored.
 
         ``provenance["radius"]`` is R in nm.
         """

@@ -1,15 +1,15 @@
 """Benchmark of the contact solvers: fft-bem, Tamaas and ContactMechanics on the same surfaces, in one run.
 
-    python tests/benchmarks/contact.py                       # 512² and 1024², fft-bem alone: about a minute
-    python tests/benchmarks/contact.py --peers               # with the peers, where they are installed: half an hour
+    python tests/benchmarks/contact.py                       # 512² and 1024², only fft-bem: about a minute
+    python tests/benchmarks/contact.py --peers               # and the other codes, if installed: half an hour
     python tests/benchmarks/contact.py --peers --grids 512 1024 2500 --write docs
 
-Every solve runs in a process of its own on one thread, after a small one that compiles. Errors are relative L2 errors
-of the pressure against a double-precision solution at a tolerance of 1e-10. Codes measure convergence differently, so
-the speed-up compares a peer at its tolerance 1e-6 with fft-bem at the loosest tolerance whose measured error is no
-larger.
-Cases found in FOLDER/benchmarks_contact.json (``--write FOLDER``) are not run again.
-``--peer-python`` names an interpreter that has the peers, if this one has not (pip install tamaas ContactMechanics).
+Every solve runs in a process of its own on one thread, after a small solve that compiles the kernels. Errors are
+relative L2 errors of the pressure against a double-precision solution at a tolerance of 1e-10. The codes measure
+convergence differently, so the speed-up compares another code at its tolerance 1e-6 with fft-bem at the loosest
+tolerance whose measured error is no larger.
+Completed cases in FOLDER/benchmarks_contact.json (``--write FOLDER``) are skipped.
+``--peer-python`` is an interpreter in which the other codes are installed (pip install tamaas ContactMechanics).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ TOLERANCES = {"mixed": (1e-4, 1e-5, 1e-6, 3e-7, 1e-7, 3e-8), "single": (1e-5,), 
 
 
 def solve_fft_bem(heights: np.ndarray, pressure: float, options: dict[str, Any]) -> tuple[np.ndarray, dict[str, Any]]:
-    from chemage.objects import Surface
+    from chemage import Surface
     from chemage_contact import FFTBEM
 
     solver = FFTBEM(modulus=MODULUS, threads=options.pop("threads", 1), **options)
@@ -97,8 +97,8 @@ def solve_contactmechanics(
 
 
 def timed(work: Callable[[], Any]) -> tuple[Any, dict[str, float]]:
-    """Its result, the least of up to three times, and the peak memory of the process after the first; what takes over
-    five seconds is run once."""
+    """The result, the shortest of up to three times, and the peak memory of the process after the first run; work
+    that takes over five seconds runs once."""
     walls, cpus = [], []
     result, memory = None, 0.0
     while len(walls) < 3 and sum(cpus) < 5.0:
@@ -114,7 +114,7 @@ SOLVERS = {"fft-bem": solve_fft_bem, "tamaas": solve_tamaas, "contactmechanics":
 
 
 def worker(job: dict[str, Any]) -> None:
-    """Solve one job and print what it took as a line of JSON."""
+    """Solve one job and print its cost as a line of JSON."""
     heights = np.load(job["heights"])
     pressure, report = SOLVERS[job["code"]](heights, job["pressure"], dict(job["options"]))
     report["area"] = float(np.mean(pressure > 0))
@@ -126,7 +126,7 @@ def worker(job: dict[str, Any]) -> None:
 
 
 class Runner:
-    """Runs jobs in processes of their own and keeps their results."""
+    """Runs each job in a process of its own."""
 
     def __init__(self, folder: Path, peer_python: str, limit: float) -> None:
         self.folder, self.peer_python, self.limit = folder, peer_python, limit
@@ -287,10 +287,12 @@ def machine() -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--grids", type=int, nargs="+", default=[512, 1024], help="pixels along an edge")
-    parser.add_argument("--peers", nargs="*", choices=PEERS, help="compare with these (none named: all)")
-    parser.add_argument("--peer-python", default=sys.executable, help="interpreter that has the peers installed")
+    parser.add_argument("--peers", nargs="*", choices=PEERS, help="compare with these codes (default: all of them)")
+    parser.add_argument(
+        "--peer-python", default=sys.executable, help="interpreter in which the other codes are installed"
+    )
     parser.add_argument("--loads", type=float, nargs="+", help="only these mean pressures, in GPa")
-    parser.add_argument("--limit", type=float, default=1200.0, help="seconds after which a solve is given up")
+    parser.add_argument("--limit", type=float, default=1200.0, help="largest wall time of one solve in seconds")
     parser.add_argument("--write", type=Path, help="folder for benchmarks_contact.md, .json and .png")
     parser.add_argument("--worker", help=argparse.SUPPRESS)
     arguments = parser.parse_args()

@@ -22,9 +22,8 @@ from pathlib import Path
 import numpy as np
 
 import chemage
+from chemage import ReactionLattice
 from chemage import random as cr
-from chemage import registry
-from chemage.objects import ReactionLattice
 
 TIMES = np.geomspace(1e-3, 1e5, 33)
 ENGINES = ("rejection-free", "bkl", "next-reaction")
@@ -77,16 +76,16 @@ def table(title: str, head: list[str], rows: list[list[str]]) -> str:
 def warm_up() -> None:
     small = full(5)
     for kind in ENGINES:
-        registry.engine(kind).run(small, [1.0], temperature=300)
+        chemage.engine(kind).run(small, [1.0], temperature=300)
     bare = ReactionLattice(pixels=(5, 5), sites=small.sites, forming=small.forming, breaking=small.breaking)
-    registry.engine("independent").run(bare, [1.0], temperature=300)
+    chemage.engine("independent").run(bare, [1.0], temperature=300)
 
 
 def events() -> str:
     lattice, build, _ = timed(lambda: full(1000))
     rows = []
     for kind in ENGINES:
-        history, cpu, _ = timed(lambda kind=kind: registry.engine(kind).run(lattice, TIMES, temperature=300, seed=0))
+        history, cpu, _ = timed(lambda kind=kind: chemage.engine(kind).run(lattice, TIMES, temperature=300, seed=0))
         rows.append([kind, f"{history.events}", f"{cpu:.2f}", f"{history.events / cpu / 1e6:.2f}", f"{build:.2f}"])
     head = ["engine", "events", "run, s", "million events/s", "disorder and lattice, s"]
     return table("1000 × 1000 sites in full contact, 300 K to 1e5 s", head, rows)
@@ -103,7 +102,7 @@ def rough_geometry() -> str:
         lattice, build, _ = timed(lambda side=side, sites=sites: lattice_on((side, side), sites, 3))
         times = np.geomspace(1e-3, end, 33)
         for kind, options in (*((kind, {}) for kind in ENGINES), ("next-reaction", {"workers": 2})):
-            engine = registry.engine(kind, **options)
+            engine = chemage.engine(kind, **options)
             history, cpu, wall = timed(
                 lambda engine=engine, times=times, lattice=lattice, temperature=temperature: engine.run(
                     lattice, times, temperature=temperature, seed=0
@@ -132,7 +131,7 @@ def grow(kind: str, side: int) -> dict[str, float]:
     count, cpu = 0, 0.0
     for seed in range(max(1, round(300_000 / side**2))):
         begin = time.process_time()
-        count += registry.engine(kind).run(lattice, TIMES, temperature=300, seed=seed).events
+        count += chemage.engine(kind).run(lattice, TIMES, temperature=300, seed=seed).events
         cpu += time.process_time() - begin
     sizes = {"lattice": held, "run": memory("VmHWM"), "build": built}
     return {"event": cpu / count, **{name: (size - before) / side**2 for name, size in sizes.items()}}
@@ -180,12 +179,12 @@ FIRST_CALL = """
 import json, time
 from chemage import registry
 import numpy as np
-from chemage.objects import ReactionLattice
+from chemage import ReactionLattice
 near = dict(neighbours=[[1], [0]], coupling=[[0.1], [0.1]])
 lattice = ReactionLattice(pixels=(1, 2), sites=[0, 1], forming=[0.9, 0.9], breaking=[1.0, 1.0], **near)
 if {kind!r} == "independent":  # after the one above, whose validation has started numba: 0.25 s once per process
     lattice = ReactionLattice(pixels=(1, 2), sites=[0, 1], forming=[0.9, 0.9], breaking=[1.0, 1.0])
-engine = registry.engine({kind!r}, **{options!r})
+engine = chemage.engine({kind!r}, **{options!r})
 begin = time.process_time()
 engine.run(lattice, [1.0], temperature=300)
 print(json.dumps({{"seconds": time.process_time() - begin}}))
@@ -213,7 +212,7 @@ def without_interaction() -> str:
     forming = 0.8 + 0.6 * cr.uniforms(1, cr.FORMING, np.arange(n))
     breaking = chemage.barriers("gaussian", mean=1.1, std=0.02).quantile(cr.uniforms(1, cr.BREAKING, np.arange(n)))
     lattice = ReactionLattice(pixels=(1000, 1000), sites=np.arange(n), forming=forming, breaking=breaking)
-    engine = registry.engine("independent")
+    engine = chemage.engine("independent")
     for temperature in (300.0, 400.0, 1000.0):
         history, cpu, _ = timed(lambda t=temperature: engine.run(lattice, TIMES, temperature=t, seed=0), 1)
         _, mean, _ = timed(lambda t=temperature: engine.mean(lattice, TIMES, temperature=t), 1)
@@ -239,7 +238,7 @@ def superbasins() -> str:
     rows = []
     for kind in ENGINES:
         for on in (False, True):
-            engine = registry.engine(kind, superbasins=on)
+            engine = chemage.engine(kind, superbasins=on)
             engine.run(lattice, [1.0], temperature=300)
             history, cpu, _ = timed(lambda engine=engine: engine.run(lattice, [1e5, 3e5], temperature=300, seed=1), 1)
             rows.append([kind, "on" if on else "off", f"{history.events}", f"{cpu * 1e3:.1f}"])
@@ -261,7 +260,7 @@ def reference() -> str:
     for load in ("20 uN", "500 uN"):
         contact = chemage.contact("fft-bem", modulus="35.3 GPa").solve(surface, load=load)
         for kind in ("rejection-free", "next-reaction", "auto"):
-            engine = registry.engine(kind)
+            engine = chemage.engine(kind)
 
             def age(engine=engine, contact=contact):
                 return chemage.age(

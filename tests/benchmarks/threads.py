@@ -1,9 +1,10 @@
-"""What two threads gain in one contact solve, beside what two solves side by side lose: the machine's own limit.
+"""Speed-up of one contact solve by two threads, and of two solves running at the same time, which is the limit of the
+machine.
 
     python tests/benchmarks/threads.py            # the reference contact, 20 and 500 uN: a minute
     python tests/benchmarks/threads.py 20         # one load, in uN
 
-Virtual machines share their cores with others, so the best of several turns counts; medians are printed, too.
+Virtual machines share their cores with others, so the best of several repetitions counts; medians are also printed.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ import numpy as np
 
 import chemage
 
-TURNS = 14
+REPETITIONS = 14
 
 
 def measure(load: str) -> str:
-    """One thread, two threads, and one thread while a second process does the same, in turns."""
+    """Alternate between one thread, two threads, and one thread while a second process does the same."""
     surface = chemage.surface(
         "self-affine", pixels=2500, pixel_size="0.4518 nm", rms_slope=0.1, hurst=0.8, zeta=150, eta=3
     ).make(seed=1)
@@ -44,16 +45,16 @@ def measure(load: str) -> str:
     other.start()
     for threads in solvers:
         seconds(threads)
-    turns = []
-    for _ in range(TURNS):
+    repetitions = []
+    for _ in range(REPETITIONS):
         one, two = seconds(1), seconds(2)
         here.send(True)
         shared = max(seconds(1), here.recv())
-        turns.append((one, two, shared))
+        repetitions.append((one, two, shared))
     here.send(False)
     other.join()
     lines = []
-    for name, (one, two, shared) in (("best", np.min(turns, axis=0)), ("median", np.median(turns, axis=0))):
+    for name, (one, two, shared) in (("best", np.min(repetitions, axis=0)), ("median", np.median(repetitions, axis=0))):
         lines.append(
             f"| {load} | {name} | {one:.2f} | {two:.2f} | {one / two:.2f} | {shared:.2f} | {2 * one / shared:.2f} |"
         )
@@ -61,9 +62,7 @@ def measure(load: str) -> str:
 
 
 def main() -> None:
-    print(
-        "| load | of 14 turns | one thread, s | two threads, s | faster by | two solves side by side, s | faster by |"
-    )
+    print("| load | of 14 runs | one thread, s | two threads, s | faster by | two solves side by side, s | faster by |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     for load in sys.argv[1:] or ("20", "500"):
         print(measure(f"{load} uN"), flush=True)

@@ -96,7 +96,7 @@ def test_figures_and_measurements_are_drawn_and_fitted(two, command):
         (("at40.h5", "--measured", "bad.csv"), "line 3, column hold_time: 1 s comes after 2 s"),
         (("at40.h5", "--measured", "none.csv"), "none.csv cannot be read"),
         (("at40.h5", "--figures", "at80.h5"), "cannot make the folder at80.h5"),
-        (("small.toml",), "no reader knows .toml"),
+        (("small.toml",), "no reader for files ending in '.toml'"),
     ],
 )
 def test_user_errors_are_one_message_and_status_2(two, command, words, message):

@@ -9,51 +9,52 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
 import chemage
-from chemage import plots, store
-from chemage.errors import StoreError
+from chemage import StoreError
+from chemage.foundation import files
+from chemage.reports import run_figures
 
-#: writes of this run are slow, and it says on stderr what it is doing
+#: this run says on stderr what it is writing, and waits to be stopped at a certain moment
 SLOW_WRITES = """
 import sys, time
-from chemage import store
+from chemage.foundation import codec, files
 
 from pathlib import Path
 
-array, place, whole = store._write_array, store._place, Path.write_bytes
+array, place, whole = codec._write_array, files._place, Path.write_bytes
+
+def say(word):
+    print(word, file=sys.stderr, flush=True)
+    if word == MOMENT:
+        time.sleep(600)
 
 def slow_array(*args):
-    print("making", args[1], file=sys.stderr, flush=True)
-    time.sleep(0.1)
+    say(f"making {args[1]}")
     array(*args)
 
 def slow_bytes(path, data):
     with open(path, "wb") as file:
         file.write(data[: len(data) // 2])
         file.flush()
-        print("halfway", file=sys.stderr, flush=True)
-        time.sleep(0.3)
+        say("halfway")
         file.write(data[len(data) // 2 :])
 
 def slow_place(*args):
-    print("placing", file=sys.stderr, flush=True)
-    time.sleep(0.2)
+    say("placing")
     place(*args)
-    print("placed", file=sys.stderr, flush=True)
-    time.sleep(30)
+    say("placed")
 
-store._write_array, store._place, Path.write_bytes = slow_array, slow_place, slow_bytes
+codec._write_array, files._place, Path.write_bytes = slow_array, slow_place, slow_bytes
 """
 
 
 def start(code, folder, **options):
     """``chemage run small.toml`` in another process, with ``code`` run before it."""
-    program = f"{code}\nimport sys\nfrom chemage.cli import main\nsys.argv[1:] = sys.argv[1:]\nmain()"
+    program = f"{code}\nimport sys\nfrom chemage.cli.app import main\nsys.argv[1:] = sys.argv[1:]\nmain()"
     words = [sys.executable, "-c", program, "run", "small.toml", "--no-figures"]
     return subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
@@ -68,7 +69,7 @@ def wait_for(process, word):
 
 def finish(process):
     try:
-        return process.communicate(timeout=60)
+        return process.communicate(timeout=300)
     finally:
         process.kill()
 
@@ -82,7 +83,7 @@ def names(folder):
 #: replicas that would take minutes, in threads as in a real run
 ENDLESS = """
 import sys, time
-from chemage import pipeline, registry
+from chemage import registry
 
 class Endless:
     @chemage.hookimpl(tryfirst=True)
@@ -97,26 +98,24 @@ registry.current().register(Endless(), "endless")
 @pytest.mark.parametrize(
     ("hook", "work"),
     [
-        ("solve_contact", "time.sleep(60)"),
+        ("solve_contact", "time.sleep(600)"),
         ("run_kinetics", "time.sleep(0.5)"),
     ],
 )
 def test_ctrl_c_exits_130_without_a_file(small, hook, work):
     process = start("import chemage" + ENDLESS.format(hook=hook, work=work), small.parent)
     wait_for(process, "begun")
-    begin = time.monotonic()
     process.send_signal(signal.SIGINT)
     out, err = finish(process)
     assert process.returncode == 130
     assert "interrupted; nothing was written" in err
     assert "Traceback" not in err
     assert out == ""
-    assert time.monotonic() - begin < 20
     assert names(small.parent) == ["small.toml"]
 
 
 def test_ctrl_c_while_writing_leaves_no_file(small):
-    process = start(SLOW_WRITES, small.parent)
+    process = start("MOMENT = 'halfway'" + SLOW_WRITES, small.parent)
     wait_for(process, "halfway")
     assert any(name.endswith(".part") for name in names(small.parent))
     process.send_signal(signal.SIGINT)
@@ -130,7 +129,7 @@ def test_ctrl_c_while_drawing_keeps_the_result_and_says_so(command, small, monke
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(plots, "save", stop)
+    monkeypatch.setattr(run_figures, "save", stop)
     done = command("run", small)
     assert done.status == 130
     assert "the result is in small.h5" in done.err
@@ -142,7 +141,7 @@ def test_ctrl_c_while_drawing_keeps_the_result_and_says_so(command, small, monke
 
 @pytest.mark.parametrize("moment", ["making pressure", "halfway", "placing", "placed"])
 def test_kill_9_leaves_no_file_or_a_complete_one(command, small, moment):
-    process = start(SLOW_WRITES, small.parent)
+    process = start(f"MOMENT = {moment!r}" + SLOW_WRITES, small.parent)
     wait_for(process, moment)
     process.kill()
     process.wait()
@@ -162,14 +161,14 @@ def test_kill_9_leaves_no_file_or_a_complete_one(command, small, moment):
 
 
 def test_the_temporary_file_of_a_living_process_is_left_alone(small):
-    living = small.parent / f".x.h5.{store._HOST}.{os.getpid()}.99.part"
+    living = small.parent / f".x.h5.{files._HOST}.{os.getpid()}.99.part"
     elsewhere = small.parent / ".x.h5.another-host.1.0.part"
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
-    stale = small.parent / f".x.h5.{store._HOST}.{dead.pid}.0.part"
+    stale = small.parent / f".x.h5.{files._HOST}.{dead.pid}.0.part"
     for file in (living, elsewhere, stale):
         file.write_text("x")
-    with store.fresh_file(small.parent / "x.h5") as part:
+    with files.fresh_file(small.parent / "x.h5") as part:
         part.write_text("new")
     assert living.exists()
     assert elsewhere.exists()
@@ -195,7 +194,7 @@ def tiny_disk(tmp_path):
 
 def test_a_full_disk_is_seen_before_anything_is_computed(command, small, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: shutil._ntuple_diskusage(1000, 1000, 0))
-    monkeypatch.setattr("chemage.runs.make_surface", lambda *_: pytest.fail("computing began"))
+    monkeypatch.setattr("chemage.experiments.run.make_surface", lambda *_: pytest.fail("computing began"))
     done = command("run", small)
     assert done.status == 2
     assert re.search(r"small\.h5 needs .* MB, but \. has 0 MB left", done.err)
@@ -243,7 +242,7 @@ def test_a_disk_that_fills_up_while_drawing_keeps_the_result(command, small, mon
 
 
 def test_a_read_only_folder_is_seen_before_anything_is_computed(command, small, monkeypatch):
-    monkeypatch.setattr("chemage.runs.make_surface", lambda *_: pytest.fail("computing began"))
+    monkeypatch.setattr("chemage.experiments.run.make_surface", lambda *_: pytest.fail("computing began"))
     if os.getuid():
         small.parent.chmod(0o555)
     else:  # root may write anywhere but on a read-only file system

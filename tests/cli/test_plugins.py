@@ -8,7 +8,7 @@ import pytest
 
 from chemage import registry
 
-pytestmark = pytest.mark.filterwarnings("default::chemage.registry.PluginWarning")
+pytestmark = pytest.mark.filterwarnings("default::chemage.plugins.registry.PluginWarning")
 
 HOOK = """
 import chemage
@@ -135,8 +135,8 @@ def test_a_plugin_brings_a_command(command, site, everything):
     ("body", "said"),
     [
         ("raise RuntimeError('no')", "RuntimeError: no"),
-        ('return [("run", greet)]', "there is a command 'run' already"),
-        ('return [("plugins", greet)]', "there is a command 'plugins' already"),
+        ('return [("run", greet)]', "the command 'run' exists already"),
+        ('return [("plugins", greet)]', "the command 'plugins' exists already"),
         ('return [("x", lambda a: 1), 7]', "TypeError"),
     ],
 )

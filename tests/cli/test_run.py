@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import runs, terminal
+from chemage.experiments import run as experiment
+from chemage.foundation.progress import progress_bars
 
 KEYS = {
     *("area_fraction", "kappa", "mean_contact_pressure", "patches", "perimeter_to_area", "sites", "hold_times"),
@@ -76,7 +77,7 @@ def test_set_replicas_seed_and_out_reach_the_run(command, small):
 def test_seeds_decide_everything(command, small):
     for name, words in {
         "a": ["--seed", 1],
-        "b": ["--seed", 1, "--workers", 1],
+        "b": ["--seed", 1, "--threads", 1],
         "noise": ["--seed", 2],
         "rough": ["--seed", 1, "--set", "surface.seed=2"],
     }.items():
@@ -97,7 +98,7 @@ def no_computing(monkeypatch):
     def never(*_, **__):
         raise AssertionError("computing began")
 
-    monkeypatch.setattr(runs, "make_surface", never)
+    monkeypatch.setattr(experiment, "make_surface", never)
 
 
 @pytest.mark.usefixtures("no_computing")
@@ -111,8 +112,8 @@ def no_computing(monkeypatch):
         ("folder/y", ["--out", "folder", "--force"], "folder is a folder"),
         ("y", ["--out", "."], ". is a folder"),
         ("y", ["--out", "missing/x.h5"], "the folder missing does not exist"),
-        ("y", ["--out", "small.toml", "--force"], "small.toml is what this scene is read from"),
-        ("y", ["--out", "./../here/small.toml", "--force"], "is what this scene is read from"),
+        ("y", ["--out", "small.toml", "--force"], "small.toml is an input of this scene"),
+        ("y", ["--out", "./../here/small.toml", "--force"], "is an input of this scene"),
         ("y", ["--out", "/dev/null", "--force"], "/dev/null is a device or a pipe"),
         ("y", ["--out", "n" * 300], "File name too long"),
     ],
@@ -149,7 +150,7 @@ def test_a_file_the_scene_reads_is_never_its_output(command, small):
     )
     done = command("run", small, "--force")
     assert done.status == 2
-    assert "rough.h5 is what this scene is read from" in done.err
+    assert "rough.h5 is an input of this scene" in done.err
     assert heights.read_bytes() == b"a week of measurements"
 
 
@@ -162,14 +163,14 @@ def test_force_replaces_the_old_result_as_a_whole(command, small):
 
 
 def test_a_result_that_appeared_meanwhile_is_not_overwritten(command, small, monkeypatch):
-    real = runs.run
+    real = experiment.run
 
     def slow(*args, **options):
         result = real(*args, **options)
         (small.parent / "small.h5").write_text("another process was first")
         return result
 
-    monkeypatch.setattr(runs, "run", slow)
+    monkeypatch.setattr(experiment, "run", slow)
     done = command("run", small, "--no-figures")
     assert done.status == 2
     assert (small.parent / "small.h5").read_text() == "another process was first"
@@ -182,7 +183,7 @@ def test_a_result_that_appeared_meanwhile_is_not_overwritten(command, small, mon
 def test_only_stages_over_two_seconds_report(capsys, monkeypatch):
     now = [0.0]
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
-    with terminal.progress_bars() as tell:
+    with progress_bars() as tell:
         for stage, seconds in (("quick", 1.9), ("slow", 2.5)):
             tell(stage, 0, 0)
             now[0] += seconds
@@ -202,7 +203,7 @@ def test_a_terminal_gets_bars(monkeypatch):
     screen = Terminal()
     monkeypatch.setattr("sys.stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
-    with terminal.progress_bars() as tell:
+    with progress_bars() as tell:
         tell("contact", 0, 0)
         tell("ageing", 3, 10)
     text = screen.getvalue()

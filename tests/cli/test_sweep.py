@@ -14,8 +14,8 @@ import time
 import pytest
 
 import chemage
+from chemage.foundation.text import plus_minus
 from chemage.sweeps import running as sweeps
-from chemage.text import plus_minus
 
 SCENE = """
 name = "study"
@@ -107,7 +107,7 @@ def test_check_counts_and_computes_nothing(command, scene, tiny):
     assert lines["points"] == ["6 (2 x 3)"]
     assert lines["contacts to solve"] == ["2 on 1 surfaces"]
     assert lines["expected cost"] == ["about 0.14 s of CPU time once kernels are compiled"]
-    assert "are free here" in lines["expected disk"][0]
+    assert "free here" in lines["expected disk space"][0]
     assert tiny.computed() == []
     told = json.loads(command("check", scene, "--json").out)
     assert (told["points"], told["contacts"], told["surfaces"]) == (6, 2, 1)
@@ -189,7 +189,7 @@ def test_many_points_need_a_word_without_a_terminal(command, scene, monkeypatch)
     monkeypatch.setattr(sweeps, "MANY_POINTS", 5)
     outcome = command("run", scene)
     assert outcome.status == 2
-    assert "the sweep has 6 points (2 x 3); nothing was computed. Sweep over less, or agree to it (--yes" in outcome.err
+    assert "the sweep has 6 points (2 x 3); nothing was computed. Reduce the sweep, or confirm it (--yes" in outcome.err
     assert command("run", scene, "--yes").status == 0
 
 
@@ -206,7 +206,7 @@ def slow(scene, seconds=0.05):
 
 @pytest.mark.parametrize("executor", ["serial", "processes", "dask"])
 def test_ctrl_c_keeps_what_is_finished(scene, tiny, executor):
-    slow(scene, 0.2)
+    tiny.hold(4, 5)  # two points at least, and then there is time to interrupt
     words = chemage_command("run", scene, "--executor", executor)
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     process = subprocess.Popen(words, text=True, start_new_session=True, **pipes)
@@ -216,17 +216,18 @@ def test_ctrl_c_keeps_what_is_finished(scene, tiny, executor):
         assert time.monotonic() < deadline
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to everything in the foreground
-    out, err = process.communicate(timeout=30)
+    out, err = process.communicate(timeout=120)
     assert process.returncode == 130
     assert out == ""
-    assert "points are done and kept in study-sweep; the same command goes on" in err
+    assert "points are done and kept in study-sweep; rerun the same command to resume" in err
     assert "Traceback" not in err
     done = chemage.load_sweep("study-sweep").states().count("done")
     assert 0 < done < 6
     assert f"interrupted; {done} of 6 points" in err
     tiny.forget()
+    tiny.hold(None)
     slow(scene, 0)  # speed is no part of what a sweep is
-    assert subprocess.run(chemage_command("run", scene), capture_output=True, timeout=60).returncode == 0
+    assert subprocess.run(chemage_command("run", scene), capture_output=True, timeout=300).returncode == 0
     assert len(tiny.computed("kinetics")) == 2 * (6 - done)
 
 
@@ -276,9 +277,9 @@ def test_a_terminal_shows_bars(scene):
 
 @pytest.mark.parametrize(("answer", "status"), [("n\n", 2), ("y\n", 0)])
 def test_a_terminal_is_asked(scene, answer, status):
-    limit = "from chemage import cli; from chemage.sweeps import running; running.MANY_POINTS = 5; cli.main()"
+    limit = "from chemage.cli.app import main; from chemage.sweeps import running; running.MANY_POINTS = 5; main()"
     words = [sys.executable, "-c", limit, "run", str(scene)]
     code, seen = on_a_terminal(words, answer)
-    assert "the sweep has 6 points (2 x 3); go on? [y/N]" in seen
+    assert "the sweep has 6 points (2 x 3); continue? [y/N]" in seen
     assert code == status
     assert (scene.parent / "study-sweep").exists() == (status == 0)

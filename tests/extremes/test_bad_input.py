@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage.errors import InputError, StoreError
+from chemage import InputError, StoreError
 
 
 def refuse(command, small, *words):
@@ -76,7 +76,7 @@ def refuse(command, small, *words):
         *[(f"interaction.strength={value}", "interaction.strength", value) for value in ("nan", "inf")],
         *[(f"breaking.std={value}", "breaking.std", value) for value in ("-0.1", "nan")],
         *[(f"surface.pixels={value}", "surface.pixels", value) for value in ("0", "-4", "2.5", "nan")],
-        ("surface.pixels=100_000_000", "surface.pixels", "beyond any memory"),
+        ("surface.pixels=100_000_000", "surface.pixels", "too large for the memory"),
         ("surface.pixels=[3, 4, 5]", "surface.pixels", "3 numbers"),
         ("surface.hurst=1.5", "surface.hurst", "1.5"),
         ("surface.zeta=25", "surface", "zeta = 25: above the Nyquist limit 24 of 48 pixels"),

@@ -10,13 +10,11 @@ import pytest
 from scipy import stats
 from scipy.linalg import expm
 
-from chemage import registry
-from chemage.errors import InputError
-from chemage.objects import ReactionLattice
-from chemage.units import KB
+import chemage
+from chemage import KB, InputError, ReactionLattice, registry
 
 KINDS = registry.current().kinds("engine")
-COUPLED = [kind for kind in KINDS if registry.current().choice("engine", kind).interacting]
+COUPLED = [kind for kind in KINDS if registry.current().component("engine", kind).interacting]
 FAST = ["rejection-free", "bkl", "next-reaction"]
 CHANCE = 1e-5
 NU = 1e13
@@ -94,7 +92,7 @@ def exact(lattice: ReactionLattice, temperature: float, times, start: int = 0) -
 def sampled(kind, lattice, temperature, time, runs, **options) -> np.ndarray:
     """How often each state was the final one."""
     n = lattice.sites.size
-    engine = registry.engine(kind, **options)
+    engine = chemage.engine(kind, **options)
     seen = np.zeros(2**n)
     for seed in range(runs):
         seen[engine.run(lattice, [time], temperature=temperature, seed=seed).state @ (1 << np.arange(n))] += 1
@@ -120,9 +118,9 @@ def test_the_clock_does_not_stall(kind):
     """t = 1e5 s and a rate of 1e13 Hz: a double is 1.5e-11 s wide there, a hundred and fifty events."""
     lattice = alone([0.0], [0.0])
     late = 1e5
-    first = registry.engine(kind).run(alone([5.0], [5.0]), [late], temperature=300, seed=1)
+    first = chemage.engine(kind).run(alone([5.0], [5.0]), [late], temperature=300, seed=1)
     window = 1024 * np.spacing(late)
-    history = registry.engine(kind).run(lattice, [late, late + window], temperature=300, seed=1, start=first)
+    history = chemage.engine(kind).run(lattice, [late, late + window], temperature=300, seed=1, start=first)
     expected = NU * window
     assert abs(history.events - expected) < 6 * math.sqrt(expected)
     assert abs(history.formed[-1] - expected / 2) < 6 * math.sqrt(expected)
@@ -135,8 +133,8 @@ def test_events_within_one_spacing_of_doubles_have_their_own_times(kind):
     window = np.spacing(late)
     n = 4000
     lattice = alone(np.zeros(n), np.full(n, 60.0), nu=1.0 / window)
-    waiting = registry.engine(kind).run(alone(np.full(n, 60.0), np.full(n, 60.0)), [late], temperature=300, seed=2)
-    history = registry.engine(kind).run(lattice, [late, late + window], temperature=300, seed=3, start=waiting)
+    waiting = chemage.engine(kind).run(alone(np.full(n, 60.0), np.full(n, 60.0)), [late], temperature=300, seed=2)
+    history = chemage.engine(kind).run(lattice, [late, late + window], temperature=300, seed=3, start=waiting)
     assert history.bonds[0] == 0
     assert abs(history.bonds[1] - n * (1 - math.exp(-1))) < 4.5 * math.sqrt(n * math.exp(-1) * (1 - math.exp(-1)))
 
@@ -145,7 +143,7 @@ def test_events_within_one_spacing_of_doubles_have_their_own_times(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_barriers_at_and_below_zero_are_the_attempt_frequency(kind, barrier):
     n, t = 3000, 1e-13
-    bonds = registry.engine(kind).run(alone(np.full(n, barrier)), [t], temperature=300, seed=2).bonds[0]
+    bonds = chemage.engine(kind).run(alone(np.full(n, barrier)), [t], temperature=300, seed=2).bonds[0]
     theta = 1 - math.exp(-NU * t)
     assert abs(bonds - n * theta) < 4.5 * math.sqrt(n * theta * (1 - theta))
 
@@ -153,7 +151,7 @@ def test_barriers_at_and_below_zero_are_the_attempt_frequency(kind, barrier):
 @pytest.mark.parametrize("barrier", [19.2, 50.0, 1e6])
 @pytest.mark.parametrize("kind", KINDS)
 def test_rates_that_underflow_are_zero(kind, barrier):
-    history = registry.engine(kind).run(alone(np.full(5, barrier), np.full(5, barrier)), [0.0, 1e9], temperature=300)
+    history = chemage.engine(kind).run(alone(np.full(5, barrier), np.full(5, barrier)), [0.0, 1e9], temperature=300)
     assert history.events == 0
     assert history.time == 1e9
 
@@ -161,7 +159,7 @@ def test_rates_that_underflow_are_zero(kind, barrier):
 @pytest.mark.parametrize("kind", KINDS)
 def test_total_rate_zero_returns_the_state_at_the_end(kind):
     full = np.ones(4, bool)
-    history = registry.engine(kind).run(alone(np.full(4, 0.5)), [0.0, 1.0, 1e9], temperature=300, start=full)
+    history = chemage.engine(kind).run(alone(np.full(4, 0.5)), [0.0, 1.0, 1e9], temperature=300, start=full)
     assert history.bonds.tolist() == [4, 4, 4]
     assert history.events == 0
 
@@ -174,14 +172,14 @@ def test_cold_and_hot(kind, temperature):
     n = 4000
     lattice = alone(np.full(n, unit * math.log(10)), np.full(n, unit * math.log(20)), nu=1e3)
     times = np.array([2e-3, 1e-2, 0.5])
-    bonds = registry.engine(kind).run(lattice, times, temperature=temperature, seed=4).bonds
+    bonds = chemage.engine(kind).run(lattice, times, temperature=temperature, seed=4).bonds
     theta = 2 / 3 * (1 - np.exp(-150.0 * times))
     assert np.all(np.abs(bonds - n * theta) < 4.5 * np.sqrt(n * theta * (1 - theta)))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_ordinary_barriers_at_one_kelvin_do_nothing(kind):
-    history = registry.engine(kind).run(alone([0.8, 1.1, 0.1], [1.1, 1.1, 0.1]), [1e5], temperature=1.0)
+    history = chemage.engine(kind).run(alone([0.8, 1.1, 0.1], [1.1, 1.1, 0.1]), [1e5], temperature=1.0)
     assert history.events == 0
 
 
@@ -192,7 +190,7 @@ def test_attempt_frequencies_from_one_to_1e16(kind, nu):
     lattice = alone(np.full(n, 0.2), np.full(n, 0.21), nu=nu)
     forms, breaks = (nu * math.exp(-e / (KB * 300)) for e in (0.2, 0.21))
     times = np.array([0.1, 0.7, 3.0]) / (forms + breaks)
-    bonds = registry.engine(kind).run(lattice, times, temperature=300, seed=5).bonds
+    bonds = chemage.engine(kind).run(lattice, times, temperature=300, seed=5).bonds
     theta = forms / (forms + breaks) * (1 - np.exp(-(forms + breaks) * times))
     assert np.all(np.abs(bonds - n * theta) < 4.5 * np.sqrt(n * theta * (1 - theta)))
 
@@ -212,7 +210,7 @@ def test_couplings_of_five_electronvolt_either_way(kind):
     )
     rate = NU * math.exp(-0.8 / (KB * 300))
     t = 0.7 / rate
-    state = registry.engine(kind).run(lattice, [t], temperature=300, seed=6).state.reshape(copies, 4)
+    state = chemage.engine(kind).run(lattice, [t], temperature=300, seed=6).state.reshape(copies, 4)
     either = 1 - math.exp(-2 * 0.7)
     for pair in (state[:, :2], state[:, 2:]):
         assert abs(pair.any(axis=1).sum() - copies * either) < 4.5 * math.sqrt(copies * either * (1 - either))
@@ -235,7 +233,7 @@ def test_a_million_sites_with_one_a_hundred_billion_billion_times_faster(kind):
     forming = np.full(n, KB * 300 * math.log(NU * 1e8))  # 1e-8 per second
     forming[777_777] = KB * 300 * math.log(NU / 1e12)  # 1e12 per second
     times = np.array([1e-10, 1.0, 1e6])
-    history = registry.engine(kind).run(alone(forming), times, temperature=300, seed=7)
+    history = chemage.engine(kind).run(alone(forming), times, temperature=300, seed=7)
     assert history.bonds[:2].tolist() == [1, 1]
     theta = 1 - math.exp(-1e-2)
     assert abs(history.bonds[2] - 1 - n * theta) < 4.5 * math.sqrt(n * theta)
@@ -250,7 +248,7 @@ def test_a_million_slow_sites_beside_one_that_flips_with_the_acceleration(kind):
     breaking = np.full(n, 3.0)
     forming[5] = breaking[5] = KB * 300 * math.log(NU / 1e12)
     lattice = alone(forming, breaking)
-    history = registry.engine(kind, superbasins=True).run(lattice, [1e4], temperature=300, seed=7)
+    history = chemage.engine(kind, superbasins=True).run(lattice, [1e4], temperature=300, seed=7)
     slow = history.bonds[0] - history.state[5]
     theta = 1 - math.exp(-1e-4)
     assert abs(slow - n * theta) < 4.5 * math.sqrt(n * theta)
@@ -259,9 +257,9 @@ def test_a_million_slow_sites_beside_one_that_flips_with_the_acceleration(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_site_and_one_site(kind):
-    empty = registry.engine(kind).run(alone([]), [0.0, 1e5], temperature=300)
+    empty = chemage.engine(kind).run(alone([]), [0.0, 1e5], temperature=300)
     assert empty.bonds.tolist() == [0, 0]
-    one = registry.engine(kind).run(alone([0.3], [2.0]), [0.0, 1.0], temperature=300)
+    one = chemage.engine(kind).run(alone([0.3], [2.0]), [0.0, 1.0], temperature=300)
     assert one.bonds.tolist() == [0, 1]
 
 
@@ -289,8 +287,8 @@ def test_bonds_are_counted_before_the_event_that_crosses_a_hold_time(kind):
     rate = NU * math.exp(-0.8 / (KB * 300))
     fine = np.linspace(0, 5 / rate, 4001)
     for seed in range(10):
-        bonds = registry.engine(kind).run(alone([0.8]), fine, temperature=300, seed=seed).bonds
-        coarse = registry.engine(kind).run(alone([0.8]), fine[::400], temperature=300, seed=seed).bonds
+        bonds = chemage.engine(kind).run(alone([0.8]), fine, temperature=300, seed=seed).bonds
+        coarse = chemage.engine(kind).run(alone([0.8]), fine[::400], temperature=300, seed=seed).bonds
         assert set(np.diff(bonds).tolist()) <= {0, 1}
         assert bonds[0] == 0
         assert np.array_equal(bonds[::400], coarse)
@@ -300,9 +298,9 @@ def test_bonds_are_counted_before_the_event_that_crosses_a_hold_time(kind):
 def test_hold_times_may_be_many_equal_and_zero(kind):
     lattice = alone(np.linspace(0.6, 1.0, 50), np.full(50, 0.9))
     times = np.sort(np.concatenate([np.zeros(3), np.repeat(np.geomspace(1e-6, 1e3, 40), 3), np.linspace(0, 1e3, 500)]))
-    history = registry.engine(kind).run(lattice, times, temperature=300, seed=1)
+    history = chemage.engine(kind).run(lattice, times, temperature=300, seed=1)
     single, where = np.unique(times, return_inverse=True)
-    once = registry.engine(kind).run(lattice, single, temperature=300, seed=1)
+    once = chemage.engine(kind).run(lattice, single, temperature=300, seed=1)
     assert np.array_equal(history.bonds, once.bonds[where])
     assert np.array_equal(history.formed, once.formed[where])
 
@@ -311,7 +309,7 @@ def test_hold_times_may_be_many_equal_and_zero(kind):
 def test_a_restart_at_any_hold_time_equals_the_uninterrupted_run(kind):
     lattice = grid(5, 7) if kind in COUPLED else alone(np.linspace(0.6, 1.0, 35), np.full(35, 0.8))
     times = np.array([0.0, 1e-3, 0.02, 0.02, 1.0, 5.0, 20.0])
-    engine = registry.engine(kind)
+    engine = chemage.engine(kind)
     for seed in range(3):
         whole = engine.run(lattice, times, temperature=300, seed=seed)
         history, parts = None, []
@@ -330,7 +328,7 @@ def test_a_restart_with_other_barriers_keeps_state_and_clock(kind):
     """A second at 300 K, then 400 K: the closed form, piecewise. And a barrier that falls to zero at once."""
     n = 4000
     lattice = alone(np.full(n, 0.8), np.full(n, 0.85))
-    engine = registry.engine(kind)
+    engine = chemage.engine(kind)
     rates = {t: [NU * math.exp(-e / (KB * t)) for e in (0.8, 0.85)] for t in (300.0, 400.0)}
     theta = 0.0
     for t, span in ((300.0, 1.0), (400.0, 0.002)):
@@ -354,8 +352,8 @@ def test_another_engine_can_continue_a_history(kind):
     other = "bkl" if kind != "bkl" else "rejection-free"
     seen = np.zeros(64)
     for seed in range(800):
-        half = registry.engine(other).run(lattice, [0.4 * t], temperature=300, seed=seed)
-        history = registry.engine(kind).run(lattice, [t], temperature=300, seed=seed, start=half)
+        half = chemage.engine(other).run(lattice, [0.4 * t], temperature=300, seed=seed)
+        history = chemage.engine(kind).run(lattice, [t], temperature=300, seed=seed, start=half)
         seen[history.state @ (1 << np.arange(6))] += 1
     assert agree(seen, exact(lattice, 300.0, [t])[0]) > CHANCE
 
@@ -367,7 +365,7 @@ def test_a_start_state_counts_with_its_couplings(kind):
     begin = np.array([1, 0, 1, 1, 0, 0], bool)
     seen = np.zeros(64)
     for seed in range(800):
-        history = registry.engine(kind).run(lattice, [t], temperature=300, seed=seed, start=begin)
+        history = chemage.engine(kind).run(lattice, [t], temperature=300, seed=seed, start=begin)
         seen[history.state @ (1 << np.arange(6))] += 1
     assert agree(seen, exact(lattice, 300.0, [t], start=int(begin @ (1 << np.arange(6))))[0]) > CHANCE
 
@@ -377,12 +375,12 @@ def test_replicas_differ_and_repeat(kind):
     lattice = alone(np.linspace(0.7, 1.0, 400), np.full(400, 0.85))
     root = np.random.SeedSequence(3)
     states = [
-        registry.engine(kind).run(lattice, [1.0], temperature=300, seed=child).state.tobytes()
+        chemage.engine(kind).run(lattice, [1.0], temperature=300, seed=child).state.tobytes()
         for child in root.spawn(20)
     ]
     assert len(set(states)) == 20
     again = np.random.SeedSequence(3).spawn(1)[0]
-    assert registry.engine(kind).run(lattice, [1.0], temperature=300, seed=again).state.tobytes() == states[0]
+    assert chemage.engine(kind).run(lattice, [1.0], temperature=300, seed=again).state.tobytes() == states[0]
 
 
 @pytest.mark.parametrize("kind", ["next-reaction", "independent", "auto"])
@@ -407,7 +405,7 @@ def test_results_do_not_depend_on_the_number_of_threads(kind):
     lattice = ReactionLattice(pixels=(n, 1), sites=np.arange(n), forming=forming, breaking=breaking, **chain)
     times = np.geomspace(1e-3, 1e3, 7)
     histories = [
-        registry.engine(kind, workers=workers).run(lattice, times, temperature=300, seed=1) for workers in (1, 2, 5)
+        chemage.engine(kind, workers=workers).run(lattice, times, temperature=300, seed=1) for workers in (1, 2, 5)
     ]
     assert histories[0].events > n / 2
     assert histories[0] == histories[1] == histories[2]
@@ -416,7 +414,7 @@ def test_results_do_not_depend_on_the_number_of_threads(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_runs_side_by_side_do_not_disturb_each_other(kind):
     lattice = grid(7, 11) if kind in COUPLED else alone(np.linspace(0.6, 1.0, 77), np.full(77, 0.8))
-    engine = registry.engine(kind)
+    engine = chemage.engine(kind)
 
     def run(seed: int):
         return engine.run(lattice, [0.1, 10.0], temperature=300, seed=seed)
@@ -431,8 +429,8 @@ def test_couplings_in_single_precision_are_used_as_they_are(kind):
     double = grid(5, 7)
     single = type(double)(**{**double.todict(), "coupling": double.coupling.astype(np.float32)})
     rounded = type(double)(**{**double.todict(), "coupling": single.coupling.astype(np.float64)})
-    one = registry.engine(kind).run(single, [1.0, 10.0], temperature=300, seed=2)
-    two = registry.engine(kind).run(rounded, [1.0, 10.0], temperature=300, seed=2)
+    one = chemage.engine(kind).run(single, [1.0, 10.0], temperature=300, seed=2)
+    two = chemage.engine(kind).run(rounded, [1.0, 10.0], temperature=300, seed=2)
     assert one.formed.tolist() == two.formed.tolist()
     assert one.state.tolist() == two.state.tolist()
 
@@ -453,7 +451,7 @@ def test_couplings_in_single_precision_are_used_as_they_are(kind):
 )
 def test_bad_times_and_temperatures_are_refused(kind, times, temperature, word):
     with pytest.raises(InputError, match=word):
-        registry.engine(kind).run(alone([1.0]), times, temperature=temperature)
+        chemage.engine(kind).run(alone([1.0]), times, temperature=temperature)
 
 
 @pytest.mark.parametrize(

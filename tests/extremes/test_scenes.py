@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import plots
-from chemage.scene import load_scene, parse_scene
+from chemage import load_scene, parse_scene
+from chemage.reports import run_figures
 
 
 def carried_out(small, **changes):
@@ -26,7 +26,7 @@ def carried_out(small, **changes):
 
 def look(result):
     """Every figure draws (any warning is an error), has labelled axes with finite limits, and shows something."""
-    made = plots.figures(result)
+    made = run_figures.figures(result)
     assert {"surface", "pressure"} <= made.keys()
     for name, figure in made.items():
         figure.canvas.draw()

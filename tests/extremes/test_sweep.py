@@ -18,9 +18,11 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage.errors import ExecutorError, InputError, SceneError, StoreError
+from chemage import ExecutorError, InputError, SceneError, StoreError
 from chemage.sweeps import running as sweeps
-from chemage.sweeps.folder import CannotWrite, compute
+from chemage.sweeps.folder import CannotWrite
+from chemage.sweeps.grid import Grid
+from chemage.sweeps.tasks import compute
 
 AXES = """
 [sweep]
@@ -68,7 +70,7 @@ def contents(folder):
         ('[sweep]\n"contact.load.x" = [1]', r"contact\.load\.x: 'load' is a value \[at point 0"),
         ('[sweep]\n"contact.load" = [1]\n[sweep.contact]\nload = [2]', r"sweep\.contact\.load: is swept twice"),
         ('[sweep]\n"contact.load" = [1]\n[[sweep.zip]]\ncontact.load = [2]', r"contact\.load: is swept twice"),
-        ('[[sweep.zip]]\n"contact.load" = [1, 2]\n"hold.seed" = [1]', "of equal length: contact.load has 2, hold.seed"),
+        ('[[sweep.zip]]\n"contact.load" = [1, 2]\n"hold.seed" = [1]', "equal length: contact.load has 2, hold.seed"),
         ("[[sweep.zip]]", r"sweep\.zip\.0: names no field"),
         ("[sweep.zip]\nhold.seed = [1]", r"write each group .* as \[\[sweep\.zip\]\], in two brackets"),
         (
@@ -127,15 +129,14 @@ def test_too_little_room_is_told_before_anything_is_written(tiny, tmp_path, monk
     assert chemage.sweep(swept(tiny), tmp_path / "out", confirm=True).states() == ["done"] * 12
 
 
-def test_a_billion_points_are_counted_at_once(tiny, tmp_path):
+def test_a_billion_points_are_counted_at_once(tiny, tmp_path, monkeypatch):
     scene = {
         **tiny.scene(),
         "sweep": {f"hold.{name}": list(range(1000)) for name in ("seed", "replicas", "per_decade")},
     }
-    begin = time.monotonic()
+    monkeypatch.setattr(Grid, "scene", lambda *_: pytest.fail("a point was looked at"))
     with pytest.raises(InputError, match="the sweep has 1000000000 points"):
         chemage.sweep(scene, tmp_path / "out")
-    assert time.monotonic() - begin < 5
 
 
 def test_foreign_folders_are_left_alone(tiny, tmp_path):
@@ -170,9 +171,9 @@ def test_the_folder_of_another_sweep_is_refused(tiny, tmp_path):
 def test_a_damaged_manifest_is_told(tiny, tmp_path, text):
     chemage.sweep(swept(tiny), tmp_path / "out")
     (tmp_path / "out" / "sweep.json").write_text(text)
-    with pytest.raises(StoreError, match=r"cannot be read|is not of a sweep|was made by chemage 9\.0; update"):
+    with pytest.raises(StoreError, match=r"cannot be read|does not describe a sweep|was made by chemage 9\.0; update"):
         chemage.load_sweep(tmp_path / "out")
-    with pytest.raises(StoreError, match=r"cannot be read|is not of a sweep|was made by chemage 9\.0; update"):
+    with pytest.raises(StoreError, match=r"cannot be read|does not describe a sweep|was made by chemage 9\.0; update"):
         chemage.sweep(swept(tiny), tmp_path / "out")
 
 
@@ -259,7 +260,7 @@ def test_a_full_disk_keeps_what_is_finished(tiny, tmp_path, monkeypatch):
 
     with monkeypatch.context() as full:
         full.setattr(Path, "write_bytes", write)
-        with pytest.raises(CannotWrite, match="No space left on device; what is finished is kept"):
+        with pytest.raises(CannotWrite, match="No space left on device; completed points are kept"):
             chemage.sweep(swept(tiny), tmp_path / "out")
     states = chemage.load_sweep(tmp_path / "out").states()
     assert 0 < states.count("done") < 12
@@ -284,14 +285,30 @@ def test_one_sweep_at_a_time_in_a_folder(tiny, tmp_path):
 SCRIPT = """
 import sys, tomllib
 import chemage
+from chemage.sweeps import running as sweeps
 chemage.sweep({scene!r}, {out!r}, executor={executor!r}, workers={workers}, threads=1)
 """
+
+
+def children(pid):
+    """Processes that process ``pid`` has started."""
+    try:
+        return [int(word) for file in Path(f"/proc/{pid}/task").glob("*/children") for word in file.read_text().split()]
+    except OSError:
+        return []
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 @pytest.mark.parametrize(("executor", "workers"), [("serial", None), ("processes", 2)])
 def test_killed_anywhere_it_goes_on_and_computes_nothing_twice(tiny, tmp_path, executor, workers):
     """SIGKILL to the whole thing: while it imports, as the manifest appears, after some points, in a contact."""
-    scene = swept(tiny, AXES.replace("[0, 1, 2]", "[0, 1, 2, 3, 4]"), engine={"kind": "tiny-coin", "pause": 0.03})
+    scene = swept(tiny, AXES.replace("[0, 1, 2]", "[0, 1, 2, 3, 4]"))
     chemage.sweep(scene, tmp_path / "whole", threads=1)
     out = tmp_path / "out"
     script = SCRIPT.format(scene=scene, out=str(out), executor=executor, workers=workers)
@@ -300,11 +317,15 @@ def test_killed_anywhere_it_goes_on_and_computes_nothing_twice(tiny, tmp_path, e
     def done():
         return {file: file.stat().st_mtime_ns for file in out.glob("points/*/*.json")}
 
-    for stop in (
-        lambda: True,
-        lambda: (out / "sweep.json").exists(),
-        *(lambda n=n: len(done()) >= n for n in (1, 6, 13)),
+    for points, stop in (
+        (0, lambda: True),
+        (0, lambda: (out / "sweep.json").exists()),
+        *((n, lambda n=n: len(done()) >= n) for n in (1, 6, 13)),
     ):
+        # what is to be seen is computed, then the kinetics waits to be killed: two replicas a point, and each of two
+        # workers may be in the middle of a point
+        tiny.forget()
+        tiny.hold(max(0, 2 * (points - len(finished))) + 2, 600)
         process = subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.PIPE, text=True)
         deadline = time.monotonic() + 60
         time.sleep(0.3)
@@ -312,16 +333,20 @@ def test_killed_anywhere_it_goes_on_and_computes_nothing_twice(tiny, tmp_path, e
             assert process.poll() is None, process.stderr.read()
             assert time.monotonic() < deadline
             time.sleep(0.002)
+        workers = children(process.pid)
         process.send_signal(signal.SIGKILL)
         process.wait()
         process.stderr.close()
-        time.sleep(0.3)  # workers that lose their parent end at once, but not in no time
+        while any(alive(pid) for pid in workers):  # they end when their parent does, but not in no time
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
         now = done()
         assert all(now[file] == stamp for file, stamp in finished.items()), "a finished point was written again"
         finished = now
     assert 13 <= len(finished) < 20
     tiny.forget()
-    process = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    tiny.hold(None)
+    process = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=300)
     assert process.returncode == 0, process.stderr
     assert len(tiny.computed("kinetics")) == 2 * (20 - len(finished))
     assert all(done()[file] == stamp for file, stamp in finished.items())
@@ -356,9 +381,11 @@ def test_a_killed_worker_costs_its_point_a_retry_and_nothing_else(tiny, tmp_path
     for point in result.failed:
         assert point.error.startswith("ageing: WorkerLost: ")
         assert "died" in point.error
-    assert len(tiny.computed("kinetics 300")) == 2, "what is well runs once, whoever dies beside it"
-    # Dask may have given a worker a task that waits behind the one it dies of: that one is begun once more as well
+    # Dask may have given a worker a task that waits behind the one it dies of, or have yet to fetch an answer from it:
+    # that one is begun once more as well
     more = 0 if executor == "processes" else 1
+    well = len(tiny.computed("kinetics 300"))
+    assert 2 <= well <= 2 * (1 + more), "what is well runs once, whoever dies beside it"
     assert 3 <= len(tiny.computed("kinetics 301")) <= 3 + more, "one death, one more try"
     if executor == "processes":
         assert len(tiny.computed("kinetics 302")) == 4, "each is tried twice"
@@ -453,16 +480,15 @@ class Broken(Executor):
 
 
 def test_an_executor_that_breaks_ends_the_sweep_and_says_so(tiny, tmp_path):
-    with pytest.raises(ExecutorError, match=r"the executor gave up .*terminated abruptly.*the same sweep goes on"):
+    with pytest.raises(ExecutorError, match=r"the executor gave up .*terminated abruptly.*rerun the same command"):
         chemage.sweep(swept(tiny), tmp_path / "out", executor=Broken())
     assert chemage.sweep(swept(tiny), tmp_path / "out").states() == ["done"] * 12
 
 
-def test_workers_that_cannot_be_had_are_told_before_anything_is_written(tiny, tmp_path):
-    begin = time.monotonic()
-    with pytest.raises(ExecutorError, match=r"no Dask scheduler answers at 127\.0\.0\.1:9"):
+def test_workers_that_cannot_be_had_are_told_before_anything_is_written(tiny, tmp_path, monkeypatch):
+    monkeypatch.setattr("chemage.sweeps.executors.clusters.ANSWER_TIME", 0.5)
+    with pytest.raises(ExecutorError, match=r"no Dask scheduler answers at 127\.0\.0\.1:9 within 0\.5 s"):
         chemage.sweep(swept(tiny), tmp_path / "out", executor="dask:127.0.0.1:9")
-    assert time.monotonic() - begin < 8
     assert not (tmp_path / "out").exists()
 
 

@@ -9,8 +9,7 @@ import pytest
 from scipy import integrate, stats
 
 import chemage as ca
-from chemage import random
-from chemage.units import KB
+from chemage import KB, random
 
 SITES = np.arange(100_000)
 TRIANGLE = stats.triang(0.5, loc=0.8, scale=0.6)

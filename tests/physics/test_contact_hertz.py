@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from chemage.errors import InputError
-from chemage.objects import Surface
+from chemage import InputError, Surface
 from chemage_contact import Hertz
 from chemage_contact.hertz import _corner_force
 from chemage_surfaces import Sphere
@@ -99,5 +98,5 @@ def test_a_surface_that_is_no_sphere_is_refused():
 
 
 def test_a_contact_larger_than_the_grid_is_refused():
-    with pytest.raises(InputError, match="more pixels, or press less"):
+    with pytest.raises(InputError, match="more pixels or a smaller load"):
         Hertz(modulus=35.3).solve(tip(32), 1e4)

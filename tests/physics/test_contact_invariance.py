@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from chemage.objects import Surface
+from chemage import Surface
 from chemage_contact import FFTBEM
 
 SHAPES = st.tuples(st.integers(3, 40), st.integers(3, 40))

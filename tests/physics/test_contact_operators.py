@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from chemage.objects import Surface
+from chemage import Surface
 from chemage_contact import FFTBEM, _kernels, _operators
-from chemage_contact._iteration import Convolution, projected, resampled
+from chemage_contact._convolution import Convolution
+from chemage_contact._iteration import projected
+from chemage_contact._kernels import Blocks, Heights
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer
+from chemage_contact._resampling import resampled
 from chemage_contact._split import Split, suits
-from chemage_contact._team import Live, Team
+from chemage_contact._team import Active, Team
 from chemage_surfaces import SelfAffine
 
 TEAM = Team(1)
@@ -118,17 +121,18 @@ def test_parseval_energy_is_the_product_of_pressure_and_displacement():
 # -- the split operator -----------------------------------------------------------------------------------------------
 
 
-def blocks(shape, width, live=None):
+def blocks(shape, width):
+    """All blocks of a grid, all of them active."""
     per_row = -(-shape[1] // width)
-    return np.ones(shape[0] * per_row, np.uint8) if live is None else live
+    return Blocks(width, per_row, np.ones(shape[0] * per_row, np.uint8))
 
 
 def test_interpolation_is_the_transpose_of_restriction():
     rng = np.random.default_rng(3)
     x, coarse = rng.standard_normal((128, 132)), rng.standard_normal((32, 33))
-    live, down, up = blocks(x.shape, 64), np.empty((32, 33)), np.empty((128, 132))
-    _kernels.restrict(0, 32, 64, live, x, down)
-    _kernels.local(0, 128, 64, live, x, np.zeros((5, 5)), coarse, up, np.empty((384, 1)))
+    grid, down, up = blocks(x.shape, 64), np.empty((32, 33)), np.empty((128, 132))
+    _kernels.restrict(0, 32, grid, x, down)
+    _kernels.local(0, 128, grid, x, np.zeros((5, 5)), coarse, up, np.empty((384, 1)))
     assert np.vdot(down, coarse) == pytest.approx(np.vdot(x, up), rel=1e-12)
 
 
@@ -141,7 +145,7 @@ def test_stencil_is_a_periodic_convolution():
     quarter[2:, 4] = quarter[4, 2:] = 0  # corners beyond the reach
     reach = np.abs(np.arange(-4, 5))
     out, part = np.empty_like(x), np.empty((384, 1))
-    _kernels.local(0, 128, 64, blocks(x.shape, 64), x, quarter, np.zeros((32, 40)), out, part)
+    _kernels.local(0, 128, blocks(x.shape, 64), x, quarter, np.zeros((32, 40)), out, part)
     assert part.sum() == pytest.approx(np.vdot(x, out), rel=1e-12)
     np.testing.assert_allclose(out, correlate(x, quarter[np.ix_(reach, reach)], mode="wrap"), atol=1e-12)
 
@@ -150,12 +154,12 @@ def test_stencil_is_a_periodic_convolution():
 @pytest.mark.parametrize(
     "body", [PeriodicHalfSpace((256, 128), (0.5, 0.5)), PeriodicLayer((128, 128), (0.5, 0.5), 20.0)]
 )
-def test_split_operator_is_right_to_about_a_tenth(body, inverse):
+def test_split_operator_is_accurate_to_about_ten_per_cent(body, inverse):
     """In the norm of the operator, for white noise and for smooth pressures; this bounds the defect correction."""
     assert suits(body)
     team, width = TEAM, 128
     part = np.empty((body.shape[0] * body.shape[1] // width, 1))
-    split = Split(body, np.float64, "scipy", team, width, inverse=inverse, floating=not inverse)
+    split = Split(body, np.float64, "scipy", team, inverse=inverse, floating=not inverse)
     unit = 0.5
     symbol = body.inverse() * unit if inverse else body.symbol() / unit
     if not inverse:
@@ -169,8 +173,8 @@ def test_split_operator_is_right_to_about_a_tenth(body, inverse):
         x = np.fft.irfft2(np.fft.rfft2(noise) * (q < cut), s=body.shape)
         x -= x.mean()
         exact = np.fft.irfft2(np.fft.rfft2(x) * full, s=body.shape)
-        live = Live(blocks(body.shape, width), body.shape[1] // width, 1)
-        error = split.apply(x, live, np.empty_like(x), part) - exact
+        everywhere = Active(blocks(body.shape, width).active, width, body.shape[1] // width, 1)
+        error = split.apply(x, everywhere, np.empty_like(x), part) - exact
 
         def norm(f):
             return math.sqrt(np.vdot(f, np.fft.irfft2(np.fft.rfft2(f) * one_over, s=body.shape)))
@@ -178,35 +182,35 @@ def test_split_operator_is_right_to_about_a_tenth(body, inverse):
         assert norm(error) < 0.15 * norm(exact)
 
 
-def test_blocks_that_are_not_live_are_left_alone():
+def test_blocks_that_are_not_active_are_not_written():
     body = PeriodicHalfSpace((128, 128), (0.5, 0.5))
-    split = Split(body, np.float64, "scipy", TEAM, 64, inverse=False, floating=True)
-    live = np.zeros((128, 2), np.uint8)
-    live[30:50, 1] = 1
+    split = Split(body, np.float64, "scipy", TEAM, inverse=False, floating=True)
+    mask = np.zeros((128, 2), np.uint8)
+    mask[30:50, 1] = 1
     x = np.zeros((128, 128))
     x[35:45, 70:90] = 1.0
     part = np.empty((256, 1))
-    everywhere = split.apply(x, Live(blocks(x.shape, 64), 2, 1), np.empty_like(x), part).copy()
-    out = split.apply(x, Live(live.ravel(), 2, 1), np.full_like(x, np.nan), part)
+    everywhere = split.apply(x, Active(np.ones(256), 64, 2, 1), np.empty_like(x), part).copy()
+    out = split.apply(x, Active(mask.ravel(), 64, 2, 1), np.full_like(x, np.nan), part)
     seen = np.isfinite(out)
-    np.testing.assert_array_equal(seen, np.repeat(live, 64, axis=1).astype(bool))
+    np.testing.assert_array_equal(seen, np.repeat(mask, 64, axis=1).astype(bool))
     np.testing.assert_allclose(out[seen], everywhere[seen], rtol=1e-12)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3, 7])
-def test_shares_cover_everything_once_and_are_even_in_what_is_live(threads):
+def test_shares_cover_everything_once_and_balance_the_active_blocks(threads):
     rng = np.random.default_rng(9)
     mask = np.zeros((640, 5), np.uint8)
     mask[500:620] = rng.random((120, 5)) < 0.9
     mask[::7] = 1
-    shares = Live(mask.ravel(), 5, threads)
-    for edges, size in ((shares.blocks, 3200), (shares.rows, 640), (shares.coarse, 160)):
+    shares = Active(mask.ravel(), 64, 5, threads)
+    for edges, size in ((shares.block_edges, 3200), (shares.row_edges, 640), (shares.coarse_edges, 160)):
         assert edges[0] == 0
         assert edges[-1] == size
         assert len(edges) == threads + 1
         assert np.all(np.diff(edges) >= 0)
-    live = [mask.ravel()[a:b].sum() for a, b in itertools.pairwise(shares.blocks)]
-    assert max(live) - min(live) < 0.35 * mask.sum() / threads  # those left alone cost something, too
+    active = [mask.ravel()[a:b].sum() for a, b in itertools.pairwise(shares.block_edges)]
+    assert max(active) - min(active) < 0.35 * mask.sum() / threads  # blocks that are skipped have a cost, too
     for count in (0, 5, 511, 512, 10_001):
         seen = np.zeros(count, int)
 
@@ -239,8 +243,8 @@ def test_resampling_keeps_planes_and_pixels():
     np.testing.assert_allclose(finer[1:-1:2, :-1:2], (plane[1:] + plane[:-1])[:, :] / 2, atol=1e-12)
 
 
-def test_an_own_substrate_needs_no_other_solver():
-    """A stiffer half-space below a symbol of one's own: the solver only ever sees the members of a substrate."""
+def test_a_new_substrate_needs_no_other_solver():
+    """A half-space with a symbol of its own: the solver only uses the members of the protocol."""
     from dataclasses import dataclass
 
     from chemage_contact import _iteration
@@ -257,9 +261,7 @@ def test_an_own_substrate_needs_no_other_solver():
     scaled = (heights - heights.max()) / unit
     body = Anisotropic((128, 128), (0.5, 0.5))
     settings = _iteration.Settings(tolerance=1e-6)
-    found = _iteration.solve(
-        body, _iteration.Heights(scaled), stiffness=0.2 / 35.3 * 0.5 / unit, settings=settings, team=TEAM
-    )
+    found = _iteration.solve(body, Heights(scaled), stiffness=0.2 / 35.3 * 0.5 / unit, settings=settings, team=TEAM)
     assert found.converged
     plain = Surface(heights=heights, pixel_size=0.5)
     isotropic = FFTBEM(modulus=35.3).solve(plain, 0.2 * plain.nominal_area)

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from chemage import registry
-from chemage.errors import InputError
-from chemage.objects import ReactionLattice
-from chemage.units import KB
+import chemage
+from chemage import KB, InputError, ReactionLattice, registry
 
 KINDS = registry.current().kinds("engine")
 CHANCE = 1e-5
@@ -40,11 +38,11 @@ def mixed(n: int = 3000, reversible: bool = True) -> ReactionLattice:
 def test_every_engine_agrees_with_the_exact_mean_and_variance(kind, temperature):
     times = np.array(TIMES[temperature])
     lattice = mixed()
-    mean, variance = registry.engine("independent").mean(lattice, times, temperature=temperature)
+    mean, variance = chemage.engine("independent").mean(lattice, times, temperature=temperature)
     assert np.all(variance > 5.0)  # so that the counts are all but normal
     runs = 12
     bonds = np.array(
-        [registry.engine(kind).run(lattice, times, temperature=temperature, seed=s).bonds for s in range(runs)]
+        [chemage.engine(kind).run(lattice, times, temperature=temperature, seed=s).bonds for s in range(runs)]
     )
     assert np.all(np.abs(bonds.mean(axis=0) - mean) < 4.5 * np.sqrt(variance / runs))
     spread = (runs - 1) * bonds.var(axis=0, ddof=1) / variance
@@ -57,10 +55,10 @@ def test_the_exact_mean_of_one_site_is_the_closed_form():
     forms, breaks = (nu * math.exp(-e / (KB * temperature)) for e in (0.8, 0.85))
     times = np.array([0.0, 0.1, 1.0, 7.0, 1e9])
     theta = forms / (forms + breaks) * (1 - np.exp(-(forms + breaks) * times))
-    mean, variance = registry.engine("independent").mean(lattice, times, temperature=temperature)
+    mean, variance = chemage.engine("independent").mean(lattice, times, temperature=temperature)
     assert np.allclose(mean, theta, rtol=1e-10, atol=0)
     assert np.allclose(variance, theta * (1 - theta), rtol=1e-9, atol=1e-15)
-    bonded, _ = registry.engine("independent").mean(lattice, times, temperature=temperature, start=np.array([True]))
+    bonded, _ = chemage.engine("independent").mean(lattice, times, temperature=temperature, start=np.array([True]))
     expected = forms / (forms + breaks) + breaks / (forms + breaks) * np.exp(-(forms + breaks) * times)
     assert np.allclose(bonded, expected, rtol=1e-10)
 
@@ -69,7 +67,7 @@ def test_the_rates_of_the_paper_are_reproduced():
     """0.3636, 3.318e-6 and 3.03e-11 per second over 0.8, 1.1 and 1.4 eV at 300 K."""
     for barrier, rate in ((0.8, 0.3636), (1.1, 3.318e-6), (1.4, 3.03e-11)):
         lattice = ReactionLattice(pixels=(1, 1), sites=[0], forming=[barrier])
-        mean, _ = registry.engine("independent").mean(lattice, [1e-6 / rate], temperature=300)
+        mean, _ = chemage.engine("independent").mean(lattice, [1e-6 / rate], temperature=300)
         assert mean[0] / 1e-6 == pytest.approx(1.0, rel=2e-3)
 
 
@@ -79,11 +77,11 @@ def test_uniform_barriers_age_by_kT_ln10_over_their_width_per_decade():
     forming = np.random.default_rng(1).uniform(0.8, 1.4, n)
     lattice = ReactionLattice(pixels=(n, 1), sites=np.arange(n), forming=forming)
     times = np.geomspace(10.0, 1e4, 13)
-    mean, _ = registry.engine("independent").mean(lattice, times, temperature=300)
+    mean, _ = chemage.engine("independent").mean(lattice, times, temperature=300)
     slope = np.polyfit(np.log10(times), mean / n, 1)[0]
     assert slope == pytest.approx(KB * 300 * math.log(10) / 0.6, rel=0.01)
     for kind in ("independent", "rejection-free"):
-        bonds = registry.engine(kind).run(lattice, times, temperature=300, seed=3).bonds
+        bonds = chemage.engine(kind).run(lattice, times, temperature=300, seed=3).bonds
         assert np.polyfit(np.log10(times), bonds / n, 1)[0] == pytest.approx(0.0992, rel=0.01)
 
 
@@ -91,7 +89,7 @@ def test_uniform_barriers_age_by_kT_ln10_over_their_width_per_decade():
 def test_the_exact_mean_goes_on_from_a_history(reversible):
     """E[N(t)] given the state at 1 s, averaged over states, is the mean from the start."""
     lattice = mixed(500, reversible)
-    engine = registry.engine("independent")
+    engine = chemage.engine("independent")
     direct, _ = engine.mean(lattice, [1.0, 100.0], temperature=400)
     given = [
         engine.mean(lattice, [100.0], temperature=400, start=engine.run(lattice, [1.0], temperature=400, seed=s))[0][0]
@@ -104,8 +102,8 @@ def test_hot_sites_cost_no_more_than_a_few_draws_each():
     """A thousand sites, 1e9 s at 1000 K: more than 1e18 events drawn at once, and the law is the exact one."""
     lattice = mixed(1000)
     times = np.array([1.0, 1e5, 1e9])
-    mean, variance = registry.engine("independent").mean(lattice, times, temperature=1000)
-    histories = [registry.engine("independent").run(lattice, times, temperature=1000, seed=s) for s in range(20)]
+    mean, variance = chemage.engine("independent").mean(lattice, times, temperature=1000)
+    histories = [chemage.engine("independent").run(lattice, times, temperature=1000, seed=s) for s in range(20)]
     bonds = np.array([history.bonds for history in histories])
     assert np.all(np.abs(bonds.mean(axis=0) - mean) < 4.5 * np.sqrt(variance / 20))
     assert all(history.events > 1e18 for history in histories)
@@ -117,13 +115,13 @@ def test_a_lattice_that_interacts_is_refused_with_the_reason():
         pixels=(2, 1), sites=[0, 1], forming=[1.0, 1.0], neighbours=[[1], [0]], coupling=[[0.1], [0.1]]
     )
     with pytest.raises(InputError, match=r"independent.*couples neighbours"):
-        registry.engine("independent").run(lattice, [1.0], temperature=300)
+        chemage.engine("independent").run(lattice, [1.0], temperature=300)
     with pytest.raises(InputError, match="couples neighbours"):
-        registry.engine("independent").mean(lattice, [1.0], temperature=300)
+        chemage.engine("independent").mean(lattice, [1.0], temperature=300)
 
 
 def test_auto_says_what_it_takes_and_why():
-    auto = registry.engine("auto")
+    auto = chemage.engine("auto")
     engine, reason = auto.choose(mixed(10))
     assert engine.kind == "independent"
     assert "no site interacts" in reason
@@ -151,5 +149,5 @@ def test_auto_says_what_it_takes_and_why():
     assert "sum tree" in reason
     history = auto.run(ring, [1e4], temperature=300, seed=2)
     assert history.notes == (f"engine auto took rejection-free: {reason}",)
-    same = registry.engine("rejection-free").run(ring, [1e4], temperature=300, seed=2)
+    same = chemage.engine("rejection-free").run(ring, [1e4], temperature=300, seed=2)
     assert history.state.tolist() == same.state.tolist()

@@ -14,9 +14,8 @@ import pytest
 from scipy import stats
 from scipy.linalg import expm
 
-from chemage import registry
-from chemage.objects import ReactionLattice
-from chemage.units import KB
+import chemage
+from chemage import KB, ReactionLattice, registry
 
 CHANCE = 1e-5
 NU = 1e13
@@ -26,7 +25,9 @@ TEMPERATURES = (150.0, 300.0, 900.0)
 #: multiples of the time at which a barrier of 0.5 eV is crossed once
 MULTIPLES = np.array([0.1, 0.5, 1.5, 5.0, 60.0])
 INTERACTING = [
-    (kind, {}) for kind in registry.current().kinds("engine") if registry.current().choice("engine", kind).interacting
+    (kind, {})
+    for kind in registry.current().kinds("engine")
+    if registry.current().component("engine", kind).interacting
 ]
 PLAIN = [kind for kind, _ in INTERACTING]
 
@@ -127,7 +128,7 @@ def test_all_states_at_five_times_follow_the_master_equation(kind, name, tempera
     n = one["forming"].size
     times, expected = solution(name, temperature)
     lattice = copies_of(one, copies)
-    engine = registry.engine(kind)
+    engine = chemage.engine(kind)
     number = [bin(state).count("1") for state in range(2**n)]
     history = None
     for t, probability in zip(times, expected, strict=True):
@@ -146,7 +147,7 @@ def test_the_list_of_fast_sites_changes_no_probability(copies, runs, monkeypatch
     one = patch(name, temperature)
     times, expected = solution(name, temperature)
     lattice = copies_of(one, copies)
-    engine = registry.engine("rejection-free")
+    engine = chemage.engine("rejection-free")
     seen = np.zeros((times.size, expected.shape[1]))
     listed = 0
     for seed in range(runs):
@@ -169,9 +170,9 @@ def test_prefetching_changes_no_result(sites, monkeypatch):
     one = patch("3x3", 300.0)
     lattice = copies_of(one, -(-sites // 9))
     times = solution("3x3", 300.0)[0]
-    plain = registry.engine("bkl").run(lattice, times, temperature=300.0, seed=2)
+    plain = chemage.engine("bkl").run(lattice, times, temperature=300.0, seed=2)
     monkeypatch.setattr("chemage_kinetics._bkl.FAR", 0)
-    ahead = registry.engine("bkl").run(lattice, times, temperature=300.0, seed=2)
+    ahead = chemage.engine("bkl").run(lattice, times, temperature=300.0, seed=2)
     assert plain.formed.tolist() == ahead.formed.tolist()
     assert plain.state.tolist() == ahead.state.tolist()
 
@@ -192,7 +193,7 @@ def test_events_are_those_of_the_master_equation(kind):
     augmented[-1, :-1] = forming
     times = solution(name, temperature)[0]
     expected = np.array([expm(augmented * t)[-1, 0] for t in times])
-    history = registry.engine(kind).run(copies_of(one, copies), times, temperature=temperature, seed=5)
+    history = chemage.engine(kind).run(copies_of(one, copies), times, temperature=temperature, seed=5)
     # the count is less scattered than a Poisson number of the same mean
     assert np.all(np.abs(history.formed - copies * expected) < 4.5 * np.sqrt(copies * expected))
 
@@ -209,7 +210,7 @@ def test_long_runs_follow_the_boltzmann_weights(kind):
     weights /= weights.sum()
     assert np.allclose(solution(name, temperature)[1][-1], weights, rtol=0, atol=2e-3)  # the theory agrees with itself
     long = 100.0 / (NU * math.exp(-0.5 / (KB * temperature)))
-    history = registry.engine(kind).run(copies_of(one, copies), [long], temperature=temperature, seed=8)
+    history = chemage.engine(kind).run(copies_of(one, copies), [long], temperature=temperature, seed=8)
     assert agrees(states(history, n), copies * weights) > CHANCE
 
 
@@ -228,7 +229,7 @@ def test_no_bonds_break_without_breaking_barriers(kind):
                 matrix[state, state] += matrix[state ^ 1 << i, state]
                 matrix[state ^ 1 << i, state] = 0.0
     t = solution(name, temperature)[0][2]
-    history = registry.engine(kind).run(lattice, [0.3 * t, t], temperature=temperature, seed=3)
+    history = chemage.engine(kind).run(lattice, [0.3 * t, t], temperature=temperature, seed=3)
     assert history.broken.tolist() == [0, 0]
     assert agrees(states(history, n), copies * expm(matrix * t)[:, 0]) > CHANCE
 
@@ -247,7 +248,7 @@ def test_selection_follows_the_rates_with_unequal_classes(kind, fast, slow):
     one = {"forming": -1e-3 * np.log(rates), "breaking": np.full(n, 9.0), "pairs": pairs}
     lattice = copies_of(one, copies)
     lattice = type(lattice)(**{**lattice.todict(), "attempt_frequency": 1.0})
-    history = registry.engine(kind).run(lattice, [1e3], temperature=temperature, seed=17)
+    history = chemage.engine(kind).run(lattice, [1e3], temperature=temperature, seed=17)
     assert history.events == history.bonds[0] == copies
     first = history.state.reshape(copies, n).sum(axis=0)
     assert stats.chisquare(first, copies * rates / rates.sum()).pvalue > CHANCE
@@ -263,7 +264,7 @@ def test_waiting_times_are_exponential(kind):
     lattice = copies_of(one, copies)
     lattice = type(lattice)(**{**lattice.todict(), "attempt_frequency": 1.0})
     times = np.linspace(0.1, 4.0, 14)
-    history = registry.engine(kind).run(lattice, times, temperature=1.0 / KB / 1000.0, seed=4)
+    history = chemage.engine(kind).run(lattice, times, temperature=1.0 / KB / 1000.0, seed=4)
     cells = np.diff(np.concatenate([[0], history.bonds, [copies]]))
     survival = np.exp(-rates.sum() * np.concatenate([[0.0], times]))
     expected = np.append(-np.diff(survival), survival[-1])

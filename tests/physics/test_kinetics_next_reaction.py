@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 import chemage
+from chemage import KB, ReactionLattice
 from chemage import random as cr
-from chemage import registry
-from chemage.objects import ReactionLattice
-from chemage.units import KB
 from chemage_kinetics._common import STREAMS
 from chemage_kinetics._noise import noise_key
 
@@ -82,7 +80,7 @@ def plainly(
 def test_events_come_in_the_order_of_their_times(side, spread, temperature, times):
     lattice = lattice_of(side, spread)
     state, formed = plainly(lattice, times, temperature, seed=5)
-    history = registry.engine("next-reaction").run(lattice, times, temperature=temperature, seed=5)
+    history = chemage.engine("next-reaction").run(lattice, times, temperature=temperature, seed=5)
     assert formed[-1] > 0.25 * side**2
     assert history.formed.tolist() == formed
     assert history.state.tolist() == state.tolist()

@@ -9,8 +9,7 @@ import pytest
 
 import chemage
 from chemage import random as cr
-from chemage import registry
-from chemage.objects import ReactionLattice
+from chemage import ReactionLattice
 from chemage_kinetics._common import STREAMS
 from chemage_kinetics._noise import PROBES, noise_key
 
@@ -39,7 +38,7 @@ def full_contact(side: int = 8, surface: int = 0, interacting: bool = True, **ch
 
 def slopes_and_bonds(kind: str, lattice: ReactionLattice) -> np.ndarray:
     """(2, RUNS): bonds per decade of time, and bonds at the end, for the seeds 0 to RUNS - 1."""
-    engine = registry.engine(kind)
+    engine = chemage.engine(kind)
     bonds = np.array([engine.run(lattice, TIMES, temperature=300.0, seed=s).bonds for s in range(RUNS)])
     return np.stack([np.polyfit(np.log10(TIMES), bonds.T, 1)[0], bonds[:, -1]])
 

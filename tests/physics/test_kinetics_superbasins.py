@@ -10,9 +10,8 @@ import pytest
 from scipy import stats
 from scipy.linalg import expm
 
-from chemage import registry
-from chemage.objects import ReactionLattice
-from chemage.units import KB
+import chemage
+from chemage import KB, ReactionLattice
 from chemage_kinetics._chain import gamma, sojourn
 
 CHANCE = 1e-5
@@ -139,7 +138,7 @@ def trio(flicker: float, others: float) -> tuple[ReactionLattice, np.ndarray, fl
 @pytest.mark.parametrize("kind", ENGINES)
 def test_the_acceleration_follows_the_master_equation(kind, flicker):
     lattice, matrix, temperature = trio(flicker, 1.0)
-    engine = registry.engine(kind, superbasins=True)
+    engine = chemage.engine(kind, superbasins=True)
     times, runs = np.array([0.02, 0.3, 0.3, 2.0]), 1500
     seen = np.zeros((times.size, 8))
     bonds = np.zeros((times.size, 4))
@@ -181,7 +180,7 @@ def test_the_acceleration_follows_the_master_equation_beside_a_list_of_fast_site
         neighbours=np.concatenate([np.where(t.neighbours < 0, -1, t.neighbours + 3 * i) for i, t in enumerate(trios)]),
         coupling=np.concatenate([t.coupling for t in trios]),
     )
-    engine = registry.engine("rejection-free", superbasins=True)
+    engine = chemage.engine("rejection-free", superbasins=True)
     runs, time = 3000, 0.4
     seen = np.zeros((4, 8))
     for seed in range(runs):
@@ -199,7 +198,7 @@ def test_the_acceleration_follows_the_master_equation_beside_a_list_of_fast_site
 def test_the_cost_does_not_depend_on_the_number_of_flips(kind):
     """A thousand million flips between two events of the neighbours; followed one by one they would take minutes."""
     lattice, _, temperature = trio(1e9, 1.0)
-    history = registry.engine(kind, superbasins=True).run(lattice, [1.0, 2.0, 50.0], temperature=temperature, seed=1)
+    history = chemage.engine(kind, superbasins=True).run(lattice, [1.0, 2.0, 50.0], temperature=temperature, seed=1)
     expected = 50.0 * 1e9 * 1.7 / 2.7
     assert 0.5 * expected < history.formed[-1] < 2.0 * expected
     assert history.formed[-1] - history.broken[-1] == history.bonds[-1] == history.state.sum()
@@ -210,8 +209,8 @@ def test_the_acceleration_changes_nothing_where_nothing_flickers(kind):
     lattice, _, temperature = trio(0.5, 1.0)
     times = [0.5, 3.0, 9.0]
     for seed in range(40):
-        plain = registry.engine(kind).run(lattice, times, temperature=temperature, seed=seed)
-        fast = registry.engine(kind, superbasins=True).run(lattice, times, temperature=temperature, seed=seed)
+        plain = chemage.engine(kind).run(lattice, times, temperature=temperature, seed=seed)
+        fast = chemage.engine(kind, superbasins=True).run(lattice, times, temperature=temperature, seed=seed)
         assert plain.formed.tolist() == fast.formed.tolist()
         assert plain.state.tolist() == fast.state.tolist()
 
@@ -219,7 +218,7 @@ def test_the_acceleration_changes_nothing_where_nothing_flickers(kind):
 @pytest.mark.parametrize("kind", ENGINES)
 def test_a_restart_is_exact_with_the_acceleration(kind):
     lattice, _, temperature = trio(400.0, 1.0)
-    engine = registry.engine(kind, superbasins=True)
+    engine = chemage.engine(kind, superbasins=True)
     times = [0.0, 0.01, 0.4, 0.4, 3.0, 20.0]
     for seed in range(20):
         whole = engine.run(lattice, times, temperature=temperature, seed=seed)
@@ -250,7 +249,7 @@ def test_hot_sites_hold_for_thirty_years(kind):
     bonded = (np.arange(8)[:, None] >> np.arange(3)) & 1
     energy = bonded @ (forming - breaking) + pair * (bonded[:, 0] * bonded[:, 1] + bonded[:, 1] * bonded[:, 2])
     weights = np.exp(-energy / unit)
-    engine = registry.engine(kind, superbasins=True)
+    engine = chemage.engine(kind, superbasins=True)
     runs = 600
     seen = np.zeros(8)
     for seed in range(runs):

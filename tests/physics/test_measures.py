@@ -9,7 +9,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import erf
 
-from chemage import measures
+from chemage import roughness, theory
+from chemage.contacts.patches import corrected_area, patches, perimeter
 
 
 def cosine(shape, i, j, amplitude=1.0, phase=0.3):
@@ -28,32 +29,34 @@ def test_slope_of_a_cosine_is_its_wavenumber_times_its_height(shape, i, j):
     pixel = 0.45
     heights = 7.0 + cosine(shape, i, j, amplitude=2.0)
     wavenumber = 2 * np.pi * math.hypot(i / shape[0], j / shape[1]) / pixel
-    assert measures.rms_height(heights) == pytest.approx(math.sqrt(2), rel=1e-12)
-    assert measures.rms_slope(heights, pixel) == pytest.approx(math.sqrt(2) * wavenumber, rel=1e-12)
+    assert roughness.rms_height(heights) == pytest.approx(math.sqrt(2), rel=1e-12)
+    assert roughness.rms_slope(heights, pixel) == pytest.approx(math.sqrt(2) * wavenumber, rel=1e-12)
 
 
 def test_slopes_of_orthogonal_waves_add_in_squares():
     one, two = cosine((40, 30), 3, 1), cosine((40, 30), 2, -5, amplitude=0.4)
-    together = measures.rms_slope(one + two, 0.5)
-    assert together == pytest.approx(math.hypot(measures.rms_slope(one, 0.5), measures.rms_slope(two, 0.5)), rel=1e-12)
+    together = roughness.rms_slope(one + two, 0.5)
+    assert together == pytest.approx(
+        math.hypot(roughness.rms_slope(one, 0.5), roughness.rms_slope(two, 0.5)), rel=1e-12
+    )
 
 
 def test_free_slope_of_a_plane_and_of_a_paraboloid():
     x, y = np.meshgrid(np.arange(50) * 0.2, np.arange(30) * 0.2, indexing="ij")
-    assert measures.rms_slope(3 * x - 4 * y, 0.2, periodic=False) == pytest.approx(5.0, rel=1e-12)
+    assert roughness.rms_slope(3 * x - 4 * y, 0.2, periodic=False) == pytest.approx(5.0, rel=1e-12)
     x, y = x - x.mean(), y - y.mean()
     radius = 40.0
     expected = math.sqrt(np.mean(x**2 + y**2)) / radius
-    assert measures.rms_slope(-(x**2 + y**2) / (2 * radius), 0.2, periodic=False) == pytest.approx(expected, rel=0.01)
+    assert roughness.rms_slope(-(x**2 + y**2) / (2 * radius), 0.2, periodic=False) == pytest.approx(expected, rel=0.01)
 
 
 @pytest.mark.parametrize("scale", [1e-200, 1.0, 1e200])
 @pytest.mark.parametrize("offset", [0.0, 1e6])
 def test_neither_scale_nor_offset_spoils_a_slope(scale, offset):
     heights = np.random.default_rng(1).standard_normal((16, 20))
-    plain = measures.rms_slope(heights, 1.0)
-    assert measures.rms_slope((heights + offset) * scale, 1.0) == pytest.approx(plain * scale, rel=1e-9)
-    assert measures.rms_height((heights + offset) * scale) == pytest.approx(np.std(heights) * scale, rel=1e-9)
+    plain = roughness.rms_slope(heights, 1.0)
+    assert roughness.rms_slope((heights + offset) * scale, 1.0) == pytest.approx(plain * scale, rel=1e-9)
+    assert roughness.rms_height((heights + offset) * scale) == pytest.approx(np.std(heights) * scale, rel=1e-9)
 
 
 @pytest.mark.parametrize("shape", [(64, 64), (33, 21), (40, 7)])
@@ -61,7 +64,7 @@ def test_the_spectrum_adds_up_to_the_variance(shape):
     """<h²> = ∫ C d²q/(2π)²: with one bin the mean of C times the area of the spectrum."""
     heights = np.random.default_rng(2).standard_normal(shape)
     pixel = 0.3
-    _, c = measures.psd(heights, pixel, bins=1)
+    _, c = roughness.psd(heights, pixel, bins=1)
     cells = heights.size - 1  # every wave vector but zero
     area = (2 * np.pi) ** 2 / (heights.size * pixel**2)
     assert c[0] * cells * area / (2 * np.pi) ** 2 == pytest.approx(np.var(heights), rel=1e-12)
@@ -69,7 +72,7 @@ def test_the_spectrum_adds_up_to_the_variance(shape):
 
 def test_white_noise_has_a_flat_spectrum():
     heights = np.random.default_rng(3).standard_normal((256, 256))
-    q, c = measures.psd(heights, 0.5, bins=12)
+    q, c = roughness.psd(heights, 0.5, bins=12)
     expected = np.var(heights) * 0.5**2
     # averages over n modes of an exponential distribution scatter by 1/sqrt(n); the long waves are few
     assert np.allclose(c[-5:], expected, rtol=0.05)
@@ -78,7 +81,7 @@ def test_white_noise_has_a_flat_spectrum():
 
 
 def test_a_single_wave_is_a_single_peak_at_its_wavenumber():
-    q, c = measures.psd(cosine((128, 128), 8, 0), 0.5, bins=40)
+    q, c = roughness.psd(cosine((128, 128), 8, 0), 0.5, bins=40)
     peak = np.argmax(c)
     assert q[peak] == pytest.approx(2 * np.pi * 8 / 64, rel=0.15)
     assert c[peak] > 1e20 * np.median(c)
@@ -87,7 +90,7 @@ def test_a_single_wave_is_a_single_peak_at_its_wavenumber():
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (2, 2), (3, 1)])
 def test_spectra_of_the_smallest_surfaces_do_not_fail(shape):
     for periodic in (True, False):
-        q, c = measures.psd(np.arange(float(math.prod(shape))).reshape(shape), 1.0, periodic)
+        q, c = roughness.psd(np.arange(float(math.prod(shape))).reshape(shape), 1.0, periodic)
         assert q.shape == c.shape
         assert np.isfinite(c).all()
 
@@ -99,14 +102,14 @@ def test_spectra_of_the_smallest_surfaces_do_not_fail(shape):
 def test_the_perimeter_of_a_disc_of_pixels_is_that_of_its_bounding_square(radius):
     x = np.arange(128) - 63.7
     disc = x[:, None] ** 2 + x**2 < radius**2
-    assert measures.perimeter(disc, 1.0, False) == pytest.approx(8 * radius, rel=0.03)
-    assert measures.patches(disc, False).count == 1
+    assert perimeter(disc, 1.0, False) == pytest.approx(8 * radius, rel=0.03)
+    assert patches(disc, False).count == 1
 
 
 def test_corrected_area_is_yastrebovs():
     """A − (π − 1 + ln 2)/24 · C · a, J. Mech. Phys. Solids 107, 469 (2017), eq. 10: about 0.118 of a pixel per edge."""
-    assert measures.corrected_area(100.0, 40.0, 0.5) == pytest.approx(100 - 0.118117 * 40 * 0.5, rel=1e-4)
-    assert measures.corrected_area(100.0, 0.0, 0.5) == 100.0
+    assert corrected_area(100.0, 40.0, 0.5) == pytest.approx(100 - 0.118117 * 40 * 0.5, rel=1e-4)
+    assert corrected_area(100.0, 0.0, 0.5) == 100.0
 
 
 def test_the_correction_brings_circles_covered_by_pixels_nearer_to_their_area():
@@ -123,9 +126,7 @@ def test_the_correction_brings_circles_covered_by_pixels_nearer_to_their_area():
         touched = nearest_x[:, None] ** 2 + nearest_y[None, :] ** 2 < radius**2
         area = float(touched.sum())
         raw.append(area - math.pi * radius**2)
-        corrected.append(
-            measures.corrected_area(area, measures.perimeter(touched, 1.0, False), 1.0) - math.pi * radius**2
-        )
+        corrected.append(corrected_area(area, perimeter(touched, 1.0, False), 1.0) - math.pi * radius**2)
     assert 0 < np.mean(corrected) < 0.85 * np.mean(raw)
 
 
@@ -137,27 +138,27 @@ def test_perssons_pressures_add_up_to_his_contact_fraction_and_to_the_load(x):
     top = mean + 40 * sigma
 
     def density(p):
-        return measures.persson_pressure_density(np.array(p), mean, modulus, slope)
+        return theory.persson_pressure_density(np.array(p), mean, modulus, slope)
 
     fraction, _ = quad(density, 0, top, points=[mean], limit=200, epsabs=0, epsrel=1e-10)
     force, _ = quad(lambda p: p * density(p), 0, top, points=[mean], limit=200, epsabs=0, epsrel=1e-10)
     assert fraction == pytest.approx(erf(math.sqrt(2) * x), rel=1e-8)
-    assert fraction == pytest.approx(float(measures.persson_area_fraction(x)), rel=1e-8)
+    assert fraction == pytest.approx(float(theory.persson_area_fraction(x)), rel=1e-8)
     assert force == pytest.approx(mean, rel=1e-8)
 
 
 def test_full_contact_is_reached_by_persson_and_not_by_bgt():
-    assert measures.persson_area_fraction(10.0) == 1.0
-    assert measures.bgt_area_fraction(1.0) > 1
+    assert theory.persson_area_fraction(10.0) == 1.0
+    assert theory.bgt_area_fraction(1.0) > 1
 
 
 def test_at_light_load_the_area_is_proportional_to_it():
     """κ = A h'_rms E*/F is sqrt(8/π) = 1.596 for Persson, sqrt(2π) = 2.507 for Bush, Gibson and Thomas."""
     x = np.array([1e-8, 1e-6])
-    assert np.allclose(measures.persson_area_fraction(x) / x, math.sqrt(8 / math.pi), rtol=1e-9)
-    assert np.allclose(measures.bgt_area_fraction(x) / x, math.sqrt(2 * math.pi), rtol=1e-14)
-    assert measures.persson_area_fraction(1e-6) / 1e-6 == pytest.approx(1.596, abs=5e-4)
-    assert measures.bgt_area_fraction(1e-6) / 1e-6 == pytest.approx(2.507, abs=5e-4)
+    assert np.allclose(theory.persson_area_fraction(x) / x, math.sqrt(8 / math.pi), rtol=1e-9)
+    assert np.allclose(theory.bgt_area_fraction(x) / x, math.sqrt(2 * math.pi), rtol=1e-14)
+    assert theory.persson_area_fraction(1e-6) / 1e-6 == pytest.approx(1.596, abs=5e-4)
+    assert theory.bgt_area_fraction(1e-6) / 1e-6 == pytest.approx(2.507, abs=5e-4)
 
 
 def test_perssons_density_at_vanishing_load_keeps_its_digits():
@@ -165,5 +166,5 @@ def test_perssons_density_at_vanishing_load_keeps_its_digits():
     p = np.linspace(0.1, 8, 30)
     mean, sigma = 1e-12, 35.3 * 0.1 / 2
     expected = 2 * p * mean / sigma**2 * np.exp(-0.5 * (p / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi))
-    assert np.allclose(measures.persson_pressure_density(p, mean, 35.3, 0.1), expected, rtol=1e-10)
-    assert measures.persson_pressure_density(np.array(0.0), 0.5, 35.3, 0.1) == 0
+    assert np.allclose(theory.persson_pressure_density(p, mean, 35.3, 0.1), expected, rtol=1e-10)
+    assert theory.persson_pressure_density(np.array(0.0), 0.5, 35.3, 0.1) == 0

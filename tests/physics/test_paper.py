@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage.runs import Run
+from chemage import Run
 
 
 @cache

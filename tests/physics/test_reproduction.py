@@ -6,23 +6,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from chemage import sweeps
-from chemage.errors import InputError
-from chemage_silica.reproduction import checks, command, published, studies
-from chemage_silica.reproduction.points import Mean, Point, studies_of
+import chemage
+from chemage import InputError
+from chemage.sweeps.running import read_grid
+from chemage_studies.reproduction import checks, command, published, studies
+from chemage_studies.reproduction.points import Mean, Point, studies_of
 
 PIXELS = 320
 
 
 @pytest.fixture(scope="module")
-def coarse(tmp_path_factory: pytest.TempPathFactory) -> tuple[sweeps.SweepResult, Path]:
+def coarse(tmp_path_factory: pytest.TempPathFactory) -> tuple[chemage.SweepResult, Path]:
     folder = tmp_path_factory.mktemp("reproduction")
     data = studies.scene(list(studies.TARGETS), (7,), PIXELS)
     data["hold"]["replicas"] = 4
-    return sweeps.sweep(data, folder / "sweep"), folder
+    return chemage.sweep(data, folder / "sweep"), folder
 
 
-def test_every_target_is_drawn_and_written(coarse: tuple[sweeps.SweepResult, Path]):
+def test_every_target_is_drawn_and_written(coarse: tuple[chemage.SweepResult, Path]):
     result, folder = coarse
     assert not result.failed
     lines, claims = command.write(result, list(studies.TARGETS), folder, seeds=(7,), pixels=PIXELS)
@@ -35,14 +36,14 @@ def test_every_target_is_drawn_and_written(coarse: tuple[sweeps.SweepResult, Pat
     assert all(claim.statement in text for claim in claims)
 
 
-def test_claims_about_kinetics_do_not_need_fine_pixels(coarse: tuple[sweeps.SweepResult, Path]):
+def test_claims_about_kinetics_do_not_need_fine_pixels(coarse: tuple[chemage.SweepResult, Path]):
     """Crossing, onset and saturation follow from barriers and mean pressure; they hold on coarse surfaces too."""
     result, _ = coarse
     found = studies_of((Point.of(point) for point in result), ["fig3", "fig4"])
     assert [claim.holds for claim in checks.claims(found, ["fig3", "fig4"])] == [True, True, True]
 
 
-def test_contacts_are_shared_between_figures(coarse: tuple[sweeps.SweepResult, Path]):
+def test_contacts_are_shared_between_figures(coarse: tuple[chemage.SweepResult, Path]):
     result, _ = coarse
     contacts = {result.contact_key(point.index) for point in result}
     assert len(result) == 31
@@ -50,7 +51,7 @@ def test_contacts_are_shared_between_figures(coarse: tuple[sweeps.SweepResult, P
 
 
 def test_one_target_needs_only_its_own_points():
-    grid = sweeps.read_grid(studies.scene(["fig6"], (7, 8), PIXELS))
+    grid = read_grid(studies.scene(["fig6"], (7, 8), PIXELS))
     assert grid.size == 2
 
 

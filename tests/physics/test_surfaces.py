@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 import chemage as ca
-from chemage import measures
+from chemage import roughness
 
 
 def rough(pixels, **options):
@@ -100,7 +100,7 @@ def test_rms_height_is_met_exactly():
 
 def test_spectral_slope_is_the_slope_of_the_resolved_surface():
     fine = rough(1024, pixel_size=0.5 / 16, zeta=20).make(3)
-    differences = measures.rms_slope(fine.heights, fine.pixel_size, periodic=False)
+    differences = roughness.rms_slope(fine.heights, fine.pixel_size, periodic=False)
     assert differences == pytest.approx(0.1, rel=5e-3)
 
 

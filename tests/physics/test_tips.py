@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage.objects import ContactSolution
-from chemage_silica import tips, tips_page
+from chemage import ContactSolution
+from chemage_studies.tips import page
+from chemage_studies.tips import study as tips
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +121,7 @@ def test_a_study_that_does_not_exist_is_named(command):
 
 def test_paragraphs_are_filled_and_tables_are_not():
     wide = "| " + "x " * 100 + "|"
-    filled = tips_page._filled(f"# A\n\nword\n{'w ' * 100}\n\n- {'a ' * 80}\n- b\n\n{wide}\n")
+    filled = page._filled(f"# A\n\nword\n{'w ' * 100}\n\n- {'a ' * 80}\n- b\n\n{wide}\n")
     assert all(len(line) <= 120 for line in filled.splitlines() if not line.startswith("|"))
     assert wide in filled
     assert "\n- b" in filled

@@ -1,105 +1,142 @@
-"""Who may import whom: the framework no plugin, a plugin only what is public, a kernel nothing but random numbers."""
+"""Who may import whom: the framework no plugin, a plugin only what is public, a kernel only kernels, a room only rooms
+above it; and nothing in the framework names a kind, an output or a figure of a plugin.
+"""
 
 from __future__ import annotations
 
 import ast
+import re
+import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import chemage as ca
+from chemage import registry
+from chemage.foundation import names
 
 ROOT = Path(__file__).parents[2]
 PLUGINS = sorted(path.name for path in (ROOT / "plugins").iterdir() if (path / "__init__.py").exists())
 
-#: the modules of chemage that a plugin may use; their public names stay what they are within an API version
-PUBLIC = {
-    "chemage",
-    "chemage.errors",
-    "chemage.hookspecs",
-    "chemage.measures",
-    "chemage.objects",
-    "chemage.plots",
-    "chemage.random",
-    "chemage.registry",
-    "chemage.runs",
-    "chemage.scene",
-    "chemage.spec",
-    "chemage.store",
-    "chemage.sweeps",
-    "chemage.testing",
-    "chemage.threads",
-    "chemage.units",
-}
+#: the rooms, in the order in which data flow; each may use those before it
+ROOMS = (
+    "foundation",
+    "plugins",
+    "surfaces",
+    "contacts",
+    "lattices",
+    "kinetics",
+    "ageing",
+    "experiments",
+    "store",
+    "sweeps",
+    "reports",
+    "scaffold",
+    "testing",
+    "cli",
+)
+#: the public modules of the framework, by their full name
+PUBLIC = {f"chemage.{module}" for module in names.MODULES.values()}
+#: what a kernel may use of the framework
+FOR_KERNELS = "chemage.foundation.random"
+#: modules that import numba and compile nothing -> what they want of it
+NO_KERNELS = {"chemage.testing.engines": "the number of threads, which an engine must not depend on"}
 
 
 def sources(folder: str) -> list[Path]:
     return sorted((ROOT / folder).rglob("*.py"))
 
 
-def imports(path: Path) -> Iterator[tuple[int, str, str]]:
-    """(line, module, name) of every import in a file, also of those inside functions; name is "" for ``import x``."""
+def module_of(path: Path) -> str:
+    """The dotted name by which a file is imported."""
     parts = path.relative_to(ROOT).with_suffix("").parts[path.is_relative_to(ROOT / "plugins") :]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_of(path): path for folder in ("chemage", "plugins") for path in sources(folder)}
+FRAMEWORK_MODULES = {name: path for name, path in MODULES.items() if name.partition(".")[0] == "chemage"}
+PLUGIN_MODULES = {name: path for name, path in MODULES.items() if name not in FRAMEWORK_MODULES}
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def imports(module: str) -> Iterator[tuple[int, str, str]]:
+    """(line, module, name) of every import, also inside functions and under TYPE_CHECKING; the name is "" for
+    ``import x``."""
+    package = module.split(".") if MODULES[module].name == "__init__.py" else module.split(".")[:-1]
+    for node in ast.walk(tree(MODULES[module])):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name, "") for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            module = ".".join([*parts[: -node.level], *([node.module] if node.module else [])])
-            module = module if node.level else node.module or ""
-            yield from ((node.lineno, module, alias.name) for alias in node.names)
+            above = package[: len(package) - node.level + 1] if node.level else []
+            source = ".".join([*above, *([node.module] if node.module else [])])
+            yield from ((node.lineno, source, alias.name) for alias in node.names)
         elif isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) == "import_module":
             yield from ((node.lineno, str(name.value), "") for name in node.args[:1] if isinstance(name, ast.Constant))
 
 
-def is_module(module: str) -> bool:
-    """Whether this dotted name is a file of the framework."""
-    stem = ROOT.joinpath(*module.split("."))
-    return stem.with_suffix(".py").exists() or (stem / "__init__.py").exists()
+def imported_modules(module: str) -> Iterator[tuple[int, str]]:
+    """(line, module) of every import of one of our own modules; a public name counts as the module it is in."""
+    for line, source, name in imports(module):
+        full = f"{source}.{name}"
+        if full in MODULES:
+            yield line, full
+        elif source == "chemage" and name in (homes := {**names.HOME, **names.MODULES}):
+            yield line, f"chemage.{homes[name]}"
+        elif source in MODULES:
+            yield line, source
 
 
-def package(path: Path) -> str:
-    return path.relative_to(ROOT / "plugins").parts[0]
+def where(module: str, line: int) -> str:
+    return f"{MODULES[module].relative_to(ROOT)}:{line}"
 
 
-def is_kernel(path: Path) -> bool:
-    """A module whose top level imports numba; its functions are compiled."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return any(
-        (isinstance(node, ast.Import) and any(alias.name == "numba" for alias in node.names))
-        or (isinstance(node, ast.ImportFrom) and node.module == "numba")
-        for node in tree.body
-    )
+# -- the framework and its plugins ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("path", sources("chemage"), ids=lambda path: path.name)
-def test_the_framework_imports_no_plugin(path):
-    for line, module, _ in imports(path):
-        assert module.partition(".")[0] not in {*PLUGINS, "plugins"}, f"{path}:{line} imports {module}"
+def test_the_framework_imports_no_plugin():
+    for module in FRAMEWORK_MODULES:
+        for line, source, _ in imports(module):
+            assert source.partition(".")[0] not in {*PLUGINS, "plugins"}, f"{where(module, line)} imports {source}"
 
 
-def in_plugins() -> list[Path]:
-    return sources("plugins")
-
-
-@pytest.mark.parametrize("path", in_plugins(), ids=lambda path: str(path.relative_to(ROOT / "plugins")))
-def test_a_plugin_uses_only_what_is_public(path):
-    for line, module, name in imports(path):
-        where = f"{path}:{line}"
-        top = module.partition(".")[0]
+@pytest.mark.parametrize("module", PLUGIN_MODULES)
+def test_a_plugin_uses_only_what_is_public(module):
+    package = module.partition(".")[0]
+    own_names = {"chemage"}
+    for line, source, name in imports(module):
+        top = source.partition(".")[0]
         if top == "chemage":
-            full = f"{module}.{name}" if name and is_module(f"{module}.{name}") else module
-            assert full in PUBLIC, f"{where} imports {full}, which is not public"
-            assert not name.startswith("_"), f"{where} imports the private name {name} of {module}"
-        elif top in PLUGINS and top != package(path):
-            parts = [*module.split("."), name]
-            assert not any(part.startswith("_") for part in parts), f"{where} imports {module}.{name}, private to {top}"
-            assert module == top, f"{where} imports {module}; another plugin is used by what its package offers"
+            at = where(module, line)
+            if source == "chemage":
+                assert not name or name in ca.__all__, f"{at} imports {name}, which is no public name of chemage"
+            else:
+                full = f"{source}.{name}" if f"{source}.{name}" in MODULES else source
+                assert full in PUBLIC, f"{at} imports {full}, which is not public"
+                assert not name.startswith("_"), f"{at} imports the private name {name} of {source}"
+        elif top in PLUGINS and top != package:
+            parts = [*source.split("."), name]
+            assert not any(part.startswith("_") for part in parts), f"{where(module, line)}: private to {top}"
+            assert source == top, f"{where(module, line)}: another plugin is used by what its package offers"
+    for node in ast.walk(tree(MODULES[module])):
+        if isinstance(node, ast.Import):
+            own_names |= {alias.asname for alias in node.names if alias.name == "chemage" and alias.asname}
+    for node in ast.walk(tree(MODULES[module])):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in own_names:
+            assert node.attr in ca.__all__, f"{where(module, node.lineno)}: {node.attr} is no public name of chemage"
 
 
 def defined(paths: list[Path]) -> set[str]:
     """Every name that these files define: functions, classes, attributes, fields, variables, modules."""
     names = {path.stem for path in paths}
     for path in paths:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree(path)):
             if isinstance(node, ast.FunctionDef | ast.ClassDef):
                 names.add(node.name)
             elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
@@ -115,7 +152,7 @@ def test_no_private_name_is_reached_through_a_public_one(name):
     """``surface._digest`` and ``registry._current`` are not an interface either."""
     own = defined(sources(f"plugins/{name}"))
     for path in sources(f"plugins/{name}"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree(path)):
             if isinstance(node, ast.Attribute) and node.attr.startswith("_") and not node.attr.startswith("__"):
                 assert node.attr in own or node.attr not in FRAMEWORK, f"{path}:{node.lineno} reaches {node.attr}"
 
@@ -124,33 +161,240 @@ def test_private_names_of_the_framework_were_found():
     assert {"_digest", "_current", "_parse", "_classes"} <= FRAMEWORK
 
 
-KERNELS = [path for path in [*sources("chemage"), *sources("plugins")] if is_kernel(path)]
-
-
-@pytest.mark.parametrize("path", KERNELS, ids=lambda path: f"{path.parent.name}/{path.name}")
-def test_a_kernel_knows_nothing_of_the_framework(path):
-    own = {package(path)} if (ROOT / "plugins") in path.parents else set()
-    for line, module, name in imports(path):
-        top = module.partition(".")[0]
-        if top == "chemage":
-            assert (module, name) == ("chemage", "random") or module == "chemage.random", f"{path}:{line}: {module}"
-        elif top in own:
-            file = ROOT.joinpath("plugins", *(f"{module}.{name}" if module == top else module).split("."))
-            assert is_kernel(file.with_suffix(".py")), f"{path}:{line}: {module}.{name} is no kernel"
-
-
-def test_the_kernels_were_found():
-    names = {f"{path.parent.name}/{path.name}" for path in KERNELS}
-    assert {"chemage/random.py", "chemage/graph.py", "chemage_interactions/_kernels.py"} <= names
-    assert any(name.startswith("chemage_kinetics/") for name in names)
-    assert any(name.startswith("chemage_contact/") for name in names)
+def test_every_public_name_is_where_the_package_says():
+    for name in ca.__all__:
+        assert getattr(ca, name) is not None
+    assert set(names.HOME) | set(names.MODULES) | {"__version__"} == set(ca.__all__)
 
 
 def test_every_plugin_package_is_an_entry_point():
-    import tomllib
-
     with open(ROOT / "pyproject.toml", "rb") as file:
         project = tomllib.load(file)
     assert sorted(project["project"]["entry-points"]["chemage"].values()) == PLUGINS
-    packages = {package for package in project["tool"]["setuptools"]["packages"] if package in PLUGINS}
-    assert sorted(packages) == PLUGINS
+
+
+def test_every_package_is_installed():
+    with open(ROOT / "pyproject.toml", "rb") as file:
+        packages = tomllib.load(file)["tool"]["setuptools"]["packages"]
+    assert sorted(packages) == sorted(name for name, path in MODULES.items() if path.name == "__init__.py")
+
+
+# -- kernels ----------------------------------------------------------------------------------------------------------
+
+
+def imports_numba(module: str) -> bool:
+    return any(source.partition(".")[0] == "numba" for _, source, _ in imports(module))
+
+
+def compiled_with(module: str) -> set[str]:
+    """Names of the decorators in a module, as far as they are plain names: ``jit`` of ``@jit``."""
+    found = set()
+    for node in ast.walk(tree(MODULES[module])):
+        if isinstance(node, ast.FunctionDef):
+            for decorator in node.decorator_list:
+                target = decorator.func if isinstance(decorator, ast.Call) else decorator
+                found |= {target.id} if isinstance(target, ast.Name) else set()
+    return found
+
+
+@cache
+def kernels() -> frozenset[str]:
+    """Modules that compile functions: they import numba, at any level, or a decorator from a module that does."""
+    found = {module for module in MODULES if module not in NO_KERNELS and imports_numba(module)}
+    while True:
+        more = {
+            module
+            for module in MODULES
+            for _, source, name in imports(module)
+            if source in found and name in compiled_with(module)
+        }
+        if more <= found:
+            return frozenset(found)
+        found |= more
+
+
+def test_the_kernels_were_found():
+    assert kernels() >= {
+        "chemage.foundation.random",
+        "chemage.lattices.graph_check",
+        "chemage_contact._kernels",
+        "chemage_interactions._kernels",
+        "chemage_kinetics._common",
+        "chemage_kinetics._bkl",
+        "chemage_kinetics._independent",
+        "chemage_kinetics._next_reaction",
+        "chemage_kinetics._rejection_free",
+    }
+
+
+def test_a_kernel_knows_nothing_of_the_framework():
+    for module in kernels():
+        for line, target in imported_modules(module):
+            allowed = target == FOR_KERNELS or target in kernels()
+            assert allowed, f"{where(module, line)}: a kernel imports {target}"
+
+
+def test_what_imports_numba_without_a_kernel_compiles_nothing():
+    for module in NO_KERNELS:
+        assert imports_numba(module)
+        text = MODULES[module].read_text(encoding="utf-8")
+        assert not re.search(r"\b(n?jit|vectorize|guvectorize|intrinsic|prange)\b", text)
+
+
+# -- rooms ------------------------------------------------------------------------------------------------------------
+
+
+def room(module: str) -> str:
+    return module.split(".")[1]
+
+
+def test_every_module_is_in_a_room():
+    assert {room(module) for module in FRAMEWORK_MODULES if module != "chemage"} == set(ROOMS)
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_a_room_imports_only_rooms_above_it(name):
+    allowed = ROOMS[: ROOMS.index(name) + 1]
+    for module in FRAMEWORK_MODULES:
+        if module == "chemage" or room(module) != name:
+            continue
+        for line, target in imported_modules(module):
+            if target in FRAMEWORK_MODULES:
+                assert target != "chemage", f"{where(module, line)} imports through the package; name the module"
+                assert room(target) in allowed, f"{where(module, line)}: {name} imports {target}"
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """The strongly connected components with more than one member (Tarjan, SIAM J. Comput. 1, 146 (1972))."""
+    order: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(node: str) -> None:
+        order[node] = low[node] = len(order)
+        stack.append(node)
+        for other in graph[node]:
+            if other not in order:
+                visit(other)
+            if other in stack:
+                low[node] = min(low[node], low[other])
+        if low[node] == order[node]:
+            group = stack[stack.index(node) :]
+            del stack[stack.index(node) :]
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    for node in graph:
+        if node not in order:
+            visit(node)
+    return found
+
+
+def test_circles_are_found():
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set()}) == [["a", "b", "c"]]
+    assert circles({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
+
+
+def test_no_module_imports_itself_by_a_detour():
+    """Imports inside functions and for type checkers count: a circle that is put off is still a circle."""
+    for modules in (FRAMEWORK_MODULES, PLUGIN_MODULES):
+        graph = {
+            module: {target for _, target in imported_modules(module) if target in modules and target != module}
+            for module in modules
+            if module != "chemage"
+        }
+        assert circles(graph) == []
+
+
+# -- words of plugins -------------------------------------------------------------------------------------------------
+
+#: (file, word) -> why the framework may say it; examples in docstrings and in help
+SAYS = {
+    ("chemage/ageing/age.py", "bkl"): "example in a message",
+    ("chemage/ageing/age.py", "barrier-spectrum"): "example in a message",
+    ("chemage/cli/plugins.py", "fft-bem"): "example in help",
+    ("chemage/contacts/stage.py", "fft-bem"): "example in a docstring",
+    ("chemage/scaffold/stubs.py", "fft-bem"): "example in a docstring",
+    ("chemage/contacts/stage.py", "hertz"): "example in a message",
+    ("chemage/kinetics/role.py", "rejection-free"): "example in a message",
+    ("chemage/kinetics/stage.py", "bkl"): "example in a docstring and a message",
+    ("chemage/lattices/chemistry.py", "md-silica"): "example in a docstring",
+    ("chemage/surfaces/stage.py", "self-affine"): "example in a docstring",
+    ("chemage/surfaces/stage.py", "sphere"): "example in a message",
+    # words that mean something else as well
+    ("chemage/cli/sweeps.py", "hdf5"): "the format of a sweep's table",
+    ("chemage/lattices/lattice.py", "independent"): "of sites without neighbours",
+    ("chemage/foundation/names.py", "text"): "the name of a module",
+    ("chemage/lattices/role.py", "uniform"): "an argument",
+    ("chemage/reports/comparison/figures.py", "pressures"): "the figure of the pressures in several contacts",
+    ("chemage/reports/figures.py", "auto"): "matplotlib's aspect",
+    ("chemage/reports/figures.py", "text"): "an argument",
+    ("chemage/reports/page.py", "pressures"): "the caption of that figure",
+}
+
+
+def own_records() -> list[registry.PluginRecord]:
+    return [record for record in registry.current().records if record.distribution == "chemage"]
+
+
+def outputs_and_figures(examples) -> set[str]:
+    """The names that the built-in observables give to what they measure and draw."""
+    contact = examples.contact()
+    silica = ca.chemistry(forming=ca.barriers("uniform", lower=0.8, upper=1.4))
+    lattice = ca.build_lattice(silica, contact, 1)
+    history = examples.history(state=np.ones(lattice.sites.size, bool))
+    found = set()
+    for record in own_records():
+        for kind in record.kinds.get("observable", ()):
+            observable = ca.observable(kind)
+            found |= {*observable.figures, *observable.measure(contact, lattice, history)}
+    return found
+
+
+def test_the_framework_names_no_kind_output_or_figure_of_a_plugin(examples):
+    kinds = {kind for record in own_records() for offered in record.kinds.values() for kind in offered}
+    assert kinds >= {"hertz", "self-affine", "rejection-free"}
+    names = outputs_and_figures(examples)
+    assert names
+    # the role of barriers has the name of a figure of barriers
+    words = kinds | (names - set(registry.current().roles))
+    said = {}
+    for path in sources("chemage"):
+        file = path.relative_to(ROOT).as_posix()
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                for word in words:
+                    quoted = rf"""["'`]{re.escape(word)}["'`]"""
+                    hyphened = rf"(?<![\w-]){re.escape(word)}(?![\w-])" if "-" in word else quoted
+                    if node.value == word or re.search(quoted, node.value) or re.search(hyphened, node.value):
+                        said.setdefault((file, word), node.lineno)
+    unexpected = {f"{file}:{line} says {word!r}" for (file, word), line in said.items() if (file, word) not in SAYS}
+    assert unexpected == set()
+    assert set(SAYS) <= set(said), "no longer said; take it off the list"
+
+
+# -- sizes ------------------------------------------------------------------------------------------------------------
+
+MOST_LINES, MOST_LINES_OF_A_FUNCTION = 600, 80
+#: functions that are too long and still to be cut
+TOO_LONG: set[tuple[str, str]] = set()
+
+
+def test_no_file_is_too_long():
+    for module, path in MODULES.items():
+        lines = len(path.read_text(encoding="utf-8").splitlines())
+        assert lines <= MOST_LINES or module in kernels(), f"{path} has {lines} lines"
+
+
+def test_no_function_is_too_long():
+    found = set()
+    for module, path in MODULES.items():
+        if module in kernels():
+            continue
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lines = (node.end_lineno or 0) - node.lineno + 1
+                if lines > MOST_LINES_OF_A_FUNCTION:
+                    found.add((module, node.name))
+    assert found == TOO_LONG

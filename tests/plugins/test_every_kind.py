@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from chemage import registry
-from chemage.spec import ROLES
 from chemage.testing import checks_for, rough_surface
 
 FILES = Path(tempfile.mkdtemp(prefix="chemage-readers-"))
@@ -86,7 +85,7 @@ def cases() -> list[Any]:
     found = []
     for (role, kind), alternatives in CASES.items():
         for number, options in enumerate(alternatives):
-            for check in checks_for(ROLES[role], **INPUTS.get((role, kind), {})):
+            for check in checks_for(registry.current().role(role), **INPUTS.get((role, kind), {})):
                 reason = EXPECTED_FAILURES.get((role, kind, check.name))
                 marks = [pytest.mark.xfail(reason=reason, raises=AssertionError)] if reason else []
                 name = f"{role}-{kind}-{number}-{check.name}"
@@ -104,7 +103,7 @@ def test_every_installed_kind_is_checked():
 
 
 def test_every_role_has_a_kind():
-    for role in ROLES:
+    for role in registry.current().roles:
         assert registry.current().kinds(role), f"no {role} is installed"
 
 
@@ -115,4 +114,4 @@ def test_nothing_is_broken():
 def test_expected_failures_name_checks_that_exist():
     for role, kind, check in EXPECTED_FAILURES:
         assert (role, kind) in CASES
-        assert check in {one.name for one in checks_for(ROLES[role])}
+        assert check in {one.name for one in checks_for(registry.current().role(role))}

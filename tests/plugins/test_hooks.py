@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import os
 import re
@@ -14,12 +15,16 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import hookspecs, registry
-from chemage.errors import InputError, PluginError
-from chemage.spec import Engine
+from chemage import Engine, InputError, PluginError, registry
 
 PAGE = (Path(__file__).parents[2] / "docs" / "hooks.md").read_text(encoding="utf-8")
-HOOKS = [name for name in dir(hookspecs) if name.startswith("chemage_")]
+#: hook -> its specification
+HOOKS = {
+    name: function
+    for room in registry.ROOMS
+    for name, function in vars(importlib.import_module(room)).items()
+    if name.startswith("chemage_")
+}
 
 
 def section(hook: str) -> str:
@@ -55,7 +60,7 @@ def test_the_page_has_the_hooks_and_no_others():
 
 @pytest.mark.parametrize("hook", HOOKS)
 def test_every_hook_is_documented(hook):
-    spec = getattr(hookspecs, hook)
+    spec = HOOKS[hook]
     assert len(inspect.getdoc(spec) or "") > 40
     names = ", ".join(inspect.signature(spec).parameters)
     assert f"`{hook}({names})`" in section(hook)
@@ -84,7 +89,7 @@ def test_register(installed, site):
     files = {
         "chemage_weibull/__init__.py": example("chemage_register"),
         "chemage_weibull/weibull.py": """
-            from chemage.spec import Barriers
+            from chemage import Barriers
 
             class Weibull(Barriers):
                 kind = "weibull"
@@ -172,7 +177,7 @@ def test_run_kinetics(installed):
         hold_times=[1, 10],
         temperature=300,
         replicas=3,
-        workers=2,
+        threads=2,
     )
     assert len(plugin.TIMES) == 3  # once a replica, never per event
     assert sorted(events for _, _, events, _ in plugin.TIMES) == sorted(aging.events)
@@ -215,10 +220,12 @@ def test_scenes(installed, site):
 def test_cli(site):
     site.install("chemage-example", {"radius.py": example("chemage_cli")}, {"radius": "radius"})
 
+    path = [str(site.folder), *filter(None, [os.environ.get("PYTHONPATH")])]
+
     def run(*arguments):
         return subprocess.run(
-            [sys.executable, "-c", "from chemage.cli import main; main()", *arguments],
-            env={**os.environ, "PYTHONPATH": str(site.folder)},
+            [sys.executable, "-c", "from chemage.cli.app import main; main()", *arguments],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(path)},
             capture_output=True,
             text=True,
         )
@@ -252,7 +259,7 @@ def test_an_answer_of_the_wrong_type_names_the_hook(installed, hook):
 def test_an_error_in_a_hook_stops_the_run_and_is_not_hidden(installed, hook):
     source = f"""
         import chemage
-        from chemage.errors import InputError
+        from chemage import InputError
 
         @chemage.hookimpl
         def {hook}():

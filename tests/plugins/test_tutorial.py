@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from chemage.spec import ROLES
+from chemage import registry
+from chemage.foundation.names import MODULES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "plugins.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
@@ -39,10 +40,12 @@ def project(tmp_path_factory):
 
 
 def run(project, *command):
+    # the package of the tutorial, beside the chemage that is under test
+    path = os.pathsep.join([str(project), *filter(None, [os.environ.get("PYTHONPATH")])])
     done = subprocess.run(
         [sys.executable, *command],
         cwd=project,
-        env={**os.environ, "PYTHONPATH": str(project), "CHEMAGE_STRICT": "1"},
+        env={**os.environ, "PYTHONPATH": path, "CHEMAGE_STRICT": "1"},
         capture_output=True,
         text=True,
     )
@@ -51,7 +54,7 @@ def run(project, *command):
 
 
 def chemage(project, *arguments):
-    return run(project, "-c", "from chemage.cli import main; main()", *arguments)
+    return run(project, "-c", "from chemage.cli.app import main; main()", *arguments)
 
 
 def test_the_page_shows_every_file_it_lists():
@@ -85,7 +88,9 @@ def test_its_own_tests_can_fail(project):
 
 def test_it_is_listed_and_checked(project):
     (row,) = [
-        row for row in json.loads(chemage(project, "plugins", "list", "--json"))["choices"] if row["kind"] == "weibull"
+        row
+        for row in json.loads(chemage(project, "plugins", "list", "--json"))["components"]
+        if row["kind"] == "weibull"
     ]
     assert row["role"] == "barriers"
     assert "chemage-weibull 1.0" in str(row)
@@ -108,26 +113,85 @@ def test_the_python_lines_run(project):
     run(project, "-c", code + "\nassert silica.forming is by_name or silica.forming == by_name")
 
 
+def python_block(text):
+    (code,) = [code for language, code in BLOCKS if language == "python" and text in code]
+    return code
+
+
+def test_the_components_without_a_package_meet_their_roles_and_draw(project):
+    use = """
+import chemage as ca
+from chemage.reports.comparison import compare_files, comparison_figures
+from chemage.reports.run_figures import figures
+from chemage.testing import check_component
+
+ca.register(BondRadius)
+check_component(BondRadius())
+check_component(barriers)
+scene = {
+    "surface": {"kind": "sphere", "radius": "30 nm", "pixels": 48, "pixel_size": "0.4518 nm"},
+    "contact": {"kind": "hertz", "modulus": "35.3 GPa", "load": "50 nN"},
+    "forming": {"kind": "exponential"},
+    "engine": {"kind": "rejection-free"},
+    "observe": [{"kind": "bond-radius"}],
+    "hold": {"start": "1 ms", "stop": "1e5 s", "replicas": 4},
+}
+result = ca.run(scene)
+assert (result.aging.observables["radius_bonds"] > 0).all()
+assert "bond-radius" in figures(result)
+assert any(name.endswith("Exponential") and "source" in version for name, version in result.versions.items())
+ca.write("a.h5", result)
+ca.write("b.h5", result)
+assert "bond-radius" in comparison_figures(compare_files(["a.h5", "b.h5"]))
+ca.unregister(Exponential)
+try:
+    ca.barriers("exponential")
+except ca.UnknownKindError:
+    pass
+else:
+    raise AssertionError("still known")
+"""
+    file = project / "notebook.py"
+    file.write_text(python_block("class BondRadius") + python_block("@chemage.register") + use)
+    run(project, "-W", "error", file.name)
+
+
+def test_a_stream_of_its_own(project):
+    use = "assert 250 < is_defect(1, range(1000), 0.3).sum() < 350"
+    run(project, "-c", python_block("random.stream") + use)
+
+
+def test_the_stubs_know_the_plugin(project):
+    chemage(project, "plugins", "stubs")
+    stub = (project / "typings" / "chemage" / "__init__.pyi").read_text()
+    assert 'Literal["weibull"]' in stub
+    assert "threshold: float | str = ..." in stub
+
+
 def test_the_table_of_roles_is_complete():
     rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \| (.*?) \|", PAGE, re.MULTILINE)
-    assert [role for role, _, _ in rows] == list(ROLES)
+    assert [role for role, _, _ in rows] == list(registry.current().roles)
     for role, name, methods in rows:
-        assert ROLES[role].__name__ == name
-        assert set(re.findall(r"`(\w+)\(", methods)) == set(getattr(ROLES[role], "__abstractmethods__", ()))
+        cls = registry.current().role(role)
+        assert cls.__name__ == name
+        assert set(re.findall(r"`(\w+)\(", methods)) == set(getattr(cls, "__abstractmethods__", ()))
 
 
-def test_the_public_modules_are_those_that_the_boundaries_allow():
-    import runpy
-
-    allowed = runpy.run_path(str(Path(__file__).with_name("test_boundaries.py")))["PUBLIC"]
-    (sentence,) = re.findall(r"Use only chemage's public modules: (.*?)\. Their", PAGE, re.DOTALL)
-    assert set(re.findall(r"`([\w.]+)`", sentence)) == allowed
+def test_the_page_names_public_modules_and_the_plugins_of_chemage_need_no_others():
+    public = {"chemage", *(f"chemage.{module}" for module in MODULES.values())}
+    (sentence,) = re.findall(r"Import from (.*?), and from no other module", PAGE, re.DOTALL)
+    assert "chemage" in (named := set(re.findall(r"`(chemage[\w.]*)`", sentence)))
+    assert named <= public
+    plugins = Path(__file__).parents[2] / "plugins"
+    sources = [path.read_text(encoding="utf-8") for path in plugins.rglob("*.py")]
+    used = {module for text in sources for module in re.findall(r"^ *from (chemage(?:\.[\w.]+)?) import", text, re.M)}
+    assert used <= public
 
 
 def test_every_command_of_the_page_exists():
     from typer.testing import CliRunner
 
-    from chemage.cli import app
+    from chemage.cli.app import app
 
     for command in re.findall(r"^chemage (\w+ \w+)$", PAGE, re.MULTILINE):
         assert CliRunner().invoke(app, [*command.split(), "--help"]).exit_code == 0, command

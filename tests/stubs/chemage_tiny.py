@@ -11,10 +11,18 @@ from typing import ClassVar
 import numpy as np
 
 import chemage
-from chemage.errors import InputError
-from chemage.objects import BondHistory, ContactSolution, Surface
-from chemage.spec import Barriers, ContactSolver, Engine, SurfaceMaker
-from chemage.units import Energy, Pressure
+from chemage import (
+    Barriers,
+    BondHistory,
+    ContactSolution,
+    ContactSolver,
+    Energy,
+    Engine,
+    InputError,
+    Pressure,
+    Surface,
+    SurfaceMaker,
+)
 
 
 @chemage.hookimpl
@@ -112,6 +120,7 @@ class Coin(Engine):
 
     def _run(self, lattice, hold_times, temperature, seed, start):
         log(f"kinetics {temperature} {lattice.sites.size}")
+        _hold()
         _trouble(self.trouble)
         time.sleep(self.pause)
         when = 10.0 ** (4 * np.random.default_rng(seed).random(lattice.sites.size) / self.bias)
@@ -125,10 +134,22 @@ class Coin(Engine):
             time=float(hold_times[-1]),
             temperature=temperature,
             engine=self.kind,
+            notes=("tossed",),
         )
 
     def expected(self, sites, interacting):
         return {"cpu_seconds": 0.01, "bytes": 1e5}
+
+
+def _hold():
+    """Wait before each replica after the first so many; CHEMAGE_TINY_HOLD is a file with how many, and seconds."""
+    try:
+        most, seconds = Path(os.environ["CHEMAGE_TINY_HOLD"]).read_text().split()
+    except (KeyError, OSError):
+        return
+    begun = Path(os.environ["CHEMAGE_TINY_LOG"]).read_text().splitlines()
+    if sum(line.startswith("kinetics") for line in begun) > int(most):
+        time.sleep(float(seconds))
 
 
 def _trouble(kind):

@@ -1,1 +1,1 @@
-"""Scenes that come with chemage, by name."""
+"""Installed scenes of silica contacts."""

@@ -1,0 +1,137 @@
+# Made by `chemage plugins stubs`; do not edit.
+from collections.abc import Sequence
+from typing import Any, Literal, overload
+
+from chemage.ageing.aging import Aging as Aging
+from chemage.lattices.role import Barriers as Barriers
+from chemage.kinetics.history import BondHistory as BondHistory
+from chemage.foundation.errors import ChemageError as ChemageError
+from chemage.lattices.chemistry import Chemistry as Chemistry
+from chemage.foundation.components import Component as Component
+from chemage.contacts.solution import ContactSolution as ContactSolution
+from chemage.contacts.role import ContactSolver as ContactSolver
+from chemage.foundation.errors import ConvergenceError as ConvergenceError
+from chemage.foundation.units import EV_PER_GPA_NM3 as EV_PER_GPA_NM3
+from chemage.foundation.units import Energy as Energy
+from chemage.kinetics.role import Engine as Engine
+from chemage.foundation.errors import ExecutorError as ExecutorError
+from chemage.ageing.fitting import FIT_WINDOW as FIT_WINDOW
+from chemage.ageing.fitting import Fit as Fit
+from chemage.foundation.units import Force as Force
+from chemage.foundation.units import Frequency as Frequency
+from chemage.foundation.errors import InputError as InputError
+from chemage.lattices.role import Interaction as Interaction
+from chemage.foundation.units import KB as KB
+from chemage.foundation.units import Length as Length
+from chemage.ageing.measurements import Measurements as Measurements
+from chemage.ageing.observables import Observable as Observable
+from chemage.ageing.observables import Observed as Observed
+from chemage.foundation.errors import PluginError as PluginError
+from chemage.sweeps.result import Point as Point
+from chemage.foundation.units import Pressure as Pressure
+from chemage.lattices.lattice import ReactionLattice as ReactionLattice
+from chemage.surfaces.reading import Reader as Reader
+from chemage.experiments.run import Run as Run
+from chemage.experiments.scene import Scene as Scene
+from chemage.foundation.errors import SceneError as SceneError
+from chemage.foundation.checks import Seed as Seed
+from chemage.foundation.errors import StoreError as StoreError
+from chemage.surfaces.surface import Surface as Surface
+from chemage.surfaces.role import SurfaceMaker as SurfaceMaker
+from chemage.sweeps.result import SweepResult as SweepResult
+from chemage.foundation.units import Temperature as Temperature
+from chemage.foundation.units import Time as Time
+from chemage.foundation.units import Unit as Unit
+from chemage.foundation.errors import UnitError as UnitError
+from chemage.foundation.errors import UnknownKindError as UnknownKindError
+from chemage.foundation.units import Volume as Volume
+from chemage.foundation.errors import WorkerLost as WorkerLost
+from chemage.foundation.version import __version__ as __version__
+from chemage.ageing.age import age as age
+from chemage.lattices.stage import build_lattice as build_lattice
+from chemage.foundation.checks import check_times as check_times
+from chemage.foundation.checks import checked_seed as checked_seed
+from chemage.lattices.chemistry import chemistry as chemistry
+from chemage.reports.comparison.comparison import compare_files as compare_files
+from chemage.foundation.units import convert as convert
+from chemage.ageing.fitting import fit_aging as fit_aging
+from chemage.foundation.checks import force as force
+from chemage.foundation.files import fresh_file as fresh_file
+from chemage.plugins.registry import fromdict as fromdict
+from chemage.ageing.hold_times import hold_times as hold_times
+from chemage.plugins.hooks import hookimpl as hookimpl
+from chemage.contacts.patches import label_patches as label_patches
+from chemage.experiments.scene_files import load_scene as load_scene
+from chemage.sweeps.result import load_sweep as load_sweep
+from chemage.surfaces.stage import make_surface as make_surface
+from chemage.foundation.messages import nearest as nearest
+from chemage.experiments.scene_files import override as override
+from chemage.experiments.scene import parse_scene as parse_scene
+from chemage.foundation.files import preflight as preflight
+from chemage.store.results import read as read
+from chemage.ageing.measurements import read_measurements as read_measurements
+from chemage.surfaces.reading import reader_for as reader_for
+from chemage.plugins.registry import register as register
+from chemage.experiments.run import run as run
+from chemage.kinetics.stage import run_kinetics as run_kinetics
+from chemage.experiments.scene_files import scene_data as scene_data
+from chemage.contacts.stage import solve_contact as solve_contact
+from chemage.sweeps.running import sweep as sweep
+from chemage.foundation.checks import temperature_value as temperature_value
+from chemage.plugins.registry import unregister as unregister
+from chemage.experiments.provenance import versions as versions
+from chemage.store.results import write as write
+from chemage.reports.page import write_report as write_report
+from chemage.foundation import errors as errors
+from chemage.reports import figures as figures
+from chemage.cli import options as options
+from chemage.foundation import progress as progress
+from chemage.foundation import random as random
+from chemage.plugins import registry as registry
+from chemage.surfaces import roughness as roughness
+from chemage.foundation import statistics as statistics
+from chemage.foundation import tables as tables
+from chemage import testing as testing
+from chemage.foundation import text as text
+from chemage.contacts import theory as theory
+from chemage.foundation import threads as threads
+from chemage.foundation import units as units
+
+@overload
+def surface(kind: Literal["from-file"], *, path: str, reader: Any = ..., pixel_size: float | str | None = ..., height_unit: float | str = ..., detrend: Literal['none', 'mean', 'plane'] = ..., periodic: bool | None = ...) -> SurfaceMaker: ...
+@overload
+def surface(kind: Literal["self-affine"], *, pixels: int | Sequence[Any], pixel_size: float | str, hurst: float | str, zeta: float | str, eta: float | str = ..., rms_slope: float | str | None = ..., rms_height: float | str | None = ...) -> SurfaceMaker: ...
+@overload
+def surface(kind: Literal["sphere"], *, radius: float | str, pixels: int | Sequence[Any], pixel_size: float | str) -> SurfaceMaker: ...
+
+@overload
+def contact(kind: Literal["fft-bem"], *, modulus: float | str, tolerance: float = ..., precision: Literal['single', 'double', 'mixed'] = ..., boundary: Literal['auto', 'periodic', 'free'] = ..., levels: int | None = ..., max_iterations: int = ..., on_failure: Literal['raise', 'return'] = ..., gap: bool = ..., thickness: float | str | None = ..., poisson_ratio: float | str = ..., fft: Literal['scipy', 'ducc0', 'pyfftw', 'mkl_fft'] = ..., threads: int | None = ...) -> ContactSolver: ...
+@overload
+def contact(kind: Literal["hertz"], *, modulus: float | str) -> ContactSolver: ...
+
+@overload
+def barriers(kind: Literal["gaussian"], *, mean: float | str, std: float | str, lower: float | str | None = ..., upper: float | str | None = ...) -> Barriers: ...
+@overload
+def barriers(kind: Literal["md-silica"]) -> Barriers: ...
+@overload
+def barriers(kind: Literal["tabulated"], *, energies: Sequence[float] | None = ..., weights: Sequence[float] | None = ..., samples: Sequence[float] | None = ..., path: str | None = ..., energy_unit: float | str = ...) -> Barriers: ...
+@overload
+def barriers(kind: Literal["uniform"], *, lower: float | str, upper: float | str) -> Barriers: ...
+
+def interaction(kind: Literal["elastic-pairs"], *, strength: float | str, bias: float | str = ...) -> Interaction: ...
+
+@overload
+def engine(kind: Literal["auto"], *, workers: int = ..., superbasins: bool = ...) -> Engine: ...
+@overload
+def engine(kind: Literal["bkl"], *, superbasins: bool = ...) -> Engine: ...
+@overload
+def engine(kind: Literal["independent"], *, workers: int = ...) -> Engine: ...
+@overload
+def engine(kind: Literal["next-reaction"], *, workers: int = ..., superbasins: bool = ...) -> Engine: ...
+@overload
+def engine(kind: Literal["rejection-free"], *, superbasins: bool = ...) -> Engine: ...
+
+@overload
+def observable(kind: Literal["barrier-spectrum"], *, lower: float | str = ..., upper: float | str = ..., bins: int = ...) -> Observable: ...
+@overload
+def observable(kind: Literal["pressure-spectrum"], *, upper: float | str = ..., bins: int = ...) -> Observable: ...

@@ -1,0 +1,1 @@
+"""Ageing: replicas and their friction, the fit of β, checkpoints, observables, measured curves."""

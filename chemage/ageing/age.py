@@ -1,0 +1,198 @@
+"""The stage of ageing: every replica draws its disorder and runs its kinetics, several replicas at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from chemage.ageing.aging import Aging
+from chemage.ageing.checkpoints import run_with_checkpoints
+from chemage.ageing.observables import Observable
+from chemage.contacts.solution import ContactSolution
+from chemage.foundation.checks import Seed, check_times, checked_seed, expect, temperature_value
+from chemage.foundation.errors import InputError, PluginError
+from chemage.foundation.threads import available
+from chemage.kinetics.history import BondHistory
+from chemage.kinetics.role import Engine
+from chemage.kinetics.stage import run_kinetics
+from chemage.lattices.chemistry import Chemistry
+from chemage.lattices.lattice import ReactionLattice
+from chemage.lattices.stage import build_lattice
+from chemage.plugins import registry
+from chemage.plugins.participation import Plugins, taking_part
+
+
+def replica_seeds(seed: Seed, replica: int) -> tuple[np.random.SeedSequence, np.random.SeedSequence]:
+    """Seeds of a replica's disorder and of its kinetics: functions of ``seed`` and the replica's number alone."""
+    if isinstance(seed, np.random.SeedSequence):
+        entropy, key = seed.entropy, tuple(seed.spawn_key)
+    else:
+        entropy, key = checked_seed(seed), ()
+    return (
+        np.random.SeedSequence(entropy, spawn_key=(*key, replica, 0)),
+        np.random.SeedSequence(entropy, spawn_key=(*key, replica, 1)),
+    )
+
+
+def age(
+    contact: ContactSolution,
+    chemistry: Chemistry,
+    *,
+    engine: Engine,
+    hold_times: Sequence[float] | np.ndarray,
+    temperature: float | str,
+    replicas: int = 10,
+    seed: Seed = 0,
+    observe: Sequence[Observable] = (),
+    threads: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    checkpoints: Path | None = None,
+) -> Aging:
+    """Age a contact: ``replicas`` times draw the disorder, run the kinetics to every hold time, count the bonds.
+
+    Parameters
+    ----------
+    contact, chemistry, engine
+        The contact, what reacts on it, and the engine that follows it.
+    hold_times
+        (m,) seconds, non-decreasing; see :func:`chemage.hold_times`.
+    temperature
+        Kelvin, or a string with its unit.
+    replicas
+        Each redraws barriers, couplings, hydroxylation and the kinetic noise on the same contact.
+    seed
+        Replica r depends on ``seed`` and r alone, not on how many replicas or workers there are.
+    observe
+        Further measurements on each replica, kept in ``Aging.observables``.
+    threads
+        Threads that run replicas at the same time; default: one per processor. Results do not depend on it.
+    progress
+        Called with (replicas done, replicas in all).
+    checkpoints
+        A folder in which every replica is kept while it runs; an interrupted call resumes from there, with equal
+        results.
+    """
+    _check(contact, chemistry, engine, observe, replicas, seed, threads)
+    times, kelvin = check_times(hold_times), temperature_value(temperature)
+
+    def replica(number: int) -> _Replica:
+        disorder, noise = replica_seeds(seed, number)
+        lattice = build_lattice(chemistry, contact, disorder)
+        if checkpoints is None:
+            history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise)
+        else:
+            path = checkpoints / f"replica-{number:05d}.h5"
+            history = run_with_checkpoints(engine, lattice, times, temperature=kelvin, seed=noise, path=path)
+        seen, plugins = _observations(contact, lattice, history, observe)
+        plugins = lattice.plugins | history.plugins | plugins
+        return _Replica(history.bonds, history.events, lattice.sites.size, history.engine, history.notes, seen, plugins)
+
+    # threads inside a run take their processors away from the other replicas
+    at_once = max(1, min(replicas, (threads or available()) // engine.concurrency()))
+    done = list(_in_order(replica, replicas, at_once, progress))
+    plugins = {name: version for one in (contact, *done) for name, version in one.plugins.items()}
+    return Aging(
+        hold_times=times,
+        bonds=np.stack([one.bonds for one in done]),
+        sites=np.array([one.sites for one in done]),
+        events=np.array([one.events for one in done]),
+        load=contact.load,
+        temperature=kelvin,
+        bond_force=chemistry.bond_force,
+        front_factor=chemistry.front_factor,
+        engine=done[0].engine,
+        notes=done[0].notes,
+        contact=contact.summary(),
+        observables=_stacked([one.seen for one in done]),
+        provenance={
+            "chemistry": chemistry.todict(),
+            "engine": engine.todict(),
+            "seed": str(seed),
+            "contact": contact.provenance,
+            **({"observe": [one.todict() for one in observe]} if observe else {}),
+        },
+    ).noting(plugins)
+
+
+def _check(
+    contact: Any, chemistry: Any, engine: Any, observe: Sequence[Any], replicas: Any, seed: Any, threads: int | None
+) -> None:
+    expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
+    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
+    expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
+    for one in observe:
+        expect("observe", one, Observable, 'give a list of chemage.observable("barrier-spectrum")')
+    if isinstance(replicas, bool) or not isinstance(replicas, int | np.integer) or replicas < 1:
+        raise InputError.of("replicas", replicas, "must be a whole number of at least 1")
+    if not isinstance(seed, np.random.SeedSequence):
+        checked_seed(seed)
+    if threads is not None and threads < 1:
+        raise InputError.of("threads", threads, "must be at least 1")
+
+
+class _Replica(NamedTuple):
+    """What is kept of a finished replica; its lattice and state are not, because they would fill the memory."""
+
+    bonds: np.ndarray
+    events: int
+    sites: int
+    engine: str
+    notes: tuple[str, ...]
+    seen: dict[str, np.ndarray]
+    plugins: Plugins
+
+
+def _in_order(
+    task: Callable[[int], Any], count: int, threads: int, progress: Callable[[int, int], None] | None
+) -> Iterator[Any]:
+    """Results of ``task(0 … count−1)`` in that order; the first failure stops the rest."""
+    if threads == 1:
+        for number in range(count):
+            yield task(number)
+            if progress:
+                progress(number + 1, count)
+        return
+    pool = ThreadPoolExecutor(threads, thread_name_prefix="chemage-replica")
+    try:
+        futures = [pool.submit(task, number) for number in range(count)]
+        left = set(futures)
+        while left:
+            finished, left = wait(left, return_when=FIRST_COMPLETED)
+            for future in finished:
+                future.result()
+            if progress:
+                progress(count - len(left), count)
+        for future in futures:
+            yield future.result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _observations(
+    contact: ContactSolution, lattice: ReactionLattice, history: BondHistory, observe: Sequence[Observable]
+) -> tuple[dict[str, np.ndarray], Plugins]:
+    answers: list[Mapping[str, Any]] = [one.measure(contact, lattice, history) for one in observe]
+    with taking_part() as plugins:
+        answers += registry.current().manager.hook.chemage_observe(contact=contact, lattice=lattice, history=history)
+    seen: dict[str, np.ndarray] = {}
+    for answer in answers:
+        for name, value in answer.items():
+            if name in seen:
+                raise PluginError(f"two observables give {name!r}; rename one")
+            seen[name] = np.asarray(value)
+    return seen, dict(plugins)
+
+
+def _stacked(replicas: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    first = {name: value.shape for name, value in replicas[0].items()}
+    for number, seen in enumerate(replicas):
+        if (shapes := {name: value.shape for name, value in seen.items()}) != first:
+            raise PluginError(
+                f"observables differ between replicas: {first} in replica 0, {shapes} in replica {number}; "
+                "give the same names and shapes for every replica"
+            )
+    return {name: np.stack([seen[name] for seen in replicas]) for name in first}

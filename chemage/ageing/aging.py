@@ -1,0 +1,133 @@
+"""The result of ageing: bonds of several replicas against hold time, and the friction they make."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging
+from chemage.foundation.errors import InputError
+from chemage.foundation.records import Doubles, Indices, Named, Record
+
+
+class Aging(Record):
+    """Bonds of several replicas against hold time, and the static friction rise they make."""
+
+    arrays = {
+        "hold_times": (("hold_times",), "s", "time since the contact was made"),
+        "bonds": (("replica", "hold_times"), "", "number of bonds"),
+        "sites": (("replica",), "", "number of reactive sites"),
+        "events": (("replica",), "", "bonds formed and broken"),
+    }
+
+    hold_times: Doubles
+    """(m,) s"""
+    bonds: Indices
+    """(replicas, m)"""
+    sites: Indices
+    """(replicas,)"""
+    events: Indices
+    """(replicas,)"""
+    load: float = Field(ge=0, allow_inf_nan=False)
+    """nN"""
+    temperature: float = Field(gt=0, allow_inf_nan=False)
+    """K"""
+    bond_force: float = Field(default=3.0, ge=0, allow_inf_nan=False)
+    """⟨f⟩, mean force to rupture a bond, nN"""
+    front_factor: float = Field(default=1.0, ge=0, allow_inf_nan=False)
+    """fraction of the bonds that are loaded at the same time as the detachment front passes"""
+    engine: str = ""
+    notes: tuple[str, ...] = ()
+    """notes of the first replica's run"""
+    contact: dict[str, float] = {}
+    """the contact's measures, see :meth:`ContactSolution.summary`"""
+    observables: Named = {}
+    """name -> (replicas, ...)"""
+    provenance: dict[str, Any] = {}
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.hold_times.ndim != 1:
+            raise ValueError(f"hold_times: shape {self.hold_times.shape}; give a one-dimensional array")
+        if self.bonds.ndim != 2 or self.bonds.shape[1] != self.hold_times.size or self.bonds.shape[0] < 1:
+            raise ValueError(f"bonds: shape {self.bonds.shape}; give (replicas, {self.hold_times.size})")
+        if not self.sites.shape == self.events.shape == self.bonds.shape[:1]:
+            raise ValueError(f"sites, events: give one number for each of the {self.bonds.shape[0]} replicas")
+        return self
+
+    @property
+    def replicas(self) -> int:
+        """Number of replicas."""
+        return self.bonds.shape[0]
+
+    @property
+    def friction_drop(self) -> np.ndarray:
+        """ΔF = N ⟨f⟩ × front factor, nN, (replicas, m)."""
+        return self.bonds * (self.bond_force * self.front_factor)
+
+    @property
+    def friction_coefficient_drop(self) -> np.ndarray:
+        """Δμ = ΔF / F_N, (replicas, m); nan without load."""
+        if self.load == 0:
+            return np.full(self.bonds.shape, np.nan)
+        return self.friction_drop / self.load
+
+    @property
+    def mean_friction_drop(self) -> np.ndarray:
+        """ΔF averaged over replicas, nN, (m,)."""
+        return self.friction_drop.mean(axis=0)
+
+    @property
+    def mean_friction_coefficient_drop(self) -> np.ndarray:
+        """Δμ averaged over replicas, (m,)."""
+        return self.friction_coefficient_drop.mean(axis=0)
+
+    @property
+    def friction_drop_stderr(self) -> np.ndarray:
+        """Standard error of the mean ΔF, nN, (m,); nan for a single replica."""
+        return _standard_error(self.friction_drop)
+
+    @property
+    def friction_coefficient_drop_stderr(self) -> np.ndarray:
+        """Standard error of the mean Δμ, (m,); nan for a single replica or without load."""
+        return _standard_error(self.friction_coefficient_drop)
+
+    def fit(self, start: float | str = FIT_WINDOW[0], stop: float | str = FIT_WINDOW[1]) -> Fit:
+        """Line of Δμ against log10 t over ``start`` ≤ t ≤ ``stop`` (s): β, cut-off time, and their errors.
+
+        See :func:`chemage.fit_aging`, of which this is the line over a window. With two replicas or more the standard
+        errors are jackknife errors over replicas; with one they come from the scatter about the line, which understates
+        them because neighbouring hold times share their bonds. Without load β is nan, and ``friction_rate`` is what
+        there is.
+
+        Raises
+        ------
+        InputError
+            Fewer than two different hold times in the window, or no load.
+        """
+        return fit_aging(self, window=(start, stop))
+
+    def fit_data(self, quantity: Quantity | None) -> FitData:
+        """The friction drop of every replica, for :func:`chemage.fit_aging`."""
+        chosen: Quantity = quantity or "friction_coefficient_drop"
+        if chosen == "friction_coefficient_drop" and self.load == 0:
+            raise InputError("load = 0: the friction coefficient is undefined; fit quantity='friction_drop'")
+        scale = 1 / self.load if chosen == "friction_coefficient_drop" else 1.0
+        return FitData(self.friction_drop, chosen, scale, simulated=True)
+
+    def __repr__(self) -> str:
+        return (
+            f"<Aging {self.replicas} replicas, {self.hold_times.size} hold times to {self.hold_times[-1]:g} s, "
+            f"friction drop {self.mean_friction_drop[-1]:.4g} nN>"
+        )
+
+    __str__ = __repr__
+
+
+def _standard_error(values: np.ndarray) -> np.ndarray:
+    if values.shape[0] < 2:
+        return np.full(values.shape[1:], np.nan)
+    return values.std(axis=0, ddof=1) / math.sqrt(values.shape[0])

@@ -1,0 +1,217 @@
+"""Measured ageing curves, read from a CSV file."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from chemage.ageing.fitting import UNIT, FitData, Quantity
+from chemage.foundation.checks import check_times
+from chemage.foundation.errors import InputError, StoreError, UnitError
+from chemage.foundation.units import convert
+
+_COLUMNS = ("hold_time", *UNIT, "error")
+_EXAMPLE = "hold_time (s), friction_coefficient_drop, error"
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """A measured curve of ageing: one value a row, rows in order of hold time."""
+
+    name: str
+    #: (m,) s, ≥ 0, non-decreasing; a time that occurs again is a repeated measurement
+    hold_times: np.ndarray
+    #: (m,) Δμ, or ΔF in nN
+    values: np.ndarray
+    #: what ``values`` are
+    quantity: Quantity
+    #: (m,) standard errors in the unit of ``values``, or None
+    error: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("hold_times", "values", "error"):
+            if (given := getattr(self, name)) is not None:
+                array = np.array(given, dtype=np.float64)
+                array.setflags(write=False)
+                object.__setattr__(self, name, array)
+        if self.quantity not in UNIT:
+            raise InputError.of("quantity", self.quantity, f"choose {' or '.join(UNIT)}")
+        _check_data(self.hold_times, self.values, self.error)
+
+    def as_quantity(self, quantity: Quantity, load: float | None) -> Measurements | None:
+        """The same measurements as ΔF or Δμ under ``load`` nN; None where the load is not known."""
+        if quantity == self.quantity:
+            return self
+        if not load:
+            return None
+        factor = load if quantity == "friction_drop" else 1 / load
+        error = None if self.error is None else self.error * factor
+        return Measurements(self.name, self.hold_times, self.values * factor, quantity, error)
+
+    def fit_data(self, quantity: Quantity | None) -> FitData:
+        """The curve as it was measured, for :func:`chemage.fit_aging`."""
+        if quantity not in (None, self.quantity):
+            raise InputError.of("quantity", quantity, f"these are measurements of {self.quantity}")
+        return FitData(self.values[None, :], self.quantity, error=self.error)
+
+
+def read_measurements(path: str | Path) -> Measurements:
+    """Read a CSV file of hold times and Δμ or ΔF.
+
+    The first line that is neither empty nor a comment (``#``) names the columns, with their units in brackets::
+
+        # silica on silica, 50 % humidity
+        hold_time (s), friction_coefficient_drop, error
+        1,   0.12, 0.02
+        10,  0.31, 0.02
+
+    Columns may come in any order: ``hold_time`` with a unit of time; ``friction_coefficient_drop`` (no unit, or %) or
+    ``friction_drop`` with a unit of force; and, if known, ``error``, the standard error of the value, in the value's
+    unit unless it names its own. Commas, semicolons or tabs separate columns; numbers have a decimal point. Rows are in
+    order of hold time.
+
+    Raises
+    ------
+    StoreError
+        The file cannot be read as text.
+    InputError
+        Naming the line and column that is wrong.
+    """
+    source = Path(path)
+    try:
+        text = source.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise StoreError(f"{source} cannot be read as a table of measurements: {reason}") from error
+    lines = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.strip(" \t,;") and not line.lstrip().startswith("#")
+    ]
+    if not lines:
+        raise InputError(f"{source}: there is nothing in it; the first line names the columns, such as {_EXAMPLE}")
+    (number, header), *rest = lines
+    separator = next((mark for mark in (";", "\t") if mark in header), ",")
+    columns, quantity = _header(_cells(header, separator), f"{source}, line {number}")
+    rows = [_row(_cells(line, separator), columns, f"{source}, line {number}") for number, line in rest]
+    _check_order([number for number, _ in rest], [row["hold_time"] for row in rows], source)
+    if len(rows) < 2:
+        raise InputError(f"{source}: {len(rows)} rows of numbers; a course in time needs at least two")
+    error = np.array([row["error"] for row in rows]) if "error" in columns else None
+    return Measurements(
+        source.stem,
+        np.array([row["hold_time"] for row in rows]),
+        np.array([row[quantity] for row in rows]),
+        quantity,
+        error,
+    )
+
+
+@dataclass(frozen=True)
+class _Column:
+    place: int
+    unit: str
+    factor: float
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+
+
+def _header(cells: list[str], where: str) -> tuple[dict[str, _Column], Quantity]:
+    found: dict[str, tuple[int, str | None]] = {}
+    for place, cell in enumerate(cells):
+        match = re.fullmatch(r"(?P<name>[^(\[]*?)\s*(?:[(\[]\s*(?P<unit>.*?)\s*[)\]])?", cell)
+        name = match["name"].strip().lower().replace(" ", "_") if match else cell
+        if match is None or name not in _COLUMNS:
+            from chemage.foundation.messages import nearest
+
+            known = "hold_time, friction_coefficient_drop or friction_drop, and error"
+            raise InputError(
+                f"{where}: column {place + 1} is {cell!r}{nearest(name, _COLUMNS)}; the columns are {known}, "
+                f"named on the first line, such as {_EXAMPLE}"
+            )
+        if name in found:
+            raise InputError(f"{where}: the column {name} is there twice; keep one")
+        found[name] = place, match["unit"]
+    if "hold_time" not in found:
+        raise InputError(f"{where}: no column hold_time; write the header as {_EXAMPLE}")
+    given = [name for name in get_args(Quantity) if name in found]
+    if len(given) != 1:
+        raise InputError(
+            f"{where}: {'both' if given else 'neither'} friction_coefficient_drop (Δμ) "
+            f"{'and' if given else 'nor'} friction_drop (ΔF); give one of them"
+        )
+    quantity: Quantity = given[0]
+    units = {"hold_time": "s", quantity: UNIT[quantity], "error": UNIT[quantity]}
+    columns = {}
+    for name in (name for name in ("hold_time", quantity, "error") if name in found):
+        place, unit = found[name]
+        if unit is None and name == "error":
+            unit = columns[quantity].unit
+        columns[name] = _Column(place, unit or "", _factor(name, unit, units[name], where))
+    return columns, quantity
+
+
+def _factor(name: str, unit: str | None, target: str, where: str) -> float:
+    if unit in (None, "", "1"):
+        if target:
+            raise UnitError(f"{where}: the column {name} has no unit; write it as {name} ({target})")
+        return 1.0
+    try:
+        return convert(f"1 {unit}", target)
+    except UnitError as error:
+        raise UnitError(f"{where}: the column {name} ({unit}): {error}") from None
+
+
+def _row(cells: list[str], columns: dict[str, _Column], where: str) -> dict[str, float]:
+    while len(cells) > len(columns) and not cells[-1]:
+        cells = cells[:-1]
+    if len(cells) != len(columns):
+        more = "; write decimals with a point, and separate columns by semicolons or tabs" * (len(cells) > len(columns))
+        raise InputError(f"{where}: {len(cells)} values under {len(columns)} columns{more}")
+    row = {}
+    for name, column in columns.items():
+        cell = cells[column.place]
+        try:
+            value = float(cell)
+        except ValueError:
+            raise InputError(
+                f"{where}, column {name}: {cell!r} is not a number" + "; write a decimal point" * ("," in cell)
+            ) from None
+        if not math.isfinite(value):
+            raise InputError(f"{where}, column {name}: {cell!r} is not a finite number; leave that row out")
+        if name == "hold_time" and value < 0:
+            raise InputError(f"{where}, column hold_time: {cell} is negative; hold times count from first contact")
+        if name == "error" and value <= 0:
+            raise InputError(f"{where}, column error: {cell} is not above zero; leave the column out if unknown")
+        row[name] = value * column.factor
+    return row
+
+
+def _check_order(lines: list[int], times: list[float], source: Path) -> None:
+    for number, before, after in zip(lines[1:], times, times[1:], strict=False):
+        if after < before:
+            raise InputError(
+                f"{source}, line {number}, column hold_time: {after:g} s comes after {before:g} s; "
+                "sort the rows by hold time"
+            )
+
+
+def _check_data(times: np.ndarray, values: np.ndarray, error: np.ndarray | None) -> None:
+    check_times(times)
+    for name, array in (("values", values), ("error", error)):
+        if array is None:
+            continue
+        if array.shape != times.shape:
+            raise InputError.of(name, array.shape, f"there are {times.size} hold times; give one number for each")
+        if not np.isfinite(array).all():
+            raise InputError(f"{name}: holds numbers that are not finite; leave those out")
+    if error is not None and (error <= 0).any():
+        raise InputError("error: holds numbers that are not above zero; leave it out if errors are not known")

@@ -1,0 +1,5 @@
+"""``python -m chemage.cli``."""
+
+from chemage.cli.app import main
+
+main()

@@ -1,0 +1,141 @@
+"""The command line. Commands import what they need when they run, so that ``chemage --help`` is fast.
+
+Exit status: 0 success, 1 a check found problems or points of a sweep failed, 2 invalid input, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from typing import Annotated, Any
+
+import typer
+
+from chemage.cli import experiments, plugins, results
+
+app = typer.Typer(
+    name="chemage",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    rich_markup_mode=None,
+    help="Chemical ageing of frictional contacts: from a rough surface or a tip to the rise of static friction.",
+)
+
+
+def _print_version(requested: bool) -> None:
+    if requested:
+        from chemage.foundation.version import __version__
+
+        print(f"chemage {__version__}")
+        raise typer.Exit
+
+
+for command in (
+    experiments.run,
+    experiments.check,
+    experiments.status,
+    results.show,
+    results.plot,
+    results.compare,
+    results.report,
+    experiments.tradeoff,
+    experiments.schema,
+    experiments.init,
+):
+    app.command()(command)
+app.add_typer(plugins.plugins_app, name="plugins")
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="print the version and exit")
+    ] = False,
+) -> None:
+    pass
+
+
+def _add_plugin_commands() -> None:
+    """Add the commands of plugins; a plugin whose commands cannot be added is reported and skipped."""
+    import warnings
+
+    from chemage.plugins import registry
+
+    known = set(typer.main.get_group(app).commands)
+    for hook in registry.current().manager.hook.chemage_cli.get_hookimpls():
+        try:
+            commands: Any = hook.function()
+            for name, function in commands:
+                if name in known:
+                    if any(function is one.callback for one in app.registered_commands):
+                        continue  # a second call in one process
+                    raise ValueError(f"the command {name!r} exists already")
+                known.add(name)
+                trial = typer.Typer()
+                trial.command(name)(function)
+                typer.main.get_command(trial)  # raises if typer cannot read the signature
+                app.command(name)(function)
+        except (Exception, SystemExit) as error:
+            if registry.current().strict:
+                raise
+            warnings.warn(
+                f"commands of plugin {hook.plugin_name} were skipped: {type(error).__name__}: {error}",
+                registry.PluginWarning,
+                stacklevel=2,
+            )
+
+
+def main() -> None:
+    """Run the command line; a :class:`chemage.ChemageError` is printed as one message on stderr."""
+    try:
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="backslashreplace")  # for terminals that cannot show µ or Δ
+        _plain_warnings()
+        _add_plugin_commands()
+        commands = typer.main.get_command(app)
+        # typer's own main catches the KeyboardInterrupt
+        with commands.make_context("chemage", sys.argv[1:]) as context:
+            commands.invoke(context)
+        sys.stdout.flush()
+        sys.exit(0)
+    except typer.Exit as end:
+        sys.exit(end.exit_code)
+    except (KeyboardInterrupt, typer.Abort) as stop:
+        print(f"\ninterrupted; {str(stop) or 'nothing was written'}", file=sys.stderr, flush=True)
+        os._exit(130)  # without waiting for threads that may still be in a compiled kernel
+    except Exception as error:
+        sys.exit(_explain(error))
+
+
+def _plain_warnings() -> None:
+    import warnings
+
+    def plain(message: Warning | str, *_: Any, **__: Any) -> None:
+        print(f"chemage: warning: {message}", file=sys.stderr)
+
+    warnings.showwarning = plain
+
+
+def _explain(error: Exception) -> int:
+    from chemage.foundation.errors import ChemageError
+
+    if isinstance(error, ChemageError):
+        print("\n".join([f"chemage: {error}", *getattr(error, "__notes__", ())]), file=sys.stderr)
+        return 2
+    show_usage = getattr(error, "show", None)  # a usage error found by typer
+    if show_usage is not None:
+        show_usage()
+        return int(getattr(error, "exit_code", 2))
+    if isinstance(error, BrokenPipeError):  # the reader of the pipe has closed it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    if isinstance(error, OSError):
+        print(f"chemage: {error}", file=sys.stderr)
+        return 2
+    if isinstance(error, MemoryError):
+        print(f"chemage: not enough memory: {error}; `chemage check` estimates what a scene needs", file=sys.stderr)
+        return 2
+    raise error

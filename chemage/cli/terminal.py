@@ -1,0 +1,43 @@
+"""Tables that the commands print on stdout."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def table(title: str, columns: tuple[str, ...] = ()) -> Table:
+    """Make an empty table with the headings ``columns``, or with two columns that have none."""
+    from rich import box
+    from rich.table import Table
+
+    made = Table(title=title or None, title_justify="left", box=box.SIMPLE, show_header=bool(columns), pad_edge=False)
+    for name in columns or ("", ""):
+        made.add_column(name, overflow="fold")
+    return made
+
+
+def show(table: Table, width: int = 110) -> None:
+    """Print a table as wide as the terminal; ``width`` characters where stdout is not a terminal."""
+    from rich.console import Console
+
+    class Quiet(Console):
+        def on_broken_pipe(self) -> None:  # rich's own exits with status 1
+            raise
+
+    # a title or a file name is text, never markup
+    Quiet(
+        file=sys.stdout, highlight=False, markup=False, emoji=False, width=None if sys.stdout.isatty() else width
+    ).print(table)
+
+
+def show_pairs(title: str, pairs: Iterable[tuple[str, str]]) -> None:
+    """Print a table of names and values."""
+    made = table(title)
+    for name, text in pairs:
+        made.add_row(name, text)
+    show(made)

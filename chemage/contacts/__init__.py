@@ -1,0 +1,1 @@
+"""Contacts: the solution, the role that solves one, its measures and theories, and the stage that solves one."""

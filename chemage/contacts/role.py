@@ -1,0 +1,41 @@
+"""The role that solves a contact."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import ClassVar
+
+from chemage.contacts.solution import ContactSolution
+from chemage.foundation.checks import force
+from chemage.foundation.components import Component
+from chemage.surfaces.surface import Surface
+
+
+class ContactSolver(Component, ABC):
+    """Role ``contact``: presses a surface against an elastic half-space."""
+
+    role = "contact"
+    #: what a solution of this solver carries
+    implemented_properties: ClassVar[tuple[str, ...]] = ("pressure",)
+
+    @abstractmethod
+    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+        """Solve for ``load`` in nN (finite, ≥ 0). ``start`` is a neighbouring solution to begin from, or None."""
+
+    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
+        """Estimate what a solve will give and cost from :meth:`SurfaceMaker.expected`, as far as it is known:
+        ``area_fraction``, ``cpu_seconds``, ``bytes`` (peak memory). Used by ``chemage check``."""
+        return {}
+
+    def solve(self, surface: Surface, load: float | str, *, start: ContactSolution | None = None) -> ContactSolution:
+        """The contact of ``surface`` under ``load`` (nN, or a string with its unit).
+
+        Raises
+        ------
+        InputError
+            The load is negative or not finite, or the solver cannot treat this surface.
+        ConvergenceError
+            The tolerance was not reached.
+        """
+        return self._solve(surface, force(load), start)

@@ -1,0 +1,173 @@
+"""The contact: the pressure between a surface and an elastic half-space under a load."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from chemage.contacts import patches, theory
+from chemage.foundation.records import Reals, Record, frozen, require_finite
+
+
+class ContactSolution(Record):
+    """The pressure between a surface and an elastic half-space under a load."""
+
+    arrays = {
+        "pressure": (("x", "y"), "GPa", "contact pressure"),
+        "gap": (("x", "y"), "nm", "gap between the surfaces, 0 in contact"),
+    }
+
+    pressure: Reals
+    """(nx, ny) GPa, ≥ 0; contact is where it is positive"""
+    load: float = Field(ge=0, allow_inf_nan=False)
+    """normal force, nN"""
+    pixel_size: float = Field(gt=0, allow_inf_nan=False)
+    """edge of a pixel, nm"""
+    modulus: float = Field(gt=0, allow_inf_nan=False)
+    """contact modulus E*, GPa"""
+    periodic: bool = True
+    """whether the grid repeats"""
+    rms_slope: float = math.nan
+    """of the surface"""
+    rms_height: float = math.nan
+    """of the surface, nm"""
+    gap: Reals | None = None
+    """(nx, ny) nm ≥ 0, where the solver gives it"""
+    displacement: float | None = None
+    """rigid approach of the bodies, nm, where the solver gives it"""
+    converged: bool = True
+    """whether the tolerance was reached"""
+    residual: float = 0.0
+    """the solver's convergence measure at the end; 0 for a closed form"""
+    iterations: int = Field(default=0, ge=0)
+    convergence: dict[str, Any] = {}
+    """the solver's own account of its error: plain JSON values"""
+    notes: tuple[str, ...] = ()
+    """what the user should know of this solution, in words"""
+    provenance: dict[str, Any] = {}
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.pressure.ndim != 2 or self.pressure.size == 0:
+            raise ValueError(f"pressure: shape {self.pressure.shape}; give a two-dimensional, non-empty array (nx, ny)")
+        if self.gap is not None and self.gap.shape != self.pressure.shape:
+            raise ValueError(f"gap: shape {self.gap.shape}, but pressure has {self.pressure.shape}")
+        require_finite("pressure", self.pressure, "the solver that made it is at fault")
+        lowest = float(self.pressure.min())
+        if lowest < 0:
+            raise ValueError(f"pressure: its smallest value is {lowest:g} GPa; a hard wall only pushes, it must be ≥ 0")
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(nx, ny) pixels."""
+        nx, ny = self.pressure.shape
+        return nx, ny
+
+    @cached_property
+    def contact(self) -> np.ndarray:
+        """(nx, ny) bool: pixels in contact."""
+        return frozen(self.pressure > 0)
+
+    @cached_property
+    def sites(self) -> np.ndarray:
+        """(n,) int64: flat indices of the pixels in contact, ascending."""
+        return frozen(np.flatnonzero(self.contact), np.int64)
+
+    @property
+    def nominal_area(self) -> float:
+        """A0, nm²."""
+        return self.pressure.size * self.pixel_size**2
+
+    @property
+    def nominal_pressure(self) -> float:
+        """F_N / A0, GPa."""
+        return self.load / self.nominal_area
+
+    @property
+    def area(self) -> float:
+        """Contact area A, nm²: pixels with positive pressure."""
+        return self.sites.size * self.pixel_size**2
+
+    @property
+    def area_fraction(self) -> float:
+        """A / A0."""
+        return self.sites.size / self.pressure.size
+
+    @property
+    def corrected_area(self) -> float:
+        """A less the pixels' excess at the rim (Yastrebov et al. 2017), nm²."""
+        return patches.corrected_area(self.area, self.perimeter, self.pixel_size)
+
+    @cached_property
+    def _patches(self) -> patches.Patches:
+        return patches.patches(self.contact, self.periodic)
+
+    @property
+    def patches(self) -> int:
+        """Number of connected (8 neighbours) contact patches."""
+        return self._patches.count
+
+    @property
+    def patch_sizes(self) -> np.ndarray:
+        """Pixels in each patch, largest first, (patches,) int64."""
+        return self._patches.sizes
+
+    @cached_property
+    def perimeter(self) -> float:
+        """C, nm: total length of pixel edges between contact and non-contact."""
+        return patches.perimeter(self.contact, self.pixel_size, self.periodic)
+
+    @property
+    def perimeter_to_area(self) -> float:
+        """C / A, 1/nm; nan without contact."""
+        return self.perimeter / self.area if self.area > 0 else math.nan
+
+    @property
+    def mean_contact_pressure(self) -> float:
+        """Mean pressure over the contact F_N / A, GPa; nan without contact."""
+        return self.load / self.area if self.area > 0 else math.nan
+
+    @property
+    def kappa(self) -> float:
+        """κ = A h'_rms E* / F_N; nan without load."""
+        return theory.kappa(self.area, self.rms_slope, self.modulus, self.load)
+
+    def pressure_histogram(self, bins: int = 50, upper: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Distribution of the pressure over the contact: bin edges (bins + 1,) GPa and density (bins,) 1/GPa."""
+        values = self.pressure[self.contact]
+        top = upper if upper is not None else (float(values.max()) if values.size else 1.0)
+        counts, edges = np.histogram(values, bins=bins, range=(0.0, top))
+        return edges, counts / (max(values.size, 1) * np.diff(edges))
+
+    def summary(self) -> dict[str, float]:
+        """The measures users compare, as plain numbers."""
+        return {
+            "area_fraction": self.area_fraction,
+            "area": self.area,
+            "corrected_area": self.corrected_area,
+            "kappa": self.kappa,
+            "patches": self.patches,
+            "perimeter_to_area": self.perimeter_to_area,
+            "mean_contact_pressure": self.mean_contact_pressure,
+            "max_pressure": float(self.pressure.max()),
+            "nominal_area": self.nominal_area,
+            "nominal_pressure": self.nominal_pressure,
+            "load": self.load,
+            "modulus": self.modulus,
+            "rms_slope": self.rms_slope,
+            "rms_height": self.rms_height,
+        }
+
+    def coordinates(self) -> dict[str, np.ndarray]:
+        """Centres of the pixels along ``x`` and ``y``, nm."""
+        return {name: (np.arange(n) + 0.5) * self.pixel_size for name, n in zip("xy", self.shape, strict=True)}
+
+    def __repr__(self) -> str:
+        return f"<ContactSolution {self.load:g} nN, area fraction {self.area_fraction:.4g}, {self.patches} patches>"
+
+    __str__ = __repr__

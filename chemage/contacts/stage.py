@@ -1,0 +1,32 @@
+"""The second stage: a solver presses a surface on a half-space."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from chemage.contacts.role import ContactSolver
+from chemage.contacts.solution import ContactSolution
+from chemage.foundation.checks import expect, force
+from chemage.plugins import registry
+from chemage.surfaces.surface import Surface
+
+
+def contact(kind: str, **options: Any) -> Any:
+    """A contact solver: ``chemage.contact("fft-bem", modulus="35.3 GPa").solve(surface, load="20 uN")``."""
+    return registry.current().make("contact", kind, options)
+
+
+def solve_contact(
+    solver: ContactSolver, surface: Surface, load: float | str, *, start: ContactSolution | None = None
+) -> ContactSolution:
+    """The contact of ``surface`` under ``load``, through the hook ``chemage_solve_contact``.
+
+    Plugins that answered the hook or changed its answer, here or at the surface, are noted in the solution's
+    ``provenance``.
+    """
+    expect("solver", solver, ContactSolver, 'make one with chemage.contact("hertz", ...)')
+    expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
+    solution, plugins = registry.current().answer(
+        "chemage_solve_contact", ContactSolution, solver=solver, surface=surface, load=force(load), start=start
+    )
+    return solution.noting(surface.plugins | plugins)

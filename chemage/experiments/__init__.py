@@ -1,0 +1,1 @@
+"""Experiments: scenes, their schema, what they need, what took part in them, and the run of one from end to end."""

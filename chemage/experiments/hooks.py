@@ -1,0 +1,12 @@
+"""What can be plugged into experiments: scenes that a plugin ships."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from chemage.plugins.hooks import hookspec
+
+
+@hookspec
+def chemage_scenes() -> Mapping[str, str]:  # pyright: ignore[reportReturnType]
+    """Ship scenes: ``{name: "package:file.toml"}``."""

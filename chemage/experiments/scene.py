@@ -1,0 +1,352 @@
+"""A scene: one experiment, written down; TOML data in, a validated :class:`Scene` out.
+
+A section that is absent is not modelled: no ``[interaction]``, no neighbour list; no ``[breaking]``, bonds last; no
+``[forming]``, contact mechanics only. A number is in the internal unit of its field, a string carries its own.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, SerializeAsAny, ValidationError, field_validator, model_validator
+
+from chemage.ageing.fitting import FIT_WINDOW
+from chemage.ageing.hold_times import hold_times
+from chemage.ageing.observables import Observable
+from chemage.contacts.role import ContactSolver
+from chemage.foundation.checks import check_times, force
+from chemage.foundation.components import Component
+from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
+from chemage.foundation.messages import explain, nearest
+from chemage.foundation.units import Temperature, Time, convert
+from chemage.kinetics.role import Engine
+from chemage.lattices.chemistry import Chemistry
+from chemage.plugins import registry
+from chemage.surfaces.role import SurfaceMaker
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, use_attribute_docstrings=True)
+
+
+class Hold(_Section):
+    """How long, how hot, how often."""
+
+    temperature: Temperature = 300.0
+    """K"""
+    start: Time | None = None
+    """first hold time, s"""
+    stop: Time | None = None
+    """last hold time, s"""
+    per_decade: int = Field(default=4, ge=1, le=1000)
+    """hold times to a decade"""
+    times: tuple[Time, ...] | None = None
+    """the hold times themselves, s, instead of start, stop and per_decade"""
+    replicas: int = Field(default=10, ge=1)
+    """independent draws of the disorder and the kinetic noise"""
+    seed: int = Field(default=0, ge=0)
+    """of disorder and noise; replica r depends on seed and r alone"""
+
+    @field_validator("times", mode="before")
+    @classmethod
+    def _times(cls, value: Any) -> Any:
+        if isinstance(value, Sequence) and not isinstance(value, str):
+            return tuple(check_times([convert(item, "s") for item in value]).tolist())
+        return value
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if self.times is None:
+            if self.start is None or self.stop is None:
+                raise ValueError('give start and stop (such as "1 ms" and "1e5 s"), or times')
+            hold_times(self.start, self.stop, self.per_decade)
+        elif self.start is not None or self.stop is not None:
+            raise ValueError("give either times, or start and stop")
+        return self
+
+    @property
+    def hold_times(self) -> np.ndarray:
+        """(m,) s."""
+        if self.times is not None:
+            return np.array(self.times)
+        assert self.start is not None
+        assert self.stop is not None
+        return hold_times(self.start, self.stop, self.per_decade)
+
+
+class FitWindow(_Section):
+    """Where the line of Δμ against log t is fitted."""
+
+    start: Time = FIT_WINDOW[0]
+    """s"""
+    stop: Time = FIT_WINDOW[1]
+    """s"""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.stop <= self.start:
+            raise ValueError(f"stop ({self.stop:g} s) must be after start ({self.start:g} s)")
+        return self
+
+
+class Scene(_Section):
+    """One validated experiment: every component chosen, nothing computed yet."""
+
+    name: str = Field(default="scene", min_length=1, max_length=100)
+    """also the name of the result file"""
+    title: str = ""
+    surface: SerializeAsAny[SurfaceMaker]
+    surface_seed: int = Field(default=0, ge=0)
+    contact: SerializeAsAny[ContactSolver]
+    load: float
+    """nN"""
+    chemistry: Chemistry | None = None
+    engine: SerializeAsAny[Engine] | None = None
+    hold: Hold | None = None
+    fit: FitWindow = FitWindow()
+    observe: tuple[SerializeAsAny[Observable], ...] = ()
+
+    @field_validator("name")
+    @classmethod
+    def _file_name(cls, name: str) -> str:
+        if name.startswith(".") or any(letter in "/\\" or not letter.isprintable() for letter in name):
+            raise ValueError("it names the result file; leave out slashes, a leading dot and invisible characters")
+        return name
+
+    def todict(self) -> dict[str, Any]:
+        """The scene as plain TOML-like data, every option spelled out; :func:`parse_scene` reads it back."""
+        data: dict[str, Any] = {"name": self.name}
+        if self.title:
+            data["title"] = self.title
+        return {**data, **self._sections(lambda component: component.todict())}
+
+    def components(self) -> list[Component]:
+        """Every component of the scene."""
+        parts: list[Component | None] = [self.surface, self.contact, self.engine, *self.observe]
+        if self.chemistry is not None:
+            parts += [self.chemistry.forming, self.chemistry.breaking, self.chemistry.interaction]
+        return [part for part in parts if part is not None]
+
+    def _sections(self, options_of: Callable[[Component], dict[str, Any]]) -> dict[str, Any]:
+        """Every section that is there; ``options_of`` gives the options of a component."""
+        data: dict[str, Any] = {
+            "surface": {**options_of(self.surface), "seed": self.surface_seed},
+            "contact": {**options_of(self.contact), "load": self.load},
+        }
+        if self.chemistry is not None:
+            parts = self.chemistry
+            data["forming"] = options_of(parts.forming)
+            if parts.breaking is not None:
+                data["breaking"] = options_of(parts.breaking)
+            if parts.interaction is not None:
+                data["interaction"] = options_of(parts.interaction)
+            data["chemistry"] = {name: getattr(parts, name) for name in _CHEMISTRY_OPTIONS}
+        if self.hold is not None and self.engine is not None:
+            data["engine"] = options_of(self.engine)
+            data["hold"] = self.hold.model_dump(mode="json", exclude_none=True)
+            data["fit"] = self.fit.model_dump(mode="json")
+        if self.observe:
+            data["observe"] = [options_of(one) for one in self.observe]
+        return _without_none(data)
+
+    def keys(self) -> dict[str, str]:
+        """Content hash of each stage: of its own options, of the plugins that implement its hooks (with their
+        versions), of the stages it rests on, and of nothing else.
+
+        ``surface``, ``contact``, ``aging``, and ``result``, which is ageing and the fit to it. Options that only change
+        the speed, and the scene's name, are in none of them.
+        """
+        data = self._sections(lambda component: component.identity())
+        surface = _hash(data["surface"], *_changing("chemage_make_surface"))
+        contact = _hash([surface, data["contact"]], *_changing("chemage_solve_contact"))
+        kinetic = [data.get(name) for name in ("forming", "breaking", "interaction", "chemistry", "engine", "hold")]
+        hooks = _changing("chemage_build_lattice", "chemage_run_kinetics", "chemage_observe")
+        aging = _hash([contact, *kinetic, data.get("observe")], *hooks)
+        return {"surface": surface, "contact": contact, "aging": aging, "result": _hash([aging, data.get("fit")])}
+
+    def digest(self) -> str:
+        """Content hash of the whole scene."""
+        return _hash(self.todict())
+
+    def cite(self) -> list[str]:
+        """What to cite when a result of this scene is used."""
+        return list(dict.fromkeys(text for part in self.components() for text in part.cite))
+
+
+_CHEMISTRY_OPTIONS = [name for name in Chemistry.model_fields if name not in ("forming", "breaking", "interaction")]
+ROLE_OF = {
+    "surface": "surface",
+    "contact": "contact",
+    "forming": "barriers",
+    "breaking": "barriers",
+    "interaction": "interaction",
+    "engine": "engine",
+}
+SECTIONS = ["name", "title", *ROLE_OF, "chemistry", "hold", "fit", "observe", "sweep"]
+#: sections that no scene can do without
+REQUIRED = ("surface", "contact")
+
+
+def _hash(data: Any, *hooks: str) -> str:
+    text = json.dumps([data, hooks] if hooks else data, sort_keys=True)
+    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+def _changing(*hooks: str) -> list[str]:
+    return registry.current().implementing(*hooks)
+
+
+def _without_none(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {key: _without_none(value) for key, value in data.items() if value is not None}
+    if isinstance(data, list | tuple):
+        return [_without_none(value) for value in data]
+    return data
+
+
+class _Problems(list[tuple[str, str]]):
+    """Collects what is wrong, so that a user sees all of it at once."""
+
+    def take(self, path: str, error: Exception) -> None:
+        if isinstance(error, ValidationError):
+            self.extend(explain(error, path))
+        elif isinstance(error, InputError) and error.problems:
+            self.extend((f"{path}.{field}" if field else path, message) for field, message in error.problems)
+        else:
+            self.append((path, str(error)))
+
+
+def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
+    """A validated scene from plain data (a parsed TOML file); ``[sweep]`` must have been taken out before.
+
+    Raises
+    ------
+    SceneError
+        Listing everything that is wrong, each with its path in the file.
+    """
+    problems, made = _Problems(), {}
+    for name in data:
+        if name not in SECTIONS:
+            problems.append((name, f"no such section{nearest(name, SECTIONS)}; the sections are {', '.join(SECTIONS)}"))
+    sections: dict[str, dict[str, Any]] = {}
+    for name in (*ROLE_OF, "chemistry", "hold", "fit"):
+        if name in data:
+            if isinstance(data[name], Mapping):
+                sections[name] = dict(data[name])
+            else:
+                problems.append((name, f"{data[name]!r} is not a section; write [{name}] with options below it"))
+    for name in REQUIRED:
+        if name not in data:
+            problems.append((name, "is required; every scene needs a surface and a contact"))
+    surface_seed = sections.get("surface", {}).pop("seed", 0)
+    given, load = sections.get("contact", {}).pop("load", None), 0.0
+    for name, role in ROLE_OF.items():
+        if name in sections:
+            made[name] = _choice(role, name, sections[name], problems)
+    if "contact" in sections:
+        try:
+            if given is None:
+                raise InputError('is required; give the normal force, such as load = "20 uN"')
+            load = force(given)
+        except ChemageError as error:
+            problems.append(("contact.load", str(error).removeprefix("load = ")))
+    chemistry = _chemistry(sections, made, problems)
+    hold, engine = _kinetics(sections, made, problems)
+    fit = _section(FitWindow, "fit", sections, problems) or FitWindow()
+    observe = []
+    items = data.get("observe", [])
+    if not isinstance(items, list):
+        problems.append(("observe", "write each observable as [[observe]] with its kind"))
+        items = []
+    for number, item in enumerate(items):
+        if isinstance(item, Mapping):
+            observe.append(_choice("observable", f"observe.{number}", dict(item), problems))
+        else:
+            problems.append((f"observe.{number}", f"{item!r} is not a section; write [[observe]] with its kind"))
+    if not problems:
+        try:
+            return Scene(
+                name=data.get("name", "scene"),
+                title=data.get("title", ""),
+                surface=made["surface"],
+                surface_seed=surface_seed,
+                contact=made["contact"],
+                load=float(load or 0.0),
+                chemistry=chemistry,
+                engine=engine,
+                hold=hold,
+                fit=fit,
+                observe=tuple(observe),
+            )
+        except ValidationError as error:
+            renamed = {"surface_seed": "surface.seed"}
+            problems.extend((renamed.get(path, path), message) for path, message in explain(error))
+    raise SceneError(source, problems)
+
+
+def _choice(role: str, path: str, options: dict[str, Any], problems: _Problems) -> Any:
+    plugins = registry.current()
+    kind = options.pop("kind", None)
+    if not isinstance(kind, str):
+        problems.append((f"{path}.kind", f"is required; installed: {', '.join(plugins.kinds(role)) or 'none'}"))
+        return None
+    try:
+        return plugins.make(role, kind, options)
+    except PluginError:
+        raise
+    except ChemageError as error:
+        problems.take(f"{path}.kind" if not getattr(error, "problems", None) else path, error)
+        return None
+
+
+def _section(cls: type[Any], name: str, sections: Mapping[str, Any], problems: _Problems) -> Any:
+    if name not in sections:
+        return None
+    known = list(cls.model_fields)
+    try:
+        return cls(**sections[name])
+    except ValidationError as error:
+        problems.extend(
+            (path, message + nearest(path.rpartition(".")[2], known) if message == "no such option" else message)
+            for path, message in explain(error, name)
+        )
+    except ChemageError as error:
+        problems.take(name, error)
+    return None
+
+
+def _chemistry(sections: Mapping[str, Any], made: Mapping[str, Any], problems: _Problems) -> Chemistry | None:
+    if "forming" not in sections:
+        for name in ("breaking", "interaction", "chemistry", "hold"):
+            if name in sections:
+                problems.append((name, "needs [forming], the barriers to forming a bond; add it, or leave this out"))
+        return None
+    parts = {name: made.get(name) for name in ("forming", "breaking", "interaction")}
+    options = dict(sections.get("chemistry", {}))
+    for name in [name for name in parts if name in options]:
+        problems.append((f"chemistry.{name}", f"is a section of its own; write [{name}]"))
+        del options[name]
+    if parts["forming"] is None:
+        return None
+    try:
+        return Chemistry(**{name: part for name, part in parts.items() if part is not None}, **options)
+    except InputError as error:
+        problems.take("chemistry", error)
+    return None
+
+
+def _kinetics(
+    sections: Mapping[str, Any], made: Mapping[str, Any], problems: _Problems
+) -> tuple[Hold | None, Engine | None]:
+    if "forming" not in sections:
+        if "engine" in sections:
+            problems.append(("engine", "needs [forming] and [hold]; add them, or leave this out"))
+        return None, None
+    for name in ("hold", "engine"):
+        if name not in sections:
+            problems.append((name, "is required where bonds form"))
+    return _section(Hold, "hold", sections, problems), made.get("engine")

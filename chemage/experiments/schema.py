@@ -1,0 +1,137 @@
+"""The JSON Schema of scene files, with every installed plugin's options in it."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+from pydantic.json_schema import models_json_schema
+
+from chemage.experiments.scene import ROLE_OF, FitWindow, Hold
+from chemage.foundation.components import Component
+from chemage.foundation.errors import PluginError
+from chemage.lattices.chemistry import Chemistry
+from chemage.plugins import registry
+
+
+def scene_schema() -> dict[str, Any]:
+    """JSON Schema (2020-12) of a scene, for editors that complete and check TOML."""
+    plugins = registry.current()
+    components: dict[str, list[Any]] = {role: [] for role in plugins.roles}
+    for role in plugins.roles:
+        for kind in plugins.kinds(role):
+            try:
+                components[role].append(plugins.component(role, kind))
+            except PluginError as error:
+                warnings.warn(f"not in the schema: {error}", registry.PluginWarning, stacklevel=2)
+    models: list[Any] = [cls for classes in components.values() for cls in classes]
+    refs, top = models_json_schema([(model, "validation") for model in [*models, Hold, FitWindow]])
+    definitions = top.get("$defs", {})
+
+    def target(model: Any) -> str:
+        return refs[model, "validation"]["$ref"].removeprefix("#/$defs/")
+
+    for model in models:
+        part = definitions[target(model)]
+        part["properties"] = {"kind": {"const": model.kind}, **part.get("properties", {})}
+        part["required"] = ["kind", *part.get("required", [])]
+    by_role = {
+        role: {"oneOf": [{"$ref": f"#/$defs/{target(cls)}"} for cls in classes]}
+        for role, classes in components.items()
+        if classes
+    }
+    for role in plugins.roles:
+        cls = plugins.role(role)
+        # an option that is itself a component: a table with its kind, or the kind alone where the plugin takes that
+        if cls.__name__ in definitions and role in by_role:
+            definitions[cls.__name__] = {"anyOf": [by_role[role], {"type": "string"}]}
+    properties: dict[str, Any] = {"name": {"type": "string"}, "title": {"type": "string"}}
+    for section, role in ROLE_OF.items():
+        properties[section] = by_role.get(role, {"type": "object"})
+    for section, extra in (("surface", _SURFACE_EXTRA), ("contact", _CONTACT_EXTRA)):
+        for cls in components[section]:
+            definitions[target(cls)]["properties"].update(extra)
+            if section == "contact":
+                definitions[target(cls)]["required"].append("load")
+    properties["chemistry"] = _chemistry_section()
+    properties["hold"] = refs[Hold, "validation"]
+    properties["fit"] = refs[FitWindow, "validation"]
+    properties["observe"] = {"type": "array", "items": by_role.get("observable", {"type": "object"})}
+    definitions |= _SWEEP
+    properties["sweep"] = {"$ref": "#/$defs/Sweep"}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "chemage scene",
+        "type": "object",
+        "required": ["surface", "contact"],
+        "additionalProperties": False,
+        "properties": properties,
+        "$defs": definitions,
+    }
+
+
+_SWEEP: dict[str, Any] = {
+    "Sweep": {
+        "type": "object",
+        "minProperties": 1,
+        "description": "fields to vary: each line, a dotted path and the list of its values, is one axis of a grid",
+        "properties": {
+            "zip": {
+                "type": "array",
+                "items": {"$ref": "#/$defs/SweepLines"},
+                "description": "lines that move together, of equal length, make one axis",
+            }
+        },
+        "additionalProperties": {"$ref": "#/$defs/SweepValues"},
+    },
+    "SweepLines": {
+        "type": "object",
+        "minProperties": 1,
+        "additionalProperties": {"$ref": "#/$defs/SweepValues"},
+    },
+    "SweepValues": {"anyOf": [{"type": "array", "minItems": 1}, {"$ref": "#/$defs/SweepLines"}]},
+}
+_SURFACE_EXTRA = {"seed": {"type": "integer", "minimum": 0, "default": 0, "description": "of the surface"}}
+_CONTACT_EXTRA = {
+    "load": {
+        "anyOf": [{"type": "number", "minimum": 0}, {"type": "string"}],
+        "description": "normal force",
+        "unit": "nN",
+    }
+}
+
+
+def _chemistry_section() -> dict[str, Any]:
+    whole = Chemistry.model_json_schema()
+    properties = {
+        name: part for name, part in whole["properties"].items() if name not in ("forming", "breaking", "interaction")
+    }
+    return {
+        "type": "object",
+        "additionalProperties": False,
+        "properties": properties,
+        "description": "what turns a contact into reactive sites",
+    }
+
+
+def options_of(cls: type[Component]) -> list[dict[str, str]]:
+    """Name, unit, default and meaning of each option of a component, as text."""
+    rows = []
+    properties = cls.model_json_schema().get("properties", {})
+    for name, info in cls.model_fields.items():
+        part = properties.get(name, {})
+        rows.append(
+            {
+                "name": name,
+                "unit": _unit(part),
+                "default": "required" if info.is_required() else str(info.get_default(call_default_factory=True)),
+                "meaning": " ".join((info.description or "").split()),
+            }
+        )
+    return rows
+
+
+def _unit(part: dict[str, Any]) -> str:
+    """The unit of a property, also where the quantity may be left out, or is one of a list."""
+    inner = [*part.get("anyOf", []), *([part["items"]] if isinstance(part.get("items"), dict) else [])]
+    return part.get("unit", "") or next((unit for one in inner if (unit := _unit(one))), "")

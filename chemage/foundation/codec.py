@@ -1,0 +1,350 @@
+"""The one codec of stored records: a record as plain values and arrays, and back; in HDF5, in one JSON object, in npz.
+
+Every field of a record is stored, by introspection, so that no container can lose one. In an HDF5 file each record is a
+group in the layout of NetCDF4: its arrays are variables with named dimensions and units, the rest are attributes.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import io
+import json
+import math
+import os
+import typing
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from chemage.foundation.errors import StoreError
+from chemage.foundation.files import fresh_file
+from chemage.foundation.records import Record
+
+#: layout of the file; a reader refuses a newer one
+FORMAT = 1
+R = TypeVar("R", bound=Record)
+_FLOAT = "$float"
+
+
+# -- values and arrays ------------------------------------------------------------------------------------------------
+
+
+def encode(record: Record) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """A record as plain JSON values and arrays by name; a field of named arrays becomes ``field/name``."""
+    values: dict[str, Any] = {}
+    arrays: dict[str, np.ndarray] = {}
+    for name, value in record.todict().items():
+        if isinstance(value, np.ndarray):
+            arrays[name] = value
+        elif isinstance(value, dict) and value and all(isinstance(item, np.ndarray) for item in value.values()):
+            arrays |= {f"{name}/{key}": array for key, array in value.items()}
+        elif value is not None:
+            values[name] = value
+    return values, arrays
+
+
+def decode(cls: type[R], values: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> R:
+    """The inverse of :func:`encode`; fields that are not there take their defaults."""
+    fields: dict[str, Any] = dict(values)
+    for name, array in arrays.items():
+        field, slash, key = name.partition("/")
+        if slash:
+            fields.setdefault(field, {})[key] = array
+        else:
+            fields[field] = array
+    return cls(**fields)
+
+
+def plain(value: Any) -> Any:
+    """A value that a plugin put among plain ones: a number or list where numpy's, else its text."""
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
+
+
+def _exact(value: Any) -> Any:
+    """Plain JSON, in which a float that JSON has no word for is an object of its own."""
+    if isinstance(value, Mapping):
+        return {str(key): _exact(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_exact(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return {_FLOAT: repr(value)} if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _inexact(value: Any) -> Any:
+    if isinstance(value, dict):
+        return float(value[_FLOAT]) if value.keys() == {_FLOAT} else {k: _inexact(item) for k, item in value.items()}
+    return [_inexact(item) for item in value] if isinstance(value, list) else value
+
+
+# -- JSON -------------------------------------------------------------------------------------------------------------
+
+
+def to_json(record: Record) -> dict[str, Any]:
+    """A record as one JSON object, exact to the last bit: declared arrays as lists, others in base 64."""
+    values, arrays = encode(record)
+    content = json.loads(json.dumps(_exact(values), default=plain))
+    for name, array in arrays.items():
+        if name in record.arrays:
+            content[name] = array.tolist()
+            continue
+        field, _, key = name.partition("/")
+        content.setdefault(field, {})[key] = {
+            "dtype": array.dtype.str,
+            "shape": list(array.shape),
+            "base64": base64.b64encode(np.ascontiguousarray(array).tobytes()).decode(),
+        }
+    return content
+
+
+def from_json(cls: type[R], content: Mapping[str, Any]) -> R:
+    """The inverse of :func:`to_json`."""
+    fields = {name: _from_base64(value) if _is_packed(value) else _inexact(value) for name, value in content.items()}
+    return cls(**fields)
+
+
+def _is_packed(value: Any) -> bool:
+    return (
+        isinstance(value, dict)
+        and bool(value)
+        and all(isinstance(item, dict) and "base64" in item for item in value.values())
+    )
+
+
+def _from_base64(items: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    return {
+        name: np.frombuffer(base64.b64decode(one["base64"]), dtype=one["dtype"]).reshape(one["shape"])
+        for name, one in items.items()
+    }
+
+
+# -- npz --------------------------------------------------------------------------------------------------------------
+
+
+def to_npz(record: Record) -> memoryview:
+    """A record as the bytes of an npz file; of an array that is mostly zeros, only what is not zero is kept."""
+    values, arrays = encode(record)
+    kept: dict[str, np.ndarray] = {}
+    sparse: dict[str, list[int]] = {}
+    for name, array in arrays.items():
+        where = np.flatnonzero(array)
+        if 2 * where.size < array.size:
+            sparse[name] = list(array.shape)
+            kept[f"{name}:where"] = where.astype(np.int32) if array.size < 2**31 else where
+            kept[f"{name}:values"] = array.ravel()[where]
+        else:
+            kept[name] = array
+    text = json.dumps({"values": _exact(values), "sparse": sparse}, default=plain)
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, record=np.frombuffer(text.encode(), dtype=np.uint8), **kept)
+    return buffer.getbuffer()
+
+
+def from_npz(cls: type[R], source: Any) -> R:
+    """The inverse of :func:`to_npz`; ``source`` is a path, a stream, or an npz file that is open.
+
+    Raises
+    ------
+    OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile
+        The file is missing, damaged, or of another layout.
+    """
+    with contextlib.ExitStack() as stack:
+        opened = isinstance(source, np.lib.npyio.NpzFile)
+        file = source if opened else stack.enter_context(np.load(source, allow_pickle=False))
+        stored = json.loads(bytes(file["record"]))
+        arrays: dict[str, np.ndarray] = {}
+        for name, shape in stored["sparse"].items():
+            values = file[f"{name}:values"]
+            array = np.zeros(tuple(shape), dtype=values.dtype)
+            array.ravel()[file[f"{name}:where"]] = values
+            arrays[name] = array
+        for name in file.files:
+            if name != "record" and ":" not in name:
+                arrays[name] = file[name]
+    for array in arrays.values():
+        array.setflags(write=False)
+    return decode(cls, _inexact(stored["values"]), arrays)
+
+
+# -- HDF5, writing ----------------------------------------------------------------------------------------------------
+
+
+def write_records(
+    path: str | os.PathLike[str], records: Mapping[str, Record], attributes: Mapping[str, Any], *, force: bool = False
+) -> None:
+    """Write records, each as the group of its name, and root attributes (strings, numbers) to ``path``.
+
+    Raises
+    ------
+    StoreError
+        ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
+    """
+    import h5netcdf
+
+    from chemage.foundation.version import __version__
+
+    arrays = [array for record in records.values() for array in encode(record)[1].values()]
+    size = sum(0.02 * array.nbytes if _compresses(array) else array.nbytes for array in arrays)
+    with fresh_file(path, force=force, size=size) as part_path:
+        # made in memory and written at once: HDF5 crashes the process when the disk fills up under it
+        image = io.BytesIO()
+        with h5netcdf.File(image, "w") as file:
+            file.attrs["chemage"] = __version__
+            file.attrs["chemage_format"] = FORMAT
+            file.attrs["Conventions"] = "CF-1.8"
+            for name, value in attributes.items():
+                file.attrs[name] = value
+            for name, record in records.items():
+                _write_record(file.create_group(name), record)
+        part_path.write_bytes(image.getbuffer())
+
+
+def _write_record(group: Any, record: Record) -> None:
+    group.attrs["chemage_object"] = type(record).__name__
+    group.attrs["digest"] = record.digest()
+    values, arrays = encode(record)
+    for name, value in values.items():
+        if isinstance(value, dict | tuple):
+            group.attrs[name] = json.dumps(value, default=plain)
+        else:
+            group.attrs[name] = int(value) if isinstance(value, bool) else value
+    for name, array in arrays.items():
+        field, slash, key = name.partition("/")
+        if slash:
+            folder = group[field] if field in group.groups else group.create_group(field)
+            _write_array(folder, key, array, tuple(f"{key}_{axis}" for axis in range(array.ndim)), {})
+        else:
+            dims, unit, meaning = record.arrays[name]
+            _write_array(group, name, array, dims, {"units": unit or "1", "long_name": meaning})
+    for name, centres in record.coordinates().items():
+        _write_array(group, name, centres, (name,), {"units": "nm", "long_name": "pixel centre"})
+
+
+def _write_array(group: Any, name: str, values: np.ndarray, dims: tuple[str, ...], attributes: dict[str, str]) -> None:
+    for dim, length in zip(dims, values.shape, strict=True):
+        if dim not in group.dimensions:
+            group.dimensions[dim] = length
+    if values.dtype == np.bool_:
+        values, attributes = values.astype(np.int8), {**attributes, "dtype": "bool"}
+    options: dict[str, Any] = {}
+    if _compresses(values):
+        options = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+    variable = group.create_variable(name, dims, values.dtype, data=values, **options)
+    for key, value in attributes.items():
+        variable.attrs[key] = value
+
+
+def _compresses(values: np.ndarray) -> bool:
+    # noise does not compress and costs seconds; a pressure map is mostly zeros and shrinks a hundredfold
+    return bool(values.nbytes > 1 << 20 and np.count_nonzero(values) < values.size // 2)
+
+
+# -- HDF5, reading ----------------------------------------------------------------------------------------------------
+
+
+def is_ours(path: Path) -> bool:
+    """Whether ``path`` is a chemage file; a damaged HDF5 file is an error."""
+    try:
+        with open(path, "rb") as stream:
+            if stream.read(8) != b"\x89HDF\r\n\x1a\n":
+                return False
+    except OSError as error:
+        raise StoreError(f"{path} cannot be read: {error.strerror}") from error
+    with _opened(path) as file:
+        return "chemage_format" in file.attrs
+
+
+@contextlib.contextmanager
+def _damaged(path: Path) -> Iterator[None]:
+    """What h5py raises on a damaged file depends on which byte is wrong."""
+    try:
+        yield
+    except StoreError:
+        raise
+    except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        raise StoreError(f"{path} is damaged: {' '.join(str(error).split())}") from error
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    import h5py
+
+    try:
+        file = h5py.File(path, "r")
+    except (OSError, KeyError) as error:
+        raise StoreError(f"{path} cannot be read: it is damaged or was cut short ({error})") from error
+    with _damaged(path), file:
+        yield file
+
+
+def read_records(
+    path: str | os.PathLike[str], classes: Mapping[str, type[Record]]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The records in a chemage file whose groups are among ``classes``, by group name, and its root attributes.
+
+    Raises
+    ------
+    StoreError
+        The file is missing, damaged, not one of chemage's, or newer than this chemage.
+    """
+    source = Path(path)
+    if not source.exists():
+        raise StoreError(f"{source} does not exist")
+    with _opened(source) as file:
+        if "chemage_format" not in file.attrs:
+            raise StoreError(f"{source} is an HDF5 file, but not one of chemage's")
+        attributes = {name: _scalar(value) for name, value in file.attrs.items() if not name.startswith("_")}
+        if int(attributes["chemage_format"]) > FORMAT:
+            raise StoreError(f"{source} was written by chemage {attributes.get('chemage')}; update chemage to read it")
+        records = {name: _read_record(file[name], cls) for name, cls in classes.items() if name in file}
+    return records, attributes
+
+
+def _scalar(value: Any) -> Any:
+    if isinstance(value, bytes):
+        return value.decode()
+    if isinstance(value, np.ndarray) and value.size == 1:
+        return value.ravel()[0].item()
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _read_record(group: Any, cls: type[R]) -> R:
+    import h5py
+
+    values: dict[str, Any] = {}
+    arrays: dict[str, np.ndarray] = {}
+    for name, info in cls.model_fields.items():
+        if name in group:
+            item = group[name]
+            if isinstance(item, h5py.Dataset):
+                arrays[name] = _read_array(item)
+            else:
+                arrays |= {f"{name}/{key}": _read_array(item[key]) for key in item if _is_variable(item[key])}
+        elif name in group.attrs:
+            value = _scalar(group.attrs[name])
+            if isinstance(value, str) and _holds_json(info.annotation):
+                value = json.loads(value)
+            values[name] = value
+    return decode(cls, values, arrays)
+
+
+def _is_variable(dataset: Any) -> bool:
+    label = dataset.attrs.get("NAME", b"")
+    return not bytes(label).startswith(b"This is a netCDF dimension but not a netCDF variable")
+
+
+def _holds_json(annotation: Any) -> bool:
+    origins = {typing.get_origin(part) or part for part in (annotation, *typing.get_args(annotation))}
+    return bool(origins & {dict, tuple})
+
+
+def _read_array(dataset: Any) -> np.ndarray:
+    values = dataset[()]
+    if _scalar(dataset.attrs.get("dtype", "")) == "bool":
+        values = values.astype(np.bool_)
+    values = np.asarray(values)
+    values.setflags(write=False)
+    return values

@@ -1,0 +1,109 @@
+"""Components: everything that can be exchanged is one frozen class.
+
+Its fields are its options, ``kind`` is its name in a scene, one method does the work. A role is an abstract subclass of
+:class:`Component`; a plugin subclasses a role, gives it a ``kind`` and declares its options as pydantic fields with
+units from :mod:`chemage.foundation.units`. A method never changes its meaning; arguments are only ever added.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    SerializationInfo,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+)
+
+from chemage.foundation.errors import InputError
+from chemage.foundation.messages import explain, nearest
+from chemage.foundation.text import html_table
+
+_IDENTITY = {"chemage": "identity"}
+
+
+class Component(BaseModel):
+    """Frozen, validated options of one component. Equal options mean equal objects and equal :meth:`digest`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, use_attribute_docstrings=True)
+
+    role: ClassVar[str] = ""
+    #: the name that selects this component in a scene
+    kind: ClassVar[str] = ""
+    #: what to cite when a result used this component
+    cite: ClassVar[tuple[str, ...]] = ()
+    #: options that change how fast an answer comes and never the answer, such as a number of threads: no part of
+    #: :meth:`digest`, nor of the keys by which a sweep knows what it has computed
+    speed_only: ClassVar[tuple[str, ...]] = ()
+    #: option -> values from fast to accurate, which ``chemage tradeoff`` tries
+    trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {}
+
+    def __init__(self, /, **options: Any) -> None:
+        try:
+            super().__init__(**options)
+        except ValidationError as error:
+            known = list(type(self).model_fields)
+            problems = []
+            for path, message in explain(error):
+                if message == "no such option":
+                    message = f"no such option{nearest(path, known)}; the options are {', '.join(known) or 'none'}"
+                problems.append((path, message))
+            name = f"{self.role} {self.kind!r}" if self.kind else type(self).__name__
+            lines = [f"{path}: {message}" if path else message for path, message in problems]
+            raise InputError(f"{name}: " + "; ".join(lines), problems) from None
+
+    @model_serializer(mode="wrap")
+    def _with_kind(self, handler: SerializerFunctionWrapHandler, info: SerializationInfo) -> dict[str, Any]:
+        fields = handler(self)
+        if self.speed_only and info.context is _IDENTITY:
+            fields = {name: value for name, value in fields.items() if name not in self.speed_only}
+        # a component inside a component keeps its kind too: without it two chemistries would have one digest
+        return {"kind": self.kind, **fields} if self.kind else fields
+
+    def __eq__(self, other: object) -> bool:
+        # by options alone: pydantic would compare what a class keeps in private attributes as well
+        return type(other) is type(self) and all(
+            getattr(self, name) == getattr(other, name) for name in type(self).model_fields
+        )
+
+    def __hash__(self) -> int:
+        return hash((type(self), *(getattr(self, name) for name in type(self).model_fields)))
+
+    def todict(self) -> dict[str, Any]:
+        """``{"kind": ..., option: value}`` of plain JSON values; :meth:`fromdict` reads it back."""
+        return self.model_dump(mode="json")
+
+    def identity(self) -> dict[str, Any]:
+        """What decides the answer: :meth:`todict` without the options that only change the speed."""
+        return self.model_dump(mode="json", context=_IDENTITY)
+
+    @classmethod
+    def fromdict(cls, fields: Mapping[str, Any]) -> Self:
+        """The inverse of :meth:`todict`; :func:`chemage.fromdict` finds the class by its kind as well."""
+        options = dict(fields)
+        kind = options.pop("kind", cls.kind)
+        if kind != cls.kind:
+            raise InputError.of("kind", kind, f"these are not the options of {cls.role or cls.__name__} {cls.kind!r}")
+        return cls(**options)
+
+    def _repr_html_(self) -> str:
+        title = f"{self.role} {self.kind}" if self.kind else type(self).__name__
+        fields = type(self).model_fields
+        rows = ((name, str(getattr(self, name)), fields[name].description or "") for name in fields)
+        return html_table(title, rows)
+
+    def digest(self) -> str:
+        """Content hash of kind and options (see :attr:`speed_only`), the same in every process."""
+        text = json.dumps({"role": self.role, **self.identity()}, sort_keys=True)
+        return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+    def replace(self, **changes: Any) -> Self:
+        """A copy with some options changed, validated again."""
+        options = {name: getattr(self, name) for name in self.model_fields_set}
+        return type(self)(**{**options, **changes})

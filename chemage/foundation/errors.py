@@ -1,0 +1,96 @@
+"""Every exception chemage raises on purpose.
+
+ChemageError
+├── InputError           a value the user gave is wrong: names the field, the value and the remedy
+│   ├── UnitError        a string with an unknown unit or the wrong dimension
+│   ├── UnknownKindError no installed plugin offers that kind
+│   └── SceneError       a scene file is wrong; carries the path of the field in the file
+├── PluginError          a plugin is broken, or two plugins claim one kind
+├── ConvergenceError     a contact solver stopped short of its tolerance; carries the residual history
+├── StoreError           a file is missing, truncated, foreign, or already there
+└── ExecutorError        the workers of a sweep cannot be started, or do not answer
+    └── WorkerLost       a worker died with a task, again and again
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+def shortened(value: object, most: int = 80) -> str:
+    """``value`` as text of at most ``most`` characters."""
+    text = str(value)
+    return text if len(text) <= most else text[: most - 3] + "..."
+
+
+class ChemageError(Exception):
+    """Base of everything chemage raises on purpose; the command line prints it without a traceback."""
+
+
+class InputError(ChemageError, ValueError):
+    """A value the user gave is wrong. ``problems`` lists ``(field, message)`` where several fields were checked."""
+
+    def __init__(self, message: str, problems: Sequence[tuple[str, str]] = ()) -> None:
+        super().__init__(message)
+        self.problems = list(problems)
+
+    @classmethod
+    def of(cls, field: str, value: object, problem: str, remedy: str = "") -> InputError:
+        """The standard wording: ``field = value: problem; remedy``."""
+        return cls(f"{field} = {shortened(repr(value))}: {problem}" + (f"; {remedy}" if remedy else ""))
+
+
+class UnitError(InputError):
+    """A string with an unknown unit, or a quantity of the wrong dimension."""
+
+
+class UnknownKindError(InputError):
+    """No installed plugin offers the kind that was given."""
+
+
+class SceneError(InputError):
+    """A scene is wrong. ``problems`` is a list of ``(path, message)``."""
+
+    def __init__(self, source: str, problems: Sequence[tuple[str, str]]) -> None:
+        self.source = source
+        lines = [f"  {path}: {message}" if path else f"  {message}" for path, message in problems]
+        super().__init__(f"{source} is not a valid scene:\n" + "\n".join(lines), problems)
+
+    def __reduce__(self) -> tuple[type[SceneError], tuple[str, list[tuple[str, str]]]]:
+        return type(self), (self.source, self.problems)
+
+
+class PluginError(ChemageError):
+    """A plugin could not be loaded, or clashes with another."""
+
+
+class ConvergenceError(ChemageError):
+    """A contact solver stopped short of its tolerance.
+
+    ``history`` holds the residual of every iteration, ``residual`` the last, ``tolerance`` the goal.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        history: Sequence[float] = (),
+        residual: float = float("nan"),
+        tolerance: float = float("nan"),
+    ) -> None:
+        super().__init__(message)
+        self.history = list(history)
+        self.residual = residual
+        self.tolerance = tolerance
+
+
+class StoreError(ChemageError, OSError):
+    """A file is missing, truncated, not one of ours, or already there."""
+
+
+class ExecutorError(ChemageError):
+    """The workers of a sweep cannot be started, or do not answer."""
+
+
+class WorkerLost(ExecutorError):
+    """A worker died while it worked on a task, as often as it was tried."""

@@ -1,0 +1,34 @@
+"""Error messages in plain words: pydantic's errors, and suggestions for misspelled names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pydantic import ValidationError
+
+
+def explain(error: ValidationError, prefix: str = "") -> list[tuple[str, str]]:
+    """Pydantic's error as ``(path, message)`` pairs in plain words."""
+    problems = []
+    for item in error.errors(include_url=False):
+        path = ".".join(str(part) for part in (*([prefix] if prefix else []), *item["loc"]))
+        message = item["msg"].removeprefix("Value error, ")
+        value = item.get("input")
+        if item["type"] == "extra_forbidden":
+            message = "no such option"
+        elif item["type"] == "missing":
+            message = "is required"
+        elif isinstance(value, int | float | str | bool):
+            # many messages begin with the value already; that 0 is in "greater than 0" does not count
+            begins = message.startswith((repr(value), f'"{value}"'))
+            message = message if begins else f"{value!r}: {message}"
+        problems.append((path, message))
+    return problems
+
+
+def nearest(word: str, known: Sequence[str]) -> str:
+    """``" (did you mean 'x'?)"`` when a known word is close, else nothing."""
+    import difflib
+
+    match = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    return f" (did you mean {match[0]!r}?)" if match else ""

@@ -1,0 +1,172 @@
+"""Records: frozen, validated objects of arrays and numbers, the base of everything that passes from stage to stage.
+
+Arrays are C-contiguous and read-only; records are equal when their content is. ``todict``/``fromdict`` work as in ASE.
+Each array declares its dimensions, unit and meaning in ``arrays``; the store and the documentation are made from that.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
+
+from chemage.foundation.errors import InputError, shortened
+from chemage.foundation.messages import explain
+from chemage.foundation.text import html_table
+
+
+def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
+    """``array`` C-contiguous and read-only, of the first of ``dtypes`` unless it already has one of them.
+
+    An array that is read-only already is taken as it is, without a copy: a maker that hands over its own fresh array
+    calls ``array.setflags(write=False)`` first and saves the copy.
+    """
+    if isinstance(array, np.ma.MaskedArray) and np.ma.is_masked(array):
+        raise ValueError(f"{np.ma.count_masked(array)} values are masked; fill or crop missing data first")
+    given = np.asarray(array)
+    if dtypes and given.dtype not in [np.dtype(kind) for kind in dtypes]:
+        if given.dtype.kind not in "fiub":
+            raise ValueError(f"expected numbers, not {given.dtype}")
+        target = np.dtype(dtypes[0])
+        if target.kind in "iu" and given.dtype.kind == "f" and given.size:
+            raise ValueError(f"expected whole numbers, not {given.dtype}")
+        if target.kind == "i" and given.dtype.kind in "iu" and given.size:
+            limits = np.iinfo(target.name)
+            if int(given.min()) < limits.min or int(given.max()) > limits.max:
+                raise ValueError(f"values from {given.min()} to {given.max()} do not fit {target}")
+        given = given.astype(target)
+        given.setflags(write=False)
+    if given.flags.writeable or not given.flags.c_contiguous:
+        given = np.array(given, order="C", copy=True)
+        given.setflags(write=False)
+    return given
+
+
+def _array(*dtypes: type[np.generic]) -> BeforeValidator:
+    return BeforeValidator(lambda value: frozen(value, *dtypes))
+
+
+Reals = Annotated[np.ndarray, _array(np.float64, np.float32)]
+Doubles = Annotated[np.ndarray, _array(np.float64)]
+Indices = Annotated[np.ndarray, _array(np.int64)]
+Shorts = Annotated[np.ndarray, _array(np.int32)]
+Flags = Annotated[np.ndarray, _array(np.bool_)]
+Named = Annotated[dict[str, np.ndarray], AfterValidator(lambda value: {n: frozen(a) for n, a in value.items()})]
+
+
+class Record(BaseModel):
+    """Base of the frozen objects."""
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        arbitrary_types_allowed=True,
+        use_attribute_docstrings=True,
+        allow_inf_nan=True,
+    )
+    #: field name -> (dimension names, unit, meaning)
+    arrays: ClassVar[dict[str, tuple[tuple[str, ...], str, str]]] = {}
+
+    def __init__(self, **fields: Any) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            lines = [f"{path}: {message}" if path else message for path, message in explain(error)]
+            raise InputError(f"{type(self).__name__}: " + "; ".join(lines)) from None
+
+    def todict(self) -> dict[str, Any]:
+        """Field name -> value; arrays stay arrays."""
+        return {name: getattr(self, name) for name in type(self).model_fields}
+
+    @classmethod
+    def fromdict(cls, fields: Mapping[str, Any]) -> Self:
+        """The inverse of :meth:`todict`."""
+        return cls(**fields)
+
+    def coordinates(self) -> dict[str, np.ndarray]:
+        """Coordinates of the dimensions of ``arrays`` where they have some: name -> values in nm."""
+        return {}
+
+    @cached_property
+    def _digest(self) -> str:
+        digest = hashlib.blake2b(type(self).__name__.encode(), digest_size=16)
+
+        def feed(value: Any) -> None:
+            if isinstance(value, np.ndarray):
+                digest.update(f"{value.dtype.str}{value.shape}".encode())
+                digest.update(np.ascontiguousarray(value).data)
+            elif isinstance(value, Mapping):
+                digest.update(b"{")
+                for name in sorted(value):
+                    digest.update(json.dumps(name).encode() + b":")
+                    feed(value[name])
+                digest.update(b"}")
+            else:
+                digest.update(json.dumps(value, default=str, sort_keys=True).encode())
+
+        feed(self.todict())
+        return digest.hexdigest()
+
+    def digest(self) -> str:
+        """Content hash over every field, arrays included."""
+        return self._digest
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # built anew, so that the arrays of the copy are read-only as well (pickle drops that flag)
+        return _rebuilt, (type(self), self.todict())
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A copy with some fields changed, validated again (pydantic's own would keep the digest of the original)."""
+        return type(self).fromdict({**self.todict(), **(update or {})})
+
+    @property
+    def plugins(self) -> dict[str, str]:
+        """The plugins that answered or changed a stage on the way to this record: name -> distribution and version."""
+        return getattr(self, "provenance", {}).get("plugins", {})
+
+    def noting(self, plugins: Mapping[str, str]) -> Self:
+        """This record, with the plugins that took part in it (name -> version) added to its ``provenance``."""
+        if not plugins:
+            return self
+        provenance: dict[str, Any] = getattr(self, "provenance", {})
+        return self.model_copy(update={"provenance": {**provenance, "plugins": {**self.plugins, **plugins}}})
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any] | None = None) -> Self:
+        return self
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and other.digest() == self.digest()  # pyright: ignore[reportAttributeAccessIssue]
+
+    def __hash__(self) -> int:
+        return hash(self.digest())
+
+    def _repr_html_(self) -> str:
+        rows = []
+        for name, value in self.todict().items():
+            unit, meaning = self.arrays[name][1:] if name in self.arrays else ("", "")
+            shown = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else shortened(value)
+            rows.append((name, shown, unit, meaning or type(self).model_fields[name].description or ""))
+        return html_table(repr(self), rows)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.digest()[:8]}>"
+
+    __str__ = __repr__
+
+
+def _rebuilt(cls: type[Record], fields: dict[str, Any]) -> Record:
+    return cls(**fields)
+
+
+def require_finite(name: str, values: np.ndarray, remedy: str) -> None:
+    bad = int(values.size - np.count_nonzero(np.isfinite(values)))
+    if bad:
+        raise ValueError(f"{name}: {bad} of {values.size} values are not finite; {remedy}")

@@ -1,0 +1,81 @@
+"""The history of one replica: the number of bonds at each hold time."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from chemage.foundation.errors import InputError
+from chemage.foundation.records import Doubles, Flags, Indices, Named, Record
+
+
+class BondHistory(Record):
+    """Bonds at each hold time of one run; a run can be resumed from it."""
+
+    arrays = {
+        "hold_times": (("hold_times",), "s", "time since the contact was made"),
+        "bonds": (("hold_times",), "", "number of bonds"),
+        "formed": (("hold_times",), "", "bonds formed so far"),
+        "broken": (("hold_times",), "", "bonds broken so far"),
+        "state": (("sites",), "", "whether each site is bonded at the end"),
+    }
+
+    hold_times: Doubles
+    """(m,) s"""
+    bonds: Indices
+    """(m,) number of bonds"""
+    formed: Indices
+    """(m,) bonds formed since the start"""
+    broken: Indices
+    """(m,) bonds broken since the start"""
+    state: Flags
+    """(n,) bool at the last hold time"""
+    time: float = Field(ge=0, allow_inf_nan=False)
+    """the last hold time, s"""
+    temperature: float = Field(gt=0, allow_inf_nan=False)
+    """K"""
+    engine: str
+    """kind of the engine"""
+    lattice_hash: str = ""
+    """content hash of the lattice"""
+    notes: tuple[str, ...] = ()
+    """what the user should know of this run, in words"""
+    resume: Named = {}
+    """what the engine needs to resume bit for bit; private to it"""
+    provenance: dict[str, Any] = {}
+    """how it was made: plain JSON values"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        shape = self.hold_times.shape
+        if self.hold_times.ndim != 1 or not (self.bonds.shape == self.formed.shape == self.broken.shape == shape):
+            raise ValueError("hold_times, bonds, formed, broken: must be one-dimensional and of equal length")
+        return self
+
+    @property
+    def events(self) -> int:
+        """Bonds formed and broken, together."""
+        return int(self.formed[-1] + self.broken[-1])
+
+    def then(self, later: BondHistory) -> BondHistory:
+        """This history and ``later``, which went on from it, as one.
+
+        Raises
+        ------
+        InputError
+            ``later`` has another number of sites or begins before this one ends.
+        """
+        if later.state.size != self.state.size or later.hold_times[0] < self.time:
+            raise InputError.of("later", repr(later), "was not resumed from this history", "pass what start=... gave")
+        joined = {
+            name: np.concatenate([getattr(self, name), getattr(later, name)])
+            for name in ("hold_times", "bonds", "formed", "broken")
+        }
+        return BondHistory(**{**later.todict(), **joined})
+
+    def __repr__(self) -> str:
+        return f"<BondHistory {self.bonds[-1]} bonds at {self.time:g} s after {self.events} events ({self.engine})>"
+
+    __str__ = __repr__

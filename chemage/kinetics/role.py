@@ -1,0 +1,114 @@
+"""The role that follows bonds in time."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from chemage.foundation.checks import Seed, check_times, checked_seed, temperature_value
+from chemage.foundation.components import Component
+from chemage.foundation.errors import InputError
+from chemage.kinetics.history import BondHistory
+from chemage.lattices.lattice import ReactionLattice
+
+
+class Engine(Component, ABC):
+    """Role ``engine``: follows bonds forming and breaking on a graph; knows neither surface nor chemistry."""
+
+    role = "engine"
+    #: treats lattices whose sites interact
+    interacting: ClassVar[bool] = True
+    #: can use several threads inside one run
+    threads: ClassVar[bool] = False
+    #: can resume from a history bit for bit
+    restart: ClassVar[bool] = True
+    #: samples the master equation without approximation
+    exact: ClassVar[bool] = True
+
+    def concurrency(self) -> int:
+        """Threads that one run with these options uses; concurrent replicas share what is left."""
+        return 1
+
+    def expected(self, sites: float, interacting: bool) -> dict[str, float]:
+        """Estimate the cost of one replica at room temperature, as far as it is known: ``cpu_seconds``, ``bytes``."""
+        return {}
+
+    @abstractmethod
+    def _run(
+        self,
+        lattice: ReactionLattice,
+        hold_times: np.ndarray,
+        temperature: float,
+        seed: Seed,
+        start: BondHistory | np.ndarray | None,
+    ) -> BondHistory:
+        """Run on validated input: ``hold_times`` (m,) s non-decreasing ≥ 0, ``temperature`` K > 0,
+        ``start`` None (nothing bonded), (n,) bool, or a history whose lattice has the same number of sites."""
+
+    def run(
+        self,
+        lattice: ReactionLattice,
+        hold_times: Sequence[float] | np.ndarray,
+        *,
+        temperature: float | str,
+        seed: Seed = 0,
+        start: BondHistory | np.ndarray | None = None,
+    ) -> BondHistory:
+        """Follow the bonds on ``lattice`` to each hold time.
+
+        Parameters
+        ----------
+        lattice
+            Sites, barriers and couplings.
+        hold_times
+            (m,) seconds, non-decreasing, ≥ 0; m ≥ 1. The state at each is the one just after the last event before it.
+        temperature
+            Kelvin, or a string with its unit.
+        seed
+            An int or a ``numpy.random.SeedSequence``; the same seed gives the same bytes.
+        start
+            None (nothing bonded at time 0), a bool array (n,), or a finished history to resume from. Resuming with the
+            same lattice, temperature and seed equals the uninterrupted run bit for bit where ``restart`` is true.
+
+        Raises
+        ------
+        InputError
+            Naming the argument that is wrong.
+        """
+        times = check_times(hold_times)
+        kelvin = temperature_value(temperature)
+        if not isinstance(seed, np.random.SeedSequence):
+            seed = checked_seed(seed)
+        if isinstance(start, BondHistory):
+            if start.state.size != lattice.sites.size:
+                raise InputError.of(
+                    "start",
+                    f"a history of {start.state.size} sites",
+                    f"the lattice has {lattice.sites.size}",
+                    "resume with the lattice that it came from",
+                )
+            if times[0] < start.time:
+                raise InputError.of(
+                    "hold_times",
+                    float(times[0]),
+                    f"the history to resume from ends at {start.time} s",
+                    "give later hold times",
+                )
+        elif start is not None:
+            start = np.asarray(start)
+            if start.shape != lattice.sites.shape or start.dtype != np.bool_:
+                raise InputError.of(
+                    "start",
+                    f"{start.dtype} array of shape {start.shape}",
+                    f"expected bool of shape {lattice.sites.shape}",
+                    "one entry per site, True = bonded",
+                )
+        if not self.interacting and lattice.interacting:
+            raise InputError(
+                f"engine {self.kind!r} treats sites that do not interact, but this lattice couples neighbours; "
+                "leave out the interaction, or use another engine (for example 'rejection-free')"
+            )
+        return self._run(lattice, times, kelvin, seed, start)

@@ -1,0 +1,95 @@
+"""The chemistry: what turns a contact into a reaction lattice."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydantic import Field, SerializeAsAny, field_validator
+
+from chemage.contacts.solution import ContactSolution
+from chemage.foundation import random
+from chemage.foundation.checks import Seed
+from chemage.foundation.components import Component
+from chemage.foundation.units import EV_PER_GPA_NM3, Force, Frequency, Volume
+from chemage.lattices.lattice import ReactionLattice
+from chemage.lattices.neighbours import neighbours_of
+from chemage.lattices.role import Barriers, Interaction
+from chemage.plugins import registry
+
+
+def effective_forming(intrinsic: np.ndarray, activation_volume: float, pressure: np.ndarray) -> np.ndarray:
+    """E_intrinsic − ΔV·P in eV; ΔV in nm³, P in GPa. Li, Pastewka & Szlufarska 2018, eq. 3."""
+    return intrinsic - activation_volume * EV_PER_GPA_NM3 * pressure.astype(np.float64, copy=False)
+
+
+class Chemistry(Component):
+    """What can react on a contact, and how fast. Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018), eqs. 3–5.
+
+    Only pixels in contact react. A site forms a bond over the barrier E_intrinsic − ΔV·P + Σ couplings of its bonded
+    neighbours, and breaks it over its breaking barrier. What is left out is not modelled: no ``breaking`` means bonds
+    last, no ``interaction`` means sites are not coupled, ``activation_volume`` 0 means pressure decides only which
+    sites are in contact.
+    """
+
+    forming: SerializeAsAny[Barriers]
+    """distribution of the intrinsic barrier to forming a bond"""
+    breaking: SerializeAsAny[Barriers] | None = None
+    """distribution of the barrier to breaking it; None: bonds last"""
+    interaction: SerializeAsAny[Interaction] | None = None
+    """how bonded neighbours change a forming barrier; None: not at all"""
+    activation_volume: Volume = 0.0
+    """ΔV, nm³ (an energy per pressure such as "0.04 eV/GPa" is one too)"""
+    attempt_frequency: Frequency = 1e13
+    """ν, Hz"""
+    bond_force: Force = 3.0
+    """⟨f⟩, mean force to rupture a bond, nN"""
+    front_factor: float = Field(default=1.0, gt=0, le=1)
+    """fraction of the bonds that carry load at once as the detachment front passes"""
+    hydroxylation: float = Field(default=1.0, ge=0, le=1)
+    """probability that a pixel in contact carries a reactive site"""
+
+    @field_validator("forming", "breaking", "interaction", mode="before")
+    @classmethod
+    def _choice(cls, value: Any, info: Any) -> Any:
+        role = "interaction" if info.field_name == "interaction" else "barriers"
+        if isinstance(value, dict):
+            return registry.current().fromdict(role, value)
+        if value is not None and getattr(value, "role", None) != role:
+            raise ValueError(f"expected a component made with chemage.{role}(...), got {type(value).__name__}")
+        return value
+
+    def on(self, contact: ContactSolution, seed: Seed = 0) -> ReactionLattice:
+        """The reactive sites of ``contact``.
+
+        Every random number belongs to a pixel (or a pair of pixels): at the same seed a pixel keeps its barriers, its
+        couplings and its hydroxylation when load, temperature or activation volume change.
+        """
+        sites, graph = contact.sites, None
+        if self.hydroxylation < 1:
+            sites = sites[random.uniforms(seed, random.HYDROXYLATION, sites) < self.hydroxylation]
+            if self.interaction is not None:
+                graph = self.interaction.neighbours(contact.shape, contact.periodic, sites)
+        elif self.interaction is not None:
+            graph = neighbours_of(contact, self.interaction)
+        fields: dict[str, Any] = {
+            "pixels": contact.shape,
+            "sites": sites,
+            "forming": effective_forming(
+                self.forming.quantile(random.uniforms(seed, random.FORMING, sites)),
+                self.activation_volume,
+                contact.pressure.ravel()[sites],
+            ),
+            "attempt_frequency": self.attempt_frequency,
+            "pixel_size": contact.pixel_size,
+        }
+        if self.breaking is not None:
+            fields["breaking"] = self.breaking.quantile(random.uniforms(seed, random.BREAKING, sites))
+        if self.interaction is not None and graph is not None:
+            fields |= {"neighbours": graph, "coupling": self.interaction.coupling(sites, graph, seed)}
+        return ReactionLattice(**fields)
+
+
+def chemistry(**options: Any) -> Chemistry:
+    """A :class:`Chemistry`: ``chemage.chemistry(forming=chemage.barriers("md-silica"), ...)``."""
+    return Chemistry(**options)

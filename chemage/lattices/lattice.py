@@ -1,0 +1,130 @@
+"""The reaction lattice: the sites that can react, their barriers and couplings, and nothing else."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from chemage.foundation.records import Doubles, Indices, Reals, Record, Shorts, require_finite
+
+if TYPE_CHECKING:
+    from ase import Atoms
+
+
+class ReactionLattice(Record):
+    """A graph of the sites that can react, and nothing else.
+
+    A site forms a bond at the rate ν exp(−E/k_B T) with E = ``forming`` + Σ ``coupling`` over its bonded neighbours,
+    and breaks it with E = ``breaking``; a barrier at or below zero means the rate ν. Can be built from plain arrays.
+    """
+
+    arrays = {
+        "sites": (("sites",), "", "flat pixel index"),
+        "forming": (("sites",), "eV", "barrier to forming a bond with no neighbour bonded"),
+        "breaking": (("sites",), "eV", "barrier to breaking the bond"),
+        "neighbours": (("sites", "slot"), "", "position of the neighbour in the list of sites, -1 = none"),
+        "coupling": (("sites", "slot"), "eV", "what a bonded neighbour adds to the forming barrier"),
+    }
+
+    pixels: tuple[int, int]
+    """(nx, ny) of the grid the sites lie on"""
+    sites: Indices
+    """(n,) int64 flat pixel index, ascending, no site twice"""
+    forming: Doubles
+    """(n,) eV"""
+    breaking: Doubles | None = None
+    """(n,) eV; None: bonds never break"""
+    neighbours: Shorts | None = None
+    """(n, k) int32, -1 = none; None: nothing interacts"""
+    coupling: Reals | None = None
+    """(n, k) eV, symmetric"""
+    attempt_frequency: float = Field(default=1e13, gt=0, allow_inf_nan=False)
+    """ν, Hz"""
+    pixel_size: float = Field(default=1.0, gt=0, allow_inf_nan=False)
+    """nm, for viewing only"""
+    provenance: dict[str, Any] = {}
+    """how it was made: plain JSON values"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        n = self.sites.size
+        if min(self.pixels) < 1:
+            raise ValueError(f"pixels: {self.pixels}; give two positive numbers")
+        if self.sites.ndim != 1:
+            raise ValueError(f"sites: shape {self.sites.shape}; give a one-dimensional array")
+        if n:
+            if self.sites[0] < 0 or self.sites[-1] >= self.pixels[0] * self.pixels[1]:
+                raise ValueError(f"sites: from {self.sites[0]} to {self.sites[-1]}, outside the grid of {self.pixels}")
+            steps = np.diff(self.sites)
+            if np.any(steps == 0):
+                twice = int(self.sites[1:][steps == 0][0])
+                raise ValueError(f"sites: pixel {twice} is listed twice; list each once")
+            if np.any(steps < 0):
+                raise ValueError("sites: not in ascending order; sort them (and what goes with them)")
+        for name in ("forming", "breaking"):
+            values = getattr(self, name)
+            if values is None:
+                continue
+            if values.shape != (n,):
+                raise ValueError(f"{name}: shape {values.shape}, but there are {n} sites; give one value per site")
+            require_finite(name, values, "give barriers in eV")
+        self._check_graph(n)
+        return self
+
+    def _check_graph(self, n: int) -> None:
+        neighbours, coupling = self.neighbours, self.coupling
+        if (neighbours is None) != (coupling is None):
+            raise ValueError("neighbours and coupling: give both, or neither")
+        if neighbours is None or coupling is None:
+            return
+        if neighbours.ndim != 2 or neighbours.shape[0] != n or coupling.shape != neighbours.shape:
+            raise ValueError(
+                f"neighbours {neighbours.shape} and coupling {coupling.shape}: both must be ({n}, k) for {n} sites"
+            )
+        require_finite("coupling", coupling, "give energies in eV, 0 where there is no neighbour")
+        from chemage.lattices.graph_check import find_fault
+
+        fault, site, slot = find_fault(neighbours, coupling)
+        if fault:
+            other = int(neighbours[site, slot])
+            problem = {
+                1: f"neighbours[{site}, {slot}] = {other} is not a site; give 0 to {n - 1}, or -1 for none",
+                2: f"neighbours[{site}, {slot}]: site {site} is its own neighbour; remove it",
+                3: f"neighbours[{site}]: site {other} is listed twice; list each neighbour once",
+                4: f"neighbours: site {site} lists {other}, but not the other way round; list each pair from both ends",
+                5: f"coupling[{site}, {slot}]: the pair ({site}, {other}) has two values; "
+                "give both ends the same energy (the coupling must be symmetric)",
+            }[fault]
+            raise ValueError(problem)
+
+    @property
+    def interacting(self) -> bool:
+        """Whether any two sites are coupled."""
+        return self.neighbours is not None
+
+    def to_atoms(self, state: np.ndarray | None = None) -> Atoms:
+        """The sites as ASE atoms for viewing: O where bonded, H elsewhere; barriers in ``arrays``. Å as in ASE."""
+        from ase import Atoms
+
+        n = self.sites.size
+        bonded = np.zeros(n, dtype=bool) if state is None else np.asarray(state, dtype=bool)
+        step = 10.0 * self.pixel_size
+        x, y = np.divmod(self.sites, self.pixels[1])
+        atoms = Atoms(
+            numbers=np.where(bonded, 8, 1),
+            positions=np.stack([(x + 0.5) * step, (y + 0.5) * step, np.zeros(n)], axis=1),
+            cell=[self.pixels[0] * step, self.pixels[1] * step, 10.0],
+            pbc=False,
+        )
+        atoms.new_array("forming", np.array(self.forming))
+        if self.breaking is not None:
+            atoms.new_array("breaking", np.array(self.breaking))
+        return atoms
+
+    def __repr__(self) -> str:
+        kind = "interacting" if self.interacting else "independent"
+        return f"<ReactionLattice {self.sites.size} {kind} sites on {self.pixels[0]}x{self.pixels[1]} pixels>"
+
+    __str__ = __repr__

@@ -1,0 +1,92 @@
+"""Which plugins took part in a result: those that answered the hook of a stage, or changed its answer.
+
+Every implementation of a hook by a plugin is wrapped when it is registered. One that answers None, or a wrapper that
+returns the very object it received, has changed nothing and is not noted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any
+
+#: name of a plugin -> its distribution and version
+Plugins = dict[str, str]
+
+_noted: ContextVar[Plugins | None] = ContextVar("chemage_plugins_taking_part", default=None)
+
+
+@contextmanager
+def taking_part() -> Iterator[Plugins]:
+    """The plugins that take part in the hook calls of this block, in this thread."""
+    plugins: Plugins = {}
+    token = _noted.set(plugins)
+    try:
+        yield plugins
+    finally:
+        _noted.reset(token)
+
+
+def _note(name: str, source: str) -> None:
+    plugins = _noted.get()
+    if plugins is not None:
+        plugins[name] = source
+
+
+def record_participation(implementation: Any, name: str, source: str, *, many: bool) -> None:
+    """Wrap a hook implementation (pluggy's ``HookImpl``) so that its part in an answer is noted.
+
+    ``many`` is for hooks that collect all answers: an empty one adds nothing.
+    """
+    function = implementation.function
+
+    def plain(*arguments: Any) -> Any:
+        answer = function(*arguments)
+        if answer is not None and not (many and not answer):
+            _note(name, source)
+        return answer
+
+    def wrapper(*arguments: Any) -> Generator[None, Any, Any]:
+        steps = function(*arguments)
+        next(steps)
+        try:
+            received = yield
+        except BaseException as error:
+            try:
+                steps.throw(error)
+            except StopIteration as end:
+                _note(name, source)
+                return end.value
+        else:
+            try:
+                steps.send(received)
+            except StopIteration as end:
+                if end.value is not received:
+                    _note(name, source)
+                return end.value
+        steps.close()
+        raise RuntimeError(f"hook wrapper of plugin {name!r} yields twice")
+
+    def old_wrapper(*arguments: Any) -> Generator[None, Any, None]:
+        steps = function(*arguments)
+        next(steps)
+        outcome = yield
+        before = (outcome.exception, None if outcome.exception else outcome.get_result())
+        try:
+            steps.send(outcome)
+        except StopIteration:
+            pass
+        else:
+            steps.close()
+            raise RuntimeError(f"hook wrapper of plugin {name!r} yields twice")
+        after = (outcome.exception, None if outcome.exception else outcome.get_result())
+        if before[0] is not after[0] or before[1] is not after[1]:
+            _note(name, source)
+
+    if implementation.wrapper:
+        implementation.function = wrapper
+    elif implementation.hookwrapper:
+        implementation.function = old_wrapper
+    else:
+        implementation.function = plain

@@ -1,0 +1,223 @@
+"""The results in a comparison, read from files and sweeps."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from chemage.ageing.aging import Aging
+from chemage.ageing.fitting import FIT_WINDOW, Fit
+from chemage.contacts.solution import ContactSolution
+from chemage.experiments.run import Run
+from chemage.foundation.errors import InputError
+from chemage.foundation.statistics import standard_error
+from chemage.store.results import read
+from chemage.sweeps.result import load_sweep
+
+_CHEMICAL = ("forming", "breaking", "interaction", "chemistry", "temperature")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One result in a comparison: everything in its file except the maps."""
+
+    name: str
+    source: str
+    title: str
+    #: plain scene data; empty if the file holds no scene
+    scene: Mapping[str, Any]
+    #: the measures of the contact, see :meth:`chemage.ContactSolution.summary`
+    contact: Mapping[str, float]
+    aging: Aging | None = None
+    #: distribution of the pressure over the contact: bin edges (GPa), density (1/GPa)
+    pressure: tuple[np.ndarray, np.ndarray] | None = None
+    #: first and last hold time of the fit, s
+    window: tuple[float, float] = FIT_WINDOW
+    #: reads the result again, maps included
+    whole: Callable[[], Any] | None = field(default=None, compare=False, repr=False)
+
+    @classmethod
+    def of(cls, thing: Any, name: str = "", source: str = "") -> Entry:
+        """Make an entry of a :class:`chemage.Run`, an ageing curve or a contact.
+
+        Raises
+        ------
+        InputError
+            ``thing`` is something else.
+        """
+        if isinstance(thing, Run):
+            return cls(
+                name or thing.name,
+                source,
+                str(thing.scene.get("title", "")),
+                thing.scene,
+                thing.contact.summary(),
+                thing.aging,
+                _pressures(thing.contact),
+                thing.window,
+            )
+        if isinstance(thing, Aging):
+            return cls(name, source, "", {}, thing.contact, thing)
+        if isinstance(thing, ContactSolution):
+            return cls(name, source, "", {}, thing.summary(), None, _pressures(thing))
+        raise InputError(
+            f"{source or name} holds a {type(thing).__name__}; a comparison takes runs, ageing curves or "
+            "contacts, such as `chemage run` writes"
+        )
+
+    @property
+    def load(self) -> float:
+        """Normal force, nN; nan if the file does not state it."""
+        return self.aging.load if self.aging is not None else self.contact.get("load", math.nan)
+
+    @property
+    def area(self) -> float:
+        """Contact area, nm²; nan if the file does not state it."""
+        return self.contact.get("area", math.nan)
+
+    @property
+    def sites(self) -> float:
+        """Number of reactive sites, mean over replicas; nan without ageing."""
+        return float(self.aging.sites.mean()) if self.aging is not None else math.nan
+
+    @property
+    def bonds_per_area(self) -> np.ndarray:
+        """Bonds per contact area, 1/nm², (replicas, m); (1, 0) without ageing."""
+        if self.aging is None or not self.area > 0:
+            return np.full((1, 0), np.nan)
+        return self.aging.bonds / self.area
+
+    @property
+    def bonded_fraction(self) -> np.ndarray:
+        """Fraction of the sites that are bonded, (replicas, m); (1, 0) without ageing."""
+        if self.aging is None:
+            return np.full((1, 0), np.nan)
+        with np.errstate(invalid="ignore"):
+            return self.aging.bonds / self.aging.sites[:, None]
+
+    @cached_property
+    def fit(self) -> Fit | None:
+        """Line of Δμ against log t over the window of the scene; None without load or hold times in the window."""
+        try:
+            return self.aging.fit(*self.window) if self.aging is not None and self.load > 0 else None
+        except InputError:
+            return None
+
+    def at(self, curves: np.ndarray, time: float) -> tuple[float, float]:
+        """Mean over replicas and standard error of ``curves`` (replicas, m) at ``time`` (s).
+
+        Interpolates linearly in log t between hold times; nan outside them.
+        """
+        if self.aging is None or not curves.size:
+            return math.nan, math.nan
+        t = self.aging.hold_times
+        exact = np.flatnonzero(np.abs(t - time) <= 1e-6 * time)
+        if exact.size:
+            values = curves[:, exact[-1]]
+        else:
+            after = int(np.searchsorted(t, time))
+            if not 0 < after < t.size or t[after - 1] <= 0:
+                return math.nan, math.nan
+            part = math.log(time / t[after - 1]) / math.log(t[after] / t[after - 1])
+            values = curves[:, after - 1] * (1 - part) + curves[:, after] * part
+        return float(values.mean()), float(standard_error(values))
+
+    def last(self) -> float:
+        """The last hold time, s; nan without ageing."""
+        return float(self.aging.hold_times[-1]) if self.aging is not None else math.nan
+
+    def chemistry(self) -> dict[str, Any]:
+        """The fields that determine the kinetics of the sites: dotted path -> value."""
+        if self.aging is None:
+            return {}
+        if self.scene:
+            parts = {name: self.scene[name] for name in _CHEMICAL if name in self.scene}
+        else:
+            whole = dict(self.aging.provenance.get("chemistry", {}))
+            parts = {name: whole.pop(name, None) for name in ("forming", "breaking", "interaction")}
+            parts["chemistry"] = whole
+        return dict(_flat({**parts, "temperature": self.aging.temperature}))
+
+    def elsewhere(self) -> dict[str, Any]:
+        """The other fields of the scene (surface, contact, engine, hold and fit): dotted path -> value."""
+        left = {name: part for name, part in self.scene.items() if name not in (*_CHEMICAL, "name", "title", "observe")}
+        return {path: value for path, value in _flat(left) if path != "hold.temperature"}
+
+
+def _pressures(contact: ContactSolution) -> tuple[np.ndarray, np.ndarray] | None:
+    return contact.pressure_histogram(bins=min(50, max(5, contact.sites.size // 20))) if contact.sites.size else None
+
+
+def _flat(data: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in data.items():
+        path = f"{prefix}{name}"
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{path}.")
+        elif value is not None:
+            yield path, value
+
+
+def load_results(files: Sequence[str | Path]) -> list[Entry]:
+    """Read result files; each result has the name of its file, or its path if two names are equal.
+
+    The folder of a sweep means all its completed points, ``FOLDER/3`` one of them.
+
+    Raises
+    ------
+    InputError
+        A file is given twice or holds nothing to compare, or there are more than ``MOST`` results.
+    StoreError
+        A file is missing or damaged.
+    """
+    found = [one for file in files for one in _sources(Path(file))]
+    if len(found) > MOST:
+        raise InputError(
+            f"{len(found)} results are too many to compare; give at most {MOST}, "
+            "or single points of a sweep, such as FOLDER/0"
+        )
+    places = [place for _, place, _ in found]
+    for _, place, _ in found:
+        if sum(os.path.realpath(place) == os.path.realpath(other) for other in places) > 1:
+            raise InputError(f"{place} is given twice; give each file once")
+    names = Counter(name for name, _, _ in found)
+    results = []
+    for name, place, load in found:
+        one = Entry.of(load(False), name if names[name] == 1 else place, place)
+        results.append(replace(one, whole=partial(load, True)))
+    return results
+
+
+#: largest number of results in a comparison
+MOST = 32
+
+
+def _sources(path: Path) -> list[tuple[str, str, Callable[[bool], Any]]]:
+    """Find (name, path, reader) of a result file, of a point of a sweep, or of every completed point of a sweep."""
+    if (path / "sweep.json").is_file() or ((path.parent / "sweep.json").is_file() and path.name.isdecimal()):
+        if not path.name.isdecimal() or (path / "sweep.json").is_file():
+            done = [index for index, state in enumerate(load_sweep(path).states()) if state == "done"]
+            if not done:
+                raise InputError(f"{path}: no point of this sweep is complete; see `chemage status {path}`")
+            return [one for index in done for one in _sources(path / str(index))]
+        name = f"{path.parent.resolve().name}/{path.name}"
+        return [(name, str(path), partial(_point, path.parent, int(path.name)))]
+    return [(path.stem, str(path), partial(_file, path))]
+
+
+def _file(path: Path, whole: bool) -> Any:
+    return read(path, maps=whole)
+
+
+def _point(folder: Path, index: int, whole: bool) -> Any:
+    sweep = load_sweep(folder)
+    if index >= len(sweep):
+        raise InputError(f"{folder} has {len(sweep)} points, from {folder}/0 on; there is no {folder}/{index}")
+    return sweep[index].run()

@@ -1,0 +1,174 @@
+"""Figures of a comparison: friction, bonds per area, pressures, and the observables of several results."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from chemage.ageing.fitting import SYMBOL, Quantity
+from chemage.foundation.statistics import standard_error
+from chemage.foundation.text import plus_minus
+from chemage.reports.comparison.comparison import Comparison, Curves, coefficient, friction
+from chemage.reports.comparison.entries import Entry
+from chemage.reports.figures import BLACK, GREY, PALETTE, blank, plain
+from chemage.reports.observables import observable_figures, observables_of, observed_in
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MARKERS = "osD^vP*X"
+#: inches; small, so that the text is legible on a phone
+_SIZE = (4.9, 3.6)
+
+
+def _styles(count: int) -> list[dict[str, Any]]:
+    """Colour and marker of each curve."""
+    return [{"color": PALETTE[i % len(PALETTE)], "marker": _MARKERS[i % len(_MARKERS)]} for i in range(count)]
+
+
+def _drawn(axes: Axes, results: Sequence[Entry], curves: Curves) -> list[float]:
+    """Draw mean and standard error of each result against hold time; return the last mean of each."""
+    last = []
+    for one, style in zip(results, _styles(len(results)), strict=True):
+        values = curves(one)
+        if one.aging is None or not values.size or not np.isfinite(values).any():
+            continue
+        t, mean = one.aging.hold_times, values.mean(axis=0)
+        error = np.nan_to_num(standard_error(values))
+        shown = t > 0
+        axes.errorbar(t[shown], mean[shown], yerr=error[shown], ms=3.5, lw=1, capsize=2, label=plain(one.name), **style)
+        last.append(float(mean[-1]))
+    return last
+
+
+def _scaled(axes: Axes, last: Sequence[float]) -> None:
+    """Use a logarithmic scale if the curves end more than a decade apart."""
+    positive = [value for value in last if value > 0]
+    if positive and max(positive) > 10 * min(positive):
+        lowest = min(positive) / 300
+        axes.set_yscale("log")
+        axes.set_ylim(bottom=max(axes.get_ylim()[0], lowest))
+    else:
+        axes.set_ylim(bottom=0)
+
+
+def _against_time(results: Sequence[Entry], curves: Curves, label: str) -> tuple[Figure, Axes, list[float]]:
+    figure, axes = blank(*_SIZE)
+    last = _drawn(axes, results, curves)
+    axes.set(xscale="log", xlabel="hold time (s)", ylabel=label)
+    return figure, axes, last
+
+
+def _finish(figure: Figure, axes: Axes, last: Sequence[float]) -> Figure:
+    _scaled(axes, last)
+    axes.legend(frameon=False, fontsize=8)
+    return figure
+
+
+def _overlay(axes: Axes, comparison: Comparison, quantity: Quantity) -> None:
+    loads = {one.load for one in comparison.results}
+    load = loads.pop() if len(loads) == 1 else None
+    for number, original in enumerate(comparison.measured):
+        data = original.as_quantity(quantity, load)
+        if data is None:
+            continue
+        shown = data.hold_times > 0
+        axes.errorbar(
+            data.hold_times[shown],
+            data.values[shown],
+            yerr=None if data.error is None else data.error[shown],
+            fmt="sDo^v"[number % 5],
+            mfc="none",
+            color=BLACK,
+            ms=5,
+            lw=1,
+            capsize=2,
+            label=plain(f"{data.name} (measured)"),
+        )
+        fit = comparison.measured_fit(data, "curve")
+        if fit is not None and math.isfinite(fit.cutoff_time):
+            line = np.geomspace(data.hold_times[shown].min(), data.hold_times[shown].max(), 100)
+            label = plain(f"{data.name}: β = {fit.beta_text()}")
+            axes.plot(line, fit(line), color=BLACK, lw=1, ls=("--", ":", "-.")[number % 3], label=label)
+
+
+def _fitted_line(axes: Axes, one: Entry) -> None:
+    fit = one.fit
+    if fit is None or not (math.isfinite(fit.beta) and math.isfinite(fit.cutoff_time)):
+        return
+    line = np.geomspace(*one.window, 50)
+    label = f"β = {plus_minus(fit.beta, fit.beta_stderr)} per decade"
+    axes.plot(line, fit.beta * np.log10(line / fit.cutoff_time), color=GREY, lw=2.5, alpha=0.7, zorder=1, label=label)
+
+
+def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
+    """Draw every figure for which there are data: name -> figure."""
+    made = {
+        "friction-drop": friction_drop_figure(comparison),
+        "friction-coefficient-drop": friction_coefficient_figure(comparison),
+        "bonds-per-area": bonds_figure(comparison.results),
+        "pressures": pressures_figure(comparison.results),
+        **observables_figures(comparison.results),
+    }
+    return {name: figure for name, figure in made.items() if figure is not None}
+
+
+def friction_drop_figure(comparison: Comparison) -> Figure | None:
+    """Draw ΔF against hold time, and measurements of ΔF, or of Δμ if all results have the same load."""
+    if not any(one.aging for one in comparison.results):
+        return None
+    figure, axes, last = _against_time(comparison.results, friction, f"friction drop {SYMBOL['friction_drop']} (nN)")
+    _overlay(axes, comparison, "friction_drop")
+    return _finish(figure, axes, last)
+
+
+def friction_coefficient_figure(comparison: Comparison) -> Figure | None:
+    """Draw Δμ against hold time, and measurements."""
+    if not any(one.aging and one.load > 0 for one in comparison.results):
+        return None
+    label = f"friction coefficient drop {SYMBOL['friction_coefficient_drop']}"
+    figure, axes, last = _against_time(comparison.results, coefficient, label)
+    if len(comparison.results) == 1:
+        _fitted_line(axes, comparison.results[0])
+    _overlay(axes, comparison, "friction_coefficient_drop")
+    return _finish(figure, axes, last)
+
+
+def bonds_figure(results: Sequence[Entry]) -> Figure | None:
+    """Draw bonds per contact area against hold time."""
+    if not any(np.isfinite(one.bonds_per_area).any() for one in results):
+        return None
+    figure, axes, last = _against_time(results, lambda one: one.bonds_per_area, "bonds per contact area (1/nm²)")
+    return _finish(figure, axes, last)
+
+
+def pressures_figure(results: Sequence[Entry]) -> Figure | None:
+    """Draw the distribution of the pressure over each contact."""
+    shown = [(one, style) for one, style in zip(results, _styles(len(results)), strict=True) if one.pressure]
+    if not shown:
+        return None
+    figure, axes = blank(*_SIZE)
+    for one, style in shown:
+        assert one.pressure is not None
+        edges, density = one.pressure
+        axes.stairs(density, edges, color=style["color"], lw=1.4, label=plain(one.name))
+        axes.plot(
+            0.5 * (edges[1:] + edges[:-1]), density, ls="none", markevery=max(1, density.size // 8), ms=3.5, **style
+        )
+    axes.set(xlabel="contact pressure (GPa)", ylabel="density over the contact (1/GPa)", xlim=(0, None), ylim=(0, None))
+    axes.legend(frameon=False, fontsize=8)
+    return figure
+
+
+def observables_figures(results: Sequence[Entry]) -> dict[str, Figure]:
+    """Draw the figures of the observables of several results: name -> figure."""
+    labelled = [
+        (observed_in(plain(one.name), one.aging, style["color"]), observables_of(one.aging, one.scene))
+        for one, style in zip(results, _styles(len(results)), strict=True)
+        if one.aging is not None
+    ]
+    return observable_figures(labelled, size=_SIZE)

@@ -1,0 +1,196 @@
+"""Figures of a run: the surface, the pressure and its patches, the observables, friction against hold time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from chemage.contacts.solution import ContactSolution
+from chemage.experiments.run import Run
+from chemage.foundation.text import plus_minus
+from chemage.reports.figures import BLUE, GREEN, GREY, ORANGE, blank, draw_map, panels, pooled, save_figures
+from chemage.reports.observables import observable_figures, observables_of, observed_in
+from chemage.surfaces.surface import Surface
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def surface_figure(surface: Surface) -> Figure:
+    """Draw the height map, and the power spectral density of a periodic surface or else a profile."""
+    figure, axes = panels(10.5, 4.2, 2)
+    nx, ny = surface.shape
+    _draw_heights(axes[0], surface)
+    if surface.periodic and surface.rms_height > 0 and min(surface.shape) > 3:
+        q, density = surface.psd()
+        shown = density > density.max() * 1e-14
+        axes[1].loglog(q[shown], density[shown], color=BLUE, marker=".", ms=3, lw=1)
+        axes[1].set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C(q) (nm$^4$)")
+        axes[1].tick_params(axis="x", which="minor", labelsize=6)
+    else:
+        x = (np.arange(nx) + 0.5) * surface.pixel_size
+        axes[1].plot(x, surface.heights[:, ny // 2], color=BLUE, marker="." if nx < 3 else None)
+        axes[1].set(xlabel="x (nm)", ylabel="height (nm)", title="through the middle")
+    return figure
+
+
+def pressure_figure(contact: ContactSolution) -> Figure:
+    """Draw the pressure over the whole contact, and around the largest patch with the outlines of patches."""
+    figure, axes = panels(10.5, 4.8, 2)
+    _draw_pressure(axes[0], contact)
+    _draw_largest_patch(axes[1], contact)
+    return figure
+
+
+def map_figures(contact: ContactSolution, surface: Surface | None = None) -> dict[str, Figure]:
+    """Draw each map as a figure for narrow pages: ``heights``, ``pressure``, ``patch`` (around the largest one)."""
+    made = {}
+    if surface is not None:
+        made["heights"], axes = blank(4.9, 3.9)
+        _draw_heights(axes, surface)
+    made["pressure"], axes = blank(4.9, 3.9)
+    _draw_pressure(axes, contact)
+    if contact.patches:
+        made["patch"], axes = blank(4.9, 3.9)
+        _draw_largest_patch(axes, contact)
+    return made
+
+
+def _draw_heights(axes: Axes, surface: Surface) -> None:
+    nx, ny = surface.shape
+    extent = (0.0, nx * surface.pixel_size, 0.0, ny * surface.pixel_size)
+    draw_map(axes, pooled(surface.heights, np.mean), extent, "height (nm)", cmap="cividis")
+    axes.set_title(f"rms height {surface.rms_height:.3g} nm, rms slope {surface.rms_slope:.3g}")
+
+
+def _pressure_style(contact: ContactSolution) -> dict[str, Any]:
+    low, top = float(contact.pressure.min()), float(contact.pressure.max()) or 1.0
+    return {"cmap": "inferno_r", "vmin": low if low < top else 0.0, "vmax": top}
+
+
+def _draw_pressure(axes: Axes, contact: ContactSolution) -> None:
+    nx, ny = contact.shape
+    extent = (0.0, nx * contact.pixel_size, 0.0, ny * contact.pixel_size)
+    shown = np.ma.masked_equal(pooled(contact.pressure, np.max), 0.0)
+    draw_map(axes, shown, extent, "pressure (GPa)", **_pressure_style(contact))
+    axes.set_title(f"{_count(contact.patches, 'patch', 'patches')}, A/A$_0$ = {contact.area_fraction:.3g}")
+
+
+def _draw_largest_patch(axes: Axes, contact: ContactSolution) -> None:
+    a = contact.pixel_size
+    (x0, x1), (y0, y1) = _around_largest_patch(contact)
+    part = contact.pressure[x0:x1, y0:y1]
+    extent = (x0 * a, x1 * a, y0 * a, y1 * a)
+    draw_map(axes, np.ma.masked_equal(part, 0.0), extent, "pressure (GPa)", **_pressure_style(contact))
+    axes.add_collection(_outlines(part > 0, x0, y0, a))
+    axes.set_title("around the largest patch" if contact.patches else "no contact")
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
+
+
+def _outlines(contact: np.ndarray, x0: int, y0: int, pixel: float) -> Any:
+    """The pixel edges between contact and gap in a (nx, ny) map whose corner is pixel (x0, y0)."""
+    from matplotlib.collections import LineCollection
+
+    i, j = np.nonzero(np.diff(contact, axis=0))
+    upright = np.stack([np.stack([i + 1, j], -1), np.stack([i + 1, j + 1], -1)], 1)
+    i, j = np.nonzero(np.diff(contact, axis=1))
+    level = np.stack([np.stack([i, j + 1], -1), np.stack([i + 1, j + 1], -1)], 1)
+    edges = (np.concatenate([upright, level]) + np.array([x0, y0])) * pixel
+    return LineCollection(list(edges), colors=GREEN, linewidths=0.8, capstyle="round")
+
+
+def _around_largest_patch(contact: ContactSolution) -> tuple[tuple[int, int], tuple[int, int]]:
+    from scipy import ndimage
+
+    nx, ny = contact.shape
+    if not contact.sites.size:
+        return (0, nx), (0, ny)
+    labels, count = ndimage.label(contact.contact, structure=np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
+    largest = int(np.bincount(labels.ravel(), minlength=count + 1)[1:].argmax()) + 1
+    box = ndimage.find_objects(labels, max_label=largest)[largest - 1]
+    side = max(64, 2 * max(part.stop - part.start for part in box))
+    window = []
+    for part, n in zip(box, (nx, ny), strict=True):
+        low = max(0, min((part.start + part.stop - side) // 2, n - side))
+        window.append((low, min(n, low + side)))
+    return window[0], window[1]
+
+
+def friction_figure(run: Run) -> Figure | None:
+    """Draw ΔF and Δμ against hold time, with standard errors and the fitted line; None without ageing."""
+    if run.aging is None:
+        return None
+    aging, fit = run.aging, run.fit()
+    figure, axes = panels(10.5, 4.2, 2)
+    shown = aging.hold_times > 0
+    t = aging.hold_times[shown]
+    _with_errors(axes[0], t, aging.mean_friction_drop[shown], aging.friction_drop_stderr[shown], BLUE)
+    axes[0].set_ylabel("friction drop ΔF (nN)")
+    if aging.load > 0:
+        _with_errors(
+            axes[1], t, aging.mean_friction_coefficient_drop[shown], aging.friction_coefficient_drop_stderr[shown], BLUE
+        )
+    axes[1].set_ylabel("friction coefficient drop Δμ")
+    if not t.size:
+        _write(axes[0], "no hold time above 0")
+    if aging.load == 0:
+        _write(axes[1], "undefined: no load")
+    if fit is not None and np.isfinite(fit.beta) and np.isfinite(fit.cutoff_time):
+        line = np.geomspace(*run.window, 50)
+        axes[1].plot(
+            line,
+            fit.beta * np.log10(line / fit.cutoff_time),
+            color=ORANGE,
+            lw=1.6,
+            zorder=3,
+            label=f"β = {plus_minus(fit.beta, fit.beta_stderr, 'per decade')}",
+        )
+        axes[1].legend(frameon=False, loc="upper left")
+    for one in axes:
+        one.set(xscale="log", xlabel="hold time (s)")
+        one.set_ylim(bottom=0)
+    figure.suptitle(
+        f"{run.scene.get('title') or run.name}: {_count(aging.replicas, 'replica', 'replicas')}, "
+        f"{aging.temperature:g} K",
+        fontsize=10,
+        parse_math=False,  # a dollar sign in a title is not a formula
+    )
+    return figure
+
+
+def _write(axes: Axes, text: str) -> None:
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", color=GREY)
+
+
+def _with_errors(axes: Axes, t: np.ndarray, mean: np.ndarray, error: np.ndarray, colour: str) -> None:
+    axes.errorbar(t, mean, yerr=np.nan_to_num(error), color=colour, marker="o", ms=3.5, lw=1, capsize=2)
+
+
+def observed_figures(run: Run) -> dict[str, Figure]:
+    """Draw the figures of the observables of a run: name -> figure."""
+    if run.aging is None:
+        return {}
+    observed = observed_in(run.name, run.aging, BLUE)
+    return observable_figures([(observed, observables_of(run.aging, run.scene))])
+
+
+def figures(run: Run) -> dict[str, Figure]:
+    """Draw every figure for which the run has data: name -> figure."""
+    made = {
+        "surface": surface_figure(run.surface) if run.surface is not None else None,
+        "pressure": pressure_figure(run.contact),
+        **observed_figures(run),
+        "friction": friction_figure(run),
+    }
+    return {name: figure for name, figure in made.items() if figure is not None}
+
+
+def save(run: Run, folder: Path, *, force: bool = False, suffix: str = "png") -> list[Path]:
+    """Write the figures of ``run`` into ``folder``; see :func:`chemage.reports.figures.save_figures`."""
+    return save_figures(figures(run), folder, force=force, suffix=suffix)

@@ -1,0 +1,1 @@
+"""Creates the folder of a new plugin."""

@@ -1,0 +1,68 @@
+"""``chemage plugins new``: creates a working plugin with tests of the requirements of its role."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from importlib import resources
+from pathlib import Path
+
+from chemage.foundation.errors import InputError, StoreError
+from chemage.foundation.messages import nearest
+from chemage.plugins import registry
+
+
+def new(name: str, role: str, folder: Path) -> list[Path]:
+    """Write a plugin with a component of kind ``name`` for ``role`` into ``folder``/chemage-``name``.
+
+    Returns
+    -------
+    list of pathlib.Path
+        The files, the first of which is ``pyproject.toml``.
+
+    Raises
+    ------
+    InputError
+        ``name`` is not valid for a kind, or there is no such role.
+    StoreError
+        The folder exists or cannot be created.
+    """
+    roles = list(registry.current().roles)
+    if role not in roles:
+        raise InputError(f"no role {role!r}{nearest(role, roles)}; the roles are {', '.join(roles)}")
+    module = name.replace("-", "_")
+    if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name) or keyword.iskeyword(module):
+        raise InputError.of(
+            "name", name, "is not a valid kind", "use lower-case words joined by -, such as my-barriers"
+        )
+    package = f"chemage_{module}"
+    words = {
+        "kind": name,
+        "role": role,
+        "module": module,
+        "package": package,
+        "distribution": f"chemage-{name}",
+        "cls": "".join(part.capitalize() for part in name.split("-")),
+    }
+    contents = {
+        Path("pyproject.toml"): "pyproject.toml",
+        Path("README.md"): "README.md",
+        Path(package, "__init__.py"): "package.py",
+        Path(package, f"{module}.py"): f"role_{role}.py",
+        Path("tests", f"test_{module}.py"): "test_reader.py" if role == "reader" else "test.py",
+    }
+    target = folder / f"chemage-{name}"
+    try:
+        target.mkdir()
+        for path, template in contents.items():
+            (target / path).parent.mkdir(parents=True, exist_ok=True)
+            (target / path).write_text(_template(template).format(**words), encoding="utf-8")
+    except FileExistsError:
+        raise StoreError(f"{target} is already there; choose another name or folder") from None
+    except OSError as error:
+        raise StoreError(f"cannot write {target}: {error.strerror}") from error
+    return [target / path for path in contents]
+
+
+def _template(name: str) -> str:
+    return resources.files("chemage.scaffold").joinpath("templates", f"{name}.in").read_text(encoding="utf-8")

@@ -1,0 +1,25 @@
+"""The first stage: a component makes a surface."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from chemage.foundation.checks import Seed, expect
+from chemage.plugins import registry
+from chemage.surfaces.role import SurfaceMaker
+from chemage.surfaces.surface import Surface
+
+
+def surface(kind: str, **options: Any) -> Any:
+    """A surface maker: ``chemage.surface("self-affine", pixels=2500, ...).make(seed=1)``."""
+    return registry.current().make("surface", kind, options)
+
+
+def make_surface(maker: SurfaceMaker, seed: Seed = 0) -> Surface:
+    """The surface of ``maker``, through the hook ``chemage_make_surface``.
+
+    Plugins that answered the hook or changed its answer are noted in the surface's ``provenance``.
+    """
+    expect("maker", maker, SurfaceMaker, 'make one with chemage.surface("sphere", ...)')
+    made, plugins = registry.current().answer("chemage_make_surface", Surface, maker=maker, seed=seed)
+    return made.noting(plugins)

@@ -1,0 +1,72 @@
+"""The surface: heights on a pixel grid."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from chemage.foundation.records import Reals, Record, require_finite
+from chemage.surfaces import roughness
+
+
+class Surface(Record):
+    """A rough (or spherical) body, given by its heights on a pixel grid."""
+
+    arrays = {"heights": (("x", "y"), "nm", "height, higher = nearer to the counter-body")}
+
+    heights: Reals
+    """(nx, ny) nm, higher = nearer to the counter-body; float64, or float32 as given"""
+    pixel_size: float = Field(gt=0, allow_inf_nan=False)
+    """edge of a pixel, nm"""
+    periodic: bool = True
+    """whether the grid repeats"""
+    provenance: dict[str, Any] = {}
+    """how it was made: plain JSON values"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.heights.ndim != 2 or self.heights.size == 0:
+            raise ValueError(f"heights: shape {self.heights.shape}; give a two-dimensional, non-empty array (nx, ny)")
+        require_finite("heights", self.heights, "fill or crop missing data first")
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(nx, ny) pixels."""
+        nx, ny = self.heights.shape
+        return nx, ny
+
+    @property
+    def nominal_area(self) -> float:
+        """A0, nm²."""
+        return self.heights.size * self.pixel_size**2
+
+    @cached_property
+    def rms_height(self) -> float:
+        """Root mean square height about the mean, nm."""
+        return roughness.rms_height(self.heights)
+
+    @cached_property
+    def rms_slope(self) -> float:
+        """Root mean square slope h'_rms: spectral where periodic, central differences otherwise."""
+        return roughness.rms_slope(self.heights, self.pixel_size, self.periodic)
+
+    def psd(self, bins: int = 60) -> tuple[np.ndarray, np.ndarray]:
+        """Radially averaged power spectral density, mean square height = ∫C d²q/(2π)²: q (1/nm) and C(q) (nm⁴).
+
+        See :func:`chemage.surfaces.roughness.psd`; a surface that is not periodic is tapered with a Hann window.
+        """
+        return roughness.psd(self.heights, self.pixel_size, self.periodic, bins)
+
+    def coordinates(self) -> dict[str, np.ndarray]:
+        """Centres of the pixels along ``x`` and ``y``, nm."""
+        return {name: (np.arange(n) + 0.5) * self.pixel_size for name, n in zip("xy", self.shape, strict=True)}
+
+    def __repr__(self) -> str:
+        nx, ny = self.shape
+        return f"<Surface {nx}x{ny} pixels of {self.pixel_size:g} nm, rms height {self.rms_height:.4g} nm>"
+
+    __str__ = __repr__

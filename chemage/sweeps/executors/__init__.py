@@ -1,0 +1,1 @@
+"""Executors of a sweep: this process, several processes, or a Dask cluster."""

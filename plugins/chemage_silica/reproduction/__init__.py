@@ -1,1 +1,0 @@
-"""The paper's figures and tables, computed anew and laid beside the published numbers."""

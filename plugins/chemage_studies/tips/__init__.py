@@ -1,0 +1,1 @@
+"""Scaling of friction by contact area, studied with tips and rough contacts."""

@@ -1,0 +1,149 @@
+"""A run cut into pieces, or killed, gives the same bytes as one that was not."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import chemage as ca
+from chemage import InputError, StoreError
+from chemage.ageing import checkpoints
+from chemage.kinetics.stage import run_kinetics
+
+SMALL = {
+    "surface.pixels": 128, "surface.zeta": 16, "contact.load": "200 nN", "hold.replicas": 3, "hold.per_decade": 2,
+}  # fmt: skip
+
+
+@pytest.fixture
+def small() -> ca.Scene:
+    return ca.load_scene("silica-rough", SMALL)
+
+
+def test_a_checkpointed_run_equals_a_plain_one(small: ca.Scene, tmp_path: Path):
+    plain, kept = ca.run(small), ca.run(small, checkpoints=tmp_path / "kept")
+    again = ca.run(small, checkpoints=tmp_path / "kept")
+    assert plain.aging == kept.aging == again.aging
+    assert plain.contact == kept.contact
+    assert sorted(path.name for path in (tmp_path / "kept").iterdir()) == [
+        "contact.h5", "replica-00000.h5", "replica-00001.h5", "replica-00002.h5",
+    ]  # fmt: skip
+
+
+def test_what_is_there_is_not_computed_again(small: ca.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    ca.run(small, checkpoints=tmp_path / "kept")
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("computed again")
+
+    monkeypatch.setattr(checkpoints, "run_kinetics", refuse)
+    monkeypatch.setattr("chemage.experiments.run.solve_contact", refuse)
+    ca.run(small, checkpoints=tmp_path / "kept")
+
+
+def test_a_run_goes_on_from_the_middle(small: ca.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Interrupted after some pieces of the first replica, each of which is on disk."""
+    plain = ca.run(small)
+    calls = 0
+
+    def fail_later(*arguments: object, **named: object) -> ca.BondHistory:
+        nonlocal calls
+        calls += 1
+        if calls == 4:
+            raise KeyboardInterrupt
+        return run_kinetics(*arguments, **named)  # pyright: ignore[reportArgumentType]
+
+    contact = plain.contact
+    assert small.chemistry is not None
+    lattice = small.chemistry.on(contact, 5)
+    times, engine = ca.hold_times(1e-3, 1e5, 2), ca.engine("rejection-free")
+    whole = engine.run(lattice, times, temperature=300.0, seed=9)
+    path = tmp_path / "one.h5"
+    monkeypatch.setattr(checkpoints, "run_kinetics", fail_later)
+    with pytest.raises(KeyboardInterrupt):
+        checkpoints.run_with_checkpoints(engine, lattice, times, temperature=300.0, seed=9, path=path, every=0.0)
+    assert 0 < ca.read(path).hold_times.size < times.size
+    monkeypatch.undo()
+    joined = checkpoints.run_with_checkpoints(engine, lattice, times, temperature=300.0, seed=9, path=path)
+    for name in ("hold_times", "bonds", "formed", "broken", "state"):
+        np.testing.assert_array_equal(getattr(joined, name), getattr(whole, name))
+
+
+def test_checkpoints_of_another_run_are_refused(small: ca.Scene, tmp_path: Path):
+    ca.run(small, checkpoints=tmp_path)
+    with pytest.raises(StoreError, match="another run"):
+        ca.run(ca.load_scene("silica-rough", {**SMALL, "hold.seed": 1}), checkpoints=tmp_path)
+    with pytest.raises(StoreError, match="another scene"):
+        ca.run(ca.load_scene("silica-rough", {**SMALL, "contact.load": "300 nN"}), checkpoints=tmp_path)
+
+
+def test_checkpoints_of_other_plugins_are_refused(small: ca.Scene, tmp_path: Path):
+    """What a plugin that wraps a stage has changed must not be taken up without it, nor the other way round."""
+
+    class Cold:
+        @ca.hookimpl
+        def chemage_run_kinetics(self, engine, lattice, hold_times, seed, start):
+            return engine.run(lattice, hold_times, temperature=200.0, seed=seed, start=start)
+
+    ca.run(small, checkpoints=tmp_path / "plain")
+    installed = ca.registry.Registry()
+    installed.register(Cold(), "cold")
+    with ca.registry.using(installed):
+        with pytest.raises(StoreError, match="or of other plugins"):
+            ca.run(small, checkpoints=tmp_path / "plain")
+        ca.run(small, checkpoints=tmp_path / "cold")
+    with pytest.raises(StoreError, match="or of other plugins"):
+        ca.run(small, checkpoints=tmp_path / "cold")
+
+
+#: the command line, which waits to be killed when three replicas are kept
+STOPS = """
+import sys, time
+from pathlib import Path
+from chemage.ageing import checkpoints
+from chemage.cli.app import main
+
+keep = checkpoints.keep
+
+def stop(*arguments):
+    keep(*arguments)
+    if len(list(Path("kept").glob("replica-*.h5"))) >= 3:
+        print("enough", file=sys.stderr, flush=True)
+        time.sleep(600)
+
+checkpoints.keep = stop
+main()
+"""
+
+
+def test_killed_run_goes_on(small: ca.Scene, tmp_path: Path):
+    words = ["run", "silica-rough", "--no-figures", "--checkpoints", "kept"]
+    for path, value in {**SMALL, "contact.load": '"200 nN"', "hold.replicas": 60}.items():
+        words += ["--set", f"{path}={value}"]
+    command = [sys.executable, "-m", "chemage.cli", *words]
+    kept = tmp_path / "kept"
+    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, "-c", STOPS, *words], cwd=tmp_path, **pipes) as process:
+        assert process.stderr is not None
+        assert any("enough" in line for line in process.stderr)
+        process.kill()
+    assert not (tmp_path / "silica-rough.h5").exists()
+    before = {path.name: path.stat().st_mtime_ns for path in kept.glob("replica-*.h5")}
+    assert len(before) >= 3
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    after = {path.name: path.stat().st_mtime_ns for path in kept.glob("replica-*.h5")}
+    assert {name: after[name] for name in before} == before
+    whole = ca.run(ca.load_scene("silica-rough", {**SMALL, "hold.replicas": 60}))
+    assert ca.read(tmp_path / "silica-rough.h5").aging == whole.aging
+
+
+def test_histories_that_do_not_follow_are_refused(small: ca.Scene):
+    assert small.chemistry is not None
+    lattice = small.chemistry.on(ca.run(small).contact, 5)
+    engine = ca.engine("rejection-free")
+    first = engine.run(lattice, [1.0, 10.0], temperature=300.0)
+    with pytest.raises(InputError, match="was not resumed"):
+        first.then(first)
+    assert first.then(engine.run(lattice, [100.0], temperature=300.0, start=first)).hold_times.size == 3

@@ -1,0 +1,200 @@
+"""Fits recover what is known, and their intervals mean 95 %."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from chemage import Aging, InputError, Measurements, fit_aging
+
+
+def line(beta, cutoff, t):
+    return beta * np.log10(t / cutoff)
+
+
+def curve(beta, cutoff, t):
+    return beta * np.log10(1 + t / cutoff)
+
+
+def measured(t, y, error=None, quantity="friction_coefficient_drop"):
+    return Measurements("m", np.asarray(t), np.asarray(y), quantity, error)
+
+
+TIMES = np.geomspace(0.1, 1e4, 16)
+
+
+@pytest.mark.parametrize(("model", "shape"), [("line", line), ("curve", curve)])
+@pytest.mark.parametrize(("beta", "cutoff"), [(0.45, 0.7), (12.0, 3e-4), (1e-3, 50.0), (3.0, 1e-12)])
+def test_exact_data_give_back_what_they_were_made_with(model, shape, beta, cutoff):
+    fit = fit_aging(measured(TIMES, shape(beta, cutoff, TIMES)), model=model)
+    assert fit.beta == pytest.approx(beta, rel=1e-6)
+    assert fit.cutoff_time == pytest.approx(cutoff, rel=1e-5)
+    assert fit.rms_residual < 1e-6 * beta
+    np.testing.assert_allclose(fit(TIMES), shape(beta, cutoff, TIMES), atol=1e-6 * beta)
+    assert fit.points == TIMES.size
+
+
+def test_a_measurement_at_zero_counts_for_the_curve_and_not_for_the_line():
+    t = np.append(0.0, TIMES)
+    y = curve(0.5, 2.0, t)
+    y[0] = 0.2
+    assert fit_aging(measured(t, y), model="line").points == TIMES.size
+    with_zero, without = (fit_aging(measured(t[k:], y[k:]), model="curve") for k in (0, 1))
+    assert with_zero.points == without.points + 1
+    # a residual at t = 0 that no β and t_c can take away
+    assert (with_zero.beta, with_zero.cutoff_time) == (pytest.approx(without.beta), pytest.approx(without.cutoff_time))
+    assert with_zero.rms_residual == pytest.approx(0.2 / math.sqrt(t.size))
+
+
+def test_the_window_chooses_the_hold_times_and_both_ends_belong_to_it():
+    y = line(0.5, 1.0, TIMES)
+    y[TIMES > 2e3] = 99.0
+    fit = fit_aging(measured(TIMES, y), window=(TIMES[3] * (1 + 1e-12), "1000 s"))
+    assert fit.points == np.count_nonzero((TIMES[3] <= TIMES) & (TIMES <= 1000))
+    assert fit.beta == pytest.approx(0.5)
+    assert fit.window == (pytest.approx(TIMES[3]), 1000.0)
+    assert "1000 s" in fit.describe()
+
+
+def test_errors_weigh_the_rows():
+    y = line(0.5, 1.0, TIMES)
+    y[-1] += 3.0
+    error = np.full(TIMES.size, 0.01)
+    error[-1] = 100.0
+    assert fit_aging(measured(TIMES, y, error)).beta == pytest.approx(0.5, rel=1e-4)
+    assert fit_aging(measured(TIMES, y)).beta > 0.6
+
+
+@pytest.mark.parametrize("kind", ["residuals", "pairs"])
+@pytest.mark.parametrize(("model", "shape"), [("line", line), ("curve", curve)])
+def test_intervals_hold_the_truth_nineteen_times_in_twenty(model, shape, kind):
+    generator = np.random.default_rng(8)
+    trials, inside = 160, np.zeros(2)
+    for _ in range(trials):
+        y = shape(0.45, 5.0, TIMES) + generator.normal(0, 0.05, TIMES.size)
+        fit = fit_aging(measured(TIMES, y), model=model, bootstrap=kind, samples=400)
+        inside += [
+            fit.beta_interval.low <= 0.45 <= fit.beta_interval.high,
+            fit.cutoff_interval.low <= 5.0 <= fit.cutoff_interval.high,
+        ]
+    # a percentile bootstrap of 16 points covers a little less than it says: 0.95 ± 2.3 standard errors, and 0.02 below
+    assert (inside / trials > 0.89).all()
+    assert (inside / trials < 0.99).all()
+
+
+def aging(bonds, **options):
+    replicas = bonds.shape[0]
+    fields = {"load": 100.0, "temperature": 300.0, "bond_force": 3.0} | options
+    ones = np.full(replicas, 10**6)
+    return Aging(hold_times=TIMES, bonds=bonds.astype(np.int64), sites=ones, events=ones, **fields)
+
+
+def correlated(generator, replicas):
+    """Replicas whose whole curve is scaled and shifted: errors that no scatter about the line shows."""
+    beta = generator.normal(4000.0, 400.0, (replicas, 1))
+    return np.rint(beta * np.log10(TIMES) + generator.normal(9000.0, 500.0, (replicas, 1)))
+
+
+def test_replicas_are_drawn_whole_so_that_correlated_errors_count():
+    generator, trials, inside, narrow = np.random.default_rng(4), 200, 0, 0
+    for _ in range(trials):
+        many = aging(correlated(generator, 8))
+        fit = fit_aging(many, window=("0.1 s", "1e4 s"), samples=400)
+        assert fit.bootstrap == "replicas"
+        inside += fit.beta_interval.low <= 4000 * 0.03 <= fit.beta_interval.high
+        blind = fit_aging(many, window=("0.1 s", "1e4 s"), samples=400, bootstrap="residuals")
+        narrow += blind.beta_interval.low <= 4000 * 0.03 <= blind.beta_interval.high
+    assert 0.90 < inside / trials < 0.99
+    assert narrow / trials < 0.2
+
+
+def test_a_simulated_line_is_the_fit_of_ageing_itself():
+    one = aging(correlated(np.random.default_rng(1), 6))
+    own, fit = one.fit("10 s", "1e4 s"), fit_aging(one)
+    assert fit.beta == pytest.approx(own.beta, rel=1e-12)
+    assert fit.cutoff_time == pytest.approx(own.cutoff_time, rel=1e-9)
+    half = 0.5 * (fit.beta_interval.high - fit.beta_interval.low)
+    # 95 % of Student's t with five degrees of freedom: 2.571 standard errors
+    assert half == pytest.approx(2.571 * own.beta_stderr, rel=0.2)
+    force = fit_aging(one, quantity="friction_drop")
+    assert force.beta == pytest.approx(own.friction_rate, rel=1e-12)
+    assert force.beta_text().endswith("nN")
+
+
+def test_a_single_replica_falls_back_to_residuals():
+    one = aging(correlated(np.random.default_rng(1), 1))
+    assert fit_aging(one).bootstrap == "residuals"
+    with pytest.raises(InputError, match="single curve"):
+        fit_aging(one, bootstrap="replicas")
+
+
+def test_the_same_data_give_the_same_digits_and_the_seed_changes_them():
+    y = line(0.5, 1.0, TIMES) + np.sin(TIMES)
+    data = measured(TIMES, y)
+    assert fit_aging(data) == fit_aging(data)
+    assert fit_aging(data).beta_interval != fit_aging(data, seed=1).beta_interval
+
+
+def test_a_wider_confidence_gives_a_wider_interval():
+    data = measured(TIMES, line(0.5, 1.0, TIMES) + 0.1 * np.sin(3 * TIMES))
+    widths = []
+    for confidence in (0.5, 0.9, 0.99):
+        interval = fit_aging(data, confidence=confidence).beta_interval
+        widths.append(interval.high - interval.low)
+    assert widths[0] < widths[1] < widths[2]
+
+
+@pytest.mark.parametrize("model", ["line", "curve"])
+def test_data_that_do_not_rise_have_no_cutoff_time(model):
+    noise = np.random.default_rng(0).normal(0, 0.1, TIMES.size)
+    falling = fit_aging(measured(TIMES, -line(0.5, 1.0, TIMES) + noise), model=model)
+    assert falling.beta < 0
+    assert math.isnan(falling.cutoff_time)
+    assert falling.cutoff_text().startswith("undetermined")
+    flat = fit_aging(measured(TIMES, noise), model=model)
+    assert flat.cutoff_interval.low == 0
+    assert math.isinf(flat.cutoff_interval.high)
+    # None, not NaN, where JSON is wanted
+    assert falling.todict()["cutoff_time"] is None
+
+
+def test_all_data_before_the_cutoff_only_bound_it_from_below():
+    # Δμ in proportion to t: any cut-off time far beyond the last measurement does
+    fit = fit_aging(measured(TIMES, 1e-3 * TIMES), model="curve")
+    assert not fit.cutoff_time < TIMES[-1]
+    assert np.isfinite(fit.rms_residual)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"model": "cubic"}, "choose line or curve"),
+        ({"samples": 10}, "too few"),
+        ({"confidence": 1.0}, "between 0 and 1"),
+        ({"bootstrap": "jackknife"}, "choose residuals, pairs, replicas"),
+        ({"window": ("1e5 s", "1e6 s")}, "0 different hold times"),
+        ({"window": (0.1, 0.2)}, "different hold times"),
+        ({"quantity": "friction_drop"}, "measurements of friction_coefficient_drop"),
+        ({"window": ("1 nm", "2 nm")}, "nanometer"),
+    ],
+)
+def test_options_that_make_no_sense_are_named(options, message):
+    with pytest.raises(InputError, match=message):
+        fit_aging(measured(TIMES, line(0.5, 1.0, TIMES)), **options)
+
+
+def test_a_coefficient_without_load_is_refused_with_the_remedy():
+    with pytest.raises(InputError, match="quantity='friction_drop'"):
+        fit_aging(aging(correlated(np.random.default_rng(1), 3), load=0.0))
+
+
+def test_repeated_hold_times_are_repeated_measurements():
+    t = np.repeat([1.0, 10.0, 100.0], 4)
+    y = line(0.5, 0.1, t) + np.tile([0.1, -0.1, 0.05, -0.05], 3)
+    fit = fit_aging(measured(t, y))
+    assert fit.beta == pytest.approx(0.5)
+    assert fit.points == 12
+    pairs = fit_aging(measured(t, y), bootstrap="pairs", model="curve")
+    assert pairs.beta_interval.low < pairs.beta < pairs.beta_interval.high

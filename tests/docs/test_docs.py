@@ -1,0 +1,161 @@
+"""The documentation is true: its Python runs, its scenes are valid, its commands exist, its links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import tomllib
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+import typer
+
+from chemage import parse_scene, scene_data
+from chemage.cli import app as command_line
+from chemage.experiments.scene import SECTIONS
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+#: the tutorial's plugin is built and installed by a test of its own
+TUTORIAL = ROOT / "docs" / "plugins.md"
+
+
+class Block(NamedTuple):
+    """A fenced block."""
+
+    page: Path
+    line: int
+    language: str
+    text: str
+
+
+def blocks(page):
+    """The fenced blocks of a page."""
+    found, start, fence, language, lines = [], 0, "", "", []
+    for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), 1):
+        opening = re.match(r"( *)(```+)([\w-]*)", line)
+        if not fence and opening:
+            start, fence, language, lines = number, opening[1] + opening[2], opening[3], []
+        elif fence and line.rstrip() == fence:
+            found.append(Block(page, start, language, "\n".join(lines) + "\n"))
+            fence = ""
+        elif fence:
+            lines.append(line)
+    assert not fence, f"{page.name}:{start}: the block is never closed"
+    return found
+
+
+def every(*languages):
+    """Blocks of these languages on every page, as test parameters."""
+    return [
+        pytest.param(block, id=f"{block.page.name}:{block.line}")
+        for page in PAGES
+        for block in blocks(page)
+        if block.language in languages and page != TUTORIAL
+    ]
+
+
+PYTHON = [page for page in PAGES if page != TUTORIAL and any(b.language == "python" for b in blocks(page))]
+
+
+@pytest.mark.parametrize("page", PYTHON, ids=lambda page: page.name)
+def test_python_runs_as_written(page, tmp_path, monkeypatch, capsys):
+    """The blocks of one page, one after the other, in one namespace and an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    namespace = {"__name__": "docs"}
+    for block in blocks(page):
+        if block.language == "python":
+            # empty lines before it, so that a traceback names the line of the page
+            code = compile("\n" * block.line + block.text, str(page), "exec")
+            exec(code, namespace)
+
+
+def test_the_readme_shows_python():
+    assert ROOT / "README.md" in PYTHON
+
+
+@pytest.mark.parametrize("block", every("toml"))
+def test_scenes_are_valid(block):
+    data = tomllib.loads(block.text)
+    if not data.keys() <= set(SECTIONS):
+        return  # another kind of file, such as pyproject.toml
+    data.pop("sweep", None)
+    if {"surface", "contact"} <= data.keys():
+        parse_scene(data, f"{block.page.name}:{block.line}")
+        return
+    # some sections alone: they must fit the reference scene
+    base = scene_data("silica-rough")[0]
+    for section, part in data.items():
+        same = isinstance(part, dict) and part.get("kind") in (None, base.get(section, {}).get("kind"))
+        base[section] = {**base.get(section, {}), **part} if same else part
+    base["contact"].setdefault("load", "20 uN")
+    parse_scene(base, f"{block.page.name}:{block.line}")
+
+
+def command_lines():
+    """Every ``chemage …`` of a shell block, as words."""
+    found = []
+    for page in PAGES:
+        for block in blocks(page):
+            if block.language not in ("sh", "bash", "console", "sh-session", "shell"):
+                continue
+            for number, line in enumerate(block.text.replace("\\\n", " ").splitlines(), block.line + 1):
+                for part in re.split(r"&&|\|", line):
+                    words = shlex.split(part.removeprefix("$ "), comments=True)
+                    if words and Path(words[0]).name == "chemage":
+                        found.append(pytest.param(words[1:], id=f"{page.name}:{number}: {' '.join(words)}"))
+    return found
+
+
+@pytest.mark.parametrize("words", command_lines())
+def test_commands_and_options_exist(words):
+    command_line._add_plugin_commands()
+    command = typer.main.get_command(command_line.app)
+    if words and words[0].startswith("-"):
+        return
+    while hasattr(command, "commands"):
+        name, *words = words
+        assert name in command.commands, f"there is no command {name}"
+        command = command.commands[name]
+    known = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+    used = {word.partition("=")[0] for word in words if re.match(r"--?[a-zA-Z]", word)}
+    assert used <= known | {"--help"}, f"no such option: {used - known}"
+
+
+def anchors(page):
+    """The names that headings of a page can be linked by, as GitHub makes them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    titles = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.replace("`", "").lower()).replace(" ", "-") for title in titles}
+
+
+LINKS = [
+    pytest.param(page, target, id=f"{page.name}: {target}")
+    for page in PAGES
+    for target in dict.fromkeys(re.findall(r"\]\(([^)\s]+)[^)]*\)", page.read_text(encoding="utf-8")))
+    if not re.match(r"[a-z]+:", target)
+]
+
+
+@pytest.mark.parametrize(("page", "target"), LINKS)
+def test_links_lead_somewhere(page, target):
+    path, _, anchor = target.partition("#")
+    goal = (page.parent / path).resolve() if path else page
+    assert goal.exists(), f"{page.name} links to {target}"
+    assert goal.is_relative_to(ROOT), f"{page.name} links out of the project"
+    if anchor:
+        assert anchor in anchors(goal), f"{goal.name} has no heading for #{anchor}"
+
+
+def test_every_page_is_in_the_index():
+    index = ROOT / "docs" / "index.md"
+    linked = {(index.parent / target).resolve() for target in re.findall(r"\]\(([^)#\s]+)", index.read_text())}
+    pages = set((ROOT / "docs").glob("*.md")) - {index}
+    assert pages <= linked, f"not in the index: {sorted(page.name for page in pages - linked)}"
+
+
+def test_figures_are_not_orphans():
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    orphans = [p.name for p in (ROOT / "docs").rglob("*.png") if p.name not in text]
+    assert not orphans

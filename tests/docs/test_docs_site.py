@@ -1,0 +1,132 @@
+"""The site is complete: every page is in the navigation, and every public name, role, command, array and message of the
+code is where a reader looks for it."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+
+import chemage as ca
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+NAMES = [name for name in ca.__all__ if not name.startswith("__")]
+
+
+def text(name):
+    return (DOCS / name).read_text(encoding="utf-8")
+
+
+def words(page, language):
+    """The words in the fenced blocks that ``docs/site/generate.py`` fills in."""
+    found = re.findall(rf"^```{language}\n(.*?)^```$", text(page), re.MULTILINE | re.DOTALL)
+    return " ".join(found).split()
+
+
+def test_every_page_is_in_the_navigation_once():
+    listed = re.findall(r"^ +- .*: (\S+\.md)$", text("site/mkdocs.yml"), re.MULTILINE)
+    assert sorted(listed) == sorted(page.name for page in DOCS.glob("*.md"))
+
+
+def test_every_public_name_is_in_the_reference_once():
+    assert sorted(words("reference.md", "names")) == sorted(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_public_name_has_an_entry_that_says_something(name):
+    known, entry = runpy.run_path(str(DOCS / "site" / "generate.py"))["names"]()
+    assert name in known
+    thing = getattr(ca, name)
+    if not (inspect.isclass(thing) or inspect.isfunction(thing)):  # the entry itself holds the text
+        heading, *text = entry(name).strip().splitlines()
+        assert heading.startswith((f"### `{name}`", f"### `chemage.{name}`"))
+        assert len("".join(text)) > 20, f"chemage.{name} is not described"
+        return
+    assert inspect.getdoc(thing), f"chemage.{name} has no docstring"
+    if not inspect.isclass(thing):
+        return
+    for member, value in vars(thing).items():
+        if not member.startswith("_") and (inspect.isfunction(value) or isinstance(value, property)):
+            assert inspect.getdoc(value), f"chemage.{name}.{member} has no docstring"
+
+
+def test_every_role_is_in_the_catalogue():
+    assert words("components.md", "components") == list(ca.registry.current().roles)
+
+
+@pytest.mark.parametrize("page", ["reference.md", "components.md", "commands.md"])
+def test_the_generated_pages_can_be_filled(page):
+    site = runpy.run_path(str(DOCS / "site" / "generate.py"))
+    filled = site["on_page_markdown"](text(page))
+    assert len(filled) > 2 * len(text(page))
+    assert "## Further" not in filled  # nothing is installed that the page does not place
+    assert not re.search(r"^```(names|components|commands)$", filled, re.MULTILINE)
+
+
+def test_every_option_in_the_catalogue_has_a_meaning():
+    site = runpy.run_path(str(DOCS / "site" / "generate.py"))
+    rows = re.findall(
+        r"^\| `(\w+)` \| (.*?) \| (.*?) \| (.*) \|$", site["on_page_markdown"](text("components.md")), re.M
+    )
+    assert len(rows) > 40
+    assert not [name for name, _, _, meaning in rows if not meaning.strip()]
+
+
+def test_the_file_format_lists_every_array_with_its_dimensions_and_unit():
+    groups = {
+        "surface": ca.Surface,
+        "contact": ca.ContactSolution,
+        "aging": ca.Aging,
+        "lattice": ca.ReactionLattice,
+        "history": ca.BondHistory,
+    }
+    page = text("file-format.md")
+    for group, cls in groups.items():
+        (section,) = re.findall(rf"^### {group}$(.*?)(?=^##|\Z)", page, re.MULTILINE | re.DOTALL)
+        for name, (dims, unit, _) in cls.arrays.items():
+            row = f"| `{name}` | {', '.join(f'`{dim}`' for dim in dims)} | {unit or 1} |"
+            assert row in section, f"{group}: {row}"
+        for name in cls.model_fields:
+            assert f"`{name}`" in section, f"{group}: {name} is not described"
+
+
+def strings():
+    """Every text in the code of chemage and its plugins, with … for what is filled in, joined by line feeds."""
+
+    def shown(node):
+        if isinstance(node, ast.Constant):
+            return node.value if isinstance(node.value, str) else "…"
+        return "".join(shown(part) for part in node.values) if isinstance(node, ast.JoinedStr) else "…"
+
+    files = [*(ROOT / "chemage").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")]
+    trees = [ast.parse(file.read_text(encoding="utf-8")) for file in files]
+    return "\n".join(
+        shown(node) for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant | ast.JoinedStr)
+    )
+
+
+def test_every_message_in_troubleshooting_exists():
+    """The fixed parts of each message are in the code as they stand on the page."""
+    known = strings()
+    titles = re.findall(r"^### (.*)$", text("troubleshooting.md"), re.MULTILINE)
+    messages = [message for title in titles for message in re.findall(r"`([^`]+)`", title)]
+    assert len(messages) > 50
+    parts = [(message, part.strip(" ,:;()[]=")) for message in messages for part in message.split("…")]
+    missing = [(message, part) for message, part in parts if len(part) > 3 and part not in known]
+    assert not missing
+
+
+def test_the_citation_file_agrees_with_the_project():
+    import tomllib
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"version: {project['version']}\n" in citation
+    assert f"license: {project['license']}\n" in citation
+    assert f"- name: {project['authors'][0]['name']}\n" in citation
+    assert "10.1103/PhysRevE.98.023001" in citation

@@ -1,0 +1,86 @@
+"""A plan says what will be modelled, and its estimates are not far from what happens."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import chemage
+from chemage import load_scene
+from chemage.experiments.estimate import plan
+
+
+@pytest.fixture
+def planned(small):
+    return lambda **changes: plan(load_scene(small, {n.replace("__", "."): v for n, v in changes.items()}))
+
+
+def test_estimates_are_near_what_happens(small, tmp_path):
+    changes = {"surface.pixels": 200, "surface.zeta": 20, "contact.load": "0.5 uN"}
+    scene = load_scene(small, changes)
+    expected = plan(scene).numbers
+    result = chemage.run(scene)
+    chemage.write(tmp_path / "x.h5", result)
+    assert (expected["nx"], expected["ny"]) == result.contact.shape
+    assert expected["area_fraction"] == pytest.approx(result.contact.area_fraction, rel=0.35)
+    assert expected["sites"] == pytest.approx(result.contact.sites.size, rel=0.35)
+    assert 0.3 < expected["file"] / (tmp_path / "x.h5").stat().st_size < 3
+
+
+def test_the_reference_run_fits_its_budget():
+    numbers = plan(load_scene("silica-rough")).numbers
+    assert 0.0085 < numbers["area_fraction"] < 0.0110
+    assert numbers["sites"] == numbers["area_fraction"] * 2500**2
+    if "memory" in numbers:
+        assert numbers["memory"] < 3e9
+    if "cpu_seconds" in numbers:
+        assert 0 < numbers["cpu_seconds"] < 90
+
+
+def test_what_is_left_out_is_told(planned):
+    stages = planned(breaking=None, interaction=None, chemistry=None).stages
+    assert stages["breaking"] == "not modelled: bonds last"
+    assert stages["interaction"] == "not modelled: no neighbour list"
+    assert "pressure only decides who is in contact" in stages["forming"]
+
+
+def test_hydroxylation_leaves_fewer_sites(planned):
+    assert planned(chemistry__hydroxylation=0.25).numbers["sites"] == planned().numbers["sites"] / 4
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"contact__load": 0}, "the load is 0"),
+        ({"contact__load": "1 mN"}, "nearly full"),
+        ({"surface__zeta": 20}, "2.4 pixels"),
+        ({"fit": {"start": 1e4, "stop": 1e5}}, None),
+        ({"fit": {"start": 1e6, "stop": 1e7}}, "only 0 hold times lie in the fit window"),
+        ({"hold__stop": "10 ms", "hold__temperature": 100}, "below 95 % of the forming barriers"),
+        ({"hold__start": "1e15 s", "hold__stop": "1e17 s"}, "already crossed"),
+    ],
+)
+def test_what_a_user_should_know_beforehand(planned, changes, said):
+    notes = planned(**changes).notes
+    if said is None:
+        assert not any("fit window" in note for note in notes)
+    else:
+        assert sum(said in note for note in notes) == 1, notes
+        assert not any(said in note for note in planned().notes)
+
+
+def test_hold_time_zero_alone_is_no_trouble(small):
+    text = small.read_text().replace('start = "1 ms"\nstop = "1e5 s"', "times = [0.0]")
+    small.write_text(text)
+    json.dumps(plan(load_scene(small)).todict(), allow_nan=False)
+
+
+def test_rows_and_dict_are_for_tables_and_programs(planned):
+    made = planned()
+    names = [name for name, _ in made.rows()]
+    assert names[:3] == ["surface", "contact", "forming"]
+    assert "expected area fraction" in names
+    told = made.todict()
+    assert told["keys"] == made.scene.keys()
+    assert told["nx"] == 48

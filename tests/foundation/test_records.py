@@ -1,0 +1,230 @@
+"""Records: validated once, read-only, equal by content."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from chemage import InputError
+from chemage.foundation.records import Record
+
+
+@pytest.fixture
+def surface(examples):
+    return examples.surface
+
+
+@pytest.fixture
+def history(examples):
+    return examples.history
+
+
+@pytest.fixture(params=["surface", "contact", "lattice", "history", "aging"])
+def make(request, examples):
+    """A function that makes a record; every kind in turn."""
+    return getattr(examples, request.param)
+
+
+def arrays_of(record: Record):
+    for name, value in record.todict().items():
+        if isinstance(value, np.ndarray):
+            yield name, value
+        elif isinstance(value, dict):
+            yield from ((f"{name}.{key}", item) for key, item in value.items() if isinstance(item, np.ndarray))
+
+
+def test_arrays_are_contiguous_and_read_only(make):
+    found = dict(arrays_of(make()))
+    assert found
+    for name, array in found.items():
+        assert array.flags.c_contiguous, name
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+
+
+def test_fields_are_frozen(make):
+    record = make()
+    for name in type(record).model_fields:
+        with pytest.raises(ValidationError, match="frozen"):
+            setattr(record, name, None)
+
+
+def test_equal_content_is_equal(make):
+    assert make() == make()
+    assert hash(make()) == hash(make())
+    assert make().digest() == make().digest()
+    assert make() != "something else"
+
+
+def test_every_field_is_part_of_the_digest(make):
+    record = make()
+    seen = {record.digest()}
+    changed = {
+        float: lambda value: (0.0 if math.isnan(value) else value) + 0.25,
+        int: lambda value: value + 1,
+        bool: lambda value: not value,
+        str: lambda value: value + "x",
+        tuple: lambda value: (*value, "x") if not value or isinstance(value[0], str) else tuple(v + 1 for v in value),
+        dict: lambda value: {**value, "extra": np.ones(2) if make.__name__ == "aging" or "words" in value else 1.5},
+    }
+    optional = {
+        "gap": np.zeros((4, 5)),
+        "displacement": 0.5,
+        "breaking": np.ones(3),
+        "contact": {"load": 1.0},
+        "observables": {},
+        "provenance": {"kind": "other"},
+    }
+    for name in type(record).model_fields:
+        value = getattr(record, name)
+        if name == "neighbours":
+            change = {"neighbours": None, "coupling": None}
+        elif name == "coupling":
+            change = {"coupling": value * 2}
+        elif name in optional:
+            change = {name: optional[name]}
+        elif name == "sites" and make.__name__ == "lattice":
+            change = {name: value + 1}
+        elif isinstance(value, np.ndarray):
+            change = {name: ~value if value.dtype == bool else value + 1}
+        else:
+            change = {name: changed[type(value)](value)}
+        digest = type(record).fromdict({**record.todict(), **change}).digest()
+        assert digest not in seen, f"{name} is no part of the digest"
+        seen.add(digest)
+
+
+def test_nested_content_cannot_be_confused(surface):
+    def of(provenance):
+        return surface(provenance=provenance).digest()
+
+    distinct = [{"a": {"b": 1}}, {"a": {}, "b": 1}, {"a": {"b": {}}}, {"a": 1, "b": 1}, {"a": "1", "b": 1}, {"ab": 1}]
+    assert len({of(provenance) for provenance in distinct}) == len(distinct)
+    assert of({"a": 1, "b": 2}) == of({"b": 2, "a": 1})
+
+
+def test_dtype_and_shape_are_content(surface):
+    flat = np.arange(6.0)
+    digests = {surface(heights=flat.reshape(shape)).digest() for shape in ((2, 3), (3, 2), (1, 6))}
+    assert len(digests) == 3
+    assert surface(heights=np.ones((2, 2))) != surface(heights=np.ones((2, 2), np.float32))
+
+
+def test_todict_and_fromdict_are_inverse(make):
+    record = make()
+    assert type(record).fromdict(record.todict()) == record
+
+
+def test_pickled_and_copied_records_are_equal_and_still_read_only(make):
+    record = make()
+    for again in (pickle.loads(pickle.dumps(record)), copy.copy(record), copy.deepcopy(record)):
+        assert again == record
+        for name, array in arrays_of(again):
+            assert not array.flags.writeable, name
+
+
+def test_a_changed_copy_is_validated_and_has_a_digest_of_its_own(history):
+    made = history()
+    before = made.digest()
+    changed = made.model_copy(update={"engine": "other"})
+    assert changed.engine == "other"
+    assert made.digest() == before != changed.digest()
+    assert changed == history(engine="other")
+    with pytest.raises(InputError, match="temperature"):
+        made.model_copy(update={"temperature": -1})
+    assert made.model_copy() == made
+
+
+def test_every_array_declares_dimensions_unit_and_meaning(make):
+    record = make()
+    own = {name for name in type(record).model_fields if isinstance(getattr(record, name), np.ndarray)}
+    assert own <= set(type(record).arrays)
+    for name, (dimensions, unit, meaning) in type(record).arrays.items():
+        value = getattr(record, name)
+        if value is not None:
+            assert len(dimensions) == value.ndim, name
+        assert isinstance(unit, str)
+        assert meaning
+
+
+def test_repr_is_one_short_line(make):
+    text = repr(make())
+    assert text.startswith(f"<{type(make()).__name__} ")
+    assert len(text) < 120
+    assert "\n" not in text
+    assert str(make()) == text
+
+
+def test_unknown_fields_are_refused(make):
+    with pytest.raises(InputError, match="colour: no such option"):
+        make(colour="red")
+
+
+def test_missing_fields_are_named(make):
+    cls = type(make())
+    with pytest.raises(InputError, match=f"^{cls.__name__}: .*is required"):
+        cls()
+
+
+# -- arrays that come in ----------------------------------------------------------------------------------------------
+
+
+def test_a_writeable_array_is_copied_and_the_users_stays_theirs(surface):
+    mine = np.ones((2, 3))
+    made = surface(heights=mine)
+    mine[0, 0] = 7
+    assert made.heights[0, 0] == 1
+    assert mine.flags.writeable
+
+
+def test_a_read_only_array_is_not_copied(surface):
+    mine = np.ones((2, 3))
+    mine.setflags(write=False)
+    assert surface(heights=mine).heights is mine
+
+
+def test_single_precision_is_kept_and_integers_become_double(surface):
+    assert surface(heights=np.ones((2, 2), np.float32)).heights.dtype == np.float32
+    assert surface(heights=np.ones((2, 2), np.int16)).heights.dtype == np.float64
+    assert surface(heights=[[1, 2], [3, 4]]).heights.dtype == np.float64
+    assert surface(heights=np.ones((2, 2), ">f8")).heights.dtype == np.dtype("=f8")
+
+
+def test_a_strided_array_becomes_contiguous(surface):
+    made = surface(heights=np.arange(24.0).reshape(4, 6)[::2, ::3])
+    assert made.heights.flags.c_contiguous
+    assert made.heights.tolist() == [[0, 3], [12, 15]]
+
+
+@pytest.mark.parametrize(
+    ("heights", "problem"),
+    [
+        ([["a", "b"]], "expected numbers, not <U1"),
+        (np.ones((2, 2), complex), "expected numbers, not complex128"),
+        (np.ones((2, 2), object), "expected numbers, not object"),
+        (np.ma.masked_greater([[1.0, 9.0]], 5), "1 values are masked; fill or crop missing data first"),
+        ([[1.0, np.nan], [np.inf, 1.0]], "heights: 2 of 4 values are not finite; fill or crop missing data first"),
+        (np.ones(4), r"heights: shape \(4,\); give a two-dimensional, non-empty array"),
+        (np.ones((2, 2, 2)), r"shape \(2, 2, 2\)"),
+        (np.ones((0, 4)), r"shape \(0, 4\)"),
+        ([[1.0], [1.0, 2.0]], "Surface: heights"),
+    ],
+)
+def test_heights_that_are_refused(surface, heights, problem):
+    with pytest.raises(InputError, match=problem):
+        surface(heights=heights)
+
+
+def test_a_mask_that_hides_nothing_is_no_mask(surface):
+    assert surface(heights=np.ma.masked_greater([[1.0, 2.0]], 5)).heights.tolist() == [[1.0, 2.0]]
+
+
+@pytest.mark.parametrize("size", [0, -1, math.nan, math.inf, "a"])
+def test_pixel_sizes_that_are_refused(surface, size):
+    with pytest.raises(InputError, match="Surface: pixel_size"):
+        surface(pixel_size=size)

@@ -1,0 +1,63 @@
+"""Numbers as text carry the digits their errors bear, and no more."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from chemage.foundation.text import jsonable, plus_minus, with_interval
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (0.4391, 0.0123, "0.439 ± 0.012"),
+        (1234.5, 67.0, "1234 ± 67"),
+        (0.5, math.nan, "0.5"),
+        (0.5, 0.0, "0.5"),
+        (math.nan, 0.1, "nan"),
+    ],
+)
+def test_a_value_is_cut_at_its_errors_second_digit(value, error, text):
+    assert plus_minus(value, error) == text
+    assert plus_minus(value, error, "nN") == f"{text} nN"
+
+
+@pytest.mark.parametrize(
+    ("numbers", "text"),
+    [
+        ((0.7946, 0.7821, 0.8074), "0.795 [0.782, 0.807]"),
+        ((0.71, 0.43, 1.03), "0.71 [0.43, 1.03]"),
+        ((20.0, 18.06, 21.47), "20.0 [18.1, 21.5]"),
+        ((2.0, 1.9999999, 2.0000001), "2.00000 [2.00000, 2.00000]"),
+        ((1.2345e-7, 1.1e-7, 1.4e-7), "1.23e-07 [1.10e-07, 1.40e-07]"),
+        ((1e-5, 1e-9, 3e-3), "1e-05 [1e-09, 0.003]"),
+        ((5.0, 0.0, math.inf), "5 [0, inf]"),
+        ((math.nan, 0.0, math.inf), "undetermined"),
+        ((0.0, -0.0123, 0.0212), "0.000 [-0.012, 0.021]"),
+    ],
+)
+def test_an_interval_sets_the_digits_of_all_three_numbers(numbers, text):
+    assert with_interval(*numbers) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "plain"),
+    [
+        (np.float64(0.5), 0.5),
+        (np.int32(3), 3),
+        (np.bool_(True), True),
+        (math.nan, None),
+        (-math.inf, None),
+        (np.array([[1.0, np.nan]]), [[1.0, None]]),
+        ((1, "a", None), [1, "a", None]),
+        ({1: {"x": np.float32("inf")}}, {"1": {"x": None}}),
+    ],
+)
+def test_jsonable_is_json(value, plain):
+    assert jsonable(value) == plain
+    assert type(jsonable(value)) is type(plain)
+    json.dumps(jsonable(value), allow_nan=False)

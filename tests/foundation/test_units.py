@@ -1,0 +1,253 @@
+"""Units: a number is in the field's unit, a string says its own, and nothing is guessed."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from fractions import Fraction
+from typing import Annotated
+
+import ase.units
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from chemage import (
+    EV_PER_GPA_NM3,
+    KB,
+    Component,
+    Energy,
+    InputError,
+    Length,
+    Temperature,
+    Unit,
+    UnitError,
+    convert,
+)
+from chemage.foundation.units import unit_registry
+
+INTERNAL = ("nm", "nN", "GPa", "eV", "s", "K", "Hz", "nm**3")
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("20 uN", "nN", 20000.0),
+        ("20 µN", "nN", 20000.0),
+        ("20 μN", "nN", 20000.0),  # Greek mu as well as the micro sign
+        ("6.4 angstrom**3", "nm**3", 0.0064),
+        ("6.4 Å^3", "nm**3", 0.0064),
+        ("6.4 Å³", "nm**3", 0.0064),
+        ("0.4518 nm", "nm", 0.4518),
+        ("4.518 Å", "nm", 0.4518),
+        ("35.3 GPa", "GPa", 35.3),
+        ("35300 MPa", "GPa", 35.3),
+        ("1 ms", "s", 0.001),
+        ("1e5 s", "s", 100000.0),
+        ("1 day", "s", 86400.0),
+        ("1e13 Hz", "Hz", 1e13),
+        ("1e13/s", "Hz", 1e13),
+        ("20 meV", "eV", 0.02),
+        ("5 mN/m", "nN/nm", 0.005),
+        ("1 GPa*nm**2", "nN", 1.0),
+        ("0.1 dimensionless", "", 0.1),
+        ("3 %", "", 0.03),
+        ("0.1", "", 0.1),
+        ("  20   uN ", "nN", 20000.0),
+        ("20uN", "nN", 20000.0),
+        ("-3e-2 eV", "eV", -0.03),
+        ("−3 eV", "eV", -3.0),  # the minus sign of a typesetter
+        (".5 nm", "nm", 0.5),
+        ("5. nm", "nm", 5.0),
+        ("1_000 nm", "nm", 1000.0),
+    ],
+)
+def test_strings_are_exact_decimals(text, unit, value):
+    assert convert(text, unit) == value
+
+
+@pytest.mark.parametrize(
+    ("text", "kelvin"),
+    [
+        ("300 K", 300.0),
+        ("27 degC", 300.15),
+        ("27degC", 300.15),
+        ("-5 °C", 268.15),
+        ("80.33 degF", 300.0),
+        ("0 degC", 273.15),
+    ],
+)
+def test_temperatures_with_an_offset(text, kelvin):
+    assert convert(text, "K") == pytest.approx(kelvin, rel=1e-15)
+
+
+def test_a_mega_is_no_milli():
+    assert convert("1 MPa", "GPa") == 1e-3
+    assert convert("1 mPa", "GPa") == 1e-12
+
+
+def test_internal_units_are_coherent():
+    assert convert("1 GPa*nm**2", "nN") == 1.0
+    assert convert("1 nN/nm", "GPa*nm") == 1.0
+
+
+def test_constants_are_those_of_ase():
+    assert ase.units.kB == KB
+    # an activation volume of 6.4 cubic angstrom is 0.04 eV per GPa
+    assert math.isclose(0.0064 * EV_PER_GPA_NM3, 0.04, rel_tol=2e-3)
+    # pint and ASE take the elementary charge from different CODATA sets
+    assert convert("1 GPa*nm**3", "eV") == pytest.approx(EV_PER_GPA_NM3, rel=1e-7)
+    assert convert("0.04 eV/GPa", "nm**3") == pytest.approx(0.04 / EV_PER_GPA_NM3, rel=1e-7)
+
+
+@given(st.floats(-1e12, 1e12), st.sampled_from(INTERNAL))
+def test_a_number_and_the_same_number_with_its_unit_are_one(value, unit):
+    assert convert(value, unit) == value
+    assert convert(f"{value!r} {unit}", unit) == value
+
+
+@given(st.integers(-(10**9), 10**9), st.integers(-12, 12))
+def test_prefixes_shift_the_decimal_point_exactly(digits, exponent):
+    text = f"{digits}e{exponent} um"
+    assert convert(text, "nm") == float(Fraction(digits) * Fraction(10) ** (exponent + 3))
+
+
+# -- refusals ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "problem"),
+    [
+        ("20 GPa", "nN", "a quantity of gigapascal, but this field is in nN"),
+        ("1 nm nm", "nm", "a quantity of nanometer ** 2"),
+        ("5 nm", "", "but this field is in pure numbers"),
+        ("10 nms", "nm", "unknown unit nms; this field is in nm"),
+        ("1 nm to m", "nm", "unknown unit to"),
+        ("20", "nN", 'has no unit; write "20 nN", or the bare number 20 (read as nN)'),
+        ("1e5", "s", 'write "1e5 s"'),
+    ],
+)
+def test_the_message_says_what_and_what_instead(text, unit, problem):
+    with pytest.raises(UnitError) as caught:
+        convert(text, unit)
+    assert problem in str(caught.value)
+    assert f'"{text}"' in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        " ",
+        "nm",
+        "abc",
+        "1,5 nm",  # pint alone reads 15 nm
+        "1'000 nm",  # 0 nm
+        "1 2 nm",  # 2 nm
+        "1:2 nm",
+        "1 nm = 2",
+        "1 nm # of silica",
+        "1 nm; 2",
+        "1 nm!",
+        "[1] nm",
+        "(1) nm",
+        "1/3 nm",
+        "3 +/- 1 nm",
+        "--3 nm",
+        "1e nm",
+        "0x10 nm",
+        "nan nm",
+        "inf nm",
+        "9**9**9 nm",
+        "__import__('os').getcwd()",
+        "(",
+    ],
+)
+def test_what_is_not_one_number_and_its_unit_is_refused(text):
+    with pytest.raises(UnitError):
+        convert(text, "nm")
+
+
+@pytest.mark.parametrize("value", [None, True, False, [1.0], {"nm": 1}, (1,), object(), 1j])
+def test_what_is_not_a_quantity_is_refused(value):
+    with pytest.raises(UnitError, match="is not a quantity; give a number in nm or a string with its unit"):
+        convert(value, "nm")
+
+
+@pytest.mark.parametrize("value", [np.float32(0.5), np.int64(3), np.array(2.0), Fraction(1, 2)])
+def test_any_number_is_a_number(value):
+    assert convert(value, "nm") == float(value)
+
+
+# -- fields -----------------------------------------------------------------------------------------------------------
+
+
+class Thing(Component):
+    length: Length
+    """how long"""
+    energy: Energy = 0.0
+    """how deep"""
+    temperature: Temperature = 300.0
+    """how warm"""
+    stretch: Annotated[float, Unit("nN/nm", ge=0, le=5)] | None = None
+    """how stiff"""
+
+
+def test_a_field_takes_numbers_and_strings():
+    thing = Thing(length="4.518 angstrom", energy=-1, temperature="27 degC", stretch="5 mN/m")
+    assert (thing.length, thing.energy, thing.temperature, thing.stretch) == (0.4518, -1.0, 300.15, 0.005)
+    assert thing == Thing(length=0.4518, energy="-1 eV", temperature=300.15, stretch=0.005)
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        ({"length": 0}, "length: 0.0: Input should be greater than 0"),
+        ({"length": "-1 nm"}, "length: -1.0: Input should be greater than 0"),
+        ({"length": math.nan}, "length: nan: Input should be a finite number"),
+        ({"length": math.inf}, "length: inf: Input should be a finite number"),
+        ({"length": "nan"}, "length: nan: Input should be a finite number"),
+        ({"length": "1e400 nm"}, "length: inf: Input should be a finite number"),
+        ({"length": "20 GPa"}, 'length: "20 GPa" is a quantity of gigapascal, but this field is in nm'),
+        ({"length": True}, "length: True is not a quantity"),
+        ({"length": 1, "stretch": 6}, "stretch: 6.0: Input should be less than or equal to 5"),
+        ({"length": 1, "temperature": "-300 degC"}, "temperature: -26.85: Input should be greater than 0"),
+        ({}, "length: is required"),
+        ({"lenght": 1}, "lenght: no such option (did you mean 'length'?); the options are length, energy"),
+    ],
+)
+def test_a_field_refuses_and_names_itself(options, problem):
+    with pytest.raises(InputError) as caught:
+        Thing(**options)
+    assert problem in str(caught.value)
+
+
+def test_the_schema_carries_units():
+    properties = Thing.model_json_schema()["properties"]
+    assert properties["length"]["unit"] == "nm"
+    assert {part.get("type") for part in properties["length"]["anyOf"]} == {"number", "string"}
+    assert "nN/nm" in str(properties["stretch"])
+
+
+def test_a_unit_makes_the_annotation():
+    class Other(Component):
+        area: Annotated[float, Unit("nm**2", gt=0)] = 1.0
+
+    assert Other(area="1 um**2").area == 1e6
+    with pytest.raises(InputError, match=r"area: 0\.0: Input should be greater than 0"):
+        Other(area=0)
+
+
+def test_pint_is_imported_only_for_a_string():
+    code = (
+        "import sys\nfrom chemage import convert\n"
+        "assert convert(3, 'nm') == 3\nassert 'pint' not in sys.modules\n"
+        "convert('3 um', 'nm')\nassert 'pint' in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_there_is_one_registry():
+    assert unit_registry() is unit_registry()

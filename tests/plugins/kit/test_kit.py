@@ -1,0 +1,93 @@
+"""The kit as a whole: what is right passes, every check is seen at work, expected failures carry their reason."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+from kit_examples import Bed, Chain, Count, Csv, Flat, White
+
+import chemage as ca
+from chemage import Component, InputError, registry, testing
+
+REFERENCES: list[Component] = [Flat(), White(), Chain(), Count(), Csv(), Bed()]
+
+
+@pytest.fixture
+def csv(tmp_path):
+    path = tmp_path / "map.csv"
+    np.savetxt(path, testing.rough_surface((6, 5)).heights, delimiter=",")
+    return path
+
+
+@testing.parametrize_with_checks(REFERENCES)
+def test_a_right_component_passes(component, check):
+    check(component)
+
+
+def test_the_whole_role_at_once(csv):
+    testing.check_barriers(Flat())
+    testing.check_surface_maker(White())
+    testing.check_interaction(Chain())
+    testing.check_observable(Count())
+    testing.check_reader(Csv(), path=csv)
+    testing.check_contact_solver(Bed(), force_tolerance=1e-9)
+    with pytest.raises(InputError, match=r"is not a chemage\.Engine"):
+        testing.check_engine(Flat())  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match="barriers checks take no path"):
+        testing.checks_for(Flat(), path=csv)
+    with pytest.raises(InputError, match="has no role"):
+        testing.checks_for(ca.chemistry(forming=Flat()))
+
+
+def test_every_promise_is_broken_somewhere():
+    """A check that no broken component of these files fails is a check nobody has seen at work."""
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in Path(__file__).parent.glob("test_*.py")]
+    named = {node.value for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+    for role in registry.current().roles:
+        for check in testing.checks_for(registry.current().role(role)):
+            assert check.name in named, f"no broken component for {check.name}"
+
+
+def parameters(decorator):
+    """What ``decorator`` parametrises a test with: the names, and the cases."""
+
+    @decorator
+    def test(component, check):
+        pass
+
+    (mark,) = test.pytestmark
+    return mark.args
+
+
+def test_a_test_written_for_chemage_0_1_may_say_choice():
+    @testing.parametrize_with_checks([Flat()])
+    def test(choice, check):
+        pass
+
+    (mark,) = test.pytestmark
+    assert mark.args[0] == ("choice", "check")
+
+
+def test_expected_failures_carry_their_reason():
+    excuse = {"has_kind_and_role": "the kind has yet to be chosen"}
+    names, cases = parameters(testing.parametrize_with_checks([Flat()], expected_failures=excuse))
+    assert names == ("component", "check")
+    marked = {case.id: case.marks for case in cases if case.marks}
+    assert list(marked) == ["flat0-has_kind_and_role"]
+    (xfail,) = marked["flat0-has_kind_and_role"]
+    assert xfail.kwargs == {"reason": excuse["has_kind_and_role"], "strict": True, "raises": AssertionError}
+    _, same = parameters(testing.parametrize_with_checks([Flat()], expected_failures=lambda component: excuse))
+    assert [case.id for case in same] == [case.id for case in cases]
+    assert [case.marks for case in same] == [case.marks for case in cases]
+    with pytest.raises(InputError, match="names no check of role 'barriers': has_kind"):
+        testing.parametrize_with_checks([Flat()], expected_failures={"has_kind": "?"})
+
+
+def test_isolated_registry_is_empty_and_in_use(isolated_registry):
+    assert ca.registry.current() is isolated_registry
+    assert isolated_registry.records == []
+    with pytest.raises(InputError, match="installed: none"):
+        ca.engine("bkl")

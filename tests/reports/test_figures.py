@@ -1,0 +1,192 @@
+"""Figures show the numbers of the run: what is drawn is compared with what is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import chemage
+import chemage_observables
+from chemage import ContactSolution, StoreError, load_scene
+from chemage.foundation.text import plus_minus
+from chemage.reports import run_figures
+from chemage.reports.figures import pooled
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory, small_text):
+    file = tmp_path_factory.mktemp("run") / "small.toml"
+    file.write_text(small_text)
+    return chemage.run(load_scene(file))
+
+
+def contact_of(pressure, periodic=False):
+    pressure = np.asarray(pressure, dtype=float)
+    return ContactSolution(
+        pressure=pressure, load=float(pressure.sum()), pixel_size=1.0, modulus=35.3, periodic=periodic
+    )
+
+
+def test_pooling_keeps_the_peaks_and_the_shape():
+    values = np.zeros((2000, 1200))
+    values[1234, 567] = 7.0
+    small = pooled(values, np.max)
+    assert small.shape == (667, 400)
+    assert small.max() == 7.0
+    assert np.argwhere(small == 7).tolist() == [[1234 // 3, 567 // 3]]
+    assert pooled(values[:30, :30], np.max) is not None
+    assert pooled(np.full((901, 3), 2.0), np.mean).tolist() == np.full((451, 2), 2.0).tolist()
+
+
+def test_the_surface_map_has_x_to_the_right(result):
+    figure = run_figures.surface_figure(result.surface)
+    image = figure.axes[0].images[0]
+    assert np.array_equal(image.get_array(), result.surface.heights.T)
+    assert image.get_extent() == pytest.approx([0, 48 * 0.4518, 0, 48 * 0.4518])
+    assert image.origin == "lower"
+
+
+def test_the_spectrum_is_that_of_the_surface(result):
+    (line,) = run_figures.surface_figure(result.surface).axes[1].lines
+    q, density = result.surface.psd()
+    drawn = dict(line.get_xydata())
+    assert drawn
+    known = dict(zip(q, density, strict=True))
+    assert all(drawn[x] == known[x] for x in drawn)
+    assert max(drawn) <= 8.001 * 2 * np.pi / (48 * 0.4518) * np.sqrt(1.2)
+
+
+def test_what_is_not_in_contact_is_blank(result):
+    image = run_figures.pressure_figure(result.contact).axes[0].images[0]
+    shown = image.get_array()
+    assert np.array_equal(~np.ma.getmaskarray(shown).T, result.contact.contact)
+    assert image.get_clim() == (0.0, result.contact.pressure.max())
+
+
+def test_patches_are_outlined_along_their_pixels():
+    pressure = np.zeros((9, 11))
+    pressure[2:5, 3:7] = 1.0
+    pressure[7, 8] = 2.0
+    contact = contact_of(pressure)
+    (outlines,) = run_figures.pressure_figure(contact).axes[1].collections[:1]
+    segments = np.array(outlines.get_segments())
+    lengths = np.abs(np.diff(segments, axis=1)).sum()
+    assert lengths == contact.perimeter == 14 + 4
+    assert segments[..., 0].min() == 2.0
+    assert segments[..., 0].max() == 8.0
+
+
+def test_a_window_shows_the_largest_patch():
+    pressure = np.zeros((400, 300))
+    pressure[10:20, 10:20] = 1.0
+    pressure[350:380, 200:210] = 2.0
+    axes = run_figures.pressure_figure(contact_of(pressure)).axes[1]
+    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    assert (x0 <= 350, x1 >= 380) == (True, True)
+    assert (y0 <= 200, y1 >= 210) == (True, True)
+    assert x1 - x0 < 200
+
+
+def test_full_contact_is_shown_between_its_extremes():
+    pressure = np.linspace(100, 120, 64).reshape(8, 8)
+    image = run_figures.pressure_figure(contact_of(pressure)).axes[0].images[0]
+    assert image.get_clim() == (100.0, 120.0)
+
+
+def test_friction_is_drawn_with_its_errors_and_its_fit(result):
+    figure = run_figures.friction_figure(result)
+    force, coefficient = figure.axes
+    for axes, mean, error in (
+        (force, result.aging.mean_friction_drop, result.aging.friction_drop_stderr),
+        (
+            coefficient,
+            result.aging.mean_friction_coefficient_drop,
+            result.aging.friction_coefficient_drop_stderr,
+        ),
+    ):
+        (bars,) = axes.containers
+        line, _, (sticks,) = bars
+        assert line.get_xdata() == pytest.approx(result.aging.hold_times)
+        assert line.get_ydata() == pytest.approx(mean)
+        half = [0.5 * (stick[1, 1] - stick[0, 1]) for stick in sticks.get_segments()]
+        assert half == pytest.approx(error)
+    (fitted,) = [line for line in coefficient.lines if str(line.get_label()).startswith("β")]
+    fit = result.fit()
+    t, y = fitted.get_xdata(), fitted.get_ydata()
+    assert np.diff(y) / np.diff(np.log10(t)) == pytest.approx(fit.beta)
+    assert (t[0], t[-1]) == pytest.approx((10.0, 1e4))
+    assert plus_minus(fit.beta, fit.beta_stderr) in fitted.get_label()
+
+
+def test_barriers_are_normalised_and_labelled_for_what_lowered_them(result, tmp_path, small_text):
+    figure = run_figures.figures(result)["barriers"]
+    axes = figure.axes[0]
+    start = axes.patches[0]
+    values, edges, _ = start.get_data()
+    assert np.sum(values * np.diff(edges)) == pytest.approx(1.0)
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels[:2] == ["intrinsic", "lowered by pressure"]
+    file = tmp_path / "small.toml"
+    file.write_text(small_text)
+    without = chemage.run(load_scene(file, {"chemistry": None}))
+    labels = [text.get_text() for text in run_figures.figures(without)["barriers"].axes[0].get_legend().get_texts()]
+    assert "lowered by pressure" not in labels
+
+
+def test_a_run_without_observables_has_no_barrier_figure(tmp_path, small_text):
+    file = tmp_path / "small.toml"
+    file.write_text(small_text)
+    made = run_figures.figures(chemage.run(load_scene(file, {"observe": None})))
+    assert "barriers" not in made
+    assert "friction" in made
+
+
+def test_figures_of_plugins_that_are_gone_are_left_out(result, isolated_registry):
+    assert list(run_figures.figures(result)) == ["surface", "pressure", "friction"]
+
+
+def test_figures_of_barriers_that_are_gone_lack_only_their_density(result, isolated_registry):
+    isolated_registry.register(chemage_observables, "observables")
+    axes = run_figures.figures(result)["barriers"].axes[0]
+    assert not axes.lines
+    assert len(axes.patches) >= 3
+
+
+def test_saving_checks_every_name_before_the_first_is_written(result, tmp_path):
+    (tmp_path / "friction.png").write_text("mine")
+    with pytest.raises(StoreError, match=r"friction\.png is already there"):
+        run_figures.save(result, tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["friction.png"]
+
+
+def test_saving_into_what_is_no_folder(result, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(StoreError, match="cannot make the folder"):
+        run_figures.save(result, tmp_path / "file")
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_nothing_global_changes(result, tmp_path):
+    import matplotlib as mpl
+
+    before = dict(mpl.rcParams)
+    run_figures.save(result, tmp_path / "figures")
+    assert dict(mpl.rcParams) == before
+
+
+@pytest.mark.parametrize(("pixel_size", "top"), [(1e-3, 0.01), (0.45, 14.4), (2.824, 5.978), (1e6, 1e3)])
+def test_titles_and_labels_are_inside_the_figure(pixel_size, top):
+    pressure = np.zeros((300, 300))
+    pressure[60:85, 180:210] = np.linspace(0.01, 1, 750).reshape(25, 30) * top
+    contact = ContactSolution(pressure=pressure, load=1.0, pixel_size=pixel_size, modulus=35.3)
+    heights = np.random.default_rng(0).normal(size=(300, 300))
+    surface = chemage.Surface(heights=heights * top, pixel_size=pixel_size)
+    for figure in (run_figures.surface_figure(surface), run_figures.pressure_figure(contact)):
+        figure.canvas.draw()
+        inside = figure.bbox.padded(-3)
+        for axes in figure.axes:
+            for text in (axes.title, axes.xaxis.label, axes.yaxis.label):
+                place = text.get_window_extent()
+                if text.get_text():
+                    assert inside.x0 <= place.x0 < place.x1 <= inside.x1, text.get_text()
+                    assert inside.y0 <= place.y0 < place.y1 <= inside.y1, text.get_text()

@@ -1,0 +1,325 @@
+"""What is written is read back bit for bit, by chemage and by xarray, and is never half there."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+import threading
+
+import h5py
+import numpy as np
+import pytest
+import xarray
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+import chemage
+from chemage import Aging, BondHistory, ContactSolution, ReactionLattice, StoreError, Surface, load_scene
+from chemage.foundation import codec
+
+TRICKY = {
+    "text": "µ ≥ 0, \"quoted\", 'single', \n",
+    "empty": "",
+    "none": None,
+    "true": True,
+    "nan": math.nan,
+    "inf": -math.inf,
+    "third": 1 / 3,
+    "tiny": 5e-324,
+    "big": 2**80,
+    "nested": {"a": [1, [2.5, None]], "": {}},
+}
+
+OBJECTS = {
+    "surface": Surface(heights=np.random.default_rng(0).normal(size=(5, 7)), pixel_size=0.1 + 0.2, provenance=TRICKY),
+    "surface in single precision": Surface(
+        heights=np.random.default_rng(0).normal(size=(5, 7)).astype(np.float32), pixel_size=1.0, periodic=False
+    ),
+    "surface of one pixel": Surface(heights=[[5e-324]], pixel_size=1e-300),
+    "contact": ContactSolution(
+        pressure=np.eye(4),
+        load=4.0,
+        pixel_size=1.0,
+        modulus=35.3,
+        gap=1 - np.eye(4),
+        displacement=-0.0,
+        rms_slope=math.nan,
+        rms_height=math.inf,
+        converged=False,
+        residual=1e-300,
+        iterations=7,
+        convergence={"history": [[0.1, 0.2]] * 5000, "levels": [{"pixels": [4, 4]}]},
+        notes=("one", "µ", ""),
+        provenance=TRICKY,
+    ),
+    "contact without anything": ContactSolution(pressure=np.zeros((1, 1)), load=0, pixel_size=1.0, modulus=1.0),
+    "contact that compresses": ContactSolution(
+        pressure=np.pad(np.ones((10, 10)), 200), load=100.0, pixel_size=1.0, modulus=1.0
+    ),
+    "lattice": ReactionLattice(
+        pixels=(2, 3),
+        sites=[0, 4, 5],
+        forming=[1.0, -1.0, 0.0],
+        breaking=[1.1, 1.2, 1e-9],
+        neighbours=np.array([[1, -1], [0, -1], [-1, -1]]),
+        coupling=np.array([[0.5, 0], [0.5, 0], [0, 0]], np.float32),
+    ),
+    "lattice without sites": ReactionLattice(pixels=(2, 3), sites=np.zeros(0, int), forming=np.zeros(0)),
+    "lattice without sites that interact": ReactionLattice(
+        pixels=(2, 3),
+        sites=np.zeros(0, int),
+        forming=np.zeros(0),
+        neighbours=np.zeros((0, 8), np.int32),
+        coupling=np.zeros((0, 8)),
+    ),
+    "history": BondHistory(
+        hold_times=[0.0, 1.0],
+        bonds=[0, 1],
+        formed=[0, 2],
+        broken=[0, 1],
+        state=[True, False, False],
+        time=1.0,
+        temperature=300.0,
+        engine="by-hand",
+        resume={
+            "words": np.arange(6, dtype=np.uint64).reshape(2, 3) + 2**63,
+            "flag": np.array([True, False]),
+            "scalar": np.array(2.5),
+            "nothing": np.zeros((0, 2), np.float32),
+            "short": np.array([-3], np.int8),
+        },
+    ),
+    "history without sites": BondHistory(
+        hold_times=[1.0],
+        bonds=[0],
+        formed=[0],
+        broken=[0],
+        state=np.zeros(0, bool),
+        time=1.0,
+        temperature=1.0,
+        engine="",
+    ),
+    "aging": Aging(
+        hold_times=[0.0, 1e-300, 1e300],
+        bonds=[[0, 1, 2], [3, 4, 2**62]],
+        sites=[9, 9],
+        events=[0, 2**62],
+        load=0.0,
+        temperature=300.0,
+        engine="bkl",
+        contact={"kappa": math.nan, "patches": 3.0},
+        observables={"one": np.array([1.0, math.nan]), "map": np.zeros((2, 3, 4), np.float32), "hold_times": np.eye(2)},
+        provenance=TRICKY,
+    ),
+}
+
+
+def same(one, two):
+    """Equal to the last bit, with the same types; nan is nan, −0 is not 0."""
+    assert type(one) is type(two), (one, two)
+    if isinstance(one, np.ndarray):
+        assert one.dtype == two.dtype
+        assert one.shape == two.shape
+        assert one.tobytes() == two.tobytes()
+    elif isinstance(one, dict):
+        assert one.keys() == two.keys()
+        for name in one:
+            same(one[name], two[name])
+    elif isinstance(one, list | tuple):
+        assert len(one) == len(two)
+        for pair in zip(one, two, strict=True):
+            same(*pair)
+    elif isinstance(one, float):
+        assert np.float64(one).tobytes() == np.float64(two).tobytes()
+    else:
+        assert one == two
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_objects_come_back_bit_for_bit(tmp_path, name):
+    before = OBJECTS[name]
+    chemage.write(tmp_path / "x.h5", before)
+    after = chemage.read(tmp_path / "x.h5")
+    assert after == before
+    assert after.digest() == before.digest()
+    same(after.todict(), before.todict())
+    for value in after.todict().values():
+        assert not (isinstance(value, np.ndarray) and value.flags.writeable)
+
+
+@given(
+    heights=hnp.arrays(
+        st.sampled_from([np.float64, np.float32]),
+        hnp.array_shapes(min_dims=2, max_dims=2, max_side=6),
+        elements=st.floats(-(2.0**100), 2.0**100, width=32),
+    ),
+    words=st.dictionaries(
+        st.text(max_size=5), st.text(max_size=20) | st.floats() | st.booleans() | st.none(), max_size=4
+    ),
+)
+def test_any_surface_comes_back(tmp_path_factory, heights, words):
+    file = tmp_path_factory.mktemp("any") / "x.h5"
+    before = Surface(heights=heights, pixel_size=1.0, provenance=words)
+    chemage.write(file, before)
+    same(chemage.read(file).todict(), before.todict())
+
+
+def test_numpy_values_of_a_plugin_are_kept_as_plain_ones(tmp_path):
+    record = {"n": np.int64(3), "x": np.float32(0.5), "list": np.arange(3), "path": tmp_path}
+    chemage.write(tmp_path / "x.h5", Surface(heights=[[0.0]], pixel_size=1.0, provenance=record))
+    after = chemage.read(tmp_path / "x.h5").provenance
+    assert after == {"n": 3, "x": 0.5, "list": [0, 1, 2], "path": str(tmp_path)}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, small_text):
+    """A finished run and its file."""
+    folder = tmp_path_factory.mktemp("run")
+    (folder / "small.toml").write_text(small_text)
+    run = chemage.run(load_scene(folder / "small.toml"))
+    chemage.write(folder / "small.h5", run)
+    return run, folder / "small.h5"
+
+
+def test_a_run_comes_back_whole(finished):
+    run, file = finished
+    again = chemage.read(file)
+    for name in ("scene", "timings", "versions", "keys", "cite"):
+        same(getattr(again, name), getattr(run, name))
+    assert (again.surface, again.contact, again.aging) == (run.surface, run.contact, run.aging)
+    same(again.summary(), run.summary())
+
+
+def test_the_root_says_what_the_run_was(finished):
+    run, file = finished
+    with h5py.File(file) as opened:
+        told = {name: opened.attrs[name] for name in ("scene", "versions", "keys")}
+    assert json.loads(told["scene"])["hold"]["seed"] == 5
+    assert json.loads(told["keys"]) == run.keys
+    assert {"chemage", "numpy", "scipy", "numba", "python"} <= json.loads(told["versions"]).keys()
+
+
+@pytest.mark.parametrize(
+    ("group", "dims", "units"),
+    [
+        ("surface", {"x": 48, "y": 48}, {"heights": "nm", "x": "nm", "y": "nm"}),
+        ("contact", {"x": 48, "y": 48}, {"pressure": "GPa", "x": "nm", "y": "nm"}),
+        ("aging", {"replica": 3, "hold_times": 17}, {"hold_times": "s", "bonds": "1", "sites": "1"}),
+    ],
+)
+def test_xarray_reads_every_group(finished, group, dims, units):
+    run, file = finished
+    with xarray.open_dataset(file, group=group, engine="h5netcdf") as data:
+        assert dict(data.sizes) == dims
+        for name, unit in units.items():
+            assert data[name].attrs["units"] == unit, name
+            assert data[name].attrs["long_name"]
+        thing = getattr(run, group)
+        for name, (dimensions, _, _) in thing.arrays.items():
+            if getattr(thing, name) is not None:
+                assert data[name].dims == dimensions
+                assert np.array_equal(data[name].values, getattr(thing, name))
+        if group == "aging":
+            assert "hold_times" in data.coords
+            assert data["bonds"].sel(hold_times=100.0, method="nearest").shape == (3,)
+        else:
+            assert set(data.coords) == {"x", "y"}
+            assert data.x.values[:2] == pytest.approx([0.2259, 0.6777])
+
+
+def test_xarray_reads_the_observables(finished):
+    run, file = finished
+    with xarray.open_dataset(file, group="aging/observables", engine="h5netcdf") as data:
+        assert set(data.data_vars) == set(run.aging.observables)
+
+
+def test_a_pressure_map_is_compressed_and_noise_is_not(tmp_path):
+    chemage.write(tmp_path / "sparse.h5", OBJECTS["contact that compresses"])
+    assert (tmp_path / "sparse.h5").stat().st_size < OBJECTS["contact that compresses"].pressure.nbytes / 10
+
+
+# -- the same everywhere ---------------------------------------------------------------------------------------------
+
+DIGESTS = """
+import json, chemage
+from chemage import load_scene
+digests = []
+for seed in (5, 5, 6):
+    run = chemage.run(load_scene("small.toml", {"hold.seed": seed, "surface.seed": seed}))
+    digests.append([run.surface.digest(), run.contact.digest(), run.aging.digest()])
+print(json.dumps(digests))
+"""
+
+
+def test_digests_are_the_same_in_every_process_and_differ_between_seeds(small):
+    seen = []
+    for hash_seed in ("1", "2"):
+        environment = {**os.environ, "PYTHONHASHSEED": hash_seed}
+        words = [sys.executable, "-c", DIGESTS]
+        done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+        seen.append(json.loads(done.stdout))
+    assert seen[0] == seen[1]
+    first, again, other = seen[0]
+    assert first == again
+    assert all(one != two for one, two in zip(first, other, strict=True))
+
+
+# -- one file, whole or not at all -----------------------------------------------------------------------------------
+
+
+def test_two_threads_that_write_one_file_leave_one_whole_one(tmp_path):
+    things = [Surface(heights=np.full((50, 50), float(i)), pixel_size=1.0) for i in range(8)]
+    failed = []
+
+    def write(thing):
+        try:
+            chemage.write(tmp_path / "x.h5", thing)
+        except StoreError as error:
+            failed.append(str(error))
+
+    threads = [threading.Thread(target=write, args=(thing,)) for thing in things]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(failed) == 7
+    assert all("already there" in text or "appeared while" in text for text in failed)
+    assert chemage.read(tmp_path / "x.h5") in things
+    assert [p.name for p in tmp_path.iterdir()] == ["x.h5"]
+
+
+def test_an_object_that_fails_half_way_leaves_nothing(tmp_path, monkeypatch):
+    real, count = codec._write_array, iter(range(100))
+
+    def fail(*args):
+        if next(count) == 2:
+            raise ValueError("a bug")
+        real(*args)
+
+    monkeypatch.setattr(codec, "_write_array", fail)
+    with pytest.raises(ValueError, match="a bug"):
+        chemage.write(tmp_path / "x.h5", OBJECTS["contact"])
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.filterwarnings("error")
+def test_files_without_hard_links_work_too(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr(os, "link", refuse)
+    chemage.write(tmp_path / "x.h5", OBJECTS["surface"])
+    assert chemage.read(tmp_path / "x.h5") == OBJECTS["surface"]
+    with pytest.raises(StoreError, match="already there"):
+        chemage.write(tmp_path / "x.h5", OBJECTS["surface"])
+
+
+def test_one_object_is_read_alone(finished):
+    _, file = finished
+    parts, attributes = codec.read_records(file, {"aging": Aging})
+    assert list(parts) == ["aging"]
+    assert attributes["chemage_format"] == codec.FORMAT

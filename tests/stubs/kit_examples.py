@@ -1,0 +1,176 @@
+"""Components that meet every requirement of their roles, and what makes one of them fail: for tests of the kit."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from chemage import (
+    Barriers,
+    Component,
+    ContactSolution,
+    ContactSolver,
+    Energy,
+    Interaction,
+    Observable,
+    Pressure,
+    Reader,
+    StoreError,
+    Surface,
+    SurfaceMaker,
+    checked_seed,
+    random,
+    testing,
+)
+from chemage.foundation.records import Record
+
+
+class Flat(Barriers):
+    """Any barrier between two energies is as likely."""
+
+    kind = "flat"
+    cite: ClassVar[tuple[str, ...]] = ("Nobody (2000)",)
+
+    low: Energy = 0.8
+    """lower end, eV"""
+    high: Energy = 1.4
+    """upper end, eV"""
+
+    def quantile(self, uniform):
+        return self.low + (self.high - self.low) * uniform
+
+    def density(self, energy):
+        return np.where((energy >= self.low) & (energy <= self.high), 1 / (self.high - self.low), 0.0)
+
+
+class White(SurfaceMaker):
+    """White noise."""
+
+    kind = "white"
+
+    def make(self, seed=0):
+        if not isinstance(seed, np.random.SeedSequence):
+            checked_seed(seed)
+        heights = random.uniforms(seed, 300, np.arange(64).reshape(8, 8))
+        return Surface(heights=heights, pixel_size=1.0, provenance=self.todict())
+
+
+class Chain(Interaction):
+    """Each pixel feels the next in its row."""
+
+    kind = "chain"
+
+    def neighbours(self, pixels, periodic, sites):
+        found = np.full((sites.size, 2), -1, np.int32)
+        place = {int(site): i for i, site in enumerate(sites)}
+        ny = pixels[1]
+        for i, site in enumerate(sites.tolist()):
+            x, y = divmod(site, ny)
+            around = []
+            for step in (-1, 1):
+                other = y + step
+                if (periodic or 0 <= other < ny) and other % ny != y and other % ny not in around:
+                    around.append(other % ny)
+            for slot, other in enumerate(around):
+                found[i, slot] = place.get(x * ny + other, -1)
+        return found
+
+    def coupling(self, sites, neighbours, seed):
+        there = neighbours >= 0
+        mine = np.broadcast_to(sites[:, None], neighbours.shape)
+        other = sites[np.where(there, neighbours, 0)] if sites.size else mine
+        return np.where(there, 0.1 * random.pair_uniforms(seed, 301, mine, other), 0.0)
+
+
+class Count(Observable):
+    """How many bonds."""
+
+    kind = "count"
+
+    def measure(self, contact, lattice, history):
+        return {"bonded": float(history.bonds[-1])}
+
+
+class Csv(Reader):
+    """Comma-separated heights."""
+
+    kind = "csv"
+    suffixes: ClassVar[tuple[str, ...]] = (".csv",)
+
+    def read(self, path):
+        try:
+            heights = np.loadtxt(path, delimiter=",", ndmin=2)
+            if heights.size < 2:
+                raise ValueError("empty")
+        except (OSError, ValueError, UserWarning) as error:
+            raise StoreError(f"{path}: {error}") from None
+        return Surface(heights=heights, pixel_size=1.0)
+
+
+class Bed(ContactSolver):
+    """A bed of springs (Winkler): the pressure is the overlap times a stiffness."""
+
+    kind = "bed"
+
+    modulus: Pressure = 10.0
+    """GPa"""
+
+    def _solve(self, surface, load, start):
+        heights = np.sort(surface.heights.ravel())[::-1].astype(float)
+        size = surface.pixel_size
+        stiffness = self.modulus / (size * max(surface.shape))
+        if load == 0:
+            level = heights[0]
+        else:
+            # force at the level of each pixel, then the level within the right interval
+            count = np.arange(1, heights.size + 1)
+            force = stiffness * size**2 * (np.cumsum(heights) - count * heights)
+            n = int(np.searchsorted(force, load))
+            level = (np.sum(heights[:n]) - load / (stiffness * size**2)) / n
+        pressure = stiffness * np.maximum(surface.heights - level, 0)
+        if load > 0:
+            pressure *= load / (pressure.sum() * size**2)
+        return ContactSolution(
+            pressure=pressure,
+            load=load,
+            pixel_size=size,
+            modulus=self.modulus,
+            periodic=surface.periodic,
+            rms_slope=surface.rms_slope,
+            rms_height=surface.rms_height,
+            provenance=self.todict(),
+        )
+
+
+def broken(base: type[Component], **changes: Any) -> Any:
+    """``base`` with some attributes or methods replaced."""
+    return type(f"Broken{base.__name__}", (base,), {"__module__": __name__, "__doc__": base.__doc__, **changes})
+
+
+def failing(component: Component, name: str, **inputs: Any) -> str:
+    """The message of check ``name``, which must fail."""
+    (check,) = [one for one in testing.checks_for(component, **inputs) if one.name == name]
+    with pytest.raises(AssertionError) as caught:
+        check(component)
+    return str(caught.value)
+
+
+#: a number that no earlier call had
+calls = iter(range(10**9))
+
+
+def flat_surface(heights: Any, **fields: Any) -> Surface:
+    """A surface of pixels of 1 nm."""
+    return Surface(heights=heights, pixel_size=1.0, **{"provenance": {"by": "hand"}, **fields})
+
+
+def changed(solution: Record, **changes: Any) -> Any:
+    """The record with some fields replaced."""
+    return type(solution).fromdict({**solution.todict(), **changes})
+
+
+def with_fields(**changes: Any) -> Any:
+    """A function of a record that replaces fields by functions of it."""
+    return lambda solution, *given: changed(solution, **{name: f(solution) for name, f in changes.items()})

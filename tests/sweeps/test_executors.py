@@ -1,0 +1,451 @@
+"""Executors: whatever they run on, the same answers; a worker that dies costs its own task a second try."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor, wait
+from textwrap import dedent
+
+import pytest
+from distributed import LocalCluster
+
+import chemage
+from chemage import ExecutorError, InputError, StoreError, WorkerLost, threads
+from chemage.sweeps.executors.clusters import Dask
+from chemage.sweeps.executors.opening import open_pool
+from chemage.sweeps.executors.pool import Serial
+from chemage.sweeps.executors.processes import Processes
+
+WORK = """
+import os, signal, sys, time
+
+def double(x):
+    return 2 * x
+
+def whoami(_):
+    return os.getpid()
+
+def told():
+    return {name: os.environ.get(name) for name in ("CHEMAGE_THREADS", "NUMBA_NUM_THREADS", "OMP_NUM_THREADS")}
+
+def chatter(x):
+    print("not an answer", flush=True)
+    os.write(1, b"nor this")
+    return x
+
+def wrong(x):
+    raise KeyError(x)
+
+class Odd(Exception):
+    def __init__(self, a, b):
+        super().__init__(a)
+
+def odd():
+    raise Odd("odd", "ities")
+
+def unsayable():
+    return lambda: None
+
+def die(how=signal.SIGKILL):
+    os.kill(os.getpid(), how)
+
+def leave(status):
+    os._exit(status)
+
+def die_once(marker):
+    if not os.path.exists(marker):
+        open(marker, "w").close()
+        die()
+    return os.getpid()
+
+def slowly(x, seconds):
+    time.sleep(seconds)
+    return x
+"""
+
+
+@pytest.fixture
+def work(tmp_path, monkeypatch):
+    """Functions that a worker can import."""
+    (tmp_path / "chemage_work.py").write_text(WORK)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    import chemage_work  # pyright: ignore[reportMissingImports]
+
+    yield chemage_work
+    del sys.modules["chemage_work"]
+
+
+@pytest.fixture
+def processes():
+    with Processes(2) as made:
+        yield made
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    with open(f"/proc/{pid}/stat") as stream:
+        return stream.read().rpartition(")")[2].split()[0] != "Z"
+
+
+def gone(pids, seconds=50.0):
+    """Whether all of ``pids`` end in time."""
+    deadline = time.monotonic() + seconds
+    while any(alive(pid) for pid in pids):
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.02)
+    return True
+
+
+# -- serial -----------------------------------------------------------------------------------------------------------
+
+
+def test_serial_runs_at_once_and_keeps_errors_for_later(work):
+    with Serial() as serial:
+        assert serial.submit(work.double, 3).result() == 6
+        assert list(serial.map(work.double, range(3))) == [0, 2, 4]
+        with pytest.raises(KeyError):
+            serial.submit(work.wrong, 1).result()
+
+
+# -- processes --------------------------------------------------------------------------------------------------------
+
+
+def test_processes_answer(work, processes):
+    assert list(processes.map(work.double, range(20))) == [2 * x for x in range(20)]
+    pids = set(processes.map(work.whoami, range(20)))
+    assert os.getpid() not in pids
+    assert 1 <= len(pids) <= 2
+    assert processes.submit(work.chatter, 5).result() == 5, "what is printed does not get into the answers"
+
+
+def test_errors_come_back_as_themselves_where_they_can(work, processes):
+    with pytest.raises(KeyError, match="7"):
+        processes.submit(work.wrong, 7).result()
+    with pytest.raises(ExecutorError, match="Odd: odd"):
+        processes.submit(work.odd).result()
+    with pytest.raises((AttributeError, ExecutorError), match="pickle"):
+        processes.submit(work.unsayable).result()
+    assert processes.submit(work.double, 1).result() == 2
+
+
+def test_a_function_that_cannot_travel_is_refused_at_once(processes):
+    with pytest.raises((AttributeError, TypeError), match=r"pickle|local"):
+        processes.submit(lambda: 1)
+
+
+def test_a_process_that_dies_takes_nothing_else_with_it(work, processes, tmp_path):
+    beside = [processes.submit(work.slowly, x, 0.1) for x in range(4)]
+    once = processes.submit(work.die_once, str(tmp_path / "marker"))
+    assert [future.result(120) for future in beside] == [0, 1, 2, 3]
+    assert isinstance(once.result(120), int)
+
+
+def test_a_task_that_kills_every_process_fails_and_says_how(work, processes):
+    futures = [processes.submit(work.die), processes.submit(work.double, 4), processes.submit(work.leave, 3)]
+    with pytest.raises(WorkerLost, match=r"died 2 times at this task; the last was ended by SIGKILL .*memory"):
+        futures[0].result(120)
+    assert futures[1].result(120) == 8
+    with pytest.raises(WorkerLost, match="ended with exit status 3"):
+        futures[2].result(120)
+    assert processes.submit(work.double, 5).result(120) == 10
+
+
+def test_abort_ends_what_runs(work):
+    processes = Processes(2)
+    pids = [future.result() for future in [processes.submit(work.whoami, 0)]]
+    running = [processes.submit(work.slowly, x, 600) for x in range(4)]
+    while not any(future.running() for future in running):
+        time.sleep(0.01)
+    processes.abort()
+    assert gone(pids)
+    wait(running, timeout=50)
+    # had it waited for them, they would have answers
+    assert all(future.cancelled() or isinstance(future.exception(), WorkerLost) for future in running)
+    with pytest.raises(RuntimeError, match="shut down"):
+        processes.submit(work.double, 1)
+
+
+def test_processes_end_when_their_parent_is_killed(work, tmp_path):
+    script = tmp_path / "parent.py"
+    script.write_text(
+        dedent(f"""
+        import sys
+        sys.path.insert(0, {str(tmp_path)!r})
+        import chemage_work
+        from chemage.sweeps.executors.processes import Processes
+        made = Processes(2)
+        print(*made.map(chemage_work.whoami, range(8)), flush=True)
+        [made.submit(chemage_work.slowly, 1, 600) for _ in range(2)]
+        import time
+        time.sleep(600)
+        """)
+    )
+    # no `if __name__ == "__main__"` above: processes do not run the script again
+    parent = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
+    pids = {int(word) for word in parent.stdout.readline().split()}
+    assert pids
+    assert all(alive(pid) for pid in pids)
+    time.sleep(0.2)
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    assert gone(pids)
+
+
+def test_ctrl_c_does_not_reach_the_processes(work, processes):
+    pid = processes.submit(work.whoami, 0).result()
+    assert os.getpgid(pid) != os.getpgid(0)
+    os.kill(pid, signal.SIGINT)
+    assert processes.submit(work.double, 1).result() == 2
+
+
+def test_a_process_knows_its_share_of_threads(work):
+    with Processes(1, threads=3) as processes:
+        assert set(processes.submit(work.told).result().values()) == {"3"}
+        assert processes.submit(threads.available).result() == 3
+
+
+def test_no_process_no_answer(work, monkeypatch, capfd):
+    monkeypatch.setattr("chemage.sweeps.executors.processes._BOOT", "raise SystemExit('no such interpreter')")
+    with Processes(1) as processes, pytest.raises(ExecutorError, match="could not start: it ended with exit status 1"):
+        processes.submit(work.double, 1).result()
+    assert "no such interpreter" in capfd.readouterr().err
+
+
+# -- pools ------------------------------------------------------------------------------------------------------------
+
+
+def test_serial_has_all_threads_and_processes_one_each(monkeypatch):
+    monkeypatch.setattr(threads, "processors", lambda: 4)
+    monkeypatch.delenv("CHEMAGE_THREADS", raising=False)
+    threads.limit(None)
+    with open_pool("serial") as pool:
+        assert (pool.threads, pool.width()) == (4, 1)
+    with open_pool("processes") as pool:
+        assert (pool.threads, pool.width()) == (1, 4)
+    with open_pool("processes", threads=3) as pool:
+        assert (pool.threads, pool.width()) == (3, 1)
+    with open_pool("processes", workers=2, threads=2) as pool:
+        assert (pool.threads, pool.width()) == (2, 2)
+
+
+def test_processors_are_not_asked_for_twice(monkeypatch):
+    monkeypatch.setattr(threads, "processors", lambda: 4)
+    with (
+        pytest.raises(InputError, match="workers = 2 with threads = 3 each: that is more than the 4 processors"),
+        open_pool("processes", workers=2, threads=3),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("executor", "options", "message"),
+    [
+        ("prozesses", {}, r"no such executor \(did you mean 'processes'\?\); choose serial, processes, dask"),
+        ("serial:x", {}, "no such executor"),
+        ("serial", {"workers": 3}, "serial runs one task at a time"),
+        ("processes", {"workers": 0}, "must be a whole number of at least 1"),
+        ("processes", {"threads": -1}, "must be a whole number of at least 1"),
+        ("processes", {"workers": True}, "must be a whole number of at least 1"),
+    ],
+)
+def test_wrong_executors_are_refused(executor, options, message):
+    with pytest.raises(InputError, match=message), open_pool(executor, **options):
+        pass
+
+
+def test_any_executor_will_do(work):
+    with ThreadPoolExecutor(3) as mine, open_pool(mine) as pool:
+        assert pool.width() == 3
+        assert pool.threads == 1
+        assert pool.executor.submit(work.double, 2).result() == 4
+
+
+def test_a_sweep_leaves_the_threads_of_its_process_alone(tiny, tmp_path):
+    threads.limit(7)
+    chemage.sweep({**tiny.scene(), "sweep": {"hold.seed": [0, 1]}}, tmp_path / "out", threads=1)
+    assert threads.available() == 7
+    threads.limit(None)
+
+
+def test_the_limit_on_threads_holds_until_it_is_taken_away(monkeypatch):
+    monkeypatch.setenv("CHEMAGE_THREADS", "5")
+    threads.limit(None)
+    assert threads.available() == 5
+    threads.limit(2)
+    assert threads.available() == 2
+    threads.limit(None)
+    monkeypatch.setenv("CHEMAGE_THREADS", "many")
+    assert threads.available() == threads.processors()
+
+
+# -- Dask -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(None, "4"), (0.5, r"0\.5")])
+def test_an_address_that_does_not_answer_is_told_in_seconds(monkeypatch, seconds, said):
+    if seconds is not None:
+        monkeypatch.setattr("chemage.sweeps.executors.clusters.ANSWER_TIME", seconds)
+    with (
+        pytest.raises(ExecutorError, match=rf"no Dask scheduler answers at tcp://127\.0\.0\.1:9 within {said} s"),
+        open_pool("dask:tcp://127.0.0.1:9"),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "error", "message"),
+    [
+        ("c.toml", "cluster = 3", InputError, "cluster = 3: expected a str"),
+        ("c.toml", 'clutser = "a.B"', InputError, r"clutser: no such entry \(did you mean 'cluster'\?\)"),
+        ("c.toml", "workers = 2", InputError, "give either address"),
+        ("c.toml", 'cluster = "a.B"\naddress = "tcp://x:1"', InputError, "give either address"),
+        ("c.toml", "cluster = ", InputError, "cannot be read"),
+        ("c.yaml", "- a\n- b", InputError, "holds a list; expected a table of names and values"),
+        ("c.yaml", "a: [", InputError, "cannot be read"),
+        ("c.toml", 'cluster = "no_such_package.Cluster"', ExecutorError, "cannot be imported .*No module named"),
+        ("c.toml", 'cluster = "distributed.NoSuchCluster"', ExecutorError, "cannot be imported"),
+        ("c.toml", 'cluster = "builtins.dict"\noptions = {a = 1}\nworkers = 2', ExecutorError, "did not start: Attr"),
+    ],
+)
+def test_wrong_cluster_files_are_refused(tmp_path, name, text, error, message):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(error, match=message), open_pool(f"dask:{tmp_path / name}"):
+        pass
+
+
+def test_a_missing_cluster_file_is_told(tmp_path):
+    with pytest.raises(StoreError, match=r"cluster file .*gone\.yaml cannot be read"), open_pool("dask:gone.yaml"):
+        pass
+    with pytest.raises(StoreError, match=r"scheduler file gone\.json does not exist"), open_pool("dask:gone.json"):
+        pass
+
+
+def test_without_dask_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ExecutorError, match=r"pip install 'chemage\[dask\]'"), open_pool("dask"):
+        pass
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    """A pool on a cluster that is described in a file, as one of SLURM would be."""
+    folder = tmp_path_factory.mktemp("cluster")
+    (folder / "chemage_work.py").write_text(WORK)
+    (folder / "cluster.yaml").write_text(
+        "cluster: distributed.LocalCluster\nworkers: 2\n"
+        "options: {n_workers: 0, threads_per_worker: 1, dashboard_address: ':0', silence_logs: 60}\n"
+    )
+    sys.path.insert(0, str(folder))
+    import chemage_work  # pyright: ignore[reportMissingImports]
+
+    with open_pool(f"dask:{folder / 'cluster.yaml'}") as pool:
+        yield pool, chemage_work
+    sys.path.remove(str(folder))
+    del sys.modules["chemage_work"]
+
+
+def test_a_cluster_from_a_file_answers(cluster):
+    pool, work = cluster
+    assert [pool.executor.submit(work.double, x).result(120) for x in range(5)] == [0, 2, 4, 6, 8]
+    with pytest.raises(KeyError):
+        pool.executor.submit(work.wrong, 1).result(120)
+    assert set(pool.executor.submit(work.told).result(120).values()) == {"1"}
+    deadline = time.monotonic() + 120
+    while pool.width() < 2:
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+
+
+def test_dask_tries_again_when_a_worker_dies(cluster, tmp_path):
+    pool, work = cluster
+    assert isinstance(pool.executor.submit(work.die_once, str(tmp_path / "marker")).result(120), int)
+
+
+def test_dask_gives_up_on_a_task_that_kills_its_workers(cluster):
+    pool, work = cluster
+    with pytest.raises(WorkerLost, match=r"2 Dask workers died at this task; the last was at tcp://"):
+        pool.executor.submit(work.die).result(120)
+    assert pool.executor.submit(work.double, 21).result(120) == 42
+
+
+def test_a_scheduler_that_goes_away_ends_the_sweep_in_words(tiny, tmp_path, capfd):
+    cluster = LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=60)
+    lost = []
+
+    def tell(state):
+        if state.stage == "computing" and state.done and not lost:
+            lost.append(state)
+            cluster.close()
+
+    scene = {**tiny.scene(engine={"kind": "tiny-coin", "pause": 0.3}), "sweep": {"hold.seed": [0, 1, 2, 3, 4, 5]}}
+    where = f"dask:{cluster.scheduler_address}"
+    with pytest.raises(ExecutorError, match=r"scheduler is gone.*; completed points are kept; rerun the same command"):
+        chemage.sweep(scene, tmp_path / "out", executor=where, progress=tell)
+    assert "Traceback" not in capfd.readouterr().err
+    done = chemage.load_sweep(tmp_path / "out").states().count("done")
+    assert 1 <= done < 6
+    tiny.forget()
+    assert chemage.sweep(scene, tmp_path / "out").states() == ["done"] * 6
+    assert len(tiny.computed("kinetics")) == 2 * (6 - done)
+
+
+class Deserted:
+    """A Dask client whose cluster has lost its workers, and gets one back after being told to grow ``after`` times."""
+
+    def __init__(self, after: int) -> None:
+        self.after, self.cluster, self.worker_spec = after, self, {0: None}
+        self.asked: list[int] = []
+
+    def get_executor(self, pure: bool) -> None:
+        assert not pure
+
+    def nthreads(self) -> dict[str, int]:
+        return {"tcp://a": 1} if len(self.asked) >= self.after else {}
+
+    def scale(self, count: int) -> None:
+        self.asked.append(count)
+
+
+def test_a_cluster_of_our_own_without_workers_is_told_to_start_others(monkeypatch):
+    now = [1000.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    client = Deserted(after=2)
+    pool = Dask(client, wanted=2)
+    for _ in range(30):
+        now[0] += 1.5
+        pool.width()
+    assert client.asked == [3, 3]
+
+
+def test_a_cluster_of_our_own_that_stays_without_workers_is_an_error(monkeypatch):
+    now = [1000.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    pool = Dask(Deserted(after=1000), wanted=2)
+
+    def wait_on() -> None:
+        for _ in range(1000):
+            now[0] += 1.5
+            pool.width()
+
+    with pytest.raises(ExecutorError, match=r"no worker for 12\d s.*rerun the same command to resume"):
+        wait_on()
+
+
+def test_workers_of_somebody_else_may_stand_in_a_queue(monkeypatch):
+    now = [1000.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    client = Deserted(after=1000)
+    pool = Dask(client)
+    for _ in range(1000):
+        now[0] += 10
+        assert pool.width() == 1
+    assert not client.asked
