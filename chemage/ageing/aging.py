@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging
+from chemage.ageing.seeds import COMMON
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Doubles, Indices, Named, Record
+from chemage.foundation.statistics import standard_error
 
 
 class Aging(Record):
@@ -59,6 +60,13 @@ class Aging(Record):
         return self
 
     @property
+    def random_numbers(self) -> str:
+        """The seed, and which random numbers other runs have in common with this one, in words; "" if not recorded."""
+        if (common := self.provenance.get("common")) not in COMMON:
+            return ""
+        return f"seed {self.provenance.get('seed', '?')}, {COMMON[common]}"
+
+    @property
     def replicas(self) -> int:
         """Number of replicas."""
         return self.bonds.shape[0]
@@ -88,12 +96,12 @@ class Aging(Record):
     @property
     def friction_drop_stderr(self) -> np.ndarray:
         """Standard error of the mean ΔF, nN, (m,); nan for a single replica."""
-        return _standard_error(self.friction_drop)
+        return standard_error(self.friction_drop)
 
     @property
     def friction_coefficient_drop_stderr(self) -> np.ndarray:
         """Standard error of the mean Δμ, (m,); nan for a single replica or without load."""
-        return _standard_error(self.friction_coefficient_drop)
+        return standard_error(self.friction_coefficient_drop)
 
     def fit(self, start: float | str = FIT_WINDOW[0], stop: float | str = FIT_WINDOW[1]) -> Fit:
         """Line of Δμ against log10 t over ``start`` ≤ t ≤ ``stop`` (s): β, cut-off time, and their errors.
@@ -125,9 +133,3 @@ class Aging(Record):
         )
 
     __str__ = __repr__
-
-
-def _standard_error(values: np.ndarray) -> np.ndarray:
-    if values.shape[0] < 2:
-        return np.full(values.shape[1:], np.nan)
-    return values.std(axis=0, ddof=1) / math.sqrt(values.shape[0])

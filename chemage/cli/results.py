@@ -89,6 +89,7 @@ def print_run(result: Run) -> None:
         rows += [
             ("sites", f"{aging.sites.mean():.0f}"),
             ("engine", f"{aging.engine}, {aging.replicas} replicas, {aging.events.sum()} events"),
+            ("random numbers", aging.random_numbers or "not recorded"),
             (f"friction drop {last}", plus_minus(aging.mean_friction_drop[-1], aging.friction_drop_stderr[-1], "nN")),
             (
                 f"friction coefficient drop {last}",

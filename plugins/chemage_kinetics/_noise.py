@@ -6,8 +6,8 @@ import hashlib
 
 import numpy as np
 
-from chemage import ReactionLattice
-from chemage.foundation.random import Keyed, key
+from chemage import ReactionLattice, Seed
+from chemage.foundation.random import CommonSeed, key
 from chemage_kinetics._common import Key
 
 #: Sites whose pixel and energies enter the key, spread evenly over the lattice.
@@ -17,15 +17,15 @@ PROBES = 256
 STEPS_PER_EV = 1000.0 * np.sqrt(2.0)
 
 
-def noise_key(seed: Keyed, stream: int, lattice: ReactionLattice) -> Key:
+def noise_key(seed: Seed, stream: int, lattice: ReactionLattice) -> Key:
     """The key of the random numbers of an engine with this ``stream`` on ``lattice``.
 
     It is a hash of the seed, the engine and the lattice, so that one seed gives independent noise on every contact and
-    in every engine, and always the same noise on the same lattice. A ``seed`` that is a key already, an array as
-    `chemage.random.key` returns it, is used as it is: runs with one such key have common random numbers.
+    in every engine, and always the same noise on the same lattice. A `chemage.random.CommonSeed` is used as it is: runs
+    with one such seed have common random numbers.
     """
     words = key(seed)
-    if isinstance(seed, np.ndarray):
+    if isinstance(seed, CommonSeed):
         return Key(words[0], words[1])
     n = lattice.sites.size
     probes = slice(None) if n <= PROBES else np.arange(PROBES) * (n - 1) // (PROBES - 1)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import random as cr
 from chemage import ReactionLattice
+from chemage import random as cr
 from chemage_kinetics._common import STREAMS
 from chemage_kinetics._noise import PROBES, noise_key
 
@@ -88,9 +88,10 @@ def test_the_key_does_not_depend_on_the_last_bits_of_a_processor(side):
 
 def test_runs_with_one_key_have_common_random_numbers():
     """What compares two loads with small errors: the key is used as it is, whatever the lattice."""
-    key = cr.key(5)
-    assert noise_key(key, 16, full_contact(surface=1)) == noise_key(key, 16, full_contact(surface=2)) == tuple(key)
-    assert noise_key(5, 16, full_contact()) != tuple(key)
+    seed = cr.CommonSeed(5)
+    one, other = (noise_key(seed, 16, full_contact(surface=number)) for number in (1, 2))
+    assert one == other == tuple(cr.key(5))
+    assert noise_key(5, 16, full_contact()) != one
 
 
 def test_a_seed_and_its_seed_sequence_are_the_same():
