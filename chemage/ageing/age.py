@@ -92,28 +92,40 @@ def age(
     # threads inside a run take their processors away from the other replicas
     at_once = max(1, min(replicas, (threads or available()) // engine.concurrency()))
     done = list(_in_order(replica, replicas, at_once, progress))
+    origin = {
+        "chemistry": chemistry.todict(),
+        "engine": engine.todict(),
+        "seed": str(seed),
+        "common": common,
+        "contact": contact.provenance,
+        **({"observe": [one.todict() for one in observe]} if observe else {}),
+    }
+    return _aging(contact, chemistry, done, times, kelvin, origin)
+
+
+def _aging(
+    contact: ContactSolution,
+    chemistry: Chemistry,
+    done: Sequence[_Replica],
+    hold_times: np.ndarray,
+    temperature: float,
+    provenance: dict[str, Any],
+) -> Aging:
     plugins = {name: version for one in (contact, *done) for name, version in one.plugins.items()}
     return Aging(
-        hold_times=times,
+        hold_times=hold_times,
         bonds=np.stack([one.bonds for one in done]),
         sites=np.array([one.sites for one in done]),
         events=np.array([one.events for one in done]),
         load=contact.load,
-        temperature=kelvin,
+        temperature=temperature,
         bond_force=chemistry.bond_force,
         front_factor=chemistry.front_factor,
         engine=done[0].engine,
         notes=done[0].notes,
         contact=contact.summary(),
         observables=_stacked([one.seen for one in done]),
-        provenance={
-            "chemistry": chemistry.todict(),
-            "engine": engine.todict(),
-            "seed": str(seed),
-            "common": common,
-            "contact": contact.provenance,
-            **({"observe": [one.todict() for one in observe]} if observe else {}),
-        },
+        provenance=provenance,
     ).noting(plugins)
 
 

@@ -206,28 +206,18 @@ def fit_aging(
         Too few different hold times in the window (two for a simulated result, three for measurements), a coefficient
         of friction without load, or options that do not go together.
     """
-    if model not in get_args(Model):
-        raise InputError.of("model", model, f"choose {' or '.join(get_args(Model))}")
-    if samples < 100:
-        raise InputError.of("samples", samples, "is too few for an interval", "give 100 or more")
-    if not 0 < confidence < 1:
-        raise InputError.of("confidence", confidence, "must lie between 0 and 1", "give 0.95, say")
+    _check_options(model, samples, confidence)
     given = data.fit_data(quantity)
     _check_bootstrap(bootstrap, given)
-    if window is None and given.simulated and model == "line":
-        window = FIT_WINDOW
-    limits = None if window is None else (convert(window[0], "s"), convert(window[1], "s"))
+    limits = _limits(window, FIT_WINDOW if given.simulated and model == "line" else None)
     use = _inside(data.hold_times, limits, model, least=2 if given.simulated else 3)
     t, curves = data.hold_times[use], given.curves[:, use]
-    weight = np.ones(t.size) if given.error is None else 1 / given.error[use] ** 2
-    weight = weight / weight.mean()
-    estimate = _estimate(model, t, curves, weight)
-    single = given.simulated and len(curves) == 1
+    weight = _weights(given, use)
+    estimate = _estimate(model, t, curves, weight, scatter=not given.simulated)
     if bootstrap is not None:
-        slopes, cutoffs = bootstrapped(
-            bootstrap, model, t, curves, weight, estimate.fitted, confidence=confidence, samples=samples, seed=seed
-        )
-    elif single:
+        options = {"confidence": confidence, "samples": samples, "seed": seed}
+        slopes, cutoffs = bootstrapped(bootstrap, model, t, curves, weight, estimate.fitted, **options)
+    elif given.simulated and len(curves) == 1:
         slopes = cutoffs = UNKNOWN
     else:
         slope, error, log_cutoff = estimate.slope, estimate.slope_error, estimate.log_cutoff
@@ -239,7 +229,7 @@ def fit_aging(
         model=model,
         quantity=given.quantity,
         beta=estimate.slope * unit,
-        beta_stderr=math.nan if single else estimate.slope_error * unit,
+        beta_stderr=estimate.slope_error * unit,
         cutoff_time=_time(estimate.log_cutoff),
         cutoff_time_stderr=_time(estimate.log_cutoff) * math.log(10) * estimate.cutoff_error,
         beta_interval=Interval(slopes.low * unit, slopes.high * unit),
@@ -254,6 +244,27 @@ def fit_aging(
         samples=samples,
         confidence=confidence,
     )
+
+
+def _limits(
+    window: tuple[float | str, float | str] | None, default: tuple[float, float] | None
+) -> tuple[float, float] | None:
+    return default if window is None else (convert(window[0], "s"), convert(window[1], "s"))
+
+
+def _weights(given: FitData, use: np.ndarray) -> np.ndarray:
+    """Weights of the hold times that are fitted, 1 on average."""
+    weight = np.ones(np.count_nonzero(use)) if given.error is None else 1 / given.error[use] ** 2
+    return weight / weight.mean()
+
+
+def _check_options(model: Model, samples: int, confidence: float) -> None:
+    if model not in get_args(Model):
+        raise InputError.of("model", model, f"choose {' or '.join(get_args(Model))}")
+    if samples < 100:
+        raise InputError.of("samples", samples, "is too few for an interval", "give 100 or more")
+    if not 0 < confidence < 1:
+        raise InputError.of("confidence", confidence, "must lie between 0 and 1", "give 0.95, say")
 
 
 def _check_bootstrap(bootstrap: Bootstrap | None, given: FitData) -> None:
@@ -297,8 +308,9 @@ class _Estimate:
     fitted: np.ndarray
 
 
-def _estimate(model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarray) -> _Estimate:
-    """Least squares on the mean over replicas, with jackknife errors over replicas."""
+def _estimate(model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarray, *, scatter: bool) -> _Estimate:
+    """Least squares on the mean over replicas, with jackknife errors over replicas; ``scatter``: a single curve has
+    errors from its scatter about the fit."""
     mean = curves.mean(axis=0)
     even = bool((weight == 1).all())
 
@@ -316,9 +328,10 @@ def _estimate(model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarra
         fitted = np.full(t.size, np.average(mean, weights=weight))
     else:
         fitted = slope * basis(model, t, float(np.clip(log_cutoff, *bounds(t))))
+    errors = (math.nan, math.nan)
     if len(curves) > 1:
         errors = _jackknife(solved, curves)
-    else:
+    elif scatter:
         errors = _scatter(model, t, mean - fitted, weight, slope, log_cutoff)
     return _Estimate(slope, errors[0], log_cutoff, errors[1], fitted)
 

@@ -21,8 +21,6 @@ class Engine(Component, ABC):
     role = "engine"
     #: treats lattices whose sites interact
     interacting: ClassVar[bool] = True
-    #: can use several threads inside one run
-    threads: ClassVar[bool] = False
     #: can resume from a history bit for bit
     restart: ClassVar[bool] = True
     #: samples the master equation without approximation

@@ -162,9 +162,9 @@ def room_temperature_cost(sites: float, event: float, site: float, memory: float
 
 
 def run_pieces(
-    job: Job, follow: Callable[[int, int, np.ndarray], int], pieces: Sequence[tuple[int, int]], workers: int
+    job: Job, follow: Callable[[int, int, np.ndarray], int], pieces: Sequence[tuple[int, int]], threads: int
 ) -> None:
-    """Follow every piece of a lattice, on ``workers`` threads (0: one per processor), and add up the tallies.
+    """Follow every piece of a lattice, on ``threads`` threads (0: one per processor), and add up the tallies.
 
     ``follow(first, last, tally)`` goes on for a while, adds to ``tally`` and returns where it stopped. Tallies are
     whole numbers, so their sum depends neither on the order of the pieces nor on the number of threads.
@@ -178,12 +178,12 @@ def run_pieces(
             first = follow(first, last, tally)
         return tally
 
-    workers = min(workers or available(), len(pieces))
-    if workers < 2:
+    threads = min(threads or available(), len(pieces))
+    if threads < 2:
         for piece in pieces:
             job.tally += one(piece)
         return
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         try:
             for tally in pool.map(one, pieces):
                 job.tally += tally

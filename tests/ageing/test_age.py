@@ -69,7 +69,6 @@ class Tally(Engine):
 
 class Own(Tally):
     kind = "own"
-    threads = True
 
     def concurrency(self):
         return 4
