@@ -200,6 +200,7 @@ class _Measurement:
             temperature=scene.hold.temperature,
             replicas=replicas or scene.hold.replicas,
             seed=scene.hold.seed,
+            common=scene.hold.common,
         )
 
     def _beta(self, aging: Aging | None) -> dict[str, float]:
