@@ -12,6 +12,24 @@ from pydantic import Field, model_validator
 from chemage.contacts import patches, theory
 from chemage.foundation.records import Reals, Record, frozen, require_finite
 
+#: the measures users compare: property of :class:`ContactSolution` -> (unit, meaning)
+MEASURES: dict[str, tuple[str, str]] = {
+    "area_fraction": ("1", "contact area over nominal area"),
+    "area": ("nm2", "contact area"),
+    "corrected_area": ("nm2", "contact area less the excess of pixels at its rim"),
+    "kappa": ("1", "area-load coefficient A h'_rms E* / F_N"),
+    "patches": ("1", "contact patches"),
+    "perimeter_to_area": ("1/nm", "contact perimeter over contact area"),
+    "mean_contact_pressure": ("GPa", "mean pressure over the contact"),
+    "max_pressure": ("GPa", "largest pressure"),
+    "nominal_area": ("nm2", "nominal area"),
+    "nominal_pressure": ("GPa", "load over nominal area"),
+    "load": ("nN", "normal force"),
+    "modulus": ("GPa", "contact modulus"),
+    "rms_slope": ("1", "rms slope of the surface"),
+    "rms_height": ("nm", "rms height of the surface"),
+}
+
 
 class ContactSolution(Record):
     """The pressure between a surface and an elastic half-space under a load."""
@@ -144,24 +162,14 @@ class ContactSolution(Record):
         counts, edges = np.histogram(values, bins=bins, range=(0.0, top))
         return edges, counts / (max(values.size, 1) * np.diff(edges))
 
+    @property
+    def max_pressure(self) -> float:
+        """Largest pressure, GPa."""
+        return float(self.pressure.max())
+
     def summary(self) -> dict[str, float]:
-        """The measures users compare, as plain numbers."""
-        return {
-            "area_fraction": self.area_fraction,
-            "area": self.area,
-            "corrected_area": self.corrected_area,
-            "kappa": self.kappa,
-            "patches": self.patches,
-            "perimeter_to_area": self.perimeter_to_area,
-            "mean_contact_pressure": self.mean_contact_pressure,
-            "max_pressure": float(self.pressure.max()),
-            "nominal_area": self.nominal_area,
-            "nominal_pressure": self.nominal_pressure,
-            "load": self.load,
-            "modulus": self.modulus,
-            "rms_slope": self.rms_slope,
-            "rms_height": self.rms_height,
-        }
+        """The measures users compare (:data:`MEASURES`), as plain numbers."""
+        return {name: getattr(self, name) for name in MEASURES}
 
     def coordinates(self) -> dict[str, np.ndarray]:
         """Centres of the pixels along ``x`` and ``y``, nm."""

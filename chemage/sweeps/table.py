@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from chemage.contacts.solution import MEASURES
 from chemage.foundation.files import fresh_file
 from chemage.sweeps.grid import shown
 
@@ -22,19 +23,8 @@ if TYPE_CHECKING:
     import xarray
 
 #: scalar results of a point: name in the summary -> (unit, meaning)
-SCALARS = {
-    "area_fraction": ("1", "contact area over nominal area"),
-    "area": ("nm2", "contact area"),
-    "corrected_area": ("nm2", "contact area less the excess of pixels at its rim"),
-    "kappa": ("1", "area-load coefficient A h'_rms E* / F_N"),
-    "patches": ("1", "contact patches"),
-    "perimeter_to_area": ("1/nm", "contact perimeter over contact area"),
-    "mean_contact_pressure": ("GPa", "mean pressure over the contact"),
-    "max_pressure": ("GPa", "largest pressure"),
-    "nominal_pressure": ("GPa", "load over nominal area"),
-    "load": ("nN", "normal force"),
-    "rms_slope": ("1", "rms slope of the surface"),
-    "rms_height": ("nm", "rms height of the surface"),
+SCALARS: dict[str, tuple[str, str]] = {
+    **MEASURES,
     "sites": ("1", "reactive sites, mean over replicas"),
     "replicas": ("1", "replicas"),
     "events": ("1", "bonds formed and broken, all replicas"),
