@@ -25,7 +25,8 @@ class ContactSolver(Component, ABC):
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
         """Estimate what a solve will give and cost from :meth:`SurfaceMaker.expected`, as far as it is known:
-        ``area_fraction``, ``cpu_seconds``, ``bytes`` (peak memory). Used by ``chemage check``."""
+        ``area_fraction``, ``cpu_seconds``, ``bytes`` (peak memory), ``gap_bytes`` (of the gap, where the solution has
+        one). Used by ``chemage check`` and to plan sweeps."""
         return {}
 
     def solve(self, surface: Surface, load: float | str, *, start: ContactSolution | None = None) -> ContactSolution:

@@ -105,6 +105,9 @@ class FFTBEM(ContactSolver):
             return {}
         pixels = surface["nx"] * surface["ny"]
         known = {"bytes": pixels * {"single": 40.0, "mixed": 55.0, "double": 65.0}[self.precision]}
+        if self.gap:
+            known["gap_bytes"] = pixels * float(np.dtype(iteration.PRECISIONS[self.precision][0]).itemsize)
+            known["bytes"] += known["gap_bytes"]
         fraction = 0.1
         if {"pixel_size", "rms_slope"} <= surface.keys():
             x = load / (pixels * surface["pixel_size"] ** 2) / self.modulus
