@@ -217,6 +217,18 @@ def _start_changes_nothing(component: ContactSolver, surfaces: Sequence[Surface]
 
 
 @check_of("contact")
+def _reference_solves_the_same_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """``reference()`` returns a solver of the same class, with the same contact up to the errors of the component."""
+    reference = component.reference()
+    require(isinstance(reference, type(component)), f"reference() returned {reference!r}")
+    for surface, load in _solvable(component, surfaces):
+        pressure = component.solve(surface, load).pressure
+        require(
+            same_pressure(pressure, reference.solve(surface, load).pressure, 1e-2), "reference() solves another contact"
+        )
+
+
+@check_of("contact")
 def _odd_grids_are_solved(component: ContactSolver) -> None:
     """Grids that are not square, odd, one pixel wide or one pixel are solved, or refused with an InputError."""
     for shape in ((15, 32), (9, 7), (1, 16), (1, 1)):

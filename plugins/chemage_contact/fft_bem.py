@@ -31,6 +31,8 @@ from chemage_contact._team import Team
 
 #: The smallest tolerance that single precision reaches, with a margin.
 SINGLE_LIMIT = 1e-6
+#: A reference: rounding errors of double precision allow little less than its tolerance.
+REFERENCE_TOLERANCE, REFERENCE_ITERATIONS = 1e-12, 500
 
 
 class FFTBEM(ContactSolver):
@@ -119,6 +121,16 @@ class FFTBEM(ContactSolver):
             4.0 if self.boundary == "free" else 1.0
         )
         return known | {"cpu_seconds": pixels * work * factor}
+
+    def reference(self) -> FFTBEM:
+        """Double precision at a tolerance of 1e-12, or the nearest to it that rounding errors allow."""
+        return self.replace(
+            precision="double",
+            tolerance=min(self.tolerance, REFERENCE_TOLERANCE),
+            pressure_tolerance=None,
+            max_iterations=max(self.max_iterations, REFERENCE_ITERATIONS),
+            on_failure="return",
+        )
 
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
         if load == 0:
