@@ -12,6 +12,7 @@ import numpy as np
 from chemage.ageing.aging import Aging
 from chemage.ageing.checkpoints import run_with_checkpoints
 from chemage.ageing.observables import Observable
+from chemage.ageing.seeds import Common, checked_common, identity, replica_seeds
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, checked_seed, expect, temperature_value
 from chemage.foundation.errors import InputError, PluginError
@@ -26,18 +27,6 @@ from chemage.plugins import registry
 from chemage.plugins.participation import Plugins, taking_part
 
 
-def replica_seeds(seed: Seed, replica: int) -> tuple[np.random.SeedSequence, np.random.SeedSequence]:
-    """Seeds of a replica's disorder and of its kinetics: functions of ``seed`` and the replica's number alone."""
-    if isinstance(seed, np.random.SeedSequence):
-        entropy, key = seed.entropy, tuple(seed.spawn_key)
-    else:
-        entropy, key = checked_seed(seed), ()
-    return (
-        np.random.SeedSequence(entropy, spawn_key=(*key, replica, 0)),
-        np.random.SeedSequence(entropy, spawn_key=(*key, replica, 1)),
-    )
-
-
 def age(
     contact: ContactSolution,
     chemistry: Chemistry,
@@ -47,6 +36,7 @@ def age(
     temperature: float | str,
     replicas: int = 10,
     seed: Seed = 0,
+    common: Common = "none",
     observe: Sequence[Observable] = (),
     threads: int | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -65,7 +55,13 @@ def age(
     replicas
         Each redraws barriers, couplings, hydroxylation and the kinetic noise on the same contact.
     seed
-        Replica r depends on ``seed`` and r alone, not on how many replicas or workers there are.
+        Replica r does not depend on how many replicas or threads there are.
+    common
+        What replica r has in common with replica r of other runs with the same ``seed``. ``"none"``: nothing, so that
+        runs on different contacts, at other temperatures, with another chemistry or engine are independent samples;
+        ``"disorder"``: barriers, couplings and hydroxylation of the pixels that are in contact in both; ``"all"``: the
+        kinetic noise as well. With the last two, the difference between two runs has a smaller error, which is that of
+        the differences replica by replica.
     observe
         Further measurements on each replica, kept in ``Aging.observables``.
     threads
@@ -78,9 +74,11 @@ def age(
     """
     _check(contact, chemistry, engine, observe, replicas, seed, threads)
     times, kelvin = check_times(hold_times), temperature_value(temperature)
+    run = identity(contact, chemistry, engine, kelvin)
+    shared = checked_common(common)
 
     def replica(number: int) -> _Replica:
-        disorder, noise = replica_seeds(seed, number)
+        disorder, noise = replica_seeds(seed, number, shared, run)
         lattice = build_lattice(chemistry, contact, disorder)
         if checkpoints is None:
             history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise)
@@ -94,27 +92,40 @@ def age(
     # threads inside a run take their processors away from the other replicas
     at_once = max(1, min(replicas, (threads or available()) // engine.concurrency()))
     done = list(_in_order(replica, replicas, at_once, progress))
+    origin = {
+        "chemistry": chemistry.todict(),
+        "engine": engine.todict(),
+        "seed": str(seed),
+        "common": common,
+        "contact": contact.provenance,
+        **({"observe": [one.todict() for one in observe]} if observe else {}),
+    }
+    return _aging(contact, chemistry, done, times, kelvin, origin)
+
+
+def _aging(
+    contact: ContactSolution,
+    chemistry: Chemistry,
+    done: Sequence[_Replica],
+    hold_times: np.ndarray,
+    temperature: float,
+    provenance: dict[str, Any],
+) -> Aging:
     plugins = {name: version for one in (contact, *done) for name, version in one.plugins.items()}
     return Aging(
-        hold_times=times,
+        hold_times=hold_times,
         bonds=np.stack([one.bonds for one in done]),
         sites=np.array([one.sites for one in done]),
         events=np.array([one.events for one in done]),
         load=contact.load,
-        temperature=kelvin,
+        temperature=temperature,
         bond_force=chemistry.bond_force,
         front_factor=chemistry.front_factor,
         engine=done[0].engine,
         notes=done[0].notes,
         contact=contact.summary(),
         observables=_stacked([one.seen for one in done]),
-        provenance={
-            "chemistry": chemistry.todict(),
-            "engine": engine.todict(),
-            "seed": str(seed),
-            "contact": contact.provenance,
-            **({"observe": [one.todict() for one in observe]} if observe else {}),
-        },
+        provenance=provenance,
     ).noting(plugins)
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging
+from chemage.ageing.seeds import COMMON
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Doubles, Indices, Named, Record
+from chemage.foundation.statistics import half_width, standard_error
 
 
 class Aging(Record):
@@ -59,6 +60,13 @@ class Aging(Record):
         return self
 
     @property
+    def random_numbers(self) -> str:
+        """The seed, and which random numbers other runs have in common with this one, in words; "" if not recorded."""
+        if (common := self.provenance.get("common")) not in COMMON:
+            return ""
+        return f"seed {self.provenance.get('seed', '?')}, {COMMON[common]}"
+
+    @property
     def replicas(self) -> int:
         """Number of replicas."""
         return self.bonds.shape[0]
@@ -88,20 +96,29 @@ class Aging(Record):
     @property
     def friction_drop_stderr(self) -> np.ndarray:
         """Standard error of the mean ΔF, nN, (m,); nan for a single replica."""
-        return _standard_error(self.friction_drop)
+        return standard_error(self.friction_drop)
 
     @property
     def friction_coefficient_drop_stderr(self) -> np.ndarray:
         """Standard error of the mean Δμ, (m,); nan for a single replica or without load."""
-        return _standard_error(self.friction_coefficient_drop)
+        return standard_error(self.friction_coefficient_drop)
+
+    @property
+    def friction_drop_half_width(self) -> np.ndarray:
+        """Half the width of Student's 95 % interval of the mean ΔF, nN, (m,); nan for a single replica."""
+        return half_width(self.friction_drop)
+
+    @property
+    def friction_coefficient_drop_half_width(self) -> np.ndarray:
+        """Half the width of Student's 95 % interval of the mean Δμ, (m,); nan for a single replica or without load."""
+        return half_width(self.friction_coefficient_drop)
 
     def fit(self, start: float | str = FIT_WINDOW[0], stop: float | str = FIT_WINDOW[1]) -> Fit:
         """Line of Δμ against log10 t over ``start`` ≤ t ≤ ``stop`` (s): β, cut-off time, and their errors.
 
-        See :func:`chemage.fit_aging`, of which this is the line over a window. With two replicas or more the standard
-        errors are jackknife errors over replicas; with one they come from the scatter about the line, which understates
-        them because neighbouring hold times share their bonds. Without load β is nan, and ``friction_rate`` is what
-        there is.
+        See :func:`chemage.fit_aging`, of which this is the line over a window. Standard errors are jackknife errors
+        over replicas. A single replica has none: its hold times share their bonds, so that their scatter about the line
+        says nothing of the error.
 
         Raises
         ------
@@ -125,9 +142,3 @@ class Aging(Record):
         )
 
     __str__ = __repr__
-
-
-def _standard_error(values: np.ndarray) -> np.ndarray:
-    if values.shape[0] < 2:
-        return np.full(values.shape[1:], np.nan)
-    return values.std(axis=0, ddof=1) / math.sqrt(values.shape[0])

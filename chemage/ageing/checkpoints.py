@@ -14,6 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from chemage.ageing.seeds import origin
 from chemage.foundation.checks import Seed, check_times, temperature_value
 from chemage.foundation.codec import read_records, write_records
 from chemage.foundation.errors import InputError, StoreError
@@ -93,7 +94,6 @@ def run_with_checkpoints(
 
 
 def _key(engine: Engine, lattice: ReactionLattice, times: np.ndarray, temperature: float, seed: Seed) -> str:
-    origin = [str(seed.entropy), list(seed.spawn_key)] if isinstance(seed, np.random.SeedSequence) else int(seed)
     plugins = registry.current().implementing("chemage_run_kinetics")
-    content = [engine.digest(), lattice.digest(), times.tolist(), temperature, origin, plugins]
+    content = [engine.digest(), lattice.digest(), times.tolist(), temperature, origin(seed), plugins]
     return hashlib.blake2b(json.dumps(content).encode(), digest_size=16).hexdigest()

@@ -7,8 +7,8 @@ Two models are fitted, and every result names its model:
 ``"curve"``
     Δμ = β log10(1 + t / t_c), which is 0 at t = 0 and becomes the line for t ≫ t_c; any hold times, 0 included.
 
-Standard errors are jackknife errors over replicas; intervals come from the bootstrap with a fixed seed: the same data
-give the same digits.
+Standard errors are jackknife errors over replicas, intervals are Student's or from the bootstrap with a fixed seed: the
+same data give the same digits. A single replica has no error.
 """
 
 from __future__ import annotations
@@ -20,16 +20,18 @@ from typing import Literal, Protocol, get_args
 
 import numpy as np
 
+from chemage.ageing.intervals import UNKNOWN, Bootstrap, Interval, bootstrapped, student
+from chemage.ageing.models import Model, basis, basis_slope, bounds, solve
 from chemage.foundation.errors import InputError
 from chemage.foundation.text import jsonable, with_interval
 from chemage.foundation.units import convert
 
 Quantity = Literal["friction_coefficient_drop", "friction_drop"]
-Model = Literal["line", "curve"]
-Bootstrap = Literal["residuals", "pairs", "replicas"]
 
 #: default of the first and last hold time of the line, s
 FIT_WINDOW = (10.0, 1e4)
+#: what is written in place of an error
+NO_ERROR = "(one replica: no error)"
 #: quantity -> its unit inside chemage
 UNIT: dict[str, str] = {"friction_coefficient_drop": "", "friction_drop": "nN"}
 #: quantity -> how it is written
@@ -63,23 +65,15 @@ class FitData:
     simulated: bool = False
 
 
-@dataclass(frozen=True)
-class Interval:
-    """Ends of a confidence interval; an end that the data do not bound is infinite (for a time: 0 or infinite)."""
-
-    low: float
-    high: float
-
-
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """β and the cut-off time, with standard errors over replicas and bootstrap intervals."""
+    """β and the cut-off time, with standard errors and intervals."""
 
     model: Model
     quantity: Quantity
     #: per decade: a pure number for Δμ, nN for ΔF
     beta: float
-    #: jackknife over replicas, or from the scatter about the line for a single curve; nan where neither exists
+    #: jackknife over replicas, or from the scatter of measurements about the fit; nan for a single replica
     beta_stderr: float
     #: where the line meets zero, s; nan where the data do not determine it
     cutoff_time: float
@@ -95,7 +89,10 @@ class Fit:
     points: int
     #: root mean square distance of the data from the fit, in the unit of the quantity
     rms_residual: float
-    bootstrap: Bootstrap
+    #: number of simulated replicas; 0 for measurements
+    replicas: int
+    #: what was resampled for the intervals; None: they are Student's
+    bootstrap: Bootstrap | None
     samples: int
     confidence: float
 
@@ -108,16 +105,33 @@ class Fit:
 
     def __call__(self, hold_times: np.ndarray | float) -> np.ndarray:
         """The fitted value at ``hold_times`` (s)."""
-        return self.beta * _basis(self.model, np.asarray(hold_times, dtype=np.float64), math.log10(self.cutoff_time))
+        return self.beta * basis(self.model, np.asarray(hold_times, dtype=np.float64), math.log10(self.cutoff_time))
+
+    @property
+    def beta_half_width(self) -> float:
+        """Half the width of the interval of β."""
+        return 0.5 * (self.beta_interval.high - self.beta_interval.low)
 
     def beta_text(self) -> str:
         """β with its interval and unit."""
-        text = with_interval(self.beta, self.beta_interval.low, self.beta_interval.high)
-        return f"{text} {UNIT[self.quantity]}".strip()
+        return f"{self._with(self.beta, self.beta_interval)} {UNIT[self.quantity]}".strip()
 
     def cutoff_text(self) -> str:
         """The cut-off time with its interval."""
-        return f"{with_interval(self.cutoff_time, self.cutoff_interval.low, self.cutoff_interval.high)} s"
+        return f"{self._with(self.cutoff_time, self.cutoff_interval)} s"
+
+    def _with(self, value: float, interval: Interval) -> str:
+        if math.isnan(interval.low) and math.isfinite(value):
+            return f"{value:.4g} {NO_ERROR if self.replicas == 1 else '(no interval: too few points)'}"
+        return with_interval(value, interval.low, interval.high)
+
+    def intervals_text(self) -> str:
+        """How the intervals were found, in words."""
+        if self.bootstrap is not None:
+            return f"bootstrap of {self.bootstrap}, {self.samples} samples"
+        if self.replicas == 1:
+            return "none: a single replica has no error"
+        return f"Student's t, {self.replicas} replicas" if self.replicas else f"Student's t, {self.points} points"
 
     def describe(self) -> str:
         """The model, in words."""
@@ -143,8 +157,9 @@ class Fit:
                 "window": list(self.window) if self.window else None,
                 "points": self.points,
                 "rms_residual": self.rms_residual,
+                "replicas": self.replicas,
+                "intervals": self.intervals_text(),
                 "bootstrap": self.bootstrap,
-                "samples": self.samples,
                 "confidence": self.confidence,
             }
         )
@@ -161,7 +176,7 @@ def fit_aging(
     confidence: float = 0.95,
     seed: int = 0,
 ) -> Fit:
-    """Fit β and the cut-off time t_c to measurements or to a simulated result, with bootstrap intervals.
+    """Fit β and the cut-off time t_c to measurements or to a simulated result, with confidence intervals.
 
     Least squares; rows count by 1/error² where errors are given, equally otherwise.
 
@@ -177,13 +192,13 @@ def fit_aging(
     quantity
         What to fit of a simulated result: Δμ (default) or ΔF. Measurements are fitted as they are.
     bootstrap
-        What is resampled. ``"residuals"`` (default for measurements): distances from the fit, at the same hold times;
-        ``"pairs"``: whole rows, where the scatter depends on time in a way the errors do not state; ``"replicas"``
-        (default for several replicas): whole replicas, so that errors correlated in time are kept. It does not include
-        the scatter between surfaces.
+        None: Student's intervals, see :mod:`chemage.ageing.intervals`. Otherwise what is resampled: ``"residuals"`` of
+        measurements, at the same hold times; ``"pairs"``, whole rows of measurements, where the scatter depends on time
+        in a way the errors do not state; ``"replicas"``, whole replicas of a simulated result. Percentile intervals of
+        the bootstrap are too narrow for fewer than about ten replicas or rows. No interval includes the scatter between
+        surfaces.
     samples, confidence, seed
-        Bootstrap samples, coverage, and the seed they are drawn with. Percentile intervals, widened for small numbers
-        as Student's t is (Hesterberg, Am. Stat. 69, 371 (2015), expanded percentile interval).
+        Bootstrap samples, coverage of the intervals, and the seed of the bootstrap.
 
     Raises
     ------
@@ -191,24 +206,22 @@ def fit_aging(
         Too few different hold times in the window (two for a simulated result, three for measurements), a coefficient
         of friction without load, or options that do not go together.
     """
-    if model not in get_args(Model):
-        raise InputError.of("model", model, f"choose {' or '.join(get_args(Model))}")
-    if samples < 100:
-        raise InputError.of("samples", samples, "is too few for an interval", "give 100 or more")
-    if not 0 < confidence < 1:
-        raise InputError.of("confidence", confidence, "must lie between 0 and 1", "give 0.95, say")
+    _check_options(model, samples, confidence)
     given = data.fit_data(quantity)
-    kind = _kind_of(bootstrap, given.curves.shape[0])
-    if window is None and given.simulated and model == "line":
-        window = FIT_WINDOW
-    limits = None if window is None else (convert(window[0], "s"), convert(window[1], "s"))
+    _check_bootstrap(bootstrap, given)
+    limits = _limits(window, FIT_WINDOW if given.simulated and model == "line" else None)
     use = _inside(data.hold_times, limits, model, least=2 if given.simulated else 3)
     t, curves = data.hold_times[use], given.curves[:, use]
-    weight = np.ones(t.size) if given.error is None else 1 / given.error[use] ** 2
-    weight = weight / weight.mean()
-    estimate = _estimate(model, t, curves, weight)
-    ends = _expanded(confidence, {"replicas": len(curves) - 1}.get(kind, t.size - 2))
-    slopes, cutoffs = _bootstrap(kind, model, t, curves, weight, estimate, samples, seed)
+    weight = _weights(given, use)
+    estimate = _estimate(model, t, curves, weight, scatter=not given.simulated)
+    if bootstrap is not None:
+        options = {"confidence": confidence, "samples": samples, "seed": seed}
+        slopes, cutoffs = bootstrapped(bootstrap, model, t, curves, weight, estimate.fitted, **options)
+    elif given.simulated and len(curves) == 1:
+        slopes = cutoffs = UNKNOWN
+    else:
+        slope, error, log_cutoff = estimate.slope, estimate.slope_error, estimate.log_cutoff
+        slopes, cutoffs = student(model, t, curves, weight, slope, error, log_cutoff, confidence)
     unit = given.scale
     # the curves of a simulated result are ΔF whatever is fitted
     forces = given.simulated or given.quantity == "friction_drop"
@@ -219,26 +232,55 @@ def fit_aging(
         beta_stderr=estimate.slope_error * unit,
         cutoff_time=_time(estimate.log_cutoff),
         cutoff_time_stderr=_time(estimate.log_cutoff) * math.log(10) * estimate.cutoff_error,
-        beta_interval=_interval(slopes * unit, ends),
-        cutoff_interval=_cutoff_interval(cutoffs, slopes, ends),
+        beta_interval=Interval(slopes.low * unit, slopes.high * unit),
+        cutoff_interval=cutoffs,
         friction_rate=estimate.slope if forces else None,
         friction_rate_stderr=estimate.slope_error if forces else None,
         window=limits,
         points=t.size,
         rms_residual=float(np.sqrt(np.mean((curves.mean(axis=0) - estimate.fitted) ** 2))) * unit,
-        bootstrap=kind,
+        replicas=len(curves) if given.simulated else 0,
+        bootstrap=bootstrap,
         samples=samples,
         confidence=confidence,
     )
 
 
-def _kind_of(bootstrap: Bootstrap | None, curves: int) -> Bootstrap:
-    kind: Bootstrap = bootstrap or ("replicas" if curves > 1 else "residuals")
-    if kind not in get_args(Bootstrap):
-        raise InputError.of("bootstrap", kind, f"choose {', '.join(get_args(Bootstrap))}")
-    if kind == "replicas" and curves < 2:
-        raise InputError("bootstrap = 'replicas': there is a single curve; choose residuals or pairs")
-    return kind
+def _limits(
+    window: tuple[float | str, float | str] | None, default: tuple[float, float] | None
+) -> tuple[float, float] | None:
+    return default if window is None else (convert(window[0], "s"), convert(window[1], "s"))
+
+
+def _weights(given: FitData, use: np.ndarray) -> np.ndarray:
+    """Weights of the hold times that are fitted, 1 on average."""
+    weight = np.ones(np.count_nonzero(use)) if given.error is None else 1 / given.error[use] ** 2
+    return weight / weight.mean()
+
+
+def _check_options(model: Model, samples: int, confidence: float) -> None:
+    if model not in get_args(Model):
+        raise InputError.of("model", model, f"choose {' or '.join(get_args(Model))}")
+    if samples < 100:
+        raise InputError.of("samples", samples, "is too few for an interval", "give 100 or more")
+    if not 0 < confidence < 1:
+        raise InputError.of("confidence", confidence, "must lie between 0 and 1", "give 0.95, say")
+
+
+def _check_bootstrap(bootstrap: Bootstrap | None, given: FitData) -> None:
+    if bootstrap is None:
+        return
+    if bootstrap not in get_args(Bootstrap):
+        raise InputError.of("bootstrap", bootstrap, f"choose {', '.join(get_args(Bootstrap))}, or leave it out")
+    if bootstrap == "replicas" and len(given.curves) < 2:
+        raise InputError("bootstrap = 'replicas': there is a single curve, which has no scatter between replicas")
+    if bootstrap != "replicas" and given.simulated:
+        raise InputError.of(
+            "bootstrap",
+            bootstrap,
+            "the hold times of a simulated result share their bonds, so their scatter about the fit is not its error",
+            "leave it out, or choose replicas",
+        )
 
 
 def _inside(times: np.ndarray, limits: tuple[float, float] | None, model: Model, *, least: int) -> np.ndarray:
@@ -266,25 +308,31 @@ class _Estimate:
     fitted: np.ndarray
 
 
-def _estimate(model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarray) -> _Estimate:
-    """Least squares on the mean over replicas, with jackknife errors over replicas."""
+def _estimate(model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarray, *, scatter: bool) -> _Estimate:
+    """Least squares on the mean over replicas, with jackknife errors over replicas; ``scatter``: a single curve has
+    errors from its scatter about the fit."""
     mean = curves.mean(axis=0)
     even = bool((weight == 1).all())
 
     def solved(y: np.ndarray) -> tuple[float, float]:
         if model == "line" and even:
             return _straight_line(np.log10(t), y)
-        slope, cutoff = _solve(model, t, y[None, :], weight[None, :])
+        slope, cutoff = solve(model, t, y[None, :], weight[None, :])
         return float(slope[0]), float(cutoff[0])
 
     slope, log_cutoff = solved(mean)
-    if math.isnan(log_cutoff):
-        fitted = np.full(t.size, float((weight * mean).sum() / weight.sum()))
+    if model == "line":
+        x = np.log10(t)
+        fitted = np.average(mean, weights=weight) + slope * (x - np.average(x, weights=weight))
+    elif math.isnan(log_cutoff):
+        fitted = np.full(t.size, np.average(mean, weights=weight))
     else:
-        fitted = slope * _basis(model, t, float(np.clip(log_cutoff, *_bounds(t))))
-    errors = _jackknife(solved, curves) if len(curves) > 1 else (math.nan, math.nan)
-    if len(curves) == 1 and model == "line" and even and t.size > 2:
-        errors = _scatter(np.log10(t), mean, slope, log_cutoff)
+        fitted = slope * basis(model, t, float(np.clip(log_cutoff, *bounds(t))))
+    errors = (math.nan, math.nan)
+    if len(curves) > 1:
+        errors = _jackknife(solved, curves)
+    elif scatter:
+        errors = _scatter(model, t, mean - fitted, weight, slope, log_cutoff)
     return _Estimate(slope, errors[0], log_cutoff, errors[1], fitted)
 
 
@@ -303,145 +351,23 @@ def _jackknife(solved: Callable[[np.ndarray], tuple[float, float]], curves: np.n
     return float(slope), float(cutoff)
 
 
-def _scatter(x: np.ndarray, y: np.ndarray, slope: float, log_cutoff: float) -> tuple[float, float]:
-    """Standard errors from the scatter about the line, which understates them: neighbouring times share bonds."""
-    spread = np.sum((y - y.mean() - slope * (x - x.mean())) ** 2) / (x.size - 2)
-    slope_error = math.sqrt(spread / np.sum((x - x.mean()) ** 2))
-    if not slope > 0:
-        return slope_error, math.nan
-    height_error = math.sqrt(spread / x.size)
-    return slope_error, math.hypot(height_error / slope, slope_error * (x.mean() - log_cutoff) / slope)
-
-
-def _bootstrap(
-    kind: Bootstrap,
-    model: Model,
-    t: np.ndarray,
-    curves: np.ndarray,
-    weight: np.ndarray,
-    estimate: _Estimate,
-    samples: int,
-    seed: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes and log10 cut-off times of the bootstrap samples, (samples,) each; all nan for two points of one curve."""
-    if kind != "replicas" and t.size < 3:
-        return np.full(samples, np.nan), np.full(samples, np.nan)
-    heights, weights = _resampled(kind, np.random.default_rng(seed), samples, curves, estimate.fitted, weight)
-    return _solve(model, t, heights, weights)
+def _scatter(
+    model: Model, t: np.ndarray, rest: np.ndarray, weight: np.ndarray, slope: float, log_cutoff: float
+) -> tuple[float, float]:
+    """Standard errors from the scatter ``rest`` of independent measurements about the fit; nan where undetermined."""
+    if model == "line" and math.isnan(log_cutoff):
+        log_cutoff, slope = float(np.average(np.log10(t), weights=weight)), math.nan
+    if t.size < 3 or not math.isfinite(log_cutoff):
+        return math.nan, math.nan
+    # the derivatives of the fit by β and by log10 t_c, the second divided by β
+    parts = np.stack([basis(model, t, log_cutoff), basis_slope(model, t, log_cutoff)])
+    (a, b), (_, c) = parts @ (weight * parts).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = np.float64((weight * rest**2).sum()) / (t.size - 2) / (a * c - b * b)
+        return float(np.sqrt(spread * c)), float(np.sqrt(spread * a)) / abs(slope)
 
 
 def _time(log_time: float) -> float:
     """10**log_time, s; inf beyond the range of numbers, nan where nothing is known."""
     with np.errstate(over="ignore"):
         return float(np.power(10.0, log_time))
-
-
-def _basis(model: Model, t: np.ndarray, log_cutoff: np.ndarray | float) -> np.ndarray:
-    """The model at β = 1; ``t`` and ``log_cutoff`` broadcast."""
-    if model == "line":
-        return np.log10(t) - log_cutoff
-    # log10(1 + t/t_c) without overflow where t_c is far below t
-    log_t = np.log(t, out=np.full(t.shape, -np.inf), where=t > 0)
-    return np.logaddexp(0.0, log_t - np.multiply(log_cutoff, math.log(10))) / math.log(10)
-
-
-def _solve(model: Model, t: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted least squares for each row of ``y`` (b, m) with weights ``w`` (b or 1, m): β and log10 t_c, (b,) each.
-
-    log10 t_c is ±inf or nan where no finite cut-off time is best.
-    """
-    return _solve_line(t, y, w) if model == "line" else _solve_curve(t, y, w)
-
-
-def _solve_line(t: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    x = np.log10(t)
-    total = w.sum(axis=1)
-    centre, height = (w * x).sum(axis=1) / total, (w * y).sum(axis=1) / total
-    away = x - centre[:, None]
-    spread = (w * away**2).sum(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        slope = (w * away * y).sum(axis=1) / spread
-        # a resample of one hold time, or a line that does not rise, crosses zero nowhere that means anything
-        return slope, np.where(slope > 0, centre - height / slope, np.nan)
-
-
-def _bounds(t: np.ndarray) -> tuple[float, float]:
-    """Where log10 t_c is searched: beyond, the curve is a constant or a straight line in t, and t_c means nothing."""
-    return math.log10(t[t > 0].min()) - 30.0, math.log10(t.max()) + 4.0
-
-
-def _solve_curve(t: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For a given t_c the best β is a ratio of sums, so only log10 t_c is searched: a coarse grid, then ever finer."""
-    lowest, highest = _bounds(t)
-    grid = np.arange(lowest, highest + 0.05, 0.1)
-    basis = _basis("curve", t, grid[:, None])
-    w = np.broadcast_to(w, y.shape)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        gain = ((w * y) @ basis.T) ** 2 / (w @ (basis**2).T)
-        # a resample of t = 0 alone determines nothing: 0/0
-        centre, step = grid[np.nan_to_num(gain, nan=-1.0).argmax(axis=1)], 0.1
-        at_end = (centre <= grid[0]) | (centre >= grid[-1])
-        offsets = np.linspace(-1.0, 1.0, 9)
-        while step > 1e-7:
-            tried = centre[:, None] + step * offsets
-            shapes = _basis("curve", t, tried[:, :, None])
-            products = np.einsum("bm,bkm->bk", w * y, shapes)
-            gain = products**2 / np.einsum("bm,bkm->bk", w, shapes**2)
-            best = np.nan_to_num(gain, nan=-1.0).argmax(axis=1)[:, None]
-            centre = np.take_along_axis(tried, best, axis=1)[:, 0]
-            step /= 4.0
-        shapes = _basis("curve", t, centre[:, None])
-        slope = (w * y * shapes).sum(axis=1) / (w * shapes**2).sum(axis=1)
-    limit = np.where(centre > 0.5 * (lowest + highest), np.inf, -np.inf)
-    return slope, np.where(slope > 0, np.where(at_end, limit, centre), np.nan)
-
-
-def _resampled(
-    kind: Bootstrap,
-    generator: np.random.Generator,
-    samples: int,
-    curves: np.ndarray,
-    fitted: np.ndarray,
-    weight: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Bootstrap data: values (b, m), weights (b or 1, m)."""
-    replicas, points = curves.shape
-    if kind == "replicas":
-        # deviations are stretched, since a draw from r replicas has (r − 1)/r of the variance
-        drawn = generator.multinomial(replicas, np.full(replicas, 1 / replicas), samples) / replicas
-        mean = curves.mean(axis=0)
-        return mean + (drawn @ curves - mean) * math.sqrt(replicas / (replicas - 1)), weight[None, :]
-    mean = curves.mean(axis=0)
-    if kind == "pairs":
-        times_drawn = generator.multinomial(points, np.full(points, 1 / points), samples)
-        return np.broadcast_to(mean, (samples, points)), times_drawn * weight
-    scaled = (mean - fitted) * np.sqrt(weight)
-    scaled = (scaled - scaled.mean()) * math.sqrt(points / (points - 2))
-    drawn = generator.integers(0, points, (samples, points))
-    return fitted + scaled[drawn] / np.sqrt(weight), weight[None, :]
-
-
-def _expanded(confidence: float, freedom: int) -> tuple[float, float]:
-    """Percentiles (in per cent) whose normal distance is Student's t for ``freedom``: a small sample's wider tails."""
-    from scipy import stats
-
-    tail = float(stats.norm.cdf(stats.t.ppf((1 - confidence) / 2, max(freedom, 1))))
-    return 100 * tail, 100 * (1 - tail)
-
-
-def _interval(values: np.ndarray, ends: tuple[float, float]) -> Interval:
-    # order statistics, not interpolated: infinite values must not turn into nan
-    finite = np.sort(values[~np.isnan(values)])
-    if not finite.size:
-        return Interval(math.nan, math.nan)
-    low, high = (np.percentile(finite, end, method="nearest") for end in ends)
-    return Interval(float(low), float(high))
-
-
-def _cutoff_interval(log_times: np.ndarray, slopes: np.ndarray, ends: tuple[float, float]) -> Interval:
-    """Where more samples than a tail holds do not rise at all, the data set no bounds: 0 to infinity."""
-    if np.count_nonzero(~(slopes > 0)) > ends[0] / 100 * slopes.size:
-        return Interval(0.0, math.inf)
-    logs = _interval(log_times, ends)
-    with np.errstate(over="ignore"):
-        return Interval(float(np.power(10.0, logs.low)), float(np.power(10.0, logs.high)))

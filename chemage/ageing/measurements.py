@@ -13,7 +13,8 @@ import numpy as np
 
 from chemage.ageing.fitting import UNIT, FitData, Quantity
 from chemage.foundation.checks import check_times
-from chemage.foundation.errors import InputError, StoreError, UnitError
+from chemage.foundation.errors import InputError, UnitError
+from chemage.foundation.tables import data_lines, read_text
 from chemage.foundation.units import convert
 
 _COLUMNS = ("hold_time", *UNIT, "error")
@@ -84,16 +85,7 @@ def read_measurements(path: str | Path) -> Measurements:
         Naming the line and column that is wrong.
     """
     source = Path(path)
-    try:
-        text = source.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise StoreError(f"{source} cannot be read as a table of measurements: {reason}") from error
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), 1)
-        if line.strip(" \t,;") and not line.lstrip().startswith("#")
-    ]
+    lines = [one for one in data_lines(read_text(source)) if one[1].strip(" \t,;")]
     if not lines:
         raise InputError(f"{source}: there is nothing in it; the first line names the columns, such as {_EXAMPLE}")
     (number, header), *rest = lines

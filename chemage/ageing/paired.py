@@ -10,9 +10,18 @@ import numpy as np
 
 from chemage.ageing.fitting import Curves, FitData, Quantity, fit_aging
 from chemage.foundation.errors import InputError
+from chemage.foundation.statistics import student_limit
 
-#: of the bootstrap, which is not used here
-_FEWEST_SAMPLES = 100
+
+@dataclass(frozen=True)
+class Difference:
+    """A difference of β between results whose replicas are paired."""
+
+    value: float
+    #: standard error; nan for one replica
+    stderr: float
+    #: half the width of Student's 95 % interval; nan for one replica
+    half_width: float
 
 
 @dataclass(frozen=True)
@@ -28,8 +37,8 @@ class _Without:
         return replace(data, curves=np.delete(data.curves, self.replica, axis=0))
 
 
-def paired_difference(first: Curves, second: Curves, **options: Any) -> tuple[float, float]:
-    """β of ``first`` less β of ``second``, and the standard error of this difference.
+def paired_difference(first: Curves, second: Curves, **options: Any) -> Difference:
+    """β of ``first`` less β of ``second``, and the error of this difference.
 
     Replica r of one must share its random numbers (disorder, or kinetic noise as well) with replica r of the other, and
     with no further replica. The error is the jackknife error of the difference, each pair of replicas left out in turn:
@@ -41,7 +50,6 @@ def paired_difference(first: Curves, second: Curves, **options: Any) -> tuple[fl
     InputError
         The numbers of replicas differ, or as for :func:`chemage.fit_aging`.
     """
-    options = {"samples": _FEWEST_SAMPLES, **options}
     replicas = [len(one.fit_data(options.get("quantity")).curves) for one in (first, second)]
     if replicas[0] != replicas[1]:
         raise InputError(f"{replicas[0]} and {replicas[1]} replicas cannot be paired; give equal numbers")
@@ -51,8 +59,9 @@ def paired_difference(first: Curves, second: Curves, **options: Any) -> tuple[fl
 
     whole, count = difference(first, second), replicas[0]
     if count < 2:
-        return whole, math.nan
+        return Difference(whole, math.nan, math.nan)
     left_out = np.array(
         [difference(*(_Without(one.hold_times, one, replica) for one in (first, second))) for replica in range(count)]
     )
-    return whole, math.sqrt((count - 1) / count * float(np.sum((left_out - left_out.mean()) ** 2)))
+    error = math.sqrt((count - 1) / count * float(np.sum((left_out - left_out.mean()) ** 2)))
+    return Difference(whole, error, error * student_limit(count - 1))

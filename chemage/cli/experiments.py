@@ -216,7 +216,7 @@ def tradeoff(
         print(json.dumps(found.todict()))
         return
     table = terminal.table(
-        f"Speed against accuracy: {one.name} (* as in the scene)",
+        f"Speed against accuracy: {one.name} (* as in the scene; ± is half the width of a 95 % interval)",
         (
             *("option", "value", "CPU (s)", "wall (s)", "A/A0", "corrected", "area error"),
             *("p error", "estimate", "beta", "difference", ""),
@@ -230,11 +230,11 @@ def tradeoff(
             _number(row.wall_seconds),
             _number(row.area_fraction, 5),
             _number(row.corrected_fraction, 5),
-            _with_error(row.area_error, row.area_error_uncertainty, 2),
+            _with_error(row.area_error, row.area_error_half_width, 2),
             _number(row.pressure_error, 2),
             _number(row.pressure_estimate, 2),
-            _with_error(row.beta, row.beta_stderr),
-            _with_error(row.beta_difference, row.beta_difference_stderr),
+            _with_error(row.beta, row.beta_half_width),
+            _with_error(row.beta_difference, row.beta_difference_half_width),
             row.remark,
         )
     terminal.show(table, width=200)

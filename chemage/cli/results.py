@@ -64,7 +64,7 @@ def plot(
 
 def print_run(result: Run) -> None:
     """Print the main numbers of a run."""
-    from chemage.foundation.text import plus_minus
+    from chemage.foundation.text import mean_text
 
     contact, aging, fit = result.contact, result.aging, result.fit()
     (nx, ny), kind = contact.shape, result.scene["surface"]["kind"]
@@ -89,15 +89,14 @@ def print_run(result: Run) -> None:
         rows += [
             ("sites", f"{aging.sites.mean():.0f}"),
             ("engine", f"{aging.engine}, {aging.replicas} replicas, {aging.events.sum()} events"),
-            (f"friction drop {last}", plus_minus(aging.mean_friction_drop[-1], aging.friction_drop_stderr[-1], "nN")),
-            (
-                f"friction coefficient drop {last}",
-                plus_minus(aging.mean_friction_coefficient_drop[-1], aging.friction_coefficient_drop_stderr[-1]),
-            ),
+            ("random numbers", aging.random_numbers or "not recorded"),
+            (f"friction drop {last}", mean_text(aging.friction_drop[:, -1], "nN")),
+            (f"friction coefficient drop {last}", mean_text(aging.friction_coefficient_drop[:, -1])),
         ]
     if fit is not None:
-        rows.append(("beta", f"{plus_minus(fit.beta, fit.beta_stderr, 'per decade')}, {fit.points} hold times"))
-        rows.append(("cut-off time", plus_minus(fit.cutoff_time, fit.cutoff_time_stderr, "s")))
+        rows.append(("beta", f"{fit.beta_text()} per decade, {fit.points} hold times"))
+        rows.append(("cut-off time", fit.cutoff_text()))
+        rows.append(("errors", f"95 %, {fit.intervals_text()}; scatter between surfaces is not included"))
     rows += [(f"changed by plugin {name}", source) for name, source in result.plugins.items()]
     if result.timings:
         rows.append(("wall time", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in result.timings.items())))
@@ -177,7 +176,7 @@ def _print_comparison(made: Comparison) -> None:
         print(f"  {different.path}: {' | '.join(values)}")
     fits = made.fits()
     if fits:
-        table = terminal.table("Fits, 95 % bootstrap intervals", ("data", "model", "β per decade", "cut-off time"))
+        table = terminal.table("Fits, 95 % intervals", ("data", "model", "β per decade", "cut-off time"))
         for name, fit in fits:
             table.add_row(name, fit.describe(), fit.beta_text(), fit.cutoff_text())
         terminal.show(table)

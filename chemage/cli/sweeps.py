@@ -164,9 +164,11 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
                 continue
             numbers = point.summary
             drop, error = (
-                numbers[name][-1] if numbers[name] else None for name in ("friction_drop", "friction_drop_stderr")
+                numbers[name][-1] if numbers.get(name) else None
+                for name in ("friction_drop", "friction_drop_half_width")
             )
-            beta = plus_minus(numbers["beta"], _nan(numbers["beta_stderr"])) if numbers["beta"] is not None else "-"
+            half = _nan(numbers.get("beta_half_width"))
+            beta = plus_minus(numbers["beta"], half) if numbers["beta"] is not None else "-"
             table.add_row(
                 str(point.index),
                 *(f"{value:.6g}" if isinstance(value, float) else shown(value) for value in point.values.values()),

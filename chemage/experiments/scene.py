@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, SerializeAsAny, ValidationErr
 from chemage.ageing.fitting import FIT_WINDOW
 from chemage.ageing.hold_times import hold_times
 from chemage.ageing.observables import Observable
+from chemage.ageing.seeds import Common
 from chemage.contacts.role import ContactSolver
 from chemage.foundation.checks import check_times, force
 from chemage.foundation.components import Component
@@ -49,7 +50,10 @@ class Hold(_Section):
     replicas: int = Field(default=10, ge=1)
     """independent draws of the disorder and the kinetic noise"""
     seed: int = Field(default=0, ge=0)
-    """of disorder and noise; replica r depends on seed and r alone"""
+    """of disorder and noise"""
+    common: Common = "none"
+    """random numbers that replica r has in common with replica r of other runs with this seed: "none", "disorder"
+    (barriers, couplings and hydroxylation of a pixel) or "all" (the kinetic noise as well)"""
 
     @field_validator("times", mode="before")
     @classmethod

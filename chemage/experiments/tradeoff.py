@@ -40,6 +40,8 @@ Report = Callable[[str], None]
 _COARSER = (4, 2)
 #: A difference from the reference is the error of a setting if it is so many times the error of the reference.
 _RESOLVED = 10.0
+#: standard errors on either side that hold the truth in 95 % of cases, where the error is a normal one
+NORMAL_LIMIT = 1.96
 
 
 @dataclass(frozen=True)
@@ -57,19 +59,22 @@ class Row:
     corrected_fraction: float = math.nan
     #: of the corrected area, relative
     area_error: float = math.nan
-    #: standard error of ``area_error``, where it rests on an extrapolation
-    area_error_uncertainty: float = math.nan
+    #: standard error of ``area_error``, where it rests on an extrapolation, and half the width of its 95 % interval
+    area_error_stderr: float = math.nan
+    area_error_half_width: float = math.nan
     #: L2 norm of the difference from the reference over all pixels, relative
     pressure_error: float = math.nan
     #: the same as the solver itself estimates it, without the reference
     pressure_estimate: float = math.nan
     beta: float = math.nan
-    #: standard error over replicas
+    #: standard error over replicas, and half the width of Student's 95 % interval
     beta_stderr: float = math.nan
+    beta_half_width: float = math.nan
     #: β less that of the reference contact, or of the engine of the scene
     beta_difference: float = math.nan
-    #: standard error of the paired difference over replicas
+    #: of the paired difference over replicas, as for ``beta``
     beta_difference_stderr: float = math.nan
+    beta_difference_half_width: float = math.nan
     #: whether the scene has this value
     own: bool = False
     remark: str = ""
@@ -220,9 +225,10 @@ class _Measurement:
         if limit is not None:
             self.found.notes.append(
                 f"surface.pixels: errors are differences from {limit.area / fine.nominal_area:.5f}, the corrected A/A0 "
-                f"extrapolated to vanishing pixels, with its standard error"
+                f"extrapolated to vanishing pixels"
             )
-            known["area_error_uncertainty"] = limit.area_stderr / limit.area
+            error = limit.area_stderr / limit.area
+            known = {"area_error_stderr": error, "area_error_half_width": NORMAL_LIMIT * error}
         for contact, cpu, wall in found:
             self._add(
                 "surface.pixels",
@@ -305,18 +311,22 @@ class _Measurement:
         except InputError:
             fit = None
         if fit is None:
-            return {"beta": math.nan, "beta_stderr": math.nan}
-        return {"beta": fit.beta, "beta_stderr": fit.beta_stderr}
+            return {}
+        return {"beta": fit.beta, "beta_stderr": fit.beta_stderr, "beta_half_width": fit.beta_half_width}
 
     def _difference(self, aging: Aging | None, other: Aging | None) -> dict[str, float]:
         """The paired difference of β; empty where there is none."""
         if aging is None or other is None:
             return {}
         try:
-            value, error = paired_difference(aging, other, window=(self.scene.fit.start, self.scene.fit.stop))
+            found = paired_difference(aging, other, window=(self.scene.fit.start, self.scene.fit.stop))
         except InputError:
             return {}
-        return {"beta_difference": value, "beta_difference_stderr": error}
+        return {
+            "beta_difference": found.value,
+            "beta_difference_stderr": found.stderr,
+            "beta_difference_half_width": found.half_width,
+        }
 
     def _add(
         self, option: str, setting: Any, seconds: tuple[float, float] = (math.nan, math.nan), **found: Any
@@ -345,7 +355,7 @@ def estimated_error(contact: ContactSolution) -> float:
     return float(error) if isinstance(error, int | float) else math.nan
 
 
-def away(beta_difference: float, beta_difference_stderr: float) -> str:
+def away(beta_difference: float, beta_difference_stderr: float, **_: float) -> str:
     """A difference in standard errors, in words; empty where its error is not known."""
     if not beta_difference_stderr > 0:
         return "the same bonds" if beta_difference == 0 == beta_difference_stderr else ""

@@ -36,6 +36,15 @@ LAST_PAIR_INDEX = (1 << 48) - 1
 #: a seed as users give it (a whole number, or one of numpy's seed sequences), or the two words that `key` made of one
 Keyed = int | np.random.SeedSequence | NDArray[np.uint64]
 
+
+class CommonSeed(np.random.SeedSequence):
+    """A seed whose numbers runs have in common.
+
+    An engine makes every run an independent sample, by hashing its seed with what it simulates. It must not do so with
+    this one: two runs with equal ones take the same random numbers for the same things as far as they correspond.
+    """
+
+
 # numba promotes uint64 with a signed integer to float64, so every constant below is a uint64.
 _M0 = np.uint64(0xD2511F53)
 _M1 = np.uint64(0xCD9E8D57)

@@ -9,9 +9,17 @@ from typing import Any
 
 import numpy as np
 
+from chemage.foundation.statistics import half_width
+
+
+def mean_text(values: np.ndarray, unit: str = "") -> str:
+    """The mean over replicas ± half of Student's 95 % interval; a single replica has no error, nan is "-"."""
+    mean = float(np.mean(values))
+    return plus_minus(mean, float(half_width(np.asarray(values))), unit) if math.isfinite(mean) else "-"
+
 
 def plus_minus(value: float, error: float, unit: str = "") -> str:
-    """A value with its standard error, both to the error's second digit; ``unit`` may be empty."""
+    """A value with its error, both to the error's second digit; ``unit`` may be empty."""
     if not math.isfinite(value):
         return f"{value:g} {unit}".strip()
     if not (math.isfinite(error) and error > 0):

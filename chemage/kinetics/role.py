@@ -21,8 +21,6 @@ class Engine(Component, ABC):
     role = "engine"
     #: treats lattices whose sites interact
     interacting: ClassVar[bool] = True
-    #: can use several threads inside one run
-    threads: ClassVar[bool] = False
     #: can resume from a history bit for bit
     restart: ClassVar[bool] = True
     #: samples the master equation without approximation
@@ -68,7 +66,9 @@ class Engine(Component, ABC):
         temperature
             Kelvin, or a string with its unit.
         seed
-            An int or a ``numpy.random.SeedSequence``; the same seed gives the same bytes.
+            An int or a ``numpy.random.SeedSequence``; the same seed gives the same bytes. The built-in engines hash it
+            with the lattice, so that one seed gives independent noise on different lattices; they use a
+            ``chemage.random.CommonSeed`` as it is.
         start
             None (nothing bonded at time 0), a bool array (n,), or a finished history to resume from. Resuming with the
             same lattice, temperature and seed equals the uninterrupted run bit for bit where ``restart`` is true.

@@ -23,8 +23,7 @@ from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
 from chemage.foundation.errors import InputError
 from chemage.foundation.files import fresh_file, preflight
-from chemage.foundation.statistics import standard_error
-from chemage.foundation.text import plus_minus
+from chemage.foundation.text import mean_text
 from chemage.foundation.version import __version__
 from chemage.reports.comparison import Comparison, Entry, compare_files, comparison_figures
 from chemage.reports.comparison.differences import Difference
@@ -40,8 +39,8 @@ _CAPTIONS = {
     "heights": "Heights of the surface; higher points are nearer to the counter-body.",
     "pressure": "Contact pressure; pixels that are not in contact are blank.",
     "patch": "Pressure around the largest contact patch, outlined in green.",
-    "friction-drop": "Friction drop ΔF against hold time, mean and standard error.",
-    "friction-coefficient-drop": "Friction coefficient drop Δμ against hold time, mean and standard error.",
+    "friction-drop": "Friction drop ΔF against hold time, means and 95 % intervals.",
+    "friction-coefficient-drop": "Friction coefficient drop Δμ against hold time, means and 95 % intervals.",
     "bonds-per-area": "Bonds per contact area against hold time.",
     "pressures": "Distribution of the pressure over the contact.",
 }
@@ -252,14 +251,13 @@ def _curves_table(one: Entry) -> Table:
     for number, time in enumerate(aging.hold_times):
         cells = [f"{time:.6g}"]
         for curves in (aging.friction_drop, aging.friction_coefficient_drop, one.bonds_per_area, one.bonded_fraction):
-            values = curves[:, number] if curves.size else None
-            if values is None or not all(map(math.isfinite, values.tolist())):
-                cells.append("-")
-                continue
-            cells.append(plus_minus(float(values.mean()), float(standard_error(values))))
+            cells.append(mean_text(curves[:, number]) if curves.size else "-")
         rows.append(tuple(cells))
     columns = ["hold time (s)", "ΔF (nN)", "Δμ", "bonds per contact area (1/nm²)", "fraction of sites bonded"]
-    return Table(f"Means over {aging.replicas} replicas ± standard errors", columns, rows, wide=True)
+    title = f"Means over {aging.replicas} replicas with 95 % intervals (Student's t)"
+    if aging.replicas == 1:
+        title = "One replica: there is no error"
+    return Table(title, columns, rows, wide=True)
 
 
 def _provenance(one: Entry, thing: Any) -> Table:

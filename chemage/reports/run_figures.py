@@ -9,7 +9,6 @@ import numpy as np
 
 from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
-from chemage.foundation.text import plus_minus
 from chemage.reports.figures import BLUE, GREEN, GREY, ORANGE, blank, draw_map, panels, pooled, save_figures
 from chemage.reports.observables import observable_figures, observables_of, observed_in
 from chemage.surfaces.surface import Surface
@@ -123,19 +122,18 @@ def _around_largest_patch(contact: ContactSolution) -> tuple[tuple[int, int], tu
 
 
 def friction_figure(run: Run) -> Figure | None:
-    """Draw ΔF and Δμ against hold time, with standard errors and the fitted line; None without ageing."""
+    """Draw ΔF and Δμ against hold time, with 95 % intervals over replicas and the fitted line; None without ageing."""
     if run.aging is None:
         return None
     aging, fit = run.aging, run.fit()
     figure, axes = panels(10.5, 4.2, 2)
     shown = aging.hold_times > 0
     t = aging.hold_times[shown]
-    _with_errors(axes[0], t, aging.mean_friction_drop[shown], aging.friction_drop_stderr[shown], BLUE)
+    _with_errors(axes[0], t, aging.mean_friction_drop[shown], aging.friction_drop_half_width[shown], BLUE)
     axes[0].set_ylabel("friction drop ΔF (nN)")
     if aging.load > 0:
-        _with_errors(
-            axes[1], t, aging.mean_friction_coefficient_drop[shown], aging.friction_coefficient_drop_stderr[shown], BLUE
-        )
+        half = aging.friction_coefficient_drop_half_width[shown]
+        _with_errors(axes[1], t, aging.mean_friction_coefficient_drop[shown], half, BLUE)
     axes[1].set_ylabel("friction coefficient drop Δμ")
     if not t.size:
         _write(axes[0], "no hold time above 0")
@@ -149,7 +147,7 @@ def friction_figure(run: Run) -> Figure | None:
             color=ORANGE,
             lw=1.6,
             zorder=3,
-            label=f"β = {plus_minus(fit.beta, fit.beta_stderr, 'per decade')}",
+            label=f"β = {fit.beta_text()} per decade",
         )
         axes[1].legend(frameon=False, loc="upper left")
     for one in axes:

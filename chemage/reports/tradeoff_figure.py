@@ -59,7 +59,7 @@ def _scale(axis: Any, values: list[float]) -> None:
 class _Point(NamedTuple):
     seconds: float
     error: float
-    #: nan where there is none
+    #: half the width of its 95 % interval; nan where there is none
     uncertainty: float
     setting: str
 
@@ -69,7 +69,7 @@ def _errors(found: Tradeoff, option: str) -> Any:
     rows = [row for row in found.rows if row.option == option]
     kinds = {
         "pressure_error": ("relative error of the pressure", ""),
-        "area_error": ("relative error of the corrected area", "area_error_uncertainty"),
+        "area_error": ("relative error of the corrected area", "area_error_half_width"),
         "beta_stderr": ("standard error of β", ""),
     }
     for name, (label, uncertainty) in kinds.items():

@@ -40,15 +40,20 @@ SCALARS = {
     "events": ("1", "bonds formed and broken, all replicas"),
     "beta": ("1", "slope of the friction coefficient drop per decade of hold time"),
     "beta_stderr": ("1", "standard error of beta"),
+    "beta_half_width": ("1", "half the width of the 95 % interval of beta"),
     "cutoff_time": ("s", "cut-off time"),
     "cutoff_time_stderr": ("s", "standard error of the cut-off time"),
+    "cutoff_time_low": ("s", "lower end of the 95 % interval of the cut-off time"),
+    "cutoff_time_high": ("s", "upper end of the 95 % interval of the cut-off time"),
 }
 #: results at each hold time: name in the summary -> (unit, meaning)
 CURVES = {
     "friction_drop": ("nN", "friction drop, mean over replicas"),
     "friction_drop_stderr": ("nN", "its standard error"),
+    "friction_drop_half_width": ("nN", "half the width of its 95 % interval"),
     "friction_coefficient_drop": ("1", "friction coefficient drop, mean over replicas"),
     "friction_coefficient_drop_stderr": ("1", "its standard error"),
+    "friction_coefficient_drop_half_width": ("1", "half the width of its 95 % interval"),
 }
 
 
@@ -91,7 +96,9 @@ class Table:
             for name, column in scalars.items():
                 if (value := summary.get(name)) is not None:
                     column[number] = value
-            curves = {name: np.array(summary[name], dtype=np.float64) for name in CURVES}
+            # points written before there was such a number
+            missing = np.full(len(summary["hold_times"]), np.nan)
+            curves = {name: np.array(summary.get(name, missing), dtype=np.float64) for name in CURVES}
             bonds = np.array(point["aging"]["bonds"] if point["aging"] else [], dtype=np.int32, ndmin=2)
             rows[number] = (np.array(summary["hold_times"], dtype=np.float64), curves, bonds)
         return cls(

@@ -251,7 +251,7 @@ def _threads_change_nothing(component: Engine) -> None:
         require([run(seed) for seed in range(6)] == alone, "one thread and several gave different results")
     finally:
         numba.set_num_threads(threads)
-    if not component.threads:
+    if component.concurrency() == 1:
         with ThreadPoolExecutor(3) as pool:
             concurrent = list(pool.map(run, range(6)))
         require(concurrent == alone, "concurrent and successive runs gave different results")

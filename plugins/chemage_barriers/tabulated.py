@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import re
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -11,6 +9,7 @@ import numpy as np
 from pydantic import BeforeValidator, PrivateAttr, model_validator
 
 from chemage import Barriers, StoreError, Unit
+from chemage.foundation.tables import data_lines, numbers, read_text, separator_of
 from chemage_barriers.piecewise import EmpiricalQuantile, PiecewiseLinearDensity
 
 
@@ -34,14 +33,7 @@ def read_columns(path: str | Path) -> np.ndarray:
     StoreError
         The file is missing, cannot be read, or does not hold such a table.
     """
-    try:
-        return parse_columns(Path(path).read_text(encoding="utf-8-sig"), str(path))
-    except UnicodeDecodeError:
-        raise StoreError(f"{path} is not a text file") from None
-    except StoreError:
-        raise
-    except OSError as error:
-        raise StoreError(f"{path}: {error.strerror or error}") from None
+    return parse_columns(read_text(path), str(path))
 
 
 def parse_columns(text: str, source: str) -> np.ndarray:
@@ -55,28 +47,23 @@ def parse_columns(text: str, source: str) -> np.ndarray:
     StoreError
         ``source`` holds no numbers, something that is not a number, or rows of different lengths; names the line.
     """
-    rows: list[list[float]] = []
-    named = False
-    for number, line in enumerate(text.splitlines(), start=1):
-        line = line.partition("#")[0].strip()
-        if not line:
-            continue
-        words = [word for word in re.split(r"\s*[,;\t]\s*|\s+", line) if word]
-        try:
-            row = [float(word) for word in words]
-        except ValueError:
-            if not rows and not named:
-                named = True
-                continue
-            raise StoreError(f"{source}, line {number}: {line[:60]!r} is not a row of numbers") from None
-        if rows and len(row) != len(rows[0]):
-            raise StoreError(f"{source}, line {number}: {len(row)} columns where the rows before have {len(rows[0])}")
-        if not all(math.isfinite(value) for value in row):
-            raise StoreError(f"{source}, line {number}: {line[:60]!r} holds a value that is not finite")
-        rows.append(row)
-    if not rows:
+    lines = data_lines(text)
+    if lines and not _numbers_in(lines[0][1]):
+        lines = lines[1:]
+    if not lines:
         raise StoreError(f"{source} holds no numbers; give one column (samples) or two (energy, density)")
-    return np.array(rows)
+    rows = numbers(lines, source, separator_of(lines[0][1]))
+    for (number, line), row in zip(lines, rows, strict=True):
+        if not np.isfinite(row).all():
+            raise StoreError(f"{source}, line {number}: {line[:60].strip()!r} holds a value that is not finite")
+    return rows
+
+
+def _numbers_in(line: str) -> bool:
+    try:
+        return bool([float(word) for word in line.replace(",", " ").replace(";", " ").split()])
+    except ValueError:
+        return False
 
 
 class Tabulated(Barriers):

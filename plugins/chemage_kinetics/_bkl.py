@@ -177,6 +177,7 @@ def _dwell(
 
     Returns the clock and the site of the last event.
     """
+    run = borrowed(run)
     classes = run.classes
     nu = classes.model.nu
     tally = run.holds.tally

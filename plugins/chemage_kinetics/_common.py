@@ -34,7 +34,7 @@ STREAMS = {"rejection-free": KINETICS, "bkl": KINETICS + 1, "next-reaction": KIN
 
 
 class Key(NamedTuple):
-    """The key of the random numbers, see `chemage.random.key`."""
+    """The key of a run's random numbers, see `chemage_kinetics._noise`."""
 
     k0: np.uint64
     k1: np.uint64

@@ -11,11 +11,11 @@ from threading import Event
 import numpy as np
 
 from chemage import KB, BondHistory, ReactionLattice, Seed
-from chemage.foundation.random import key
 from chemage.foundation.threads import available
 from chemage_kinetics import _common
 from chemage_kinetics._common import Holds, Key, Model
 from chemage_kinetics._fingerprint import fingerprint
+from chemage_kinetics._noise import noise_key
 
 #: Position of a number's lowest byte in memory.
 LOWEST_BYTE = 0 if sys.byteorder == "little" else 7
@@ -71,7 +71,7 @@ class Job:
     """(m, 3) int64, see `Holds`"""
 
     def __post_init__(self) -> None:
-        self.key = Key(*key(self.seed))
+        self.key = noise_key(self.seed, _common.STREAMS[self.kind], self.lattice)
         self.model = model_of(self.lattice, self.temperature)
         self.mark = fingerprint(self.lattice)
         self.tally = np.zeros((self.hold_times.size, 3), np.int64)
@@ -162,9 +162,9 @@ def room_temperature_cost(sites: float, event: float, site: float, memory: float
 
 
 def run_pieces(
-    job: Job, follow: Callable[[int, int, np.ndarray], int], pieces: Sequence[tuple[int, int]], workers: int
+    job: Job, follow: Callable[[int, int, np.ndarray], int], pieces: Sequence[tuple[int, int]], threads: int
 ) -> None:
-    """Follow every piece of a lattice, on ``workers`` threads (0: one per processor), and add up the tallies.
+    """Follow every piece of a lattice, on ``threads`` threads (0: one per processor), and add up the tallies.
 
     ``follow(first, last, tally)`` goes on for a while, adds to ``tally`` and returns where it stopped. Tallies are
     whole numbers, so their sum depends neither on the order of the pieces nor on the number of threads.
@@ -178,12 +178,12 @@ def run_pieces(
             first = follow(first, last, tally)
         return tally
 
-    workers = min(workers or available(), len(pieces))
-    if workers < 2:
+    threads = min(threads or available(), len(pieces))
+    if threads < 2:
         for piece in pieces:
             job.tally += one(piece)
         return
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         try:
             for tally in pool.map(one, pieces):
                 job.tally += tally

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from chemage_kinetics._common import past
-from chemage_kinetics._memory import Float, Int, hot, inner, prefetch
+from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, prefetch
 
 #: Buckets of time cover so many octaves back from the last hold time; everything earlier is in the first one.
 OCTAVES = 64
@@ -281,6 +281,8 @@ def _offer_cold(queue: Queue, size: Int, site: Int, grid: Grid, present: Int) ->
 @inner
 def open_bucket(queue: Queue, order: Order, patch: Int, size: Int, grid: Grid, bucket: Int) -> Int:
     """Take the entries of one bucket of a patch into the heap; returns its size."""
+    queue = borrowed(queue)
+    order = borrowed(order)
     begin = order.ends[bucket - 1] if bucket > 0 else np.int64(order.starts[patch])
     end = order.ends[bucket]
     for at in range(begin, end):
@@ -320,6 +322,8 @@ def _sorting_bucket(queue: Queue, i: Int, grid: Grid) -> Int:
 @inner
 def start_patch(queue: Queue, order: Order, patch: Int) -> Grid:
     """Empty the queue and sort the sites of a patch by bucket; returns the grid."""
+    queue = borrowed(queue)
+    order = borrowed(order)
     begin = np.int64(order.starts[patch])
     end = np.int64(order.starts[patch + 1])
     grid = _grid(end - begin, queue)

@@ -21,7 +21,7 @@ from chemage_kinetics._common import (
     rate,
     until,
 )
-from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit
+from chemage_kinetics._memory import Float, Int, borrowed, hot, jit
 
 STREAM = STREAMS["independent"]
 
@@ -73,34 +73,7 @@ def draw_times(sites: Sites, start: Float) -> None:
         sites.times[i, 0], sites.times[i, 1] = _draw(sites, i, barrier, start, 0.0)
 
 
-@inner
-def _stay(
-    sites: Sites,
-    rng: np.ndarray,
-    i: Int,
-    bonded: bool,
-    forms: Int,
-    breaks: Int,
-    span: Float,
-    tally: np.ndarray,
-    hold: Int,
-) -> None:
-    """Follow site i for ``span`` seconds, in which it flips many times: draw its state and the number of its flips."""
-    rng[0] = sites.key.k0
-    rng[1] = sites.key.k1
-    rng[2] = np.uint64(STREAM)
-    rng[3] = np.uint64(sites.pixels[i])
-    rng[4] = SOJOURN_BLOCKS + np.uint64(sites.draws[i] * SOJOURN_DRAWS)
-    sites.draws[i] += 1
-    here = rate(breaks if bonded else forms, sites.nu, sites.per_unit)
-    there = rate(forms if bonded else breaks, sites.nu, sites.per_unit)
-    _, _, other, out_here, out_there = sojourn(rng, here, there, 0.0, 0.0, span)
-    count_sojourn(tally, hold, np.int64(bonded), out_here, out_there, other)
-    if other:
-        sites.state[i] = not bonded
-
-
-@inner
+@hot
 def _follow_site(sites: Sites, holds: Holds, rng: np.ndarray, i: Int) -> None:
     """Follow site i, whose next event comes before the last hold time, to that time."""
     times = holds.times
@@ -123,7 +96,16 @@ def _follow_site(sites: Sites, holds: Holds, rng: np.ndarray, i: Int) -> None:
             break
         span = until(high, low, times[hold])
         if span * slower > FLICKER:
-            _stay(sites, rng, i, bonded, forms, breaks, span, holds.tally, hold)
+            # Many events before the hold time: the state there, and their number, are drawn together.
+            rng[3] = np.uint64(sites.pixels[i])
+            rng[4] = SOJOURN_BLOCKS + np.uint64(sites.draws[i] * SOJOURN_DRAWS)
+            sites.draws[i] += 1
+            here = rate(breaks if bonded else forms, sites.nu, sites.per_unit)
+            there = rate(forms if bonded else breaks, sites.nu, sites.per_unit)
+            _, _, other, out_here, out_there = sojourn(rng, here, there, 0.0, 0.0, span)
+            count_sojourn(holds.tally, hold, np.int64(bonded), out_here, out_there, other)
+            if other:
+                sites.state[i] = not bonded
             high = times[hold]
             low = 0.0
         high, low = _draw(sites, i, breaks if sites.state[i] else forms, high, low)
@@ -136,6 +118,10 @@ def follow(sites: Sites, holds: Holds, rng: np.ndarray, first: Int, last: Int) -
     """Follow the sites ``first`` to ``last`` - 1 to the last hold time. rng: (5,) uint64 scratch, see `_chain`."""
     sites = borrowed(sites)
     holds = borrowed(holds)
+    rng = borrowed(rng)
+    rng[0] = sites.key.k0
+    rng[1] = sites.key.k1
+    rng[2] = np.uint64(STREAM)
     final = holds.times[holds.times.size - 1]
     for i in range(first, last):
         if not past(sites.times[i, 0], sites.times[i, 1], final):

@@ -241,6 +241,7 @@ def _choose(site: Int, u: Float, sites: Sites) -> Int:
 @inner
 def _stay(run: Run, i: Int, high: Float, low: Float, span: Float, limit: Float, chain: Chain, hold: Int) -> None:
     """Follow site i as a two-state chain for ``span`` seconds at most, and draw the pending times around it anew."""
+    run = borrowed(run)
     sites = run.sites
     times = run.queue.times
     neighbours = sites.model.neighbours
@@ -307,6 +308,7 @@ def _end_aside(
 ) -> Int:
     """Follow site i, set aside with its neighbours, until the next event elsewhere in the patch or around it, or the
     next hold time; then enter them in the queue again. Returns the size of the heap."""
+    run = borrowed(run)
     queue = run.queue
     limit = run.holds.times[hold]
     span = until(high, low, limit)

@@ -235,6 +235,7 @@ def _dwell(
 
     Returns the clock and the site of the last event.
     """
+    run = borrowed(run)
     system = run.system
     rates = system.rates
     tally = run.holds.tally

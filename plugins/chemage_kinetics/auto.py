@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import Field
 
 from chemage import Engine
-from chemage.foundation.threads import available
 from chemage_kinetics._patches import patches_of
+from chemage_kinetics._threads import ThreadedEngine
 from chemage_kinetics.independent import Independent
 from chemage_kinetics.next_reaction import NextReaction
 from chemage_kinetics.rejection_free import RejectionFree
@@ -23,7 +22,7 @@ WORTH_SHARING = 50_000
 LARGEST_SHARE = 0.6
 
 
-class Auto(Engine):
+class Auto(ThreadedEngine):
     """The engine that suits the lattice; :meth:`choose` returns it, with the reason.
 
     ``independent`` where no site interacts with another. ``next-reaction`` for many sites in patches none of which
@@ -33,11 +32,7 @@ class Auto(Engine):
     """
 
     kind = "auto"
-    threads: ClassVar[bool] = True
-    speed_only = ("workers",)
 
-    workers: int = Field(default=1, ge=0)
-    """threads inside one run; 0: one per processor that this process may use; default: 1"""
     superbasins: bool = False
     """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
     cost does not depend on the number of its events (Novotny 1995); default: no"""
@@ -45,22 +40,18 @@ class Auto(Engine):
     def choose(self, lattice: ReactionLattice) -> tuple[Engine, str]:
         """The engine for this lattice, and why."""
         if not lattice.interacting or lattice.neighbours is None:
-            return Independent(workers=self.workers), "no site interacts with another, so the closed form holds"
+            return Independent(threads=self.threads), "no site interacts with another, so the closed form holds"
         n = lattice.sites.size
         _, starts = patches_of(lattice.neighbours)
         patches, largest = starts.size - 1, int(np.diff(starts).max(initial=0))
         shape = f"the largest of {patches} patches holds {largest} of {n} sites"
         if patches > 1 and self.superbasins:
-            engine = NextReaction(workers=self.workers, superbasins=True)
+            engine = NextReaction(threads=self.threads, superbasins=True)
             return engine, f"{shape}: sites that flicker are followed patch by patch"
         if n >= WORTH_SHARING and largest <= LARGEST_SHARE * n:
-            return NextReaction(workers=self.workers, superbasins=self.superbasins), f"{shape}: threads can share them"
+            return NextReaction(threads=self.threads, superbasins=self.superbasins), f"{shape}: threads can share them"
         few = "few sites" if n < WORTH_SHARING else "most sites in one patch"
         return RejectionFree(superbasins=self.superbasins), f"{shape}: with {few} the sum tree costs least"
-
-    def concurrency(self) -> int:
-        """Threads of one run: ``workers``."""
-        return self.workers or available()
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from pydantic import Field
 
-from chemage import Engine, InputError, check_times, temperature_value
-from chemage.foundation.threads import available
+from chemage import InputError, check_times, temperature_value
 from chemage_kinetics import _independent as kernel
 from chemage_kinetics._common import Holds
 from chemage_kinetics._driver import Job, model_of, room_temperature_cost, run_pieces
+from chemage_kinetics._threads import ThreadedEngine
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 PIECE = 50_000
 
 
-class Independent(Engine):
+class Independent(ThreadedEngine):
     """Sites that do not interact: exact, at a cost per site that does not depend on the number of its events.
 
     Where a site has many events before a hold time, its state and their number are drawn from the distributions of the
@@ -33,15 +32,6 @@ class Independent(Engine):
     kind = "independent"
     cite = ("Cox, Renewal Theory (Methuen, 1962), chapter 7",)
     interacting: ClassVar[bool] = False
-    threads: ClassVar[bool] = True
-    speed_only = ("workers",)
-
-    workers: int = Field(default=1, ge=0)
-    """threads that share the sites; 0: one per processor that this process may use; default: 1"""
-
-    def concurrency(self) -> int:
-        """Threads of one run: ``workers``."""
-        return self.workers or available()
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""
@@ -80,7 +70,7 @@ class Independent(Engine):
             kernel.follow(sites, Holds(job.hold_times, tally), np.empty(5, np.uint64), first, last)
             return last
 
-        run_pieces(job, follow, [(first, min(first + PIECE, n)) for first in range(0, n, PIECE)], self.workers)
+        run_pieces(job, follow, [(first, min(first + PIECE, n)) for first in range(0, n, PIECE)], self.threads)
         return job.history(sites.state, times=times, draws=draws)
 
     def mean(

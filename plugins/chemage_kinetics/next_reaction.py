@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
-from pydantic import Field
 
-from chemage import Engine
-from chemage.foundation.threads import available
 from chemage_kinetics import _next_reaction as kernel
 from chemage_kinetics._common import Holds
 from chemage_kinetics._driver import SLICE, Job, bonded, room_temperature_cost, run_pieces
 from chemage_kinetics._event_queue import new_order, new_queue
 from chemage_kinetics._patches import patches_of
+from chemage_kinetics._threads import ThreadedEngine
 
 if TYPE_CHECKING:
     from chemage import BondHistory, ReactionLattice, Seed
@@ -22,7 +20,7 @@ if TYPE_CHECKING:
 PIECE = 20_000
 
 
-class NextReaction(Engine):
+class NextReaction(ThreadedEngine):
     """Next-reaction method (Gibson & Bruck 2000), patch by patch; every site has random numbers of its own.
 
     Results are the same to the last bit on any number of threads. Memory: 50 to 60 bytes per site besides the lattice.
@@ -30,18 +28,10 @@ class NextReaction(Engine):
 
     kind = "next-reaction"
     cite = ("Gibson and Bruck, J. Phys. Chem. A 104, 1876 (2000), doi:10.1021/jp993732q",)
-    threads: ClassVar[bool] = True
-    speed_only = ("workers",)
 
-    workers: int = Field(default=1, ge=0)
-    """threads that follow patches; 0: one per processor that this process may use; default: 1"""
     superbasins: bool = False
     """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
     cost does not depend on the number of its events (Novotny 1995); default: no"""
-
-    def concurrency(self) -> int:
-        """Threads of one run: ``workers``."""
-        return self.workers or available()
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""
@@ -82,7 +72,7 @@ class NextReaction(Engine):
             # A patch that is continued sorts its sites anew, so a slice is not much shorter than that takes.
             return kernel.follow(run, first, last, self.superbasins or None, max(SLICE, largest))
 
-        run_pieces(job, follow, _pieces(starts), self.workers)
+        run_pieces(job, follow, _pieces(starts), self.threads)
         return job.history(bonded(words), times=times, draws=draws)
 
 

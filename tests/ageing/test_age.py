@@ -21,7 +21,7 @@ from chemage import (
     PluginError,
     random,
 )
-from chemage.ageing.age import replica_seeds
+from chemage.ageing.seeds import identity, replica_seeds
 
 TIMES = [1.0, 10.0, 100.0]
 
@@ -69,7 +69,6 @@ class Tally(Engine):
 
 class Own(Tally):
     kind = "own"
-    threads = True
 
     def concurrency(self):
         return 4
@@ -149,13 +148,14 @@ def test_replica_seeds_are_all_different():
         tuple(random.key(seed))
         for start in (0, 1, np.random.SeedSequence(0, spawn_key=(1,)))
         for replica in range(50)
-        for seed in replica_seeds(start, replica)
+        for run in ((), (1, 2, 3, 4), (1, 2, 3, 5))
+        for seed in replica_seeds(start, replica, "none", run)
     ]
     assert len(set(keys)) == len(keys)
 
 
 def test_one_replica_by_hand_is_the_replica_of_age(contact):
-    disorder, noise = replica_seeds(3, 4)
+    disorder, noise = replica_seeds(3, 4, "none", identity(contact, chemistry(), Tally(), 300.0))
     lattice = ca.build_lattice(chemistry(), contact, disorder)
     history = ca.run_kinetics(Tally(), lattice, TIMES, temperature=300, seed=noise)
     assert np.array_equal(age(contact).bonds[4], history.bonds)
@@ -242,7 +242,8 @@ def test_observables_are_stacked_over_replicas(contact):
     made = age(contact, observe=[Watch()])
     assert made.observables["barrier"].shape == (5,)
     assert np.array_equal(made.observables["counts"], made.bonds)
-    lattice = ca.build_lattice(chemistry(), contact, replica_seeds(3, 2)[0])
+    run = identity(contact, chemistry(), Tally(), 300.0)
+    lattice = ca.build_lattice(chemistry(), contact, replica_seeds(3, 2, "none", run).disorder)
     assert made.observables["barrier"][2] == lattice.forming.mean()
 
 

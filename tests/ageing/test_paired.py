@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from chemage import Aging, InputError
-from chemage.ageing.paired import paired_difference
+from chemage.ageing.paired import Difference, paired_difference
 
 TIMES = np.geomspace(1.0, 1e5, 21)
 
@@ -35,21 +36,24 @@ def test_error_is_that_of_the_mean_of_paired_slopes(replicas: int):
     use = (TIMES >= 10 * (1 - 1e-9)) & (TIMES <= 1e4 * (1 + 1e-9))
     slopes = [np.polyfit(np.log10(TIMES[use]), one[:, use].T * 3.0 / 1e3, 1)[0] for one in (first, second)]
     each = slopes[0] - slopes[1]
-    value, error = paired_difference(aged(first), aged(second), window=(10.0, 1e4))
-    assert value == pytest.approx(each.mean(), rel=1e-9)
-    assert error == pytest.approx(each.std(ddof=1) / math.sqrt(replicas), rel=1e-9)
+    found = paired_difference(aged(first), aged(second), window=(10.0, 1e4))
+    assert found.value == pytest.approx(each.mean(), rel=1e-9)
+    assert found.stderr == pytest.approx(each.std(ddof=1) / math.sqrt(replicas), rel=1e-9)
+    low, high = stats.ttest_1samp(each, 0.0).confidence_interval(0.95)
+    assert found.half_width == pytest.approx(0.5 * (high - low), rel=1e-9)
 
 
 def test_what_replicas_share_does_not_count():
     rng = np.random.default_rng(5)
     shared = rng.normal(0, 50.0, 10)
     first, second = aged(bonds(rng, 10, 500.0, shared)), aged(bonds(rng, 10, 510.0, shared))
-    value, error = paired_difference(first, second)
+    found = paired_difference(first, second)
+    value, error = found.value, found.stderr
     fits = first.fit(), second.fit()
     assert value == pytest.approx(fits[0].beta - fits[1].beta, rel=1e-12)
     assert error < 0.1 * math.hypot(fits[0].beta_stderr, fits[1].beta_stderr)
     assert abs(value + 0.03) < 5 * error
-    assert paired_difference(first, first) == (0.0, 0.0)
+    assert paired_difference(first, first) == Difference(0.0, 0.0, 0.0)
 
 
 def test_independent_replicas_have_the_errors_of_both():
@@ -59,15 +63,16 @@ def test_independent_replicas_have_the_errors_of_both():
     for _ in range(60):
         first, second = aged(bonds(rng, 20, 500.0)), aged(bonds(rng, 20, 500.0))
         both = math.hypot(first.fit().beta_stderr, second.fit().beta_stderr)
-        ratios.append(paired_difference(first, second)[1] / both)
+        ratios.append(paired_difference(first, second).stderr / both)
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.06)
 
 
 def test_one_replica_has_no_error_and_unequal_numbers_no_pairs():
     rng = np.random.default_rng(2)
     one, other = aged(bonds(rng, 1, 500.0)), aged(bonds(rng, 1, 510.0))
-    value, error = paired_difference(one, other)
-    assert value == pytest.approx(one.fit().beta - other.fit().beta)
-    assert math.isnan(error)
+    found = paired_difference(one, other)
+    assert found.value == pytest.approx(one.fit().beta - other.fit().beta)
+    assert math.isnan(found.stderr)
+    assert math.isnan(found.half_width)
     with pytest.raises(InputError, match="1 and 3 replicas cannot be paired"):
         paired_difference(one, aged(bonds(rng, 3, 500.0)))

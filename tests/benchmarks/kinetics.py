@@ -101,7 +101,7 @@ def rough_geometry() -> str:
         sites = rough_sites(side, fraction)
         lattice, build, _ = timed(lambda side=side, sites=sites: lattice_on((side, side), sites, 3))
         times = np.geomspace(1e-3, end, 33)
-        for kind, options in (*((kind, {}) for kind in ENGINES), ("next-reaction", {"workers": 2})):
+        for kind, options in (*((kind, {}) for kind in ENGINES), ("next-reaction", {"threads": 2})):
             engine = chemage.engine(kind, **options)
             history, cpu, wall = timed(
                 lambda engine=engine, times=times, lattice=lattice, temperature=temperature: engine.run(

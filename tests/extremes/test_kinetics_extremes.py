@@ -405,7 +405,7 @@ def test_results_do_not_depend_on_the_number_of_threads(kind):
     lattice = ReactionLattice(pixels=(n, 1), sites=np.arange(n), forming=forming, breaking=breaking, **chain)
     times = np.geomspace(1e-3, 1e3, 7)
     histories = [
-        chemage.engine(kind, workers=workers).run(lattice, times, temperature=300, seed=1) for workers in (1, 2, 5)
+        chemage.engine(kind, threads=threads).run(lattice, times, temperature=300, seed=1) for threads in (1, 2, 5)
     ]
     assert histories[0].events > n / 2
     assert histories[0] == histories[1] == histories[2]

@@ -12,6 +12,7 @@ import chemage
 from chemage import KB, ReactionLattice
 from chemage import random as cr
 from chemage_kinetics._common import STREAMS
+from chemage_kinetics._noise import noise_key
 
 
 def lattice_of(side: int, spread: float) -> ReactionLattice:
@@ -37,9 +38,11 @@ def plainly(
     neighbours, coupling, breaking = (np.asarray(a) for a in (lattice.neighbours, lattice.coupling, lattice.breaking))
     energy, state, draws = np.array(lattice.forming), np.zeros(n, bool), np.zeros(n, int)
     nu, kt = lattice.attempt_frequency, KB * temperature
+    stream = STREAMS["next-reaction"]
+    key = np.array(noise_key(seed, stream, lattice))
 
     def wait(i: int) -> float:
-        u = cr.uniforms(seed, STREAMS["next-reaction"], [lattice.sites[i]], int(draws[i]))[0]
+        u = cr.uniforms(key, stream, [lattice.sites[i]], int(draws[i]))[0]
         draws[i] += 1
         return -math.log(u) / nu * math.exp(max(breaking[i] if state[i] else energy[i], 0.0) / kt)
 

@@ -8,7 +8,6 @@ import pytest
 import chemage
 import chemage_observables
 from chemage import ContactSolution, StoreError, load_scene
-from chemage.foundation.text import plus_minus
 from chemage.reports import run_figures
 from chemage.reports.figures import pooled
 
@@ -97,11 +96,11 @@ def test_friction_is_drawn_with_its_errors_and_its_fit(result):
     figure = run_figures.friction_figure(result)
     force, coefficient = figure.axes
     for axes, mean, error in (
-        (force, result.aging.mean_friction_drop, result.aging.friction_drop_stderr),
+        (force, result.aging.mean_friction_drop, result.aging.friction_drop_half_width),
         (
             coefficient,
             result.aging.mean_friction_coefficient_drop,
-            result.aging.friction_coefficient_drop_stderr,
+            result.aging.friction_coefficient_drop_half_width,
         ),
     ):
         (bars,) = axes.containers
@@ -115,7 +114,7 @@ def test_friction_is_drawn_with_its_errors_and_its_fit(result):
     t, y = fitted.get_xdata(), fitted.get_ydata()
     assert np.diff(y) / np.diff(np.log10(t)) == pytest.approx(fit.beta)
     assert (t[0], t[-1]) == pytest.approx((10.0, 1e4))
-    assert plus_minus(fit.beta, fit.beta_stderr) in fitted.get_label()
+    assert fit.beta_text() in fitted.get_label()
 
 
 def test_barriers_are_normalised_and_labelled_for_what_lowered_them(result, tmp_path, small_text):

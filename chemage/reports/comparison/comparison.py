@@ -20,7 +20,8 @@ import numpy as np
 from chemage.ageing.fitting import Fit, Model, Quantity, fit_aging
 from chemage.ageing.measurements import Measurements, read_measurements
 from chemage.foundation.errors import InputError
-from chemage.foundation.text import jsonable, plus_minus
+from chemage.foundation.statistics import half_width, standard_error
+from chemage.foundation.text import jsonable, mean_text
 from chemage.foundation.units import convert
 from chemage.reports.comparison.differences import Difference, differences
 from chemage.reports.comparison.entries import Entry, load_results
@@ -79,12 +80,7 @@ class Comparison:
         rows += [
             ("last hold time", lambda one: _text(one.last(), "s")),
             ("fit window", lambda one: f"{one.window[0]:g} to {one.window[1]:g} s" if one.aging else "-"),
-            ("β, ± jackknife error", lambda one: plus_minus(f.beta, f.beta_stderr) if (f := one.fit) else "-"),
-            ("β, 95 % bootstrap interval", lambda one: f.beta_text() if (f := one.fit) else "-"),
-            (
-                "cut-off time, ± jackknife error",
-                lambda one: plus_minus(f.cutoff_time, f.cutoff_time_stderr, "s") if (f := one.fit) else "-",
-            ),
+            ("β, 95 % interval", lambda one: f.beta_text() if (f := one.fit) else "-"),
             ("cut-off time, 95 % interval", lambda one: f.cutoff_text() if (f := one.fit) else "-"),
         ]
         return [(label, [text_of(one) for one in self.results]) for label, text_of in rows]
@@ -99,7 +95,9 @@ class Comparison:
         for time in (*self.times, one.last()):
             entry: dict[str, Any] = {"time": time}
             for name, (_, _, curves) in zip(_CURVE_NAMES, _CURVES, strict=True):
-                entry[name], entry[f"{name}_stderr"] = one.at(curves(one), time)
+                values = one.at(curves(one), time)
+                entry[name], entry[f"{name}_stderr"] = float(values.mean()), float(standard_error(values))
+                entry[f"{name}_half_width"] = float(half_width(values))
             at.append(entry)
         return {
             "name": one.name,
@@ -156,7 +154,7 @@ class Comparison:
                 line[f"{name} ({units[name]})" if name in units else name] = value
             for entry, label in zip(at, (*(f"{time:g} s" for time in self.times), "last"), strict=True):
                 for name in (key for key in entry if key != "time"):
-                    unit = units.get(name.removesuffix("_stderr"))
+                    unit = units.get(name.removesuffix("_stderr").removesuffix("_half_width"))
                     line[f"{name} at {label}" + (f" ({unit})" if unit else "")] = entry[name]
             lines.append(line)
         text = io.StringIO()
@@ -258,8 +256,8 @@ Curves = Callable[[Entry], np.ndarray]
 
 def _row_at(curves: Curves, unit: str, time: float | None) -> Callable[[Entry], str]:
     def text_of(one: Entry) -> str:
-        mean, error = one.at(curves(one), one.last() if time is None else time)
-        return plus_minus(mean, error, unit) if math.isfinite(mean) else "-"
+        values = one.at(curves(one), one.last() if time is None else time)
+        return mean_text(values, unit)
 
     return text_of
 

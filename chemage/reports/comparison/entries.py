@@ -18,7 +18,6 @@ from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
 from chemage.foundation.errors import InputError
-from chemage.foundation.statistics import standard_error
 from chemage.store.results import read
 from chemage.sweeps.result import load_sweep
 
@@ -111,24 +110,22 @@ class Entry:
         except InputError:
             return None
 
-    def at(self, curves: np.ndarray, time: float) -> tuple[float, float]:
-        """Mean over replicas and standard error of ``curves`` (replicas, m) at ``time`` (s).
+    def at(self, curves: np.ndarray, time: float) -> np.ndarray:
+        """(replicas,) values of ``curves`` (replicas, m) at ``time`` (s).
 
         Interpolates linearly in log t between hold times; nan outside them.
         """
         if self.aging is None or not curves.size:
-            return math.nan, math.nan
+            return np.full(1, np.nan)
         t = self.aging.hold_times
         exact = np.flatnonzero(np.abs(t - time) <= 1e-6 * time)
         if exact.size:
-            values = curves[:, exact[-1]]
-        else:
-            after = int(np.searchsorted(t, time))
-            if not 0 < after < t.size or t[after - 1] <= 0:
-                return math.nan, math.nan
-            part = math.log(time / t[after - 1]) / math.log(t[after] / t[after - 1])
-            values = curves[:, after - 1] * (1 - part) + curves[:, after] * part
-        return float(values.mean()), float(standard_error(values))
+            return curves[:, exact[-1]]
+        after = int(np.searchsorted(t, time))
+        if not 0 < after < t.size or t[after - 1] <= 0:
+            return np.full(len(curves), np.nan)
+        part = math.log(time / t[after - 1]) / math.log(t[after] / t[after - 1])
+        return curves[:, after - 1] * (1 - part) + curves[:, after] * part
 
     def last(self) -> float:
         """The last hold time, s; nan without ageing."""

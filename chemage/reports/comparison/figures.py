@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage.ageing.fitting import SYMBOL, Quantity
-from chemage.foundation.statistics import standard_error
-from chemage.foundation.text import plus_minus
+from chemage.foundation.statistics import half_width
 from chemage.reports.comparison.comparison import Comparison, Curves, coefficient, friction
 from chemage.reports.comparison.entries import Entry
 from chemage.reports.figures import BLACK, GREY, PALETTE, blank, plain
@@ -31,14 +30,14 @@ def _styles(count: int) -> list[dict[str, Any]]:
 
 
 def _drawn(axes: Axes, results: Sequence[Entry], curves: Curves) -> list[float]:
-    """Draw mean and standard error of each result against hold time; return the last mean of each."""
+    """Draw mean and 95 % interval of each result against hold time; return the last mean of each."""
     last = []
     for one, style in zip(results, _styles(len(results)), strict=True):
         values = curves(one)
         if one.aging is None or not values.size or not np.isfinite(values).any():
             continue
         t, mean = one.aging.hold_times, values.mean(axis=0)
-        error = np.nan_to_num(standard_error(values))
+        error = np.nan_to_num(half_width(values))
         shown = t > 0
         axes.errorbar(t[shown], mean[shown], yerr=error[shown], ms=3.5, lw=1, capsize=2, label=plain(one.name), **style)
         last.append(float(mean[-1]))
@@ -101,7 +100,7 @@ def _fitted_line(axes: Axes, one: Entry) -> None:
     if fit is None or not (math.isfinite(fit.beta) and math.isfinite(fit.cutoff_time)):
         return
     line = np.geomspace(*one.window, 50)
-    label = f"β = {plus_minus(fit.beta, fit.beta_stderr)} per decade"
+    label = f"β = {fit.beta_text()} per decade"
     axes.plot(line, fit.beta * np.log10(line / fit.cutoff_time), color=GREY, lw=2.5, alpha=0.7, zorder=1, label=label)
 
 

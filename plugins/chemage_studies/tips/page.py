@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.foundation.statistics import standard_error
-from chemage.foundation.text import plus_minus
+from chemage.foundation.text import mean_text, plus_minus
 from chemage_studies.tips.study import NOTHING, SITES, STAGES, WINDOW, Aged, Study
 
 #: hold times in tables, s
@@ -82,9 +81,8 @@ def _csv(rows: list[dict[str, Any]]) -> str:
 
 
 def _over_surfaces(values: Sequence[float]) -> str:
-    """Mean over surfaces and its standard error."""
-    array = np.array(values)
-    return plus_minus(float(array.mean()), float(standard_error(array)))
+    """Mean over surfaces and half of its 95 % interval."""
+    return mean_text(np.array(values))
 
 
 def _range(values: Sequence[float]) -> str:
@@ -139,9 +137,9 @@ def _nominal_table(study: Study) -> str:
                 one.name,
                 f"{one.contact.mean_contact_pressure:.3g}",
                 f"{1e2 * nominal / one.contact.mean_contact_pressure:.3g}",
-                plus_minus(one.density[at], one.density_error[at]),
-                plus_minus(aging.mean_friction_coefficient_drop[at], aging.friction_coefficient_drop_stderr[at]),
-                plus_minus(fit.beta, fit.beta_stderr),
+                mean_text(aging.bonds[:, at] / one.contact.area),
+                mean_text(aging.friction_coefficient_drop[:, at]),
+                plus_minus(fit.beta, fit.beta_half_width),
             ]
         )
     columns = ["contact", "mean pressure (GPa)", "A/A0 (%)", "bonds per area (1/nm²), 1000 s", "Δμ, 1000 s", "β"]
