@@ -51,7 +51,7 @@ def _scale(axis: Any, values: list[float]) -> None:
     low, high = min(values), max(values)
     middle, reach = math.sqrt(low * high), max(2.0 * (high / low) ** 0.54, math.sqrt(10.0))
     (axis.axes.set_xlim if axis.axis_name == "x" else axis.axes.set_ylim)(middle / reach, middle * reach)
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if reach < 6.0 else (1.0,), numticks=12))
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if reach < 12.0 else (1.0,), numticks=12))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
