@@ -202,7 +202,6 @@ def tradeoff(
     from chemage.experiments.scene_files import load_scene
     from chemage.experiments.tradeoff import tradeoff as measure
     from chemage.foundation.files import fresh_file, preflight
-    from chemage.foundation.text import plus_minus
     from chemage.reports.tradeoff_figure import figure
 
     one = load_scene(scene, changed_fields(changes))
@@ -217,26 +216,40 @@ def tradeoff(
         print(json.dumps(found.todict()))
         return
     table = terminal.table(
-        f"Speed against accuracy: {one.name} (* as in the scene)",
-        ("option", "value", "CPU (s)", "wall (s)", "A/A0", "area error", "p error", "beta", ""),
+        f"Speed against accuracy: {one.name} (* as in the scene; ± is half the width of a 95 % interval)",
+        (
+            *("option", "value", "CPU (s)", "wall (s)", "A/A0", "corrected", "area error"),
+            *("p error", "estimate", "beta", "difference", ""),
+        ),
     )
     for row in found.rows:
         table.add_row(
-            row.knob,
+            row.option,
             row.setting + (" *" if row.own else ""),
             _number(row.cpu_seconds),
             _number(row.wall_seconds),
             _number(row.area_fraction, 5),
-            _number(row.area_error, 2),
+            _number(row.corrected_fraction, 5),
+            _with_error(row.area_error, row.area_error_half_width, 2),
             _number(row.pressure_error, 2),
-            plus_minus(row.beta, row.beta_stderr) if row.beta == row.beta else "",
+            _number(row.pressure_estimate, 2),
+            _with_error(row.beta, row.beta_half_width),
+            _with_error(row.beta_difference, row.beta_difference_half_width),
             row.remark,
         )
-    terminal.show(table, width=180)
+    terminal.show(table, width=200)
+    for note in found.notes:
+        print(note)
 
 
 def _number(value: float, digits: int = 3) -> str:
     return f"{value:.{digits}g}" if value == value else ""
+
+
+def _with_error(value: float, error: float, digits: int = 4) -> str:
+    from chemage.foundation.text import plus_minus
+
+    return plus_minus(value, error) if error > 0 else _number(value, digits)
 
 
 def schema() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import force
@@ -25,8 +25,19 @@ class ContactSolver(Component, ABC):
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
         """Estimate what a solve will give and cost from :meth:`SurfaceMaker.expected`, as far as it is known:
-        ``area_fraction``, ``cpu_seconds``, ``bytes`` (peak memory). Used by ``chemage check``."""
+        ``area_fraction``, ``cpu_seconds``, ``bytes`` (peak memory), ``gap_bytes`` (of the gap, where the solution has
+        one). Used by ``chemage check`` and to plan sweeps."""
         return {}
+
+    def reference(self) -> Self:
+        """The solver with which ``chemage tradeoff`` measures the errors of this one: the same contact, as accurately
+        as this class can solve it.
+
+        Here every option in ``trade`` has its most accurate value. Override it where the class can do better than
+        that; otherwise the error of the most accurate setting is not known, unless the solver estimates it
+        (``ContactSolution.convergence["pressure_error"]``).
+        """
+        return self.replace(**{option: values[-1] for option, values in self.trade.items()})
 
     def solve(self, surface: Surface, load: float | str, *, start: ContactSolution | None = None) -> ContactSolution:
         """The contact of ``surface`` under ``load`` (nN, or a string with its unit).

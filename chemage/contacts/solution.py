@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -49,6 +49,9 @@ class ContactSolution(Record):
     """contact modulus E*, GPa"""
     periodic: bool = True
     """whether the grid repeats"""
+    contact_pixels: Literal["loaded", "centres"] = "loaded"
+    """which pixels carry pressure: ``loaded``, those in which the bodies touch anywhere, more than the contact covers;
+    ``centres``, those whose centre lies in the contact, which cover its area without bias"""
     rms_slope: float = math.nan
     """of the surface"""
     rms_height: float = math.nan
@@ -63,7 +66,8 @@ class ContactSolution(Record):
     """the solver's convergence measure at the end; 0 for a closed form"""
     iterations: int = Field(default=0, ge=0)
     convergence: dict[str, Any] = {}
-    """the solver's own account of its error: plain JSON values"""
+    """the solver's own account of its error: plain JSON values. ``pressure_error``, where it is given, is the estimated
+    error of the pressure: its L2 norm relative to that of the pressure"""
     notes: tuple[str, ...] = ()
     """what the user should know of this solution, in words"""
     provenance: dict[str, Any] = {}
@@ -118,7 +122,10 @@ class ContactSolution(Record):
 
     @property
     def corrected_area(self) -> float:
-        """A less the pixels' excess at the rim (Yastrebov et al. 2017), nm²."""
+        """A less the pixels' excess at the rim (Yastrebov et al. 2017), nm²; A itself where there is no such excess
+        (see ``contact_pixels``)."""
+        if self.contact_pixels == "centres":
+            return self.area
         return patches.corrected_area(self.area, self.perimeter, self.pixel_size)
 
     @cached_property

@@ -67,7 +67,9 @@ class Cost:
     #: peak memory of the contact, and of one replica, bytes
     contact_bytes: float | None
     replica_bytes: float | None
-    #: of the contact as a sweep stores it
+    #: of the gap, if the contact has one, bytes
+    gap_bytes: float
+    #: of the contact as a sweep stores it, bytes
     contact_file: float
 
     @property
@@ -90,6 +92,7 @@ def cost(scene: Scene) -> Cost:
         error.add_note(f"in [surface] of scene {scene.name!r}")
         raise
     solve = scene.contact.expected(surface, scene.load)
+    gap = solve.get("gap_bytes", 0.0)
     fraction, sites, replica = solve.get("area_fraction"), None, {}
     pixels = surface.get("nx", 0.0) * surface.get("ny", 0.0)
     if fraction is not None and pixels:
@@ -106,7 +109,8 @@ def cost(scene: Scene) -> Cost:
         None if seconds is None else seconds * (scene.hold.replicas if scene.hold else 1),
         solve.get("bytes"),
         replica.get("bytes") if reacting else 0.0,
-        12 * pixels * (1.0 if fraction is None else fraction) + solve.get("gap_bytes", 0.0),
+        gap,
+        12 * pixels * (1.0 if fraction is None else fraction) + gap,
     )
 
 
@@ -117,7 +121,8 @@ def plan(scene: Scene) -> Plan:
     if known.pixels:
         # heights are noise and do not compress; a pressure map is as large as what carries pressure
         carrying = 1.0 if known.area_fraction is None else min(1.0, 2 * known.area_fraction)
-        numbers |= {"nx": known.surface["nx"], "ny": known.surface["ny"], "file": (8 + 8 * carrying) * known.pixels}
+        stored = (8 + 8 * carrying) * known.pixels + known.gap_bytes
+        numbers |= {"nx": known.surface["nx"], "ny": known.surface["ny"], "file": stored}
         if known.area_fraction is not None:
             numbers["area_fraction"] = known.area_fraction
         if known.sites is not None:

@@ -1,10 +1,12 @@
 """Speed against accuracy, measured on a user's own scene.
 
 Each option that a component declares for it (``Component.trade``: option -> values from fast to accurate) is varied on
-its own, everything else as in the scene, and the result is compared with the most accurate one. Replicas keep their
-disorder, so β differs by the option and by kinetic noise only; its standard error gives the size of the noise. A
-surface that can be sampled more coarsely is, every installed engine that can treat the lattice runs it, and replicas
-are traded against the error of β.
+its own, everything else as in the scene, and the result is compared with a reference contact that is more accurate than
+all of them (``ContactSolver.reference``). Replicas keep their disorder and their kinetic noise, so that the difference
+in β is due to the option; its standard error is that of the paired difference. A surface that can be sampled more
+coarsely is, every installed engine that can treat the lattice runs it, and replicas are traded against the error of β.
+
+All errors of the area are errors of :attr:`ContactSolution.corrected_area`, which depends least on the pixels.
 """
 
 from __future__ import annotations
@@ -19,9 +21,12 @@ import numpy as np
 
 from chemage.ageing.age import age
 from chemage.ageing.aging import Aging
+from chemage.ageing.paired import paired_difference
+from chemage.ageing.seeds import Common
 from chemage.contacts.role import ContactSolver
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
+from chemage.experiments.extrapolation import vanishing_pixels
 from chemage.experiments.scene import Scene
 from chemage.foundation.errors import ConvergenceError, InputError
 from chemage.foundation.text import jsonable
@@ -33,25 +38,43 @@ T = TypeVar("T")
 #: called with what is being measured
 Report = Callable[[str], None]
 _COARSER = (4, 2)
+#: A difference from the reference is the error of a setting if it is so many times the error of the reference.
+_RESOLVED = 10.0
+#: standard errors on either side that hold the truth in 95 % of cases, where the error is a normal one
+NORMAL_LIMIT = 1.96
 
 
 @dataclass(frozen=True)
 class Row:
-    """One value of one option. Errors are relative to its reference; nan where there is nothing to compare."""
+    """One value of one option. What is not known is nan: errors that the reference does not resolve, for example."""
 
-    knob: str
+    option: str
     setting: str
     #: of the stage that the option belongs to, summed over threads
     cpu_seconds: float
     wall_seconds: float
+    #: pixels in contact
     area_fraction: float = math.nan
-    #: relative
+    #: corrected area over nominal area
+    corrected_fraction: float = math.nan
+    #: of the corrected area, relative
     area_error: float = math.nan
-    #: relative L2 over all pixels
+    #: standard error of ``area_error``, where it rests on an extrapolation, and half the width of its 95 % interval
+    area_error_stderr: float = math.nan
+    area_error_half_width: float = math.nan
+    #: L2 norm of the difference from the reference over all pixels, relative
     pressure_error: float = math.nan
+    #: the same as the solver itself estimates it, without the reference
+    pressure_estimate: float = math.nan
     beta: float = math.nan
-    #: standard error over replicas
+    #: standard error over replicas, and half the width of Student's 95 % interval
     beta_stderr: float = math.nan
+    beta_half_width: float = math.nan
+    #: β less that of the reference contact, or of the engine of the scene
+    beta_difference: float = math.nan
+    #: of the paired difference over replicas, as for ``beta``
+    beta_difference_stderr: float = math.nan
+    beta_difference_half_width: float = math.nan
     #: whether the scene has this value
     own: bool = False
     remark: str = ""
@@ -63,10 +86,12 @@ class Tradeoff:
 
     scene: str
     rows: list[Row] = field(default_factory=list)
+    #: what the errors are relative to, in words
+    notes: list[str] = field(default_factory=list)
 
     def todict(self) -> dict[str, Any]:
         """One JSON-able object; nan is None."""
-        return jsonable({"scene": self.scene, "rows": [asdict(row) for row in self.rows]})
+        return jsonable({"scene": self.scene, "rows": [asdict(row) for row in self.rows], "notes": self.notes})
 
 
 def tradeoff(scene: Scene, *, report: Report | None = None) -> Tradeoff:
@@ -75,6 +100,27 @@ def tradeoff(scene: Scene, *, report: Report | None = None) -> Tradeoff:
     Every setting runs once on a small or coarse surface before it is timed, so that compilation is not counted.
     """
     return _Measurement(scene, report or (lambda _: None)).run()
+
+
+@dataclass(frozen=True)
+class _Reference:
+    """The contact that others are compared with."""
+
+    solver: ContactSolver
+    contact: ContactSolution
+    aging: Aging | None
+
+    @property
+    def error(self) -> float:
+        """Its relative error of the pressure, as its solver estimates it; nan if it does not."""
+        return estimated_error(self.contact)
+
+    def resolves(self, option: str, value: Any, difference: float) -> bool:
+        """Whether ``difference`` from this contact is the error of a contact with ``option`` = ``value``."""
+        if not math.isnan(self.error):
+            return difference >= _RESOLVED * self.error
+        # nothing shows that the reference is better than a contact with the same value
+        return getattr(self.solver, option) != value
 
 
 class _Measurement:
@@ -86,18 +132,37 @@ class _Measurement:
         self.report("the scene as it is, to compile")
         surface = make_surface(self.scene.surface, self.scene.surface_seed)
         contact = solve_contact(self.scene.contact, surface, self.scene.load)
-        for option, values in self.scene.contact.trade.items():
-            self._contact_option(surface, option, values)
+        if self.scene.contact.trade:
+            reference = self._reference(surface)
+            for option, values in self.scene.contact.trade.items():
+                self._contact_option(surface, reference, option, values)
         self._pixels(contact)
         if self.scene.chemistry is not None:
             self._engines(contact)
             self._replicas(contact)
         return self.found
 
-    def _contact_option(self, surface: Surface, option: str, values: tuple[Any, ...]) -> None:
-        solver = self.scene.contact
+    def _reference(self, surface: Surface) -> _Reference | None:
+        """The reference contact; None if it cannot be computed."""
         self.report("reference contact")
-        exact = solve_contact(self._most_accurate(solver), surface, self.scene.load)
+        solver = self.scene.contact.reference()
+        options = ", ".join(f"{option} = {getattr(solver, option)}" for option in solver.trade)
+        try:
+            contact = solve_contact(solver, surface, self.scene.load)
+        except (InputError, ConvergenceError) as error:
+            self.found.notes.append(f"contact: no reference ({options}), so errors are not measured: {error}")
+            return None
+        found = _Reference(solver, contact, self._aged(contact, common="all"))
+        known = "not known" if math.isnan(found.error) else f"estimated as {found.error:.1e}"
+        self.found.notes.append(
+            f"contact: errors are differences from a reference ({options}); its own error of the pressure is {known}"
+        )
+        return found
+
+    def _contact_option(
+        self, surface: Surface, reference: _Reference | None, option: str, values: tuple[Any, ...]
+    ) -> None:
+        solver = self.scene.contact
         small = self._small(surface)
         for value in values:
             self.report(f"contact.{option} = {value}")
@@ -108,22 +173,33 @@ class _Measurement:
             except (InputError, ConvergenceError) as error:
                 self._add(f"contact.{option}", value, remark=str(error))
                 continue
+            aging = self._aged(contact, common="all")
             self._add(
                 f"contact.{option}",
                 value,
                 (cpu, wall),
-                area_fraction=contact.area_fraction,
-                area_error=relative(contact.area, exact.area),
-                pressure_error=l2_error(contact.pressure, exact.pressure),
-                **self._beta(self._aged(contact)),
+                **areas(contact),
+                **self._contact_errors(contact, reference, option, value),
+                pressure_estimate=estimated_error(contact),
+                **self._beta(aging),
+                **self._difference(aging, reference.aging if reference else None),
                 own=turned == solver,
                 remark=f"{contact.iterations} iterations",
             )
 
     @staticmethod
-    def _most_accurate(solver: ContactSolver) -> ContactSolver:
-        """Every option at its accurate end."""
-        return solver.replace(**{option: values[-1] for option, values in solver.trade.items()})
+    def _contact_errors(
+        contact: ContactSolution, reference: _Reference | None, option: str, value: Any
+    ) -> dict[str, float]:
+        if reference is None:
+            return {}
+        difference = l2_error(contact.pressure, reference.contact.pressure)
+        if not reference.resolves(option, value, difference):
+            return {}
+        return {
+            "area_error": relative(contact.corrected_area, reference.contact.corrected_area),
+            "pressure_error": difference,
+        }
 
     def _small(self, surface: Surface) -> Surface:
         maker = self.scene.surface.coarser(_COARSER[0])
@@ -131,47 +207,67 @@ class _Measurement:
 
     def _pixels(self, fine: ContactSolution) -> None:
         """The same surface on coarser pixels: area and contour, but not β, because a pixel is a site."""
+        found: list[tuple[ContactSolution, float, float]] = []
         for factor in (*_COARSER, 1):
             maker = self.scene.surface.coarser(factor) if factor > 1 else self.scene.surface
             if maker is None:
                 continue
             self.report(f"pixels {factor} times larger")
-            contact, cpu, wall = measured(
-                lambda maker=maker: solve_contact(
-                    self.scene.contact, make_surface(maker, self.scene.surface_seed), self.scene.load
+            found.append(
+                measured(
+                    lambda maker=maker: solve_contact(
+                        self.scene.contact, make_surface(maker, self.scene.surface_seed), self.scene.load
+                    )
                 )
             )
+        limit = vanishing_pixels([contact for contact, _, _ in found])
+        known: dict[str, float] = {}
+        if limit is not None:
+            self.found.notes.append(
+                f"surface.pixels: errors are differences from {limit.area / fine.nominal_area:.5f}, the corrected A/A0 "
+                f"extrapolated to vanishing pixels"
+            )
+            error = limit.area_stderr / limit.area
+            known = {"area_error_stderr": error, "area_error_half_width": NORMAL_LIMIT * error}
+        for contact, cpu, wall in found:
             self._add(
                 "surface.pixels",
                 f"{contact.shape[0]} x {contact.shape[1]}",
                 (cpu, wall),
-                area_fraction=contact.area_fraction,
-                area_error=relative(contact.corrected_area, fine.corrected_area),
-                own=factor == 1,
-                remark=f"corrected for pixels {contact.corrected_area / contact.nominal_area:.5f}",
+                **areas(contact),
+                area_error=relative(contact.corrected_area, limit.area) if limit else math.nan,
+                **known,
+                own=contact.shape == fine.shape,
             )
 
     def _engines(self, contact: ContactSolution) -> None:
-        """Exact engines differ by noise: the remark is the difference from the scene's own in standard errors."""
+        """Exact engines differ by noise: the remark is the difference from the scene's own in standard errors.
+
+        All of them run on the same disorder.
+        """
         assert self.scene.engine is not None
         plugins = registry.current()
-        own = self._beta(self._aged(contact))
+        own = self._aged(contact, common="disorder")
         for kind in plugins.kinds("engine"):
             same = kind == self.scene.engine.kind
             self.report(f"engine {kind}")
             try:
                 engine = self.scene.engine if same else plugins.make("engine", kind, {})
-                self._aged(contact, engine=engine, replicas=1)
-                aging, cpu, wall = measured(lambda engine=engine: self._aged(contact, engine=engine))
+                self._aged(contact, engine=engine, replicas=1, common="disorder")
+                aging, cpu, wall = measured(lambda engine=engine: self._aged(contact, engine=engine, common="disorder"))
             except InputError:
                 self._add("engine", kind, remark="not for this lattice")
                 continue
-            found = self._beta(aging)
-            spread = math.hypot(found["beta_stderr"], own["beta_stderr"])
-            away = abs(found["beta"] - own["beta"]) / spread if spread > 0 else 0.0
-            remark = "" if same else f"{away:.1f} standard errors away"
+            difference = {} if same else self._difference(aging, own)
             self._add(
-                "engine", kind, (cpu, wall), area_fraction=contact.area_fraction, **found, own=same, remark=remark
+                "engine",
+                kind,
+                (cpu, wall),
+                **areas(contact),
+                **self._beta(aging),
+                **difference,
+                own=same,
+                remark=away(**difference) if difference else "",
             )
 
     def _replicas(self, contact: ContactSolution) -> None:
@@ -183,12 +279,18 @@ class _Measurement:
                 "hold.replicas",
                 replicas,
                 (cpu, wall),
-                area_fraction=contact.area_fraction,
+                **areas(contact),
                 **self._beta(aging),
                 own=replicas == self.scene.hold.replicas,
             )
 
-    def _aged(self, contact: ContactSolution, engine: Any = None, replicas: int | None = None) -> Aging | None:
+    def _aged(
+        self,
+        contact: ContactSolution,
+        engine: Any = None,
+        replicas: int | None = None,
+        common: Common | None = None,
+    ) -> Aging | None:
         scene = self.scene
         if scene.chemistry is None or scene.hold is None or scene.engine is None:
             return None
@@ -200,7 +302,7 @@ class _Measurement:
             temperature=scene.hold.temperature,
             replicas=replicas or scene.hold.replicas,
             seed=scene.hold.seed,
-            common=scene.hold.common,
+            common=common or scene.hold.common,
         )
 
     def _beta(self, aging: Aging | None) -> dict[str, float]:
@@ -209,11 +311,27 @@ class _Measurement:
         except InputError:
             fit = None
         if fit is None:
-            return {"beta": math.nan, "beta_stderr": math.nan}
-        return {"beta": fit.beta, "beta_stderr": fit.beta_stderr}
+            return {}
+        return {"beta": fit.beta, "beta_stderr": fit.beta_stderr, "beta_half_width": fit.beta_half_width}
 
-    def _add(self, knob: str, setting: Any, seconds: tuple[float, float] = (math.nan, math.nan), **found: Any) -> None:
-        self.found.rows.append(Row(knob, str(setting), *seconds, **found))
+    def _difference(self, aging: Aging | None, other: Aging | None) -> dict[str, float]:
+        """The paired difference of β; empty where there is none."""
+        if aging is None or other is None:
+            return {}
+        try:
+            found = paired_difference(aging, other, window=(self.scene.fit.start, self.scene.fit.stop))
+        except InputError:
+            return {}
+        return {
+            "beta_difference": found.value,
+            "beta_difference_stderr": found.stderr,
+            "beta_difference_half_width": found.half_width,
+        }
+
+    def _add(
+        self, option: str, setting: Any, seconds: tuple[float, float] = (math.nan, math.nan), **found: Any
+    ) -> None:
+        self.found.rows.append(Row(option, str(setting), *seconds, **found))
 
 
 def measured(task: Callable[[], T]) -> tuple[T, float, float]:
@@ -221,6 +339,27 @@ def measured(task: Callable[[], T]) -> tuple[T, float, float]:
     cpu, wall = time.process_time(), time.perf_counter()
     result = task()
     return result, time.process_time() - cpu, time.perf_counter() - wall
+
+
+def areas(contact: ContactSolution) -> dict[str, float]:
+    """The area fractions of a row."""
+    return {
+        "area_fraction": contact.area_fraction,
+        "corrected_fraction": contact.corrected_area / contact.nominal_area,
+    }
+
+
+def estimated_error(contact: ContactSolution) -> float:
+    """The relative error of the pressure as the solver estimates it; nan if it does not."""
+    error = contact.convergence.get("pressure_error")
+    return float(error) if isinstance(error, int | float) else math.nan
+
+
+def away(beta_difference: float, beta_difference_stderr: float, **_: float) -> str:
+    """A difference in standard errors, in words; empty where its error is not known."""
+    if not beta_difference_stderr > 0:
+        return "the same bonds" if beta_difference == 0 == beta_difference_stderr else ""
+    return f"{abs(beta_difference) / beta_difference_stderr:.1f} standard errors away"
 
 
 def relative(value: float, exact: float) -> float:

@@ -204,7 +204,7 @@ def _contact_cost_is_estimated(component: ContactSolver) -> None:
     many = {"nx": 64.0, "ny": 48.0, "pixel_size": 0.5, "rms_slope": 0.1, "shortest_wavelength": 4.0}
     for surface in ({}, {"nx": 64.0, "ny": 48.0}, many):
         for load in (0.0, 1.0, 1e9):
-            bounds = {"area_fraction": 1.0, "cpu_seconds": math.inf, "bytes": math.inf}
+            bounds = {"area_fraction": 1.0, "cpu_seconds": math.inf, "bytes": math.inf, "gap_bytes": math.inf}
             require_estimates(f"expected({surface}, {load})", component.expected(surface, load), bounds)
 
 
@@ -214,6 +214,18 @@ def _start_changes_nothing(component: ContactSolver, surfaces: Sequence[Surface]
         start, cold = component.solve(surface, 0.5 * load), component.solve(surface, load)
         warm = component.solve(surface, load, start=start)
         require(same_pressure(warm.pressure, cold.pressure, 1e-2), "the solution depends on the start")
+
+
+@check_of("contact")
+def _reference_solves_the_same_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """``reference()`` returns a solver of the same class, with the same contact up to the errors of the component."""
+    reference = component.reference()
+    require(isinstance(reference, type(component)), f"reference() returned {reference!r}")
+    for surface, load in _solvable(component, surfaces):
+        pressure = component.solve(surface, load).pressure
+        require(
+            same_pressure(pressure, reference.solve(surface, load).pressure, 1e-2), "reference() solves another contact"
+        )
 
 
 @check_of("contact")

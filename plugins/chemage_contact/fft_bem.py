@@ -31,6 +31,8 @@ from chemage_contact._team import Team
 
 #: The smallest tolerance that single precision reaches, with a margin.
 SINGLE_LIMIT = 1e-6
+#: A reference: rounding errors of double precision allow little less than its tolerance.
+REFERENCE_TOLERANCE, REFERENCE_ITERATIONS = 1e-12, 500
 
 
 class FFTBEM(ContactSolver):
@@ -105,6 +107,9 @@ class FFTBEM(ContactSolver):
             return {}
         pixels = surface["nx"] * surface["ny"]
         known = {"bytes": pixels * {"single": 40.0, "mixed": 55.0, "double": 65.0}[self.precision]}
+        if self.gap:
+            known["gap_bytes"] = pixels * float(np.dtype(iteration.PRECISIONS[self.precision][0]).itemsize)
+            known["bytes"] += known["gap_bytes"]
         fraction = 0.1
         if {"pixel_size", "rms_slope"} <= surface.keys():
             x = load / (pixels * surface["pixel_size"] ** 2) / self.modulus
@@ -116,6 +121,16 @@ class FFTBEM(ContactSolver):
             4.0 if self.boundary == "free" else 1.0
         )
         return known | {"cpu_seconds": pixels * work * factor}
+
+    def reference(self) -> FFTBEM:
+        """Double precision at a tolerance of 1e-12, or the nearest to it that rounding errors allow."""
+        return self.replace(
+            precision="double",
+            tolerance=min(self.tolerance, REFERENCE_TOLERANCE),
+            pressure_tolerance=None,
+            max_iterations=max(self.max_iterations, REFERENCE_ITERATIONS),
+            on_failure="return",
+        )
 
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
         if load == 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -29,6 +30,14 @@ class Hertz(ContactSolver):
     modulus: Pressure
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa"""
 
+    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
+        """Area fraction πa²/A0 where the radius is known."""
+        if not {"nx", "ny", "pixel_size", "radius"} <= surface.keys():
+            return {}
+        edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
+        nominal = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2
+        return {"area_fraction": min(math.pi * edge**2 / nominal, 1.0)}
+
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
         radius = _radius(surface)
         edge, size = math.cbrt(0.75 * load * radius / self.modulus), surface.pixel_size
@@ -52,6 +61,7 @@ class Hertz(ContactSolver):
             pixel_size=size,
             modulus=self.modulus,
             periodic=False,
+            contact_pixels="centres",
             rms_slope=surface.rms_slope,
             rms_height=surface.rms_height,
             displacement=edge * edge / radius,

@@ -32,9 +32,9 @@ class Sphere(SurfaceMaker):
     """edge of a pixel, nm"""
 
     def expected(self) -> dict[str, float]:
-        """The grid."""
+        """The grid and the radius."""
         nx, ny = self.pixels
-        return {"nx": nx, "ny": ny, "pixel_size": self.pixel_size}
+        return {"nx": nx, "ny": ny, "pixel_size": self.pixel_size, "radius": self.radius}
 
     def make(self, seed: Seed = 0) -> Surface:
         """Make the surface: heights (nx, ny) float64 nm, at most 0. ``seed`` is ignored.

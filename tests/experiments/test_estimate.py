@@ -8,7 +8,7 @@ import pytest
 
 import chemage
 from chemage import load_scene
-from chemage.experiments.estimate import plan
+from chemage.experiments.estimate import cost, plan
 
 
 @pytest.fixture
@@ -36,6 +36,26 @@ def test_the_reference_run_fits_its_budget():
         assert numbers["memory"] < 3e9
     if "cpu_seconds" in numbers:
         assert 0 < numbers["cpu_seconds"] < 90
+
+
+@pytest.mark.parametrize("precision", ["single", "mixed", "double"])
+def test_the_gap_is_part_of_the_estimates(small, precision):
+    """Its bytes are those of the array that a solve returns."""
+    without = load_scene(small, {"contact.precision": precision})
+    scene = load_scene(small, {"contact.precision": precision, "contact.gap": True})
+    gap = chemage.run(scene).contact.gap
+    assert gap is not None
+    assert cost(scene).gap_bytes == gap.nbytes
+    assert cost(without).gap_bytes == 0
+    for name in ("file", "memory"):
+        assert plan(scene).numbers[name] - plan(without).numbers[name] == pytest.approx(gap.nbytes)
+    assert cost(scene).contact_file - cost(without).contact_file == gap.nbytes
+
+
+def test_a_tip_is_planned_with_its_area():
+    scene = load_scene("silica-tip")
+    contact = chemage.solve_contact(scene.contact, scene.surface.make(), scene.load)
+    assert plan(scene).numbers["area_fraction"] == pytest.approx(contact.area_fraction, rel=0.1)
 
 
 def test_what_is_left_out_is_told(planned):

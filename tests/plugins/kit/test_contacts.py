@@ -26,6 +26,12 @@ def _bed(change: Any) -> Any:
 @pytest.mark.parametrize(
     ("component", "check", "said"),
     [
+        (broken(Bed, reference=lambda self: None)(), "reference_solves_the_same_contact", "returned None"),
+        (
+            broken(Bed, reference=lambda self: self.replace(modulus=2 * self.modulus))(),
+            "reference_solves_the_same_contact",
+            "another contact",
+        ),
         (_bed(lambda s, surface, start: s.pressure), "contact_carries_the_load", "returned ndarray"),
         (_bed(with_fields(load=lambda s: 2 * s.load)), "contact_carries_the_load", "the solution has"),
         (_bed(with_fields(pressure=lambda s: s.pressure * 1.001)), "contact_carries_the_load", "integrates to"),
