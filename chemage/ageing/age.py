@@ -25,6 +25,7 @@ from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.stage import build_lattice
 from chemage.plugins import registry
 from chemage.plugins.participation import Plugins, taking_part
+from chemage.plugins.sources import providers
 
 
 def age(
@@ -84,7 +85,10 @@ def age(
             history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise)
         else:
             path = checkpoints / f"replica-{number:05d}.h5"
-            history = run_with_checkpoints(engine, lattice, times, temperature=kelvin, seed=noise, path=path)
+            before = contact.plugins | lattice.plugins
+            history = run_with_checkpoints(
+                engine, lattice, times, temperature=kelvin, seed=noise, path=path, before=before
+            )
         seen, plugins = _observations(contact, lattice, history, observe)
         plugins = lattice.plugins | history.plugins | plugins
         return _Replica(history.bonds, history.events, lattice.sites.size, history.engine, history.notes, seen, plugins)
@@ -111,7 +115,7 @@ def _aging(
     temperature: float,
     provenance: dict[str, Any],
 ) -> Aging:
-    plugins = {name: version for one in (contact, *done) for name, version in one.plugins.items()}
+    plugins = {name: source for one in (contact, *done) for name, source in one.plugins.items()}
     return Aging(
         hold_times=hold_times,
         bonds=np.stack([one.bonds for one in done]),
@@ -195,7 +199,7 @@ def _observations(
             if name in seen:
                 raise PluginError(f"two observables give {name!r}; rename one")
             seen[name] = np.asarray(value)
-    return seen, dict(plugins)
+    return seen, providers(*observe) | plugins
 
 
 def _stacked(replicas: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:

@@ -9,8 +9,10 @@ from __future__ import annotations
 import hashlib
 import json
 import time
+import warnings
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,31 +25,72 @@ from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
 from chemage.kinetics.stage import run_kinetics
 from chemage.lattices.lattice import ReactionLattice
-from chemage.plugins import registry
+from chemage.plugins.participation import Plugins
+from chemage.plugins.sources import changed, implementing, would_change
 
 _Kept = TypeVar("_Kept", bound=Record)
+_HOOKS = ("chemage_run_kinetics",)
 
 
-def resumed(path: Path, name: str, kind: type[_Kept], key: str, other: str) -> _Kept | None:
+class CheckpointWarning(UserWarning):
+    """A checkpoint is computed again."""
+
+
+def resumed(
+    path: Path,
+    name: str,
+    kind: type[_Kept],
+    key: str,
+    other: str,
+    *,
+    before: Plugins,
+    hooks: Sequence[str],
+    **arguments: Any,
+) -> _Kept | None:
     """The object ``name`` that :func:`keep` wrote to ``path`` under ``key``; None if nothing is there.
+
+    It is None as well, with a warning, if the plugins in use now would not make the same object: one that took part
+    has another version, one that was not asked then would answer or change the last of ``hooks``, which are those of
+    the stage, when called with ``arguments``, or others took part in the stages ``before``.
 
     Raises
     ------
     StoreError
-        With the message ``other``: the file was kept under another key.
+        With the message ``other``: the file was kept under another key, with the same plugins.
     """
     if not path.exists():
         return None
     records, attributes = read_records(path, {name: kind})
     found = records.get(name)
-    if attributes.get("checkpoint") != key or not isinstance(found, kind):
+    earlier = json.loads(attributes.get("before", "{}"))
+    reasons = []
+    if earlier != before:
+        reasons.append(f"{_listed(earlier)} took part in the stages before, and now {_listed(before)}")
+    elif attributes.get("checkpoint") != key or not isinstance(found, kind):
         raise StoreError(other)
+    if not isinstance(found, kind):
+        raise StoreError(other)
+    reasons += [f"{plugin} was {then} and is {now}" for plugin, (then, now) in changed(found.plugins).items()]
+    asked = json.loads(attributes.get("asked", "{}"))
+    new = [plugin for plugin, source in implementing(*hooks).items() if asked.get(plugin) != source]
+    if not reasons and new and would_change(new, hooks[-1], found, **arguments):
+        reasons = [f"{', '.join(new)} would answer or change it"]
+    if reasons:
+        warnings.warn(f"{path} is computed again: {'; '.join(reasons)}", CheckpointWarning, stacklevel=2)
+        return None
     return found
 
 
-def keep(path: Path, name: str, thing: Record, key: str) -> None:
-    """Write ``thing`` to ``path``, in place of what was kept there before."""
-    write_records(path, {name: thing}, {"checkpoint": key}, force=True)
+def keep(path: Path, name: str, thing: Record, key: str, *, before: Plugins, hooks: Sequence[str]) -> None:
+    """Write ``thing`` to ``path``, in place of what was kept there before; arguments as for :func:`resumed`."""
+    asked = json.dumps(implementing(*hooks))
+    write_records(
+        path, {name: thing}, {"checkpoint": key, "asked": asked, "before": json.dumps(dict(before))}, force=True
+    )
+
+
+def _listed(plugins: Plugins) -> str:
+    return ", ".join(f"{name} ({source})" for name, source in plugins.items()) or "no plugin"
 
 
 def run_with_checkpoints(
@@ -58,6 +101,7 @@ def run_with_checkpoints(
     temperature: float | str,
     seed: Seed,
     path: Path,
+    before: Plugins | None = None,
     every: float = 60.0,
 ) -> BondHistory:
     """One replica, written to ``path`` about every ``every`` seconds and at its end, and resumed if it is there.
@@ -73,8 +117,10 @@ def run_with_checkpoints(
         raise InputError(f"engine {engine.kind!r} cannot resume from a history; run it without checkpoints")
     times, kelvin = check_times(hold_times), temperature_value(temperature)
     key = _key(engine, lattice, times, kelvin, seed)
-    other = f"{path} is the checkpoint of another run (or of other plugins); remove it, or choose another folder"
-    done = resumed(path, "history", BondHistory, key, other)
+    other = f"{path} is the checkpoint of another run; remove it, or choose another folder"
+    plugins = before or {}
+    call = {"engine": engine, "lattice": lattice, "hold_times": times, "temperature": kelvin, "seed": seed}
+    done = resumed(path, "history", BondHistory, key, other, before=plugins, hooks=_HOOKS, **call, start=None)
     at = 0 if done is None else done.hold_times.size
     piece = 1
     written = time.monotonic()
@@ -87,13 +133,12 @@ def run_with_checkpoints(
         # short pieces are joined, so that restarting the engine stays a small part of the work
         piece = piece * 2 if now - begin < every / 8 else max(1, piece // 2)
         if now - written > every or at >= times.size:
-            keep(path, "history", done, key)
+            keep(path, "history", done, key, before=plugins, hooks=_HOOKS)
             written = time.monotonic()
     assert done is not None
     return done
 
 
 def _key(engine: Engine, lattice: ReactionLattice, times: np.ndarray, temperature: float, seed: Seed) -> str:
-    plugins = registry.current().implementing("chemage_run_kinetics")
-    content = [engine.digest(), lattice.digest(), times.tolist(), temperature, origin(seed), plugins]
+    content = [engine.digest(), lattice.digest(), times.tolist(), temperature, origin(seed)]
     return hashlib.blake2b(json.dumps(content).encode(), digest_size=16).hexdigest()

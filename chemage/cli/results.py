@@ -97,7 +97,7 @@ def print_run(result: Run) -> None:
         rows.append(("beta", f"{fit.beta_text()} per decade, {fit.points} hold times"))
         rows.append(("cut-off time", fit.cutoff_text()))
         rows.append(("errors", f"95 %, {fit.intervals_text()}; scatter between surfaces is not included"))
-    rows += [(f"changed by plugin {name}", source) for name, source in result.plugins.items()]
+    rows += [(f"plugin {name}", source) for name, source in result.plugins.items()]
     if result.timings:
         rows.append(("wall time", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in result.timings.items())))
     terminal.show_pairs(result.scene.get("title") or result.name, rows)

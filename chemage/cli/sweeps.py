@@ -100,7 +100,9 @@ def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool) -> N
     rows.append(("points", f"{found.grid.size}" + (f" ({found.grid.product})" if len(found.grid.axes) > 1 else "")))
     rows.append(("contacts to solve", f"{len(found.contacts)} on {found.surfaces} surfaces"))
     if found.hooks:
-        rows.append(("plugins that implement hooks", ", ".join(found.hooks)))
+        rows.append(
+            ("plugins that implement hooks", ", ".join(f"{name} ({source})" for name, source in found.hooks.items()))
+        )
     cost, memory = numbers["cpu_seconds"], numbers["memory"]
     time = "unknown" if cost is None else f"about {_duration(cost)} of CPU time once kernels are compiled"
     rows.append(("expected cost", time))

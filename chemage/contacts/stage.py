@@ -8,6 +8,7 @@ from chemage.contacts.role import ContactSolver
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import expect, force
 from chemage.plugins import registry
+from chemage.plugins.sources import providers
 from chemage.surfaces.surface import Surface
 
 
@@ -21,12 +22,11 @@ def solve_contact(
 ) -> ContactSolution:
     """The contact of ``surface`` under ``load``, through the hook ``chemage_solve_contact``.
 
-    Plugins that answered the hook or changed its answer, here or at the surface, are noted in the solution's
-    ``provenance``.
+    The plugins that took part, here or at the surface, are noted in the solution's ``provenance``.
     """
     expect("solver", solver, ContactSolver, 'make one with chemage.contact("hertz", ...)')
     expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
     solution, plugins = registry.current().answer(
         "chemage_solve_contact", ContactSolution, solver=solver, surface=surface, load=force(load), start=start
     )
-    return solution.noting(surface.plugins | plugins)
+    return solution.noting(surface.plugins | providers(solver) | plugins)

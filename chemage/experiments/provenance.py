@@ -10,6 +10,7 @@ from chemage.experiments.scene import Scene
 from chemage.foundation.records import Record
 from chemage.foundation.version import __version__
 from chemage.plugins import registry
+from chemage.plugins.sources import providers
 
 #: libraries on whose versions the last bits of a result depend
 LIBRARIES = ("numpy", "scipy", "numba", "h5py")
@@ -18,18 +19,23 @@ LIBRARIES = ("numpy", "scipy", "numba", "h5py")
 def versions(scene: Scene | None = None, results: tuple[Record | None, ...] = ()) -> dict[str, str]:
     """Versions of chemage, of the libraries below it, and of the plugins that took part.
 
-    Those are the distributions that offer the components of ``scene``, and the plugins that answered or changed a
-    stage, which ``results`` know.
+    Those are the plugins that provide the components of ``scene``, and those that took part in ``results``; and the
+    libraries that they name as their basis.
     """
     found = {"chemage": __version__, "python": platform.python_version()}
     for name in LIBRARIES:
         found[name] = _version(name)
-    taking_part = {name for one in results if one is not None for name in one.plugins}
-    used = {(part.role, part.kind) for part in scene.components()} if scene is not None else set()
-    for record in registry.current().records:
-        offered = {(role, kind) for role, kinds in record.kinds.items() for kind in kinds}
-        if offered & used or record.name in taking_part:
-            found.setdefault(record.distribution or record.name, record.version or record.source)
+    taking_part = providers(*scene.components()) if scene is not None else {}
+    for one in results:
+        if one is not None:
+            taking_part |= one.plugins
+    records = {record.name: record for record in registry.current().records}
+    for name, source in sorted(taking_part.items()):
+        record = records.get(name)
+        found.setdefault((record and record.distribution) or name, (record and record.version) or source)
+        found |= (
+            {library: found.get(library, version) for library, version in record.libraries.items()} if record else {}
+        )
     return found
 
 

@@ -18,7 +18,7 @@ from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
 from chemage.experiments.provenance import versions
-from chemage.experiments.scene import Scene, parse_scene
+from chemage.experiments.scene import Scene, parse_scene, with_plugins
 from chemage.experiments.scene_files import load_scene
 from chemage.foundation.errors import ChemageError, InputError, StoreError
 from chemage.foundation.records import Record
@@ -197,7 +197,16 @@ def run(
                 checkpoints=checkpoints,
             )
     took_part = versions(scene, (contact, aging))
-    return Run(scene.todict(), contact, surface, aging, timings, took_part, scene.keys(), tuple(scene.cite()))
+    keys = run_keys(scene, contact, aging)
+    return Run(scene.todict(), contact, surface, aging, timings, took_part, keys, tuple(scene.cite()))
+
+
+def run_keys(scene: Scene, contact: ContactSolution, aging: Aging | None) -> dict[str, str]:
+    """The keys of the stages of a finished run, in which the plugins that took part enter."""
+    made = contact.provenance.get("surface")
+    plugins = {"surface": made.get("plugins", {}) if isinstance(made, Mapping) else {}, "contact": contact.plugins}
+    plugins["aging"] = plugins["result"] = contact.plugins if aging is None else aging.plugins
+    return with_plugins(scene.keys(), plugins)
 
 
 @contextmanager
@@ -222,9 +231,11 @@ def _solved(scene: Scene, surface: Surface, checkpoints: Path | None) -> Contact
     except OSError as error:
         raise StoreError(f"cannot make the folder {checkpoints}: {error.strerror}") from error
     path, key = checkpoints / "contact.h5", scene.keys()["contact"]
-    other = f"{checkpoints} holds checkpoints of another scene (or of other plugins); choose another folder"
-    solution = resumed(path, "contact", ContactSolution, key, other)
+    other = f"{checkpoints} holds checkpoints of another scene; choose another folder"
+    hooks = ("chemage_solve_contact",)
+    call = {"solver": scene.contact, "surface": surface, "load": scene.load, "start": None}
+    solution = resumed(path, "contact", ContactSolution, key, other, before=surface.plugins, hooks=hooks, **call)
     if solution is None:
         solution = solve_contact(scene.contact, surface, scene.load)
-        keep(path, "contact", solution, key)
+        keep(path, "contact", solution, key, before=surface.plugins, hooks=hooks)
     return solution

@@ -158,18 +158,18 @@ class Scene(_Section):
         return _without_none(data)
 
     def keys(self) -> dict[str, str]:
-        """Content hash of each stage: of its own options, of the plugins that implement its hooks (with their
-        versions), of the stages it rests on, and of nothing else.
+        """Content hash of each stage: of its own options, of the stages it rests on, and of nothing else.
+
+        The plugins that take part are known only when the stage has run; a finished run's keys contain them.
 
         ``surface``, ``contact``, ``aging``, and ``result``, which is ageing and the fit to it. Options that only change
         the speed, and the scene's name, are in none of them.
         """
         data = self._sections(lambda component: component.identity())
-        surface = _hash(data["surface"], *_changing("chemage_make_surface"))
-        contact = _hash([surface, data["contact"]], *_changing("chemage_solve_contact"))
+        surface = _hash(data["surface"])
+        contact = _hash([surface, data["contact"]])
         kinetic = [data.get(name) for name in ("forming", "breaking", "interaction", "chemistry", "engine", "hold")]
-        hooks = _changing("chemage_build_lattice", "chemage_run_kinetics", "chemage_observe")
-        aging = _hash([contact, *kinetic, data.get("observe")], *hooks)
+        aging = _hash([contact, *kinetic, data.get("observe")])
         return {"surface": surface, "contact": contact, "aging": aging, "result": _hash([aging, data.get("fit")])}
 
     def digest(self) -> str:
@@ -195,13 +195,13 @@ SECTIONS = ["name", "title", *ROLE_OF, "chemistry", "hold", "fit", "observe", "s
 REQUIRED = ("surface", "contact")
 
 
-def _hash(data: Any, *hooks: str) -> str:
-    text = json.dumps([data, hooks] if hooks else data, sort_keys=True)
-    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+def with_plugins(keys: Mapping[str, str], plugins: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
+    """The keys of stages in which ``plugins`` (stage -> name -> source) took part."""
+    return {stage: _hash([key, plugins[stage]]) if plugins.get(stage) else key for stage, key in keys.items()}
 
 
-def _changing(*hooks: str) -> list[str]:
-    return registry.current().implementing(*hooks)
+def _hash(data: Any) -> str:
+    return hashlib.blake2b(json.dumps(data, sort_keys=True).encode(), digest_size=16).hexdigest()
 
 
 def _without_none(data: Any) -> Any:

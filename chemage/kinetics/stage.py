@@ -12,6 +12,7 @@ from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
+from chemage.plugins.sources import providers
 
 
 def engine(kind: str, **options: Any) -> Any:
@@ -30,7 +31,7 @@ def run_kinetics(
 ) -> BondHistory:
     """One replica, through the hook ``chemage_run_kinetics``.
 
-    Plugins that answered the hook or changed its answer are noted in the history's ``provenance``.
+    The plugins that took part are noted in the history's ``provenance``.
     """
     expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
     expect("lattice", lattice, ReactionLattice, "make one with chemistry.on(contact), or from arrays")
@@ -44,4 +45,4 @@ def run_kinetics(
         seed=seed,
         start=start,
     )
-    return history.noting(plugins)
+    return history.noting(providers(engine) | plugins)

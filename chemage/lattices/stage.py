@@ -9,6 +9,7 @@ from chemage.foundation.checks import Seed, expect
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
+from chemage.plugins.sources import providers
 
 
 def barriers(kind: str, **options: Any) -> Any:
@@ -24,11 +25,11 @@ def interaction(kind: str, **options: Any) -> Any:
 def build_lattice(chemistry: Chemistry, contact: ContactSolution, seed: Seed = 0) -> ReactionLattice:
     """The reactive sites of ``contact``, through the hook ``chemage_build_lattice``.
 
-    Plugins that answered the hook or changed its answer are noted in the lattice's ``provenance``.
+    The plugins that took part are noted in the lattice's ``provenance``.
     """
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
     expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
     lattice, plugins = registry.current().answer(
         "chemage_build_lattice", ReactionLattice, chemistry=chemistry, contact=contact, seed=seed
     )
-    return lattice.noting(plugins)
+    return lattice.noting(providers(chemistry) | plugins)

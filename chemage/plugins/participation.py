@@ -21,14 +21,19 @@ _noted: ContextVar[Plugins | None] = ContextVar("chemage_plugins_taking_part", d
 def taking_part() -> Iterator[Plugins]:
     """The plugins that take part in the hook calls of this block, in this thread."""
     plugins: Plugins = {}
+    outer = _noted.get()
     token = _noted.set(plugins)
     try:
         yield plugins
     finally:
         _noted.reset(token)
+        if outer is not None:
+            # what a plugin uses takes part in what the plugin answers
+            outer.update(plugins)
 
 
-def _note(name: str, source: str) -> None:
+def note(name: str, source: str) -> None:
+    """Note that a plugin takes part in the stage that is running in this thread; nothing outside a stage."""
     plugins = _noted.get()
     if plugins is not None:
         plugins[name] = source
@@ -44,7 +49,7 @@ def record_participation(implementation: Any, name: str, source: str, *, many: b
     def plain(*arguments: Any) -> Any:
         answer = function(*arguments)
         if answer is not None and not (many and not answer):
-            _note(name, source)
+            note(name, source)
         return answer
 
     def wrapper(*arguments: Any) -> Generator[None, Any, Any]:
@@ -56,14 +61,14 @@ def record_participation(implementation: Any, name: str, source: str, *, many: b
             try:
                 steps.throw(error)
             except StopIteration as end:
-                _note(name, source)
+                note(name, source)
                 return end.value
         else:
             try:
                 steps.send(received)
             except StopIteration as end:
                 if end.value is not received:
-                    _note(name, source)
+                    note(name, source)
                 return end.value
         steps.close()
         raise RuntimeError(f"hook wrapper of plugin {name!r} yields twice")
@@ -82,7 +87,7 @@ def record_participation(implementation: Any, name: str, source: str, *, many: b
             raise RuntimeError(f"hook wrapper of plugin {name!r} yields twice")
         after = (outcome.exception, None if outcome.exception else outcome.get_result())
         if before[0] is not after[0] or before[1] is not after[1]:
-            _note(name, source)
+            note(name, source)
 
     if implementation.wrapper:
         implementation.function = wrapper

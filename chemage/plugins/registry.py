@@ -62,11 +62,14 @@ class PluginRecord:
     error: str = ""
     #: the class, where it was registered by hand
     component: Any = None
+    #: libraries that it names as its basis (``CHEMAGE_LIBRARIES``) -> version
+    libraries: dict[str, str] = field(default_factory=dict)
 
     @property
     def source(self) -> str:
-        """``distribution version``, or the module where there is no distribution."""
-        return f"{self.distribution or self.module} {self.version}".strip()
+        """``distribution version (library version, ...)``, or the module where there is no distribution."""
+        libraries = ", ".join(f"{name} {version}" for name, version in self.libraries.items())
+        return f"{self.distribution or self.module} {self.version} {f'({libraries})' if libraries else ''}".strip()
 
 
 class Registry:
@@ -139,7 +142,7 @@ class Registry:
         name = f"{cls.__module__}.{cls.__qualname__}"
         self.records = [record for record in self.records if record.name != name]
         self._classes.pop((role, kind), None)
-        record = PluginRecord(name, "", _source_version(cls), cls.__module__, {role: {kind: name}}, component=cls)
+        record = PluginRecord(name, "", source_version(cls), cls.__module__, {role: {kind: name}}, component=cls)
         if others := self.offers(role, kind):
             raise PluginError(_clash(role, kind, [*others, record]))
         self._classes[role, kind] = self._checked(cls, role, kind, record)
@@ -155,7 +158,8 @@ class Registry:
         api = getattr(plugin, "CHEMAGE_API", hooks.API_VERSION)
         if api != hooks.API_VERSION:
             raise PluginError(f"made for plugin interface {api}, this chemage has {hooks.API_VERSION}")
-        name = f"{record.name} ({record.source})"
+        record.libraries = _versions(getattr(plugin, "CHEMAGE_LIBRARIES", ()))
+        name = _full_name(record)
         if self.manager.has_plugin(name) or self.manager.is_registered(plugin):
             raise PluginError(f"{record.module} is registered twice")
         _check_hook_names(plugin, self._hook_names())
@@ -199,15 +203,36 @@ class Registry:
             )
         return result, dict(plugins)
 
-    def implementing(self, *hook_names: str) -> list[str]:
-        """``"name (version)"`` of the plugins, other than chemage's own rooms, that implement any of these hooks,
-        sorted: what they do is part of a result, but not of its scene."""
+    def implementing(self, *hook_names: str) -> Plugins:
+        """The plugins, other than chemage's own rooms, that implement any of these hooks: name -> source, sorted."""
         names = {
             implementation.plugin_name
             for name in hook_names
             for implementation in getattr(self.manager.hook, name).get_hookimpls()
         }
-        return sorted(name for name in names if not name.startswith("chemage."))
+        return {one.name: one.source for one in sorted(self.records, key=lambda r: r.name) if _full_name(one) in names}
+
+    def implementation(self, name: str) -> Any:
+        """The module or object with the hooks of the plugin ``name``."""
+        return self.manager.get_plugin(next(_full_name(one) for one in self.records if one.name == name))
+
+    def state(self) -> str:
+        """A hash of all plugins with their versions."""
+        text = "\n".join(sorted(f"{one.name} {one.source} {one.error}" for one in self.records))
+        return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+
+    def source(self, name: str) -> str | None:
+        """The source, with its version, of the plugin ``name``; None if it is not in use."""
+        return next((one.source for one in self.records if one.name == name and not one.error), None)
+
+    def provider(self, cls: type) -> PluginRecord | None:
+        """The plugin whose component ``cls`` is; None for a class that is not registered."""
+        role, kind = getattr(cls, "role", ""), getattr(cls, "kind", "")
+        for record in self.offers(role, kind):
+            if record.component is cls or record.kinds[role][kind] == f"{cls.__module__}:{cls.__qualname__}":
+                return record
+        # a package may give its class under another path
+        return next(iter(self.offers(role, kind)), None) if self._classes.get((role, kind)) is cls else None
 
     def stage_hooks(self) -> list[str]:
         """The hooks of which one answer is used: those of the stages."""
@@ -346,13 +371,24 @@ class Registry:
         return cls
 
 
-def _source_version(cls: type) -> str:
+def source_version(cls: type) -> str:
     """What stands for the version of a class that is not packaged: a hash of its source."""
     try:
         text = inspect.getsource(cls)
     except (OSError, TypeError):
         return "(source unknown)"
     return f"(source {hashlib.blake2b(text.encode(), digest_size=4).hexdigest()})"
+
+
+def _full_name(record: PluginRecord) -> str:
+    return f"{record.name} ({record.source})"
+
+
+def _versions(libraries: Any) -> dict[str, str]:
+    """The versions of the distributions that a plugin names as its basis."""
+    if isinstance(libraries, str) or not all(isinstance(name, str) for name in libraries):
+        raise PluginError(f"CHEMAGE_LIBRARIES = {libraries!r}: give a tuple of names of distributions")
+    return {name: metadata.version(name) for name in libraries}
 
 
 def _is_stage(hook: Any) -> bool:

@@ -272,7 +272,7 @@ def _provenance(one: Entry, thing: Any) -> Table:
             ("solver", _solver(thing)),
             ("wall time", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in thing.timings.items()) or "-"),
             *((f"version of {name}", version) for name, version in thing.versions.items()),
-            *((f"changed by plugin {name}", version) for name, version in thing.plugins.items()),
+            *((f"plugin {name}", version) for name, version in thing.plugins.items()),
             *((f"key of stage {stage}", value) for stage, value in thing.keys.items()),
         ]
     rows += [(f"content hash of {name}", part.digest()) for name, part in parts.items()]

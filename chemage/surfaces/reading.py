@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, PluginError, StoreError
 from chemage.plugins import registry
+from chemage.plugins.sources import note_providers
 
 
 class Reader(Component, ABC):
@@ -57,4 +58,6 @@ def reader_for(path: str | PathLike[str]) -> Reader:
         )
     if len(answering) > 1:
         raise InputError(f"path = {str(path)!r}: readers {', '.join(sorted(answering))} all answer; give reader = ...")
-    return next(iter(answering.values()))()
+    reader = next(iter(answering.values()))()
+    note_providers(reader)
+    return reader

@@ -6,6 +6,7 @@ from typing import Any
 
 from chemage.foundation.checks import Seed, expect
 from chemage.plugins import registry
+from chemage.plugins.sources import providers
 from chemage.surfaces.role import SurfaceMaker
 from chemage.surfaces.surface import Surface
 
@@ -18,8 +19,8 @@ def surface(kind: str, **options: Any) -> Any:
 def make_surface(maker: SurfaceMaker, seed: Seed = 0) -> Surface:
     """The surface of ``maker``, through the hook ``chemage_make_surface``.
 
-    Plugins that answered the hook or changed its answer are noted in the surface's ``provenance``.
+    The plugins that took part, see :mod:`chemage.plugins.sources`, are noted in the surface's ``provenance``.
     """
     expect("maker", maker, SurfaceMaker, 'make one with chemage.surface("sphere", ...)')
     made, plugins = registry.current().answer("chemage_make_surface", Surface, maker=maker, seed=seed)
-    return made.noting(plugins)
+    return made.noting(providers(maker) | plugins)

@@ -22,7 +22,7 @@ from chemage.experiments.scene_files import override
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
 from chemage.foundation.messages import nearest
 from chemage.foundation.units import Unit
-from chemage.plugins import registry
+from chemage.plugins.sources import implementing, stage_hooks
 
 
 @dataclass(frozen=True)
@@ -224,8 +224,8 @@ class Survey:
     #: for each axis, position and path the validated value, in internal units
     resolved: list[list[list[Any]]] = field(default_factory=list)
     units: dict[str, str] = field(default_factory=dict)
-    #: plugins that implement hooks of the stages, with their versions
-    hooks: list[str] = field(default_factory=list)
+    #: plugins that implement hooks of the stages: name -> source
+    hooks: dict[str, str] = field(default_factory=dict)
     digest: str = ""
 
     @property
@@ -254,7 +254,7 @@ def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Su
     SceneError
         Points are not valid; for each error the message names the path, the first point, and the values of that point.
     """
-    result = Survey(grid, hooks=registry.current().implementing(*registry.current().stage_hooks(), "chemage_observe"))
+    result = Survey(grid, hooks=implementing(*stage_hooks()))
     result.resolved = [[[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes]
     known: dict[str, int] = {}
     wrong: dict[tuple[str, str], list[int]] = {}
@@ -281,7 +281,7 @@ def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Su
                 _resolve(result, axis, place, scene)
     if wrong:
         raise SceneError(grid.source, [_located(grid, problem, *where) for problem, where in wrong.items()])
-    digest = hashlib.blake2b(json.dumps([[axis.paths for axis in grid.axes], result.hooks]).encode(), digest_size=16)
+    digest = hashlib.blake2b(json.dumps([[axis.paths for axis in grid.axes], []]).encode(), digest_size=16)
     for key in result.keys:
         digest.update(key.encode())
     result.digest = digest.hexdigest()

@@ -24,6 +24,7 @@ from chemage.foundation.threads import restored as threads_restored
 from chemage.sweeps.executors.opening import open_pool
 from chemage.sweeps.executors.pool import Pool
 from chemage.sweeps.folder import FORMAT, RESUME, Folder
+from chemage.sweeps.freshness import Outdated, outdated
 from chemage.sweeps.grid import Grid, Survey, check_base, order_of, survey
 from chemage.sweeps.progress import Report, SweepProgress, reporting
 from chemage.sweeps.result import SweepResult
@@ -148,11 +149,17 @@ def _difference(there: Mapping[str, Any], found: Survey) -> str:
         return f"over {', '.join(axis.name for axis in old.axes)}"
     if old.shape != found.grid.shape:
         return f"{old.product} points instead of {found.grid.product}"
-    if there["hooks"] != found.hooks:
-        before, now = (", ".join(names) or "none" for names in (there["hooks"], found.hooks))
-        return f"the plugins that implement its stages were {before} and are {now}"
     different = sum(a != b for a, b in zip(there["keys"], found.keys, strict=True))
     return f"{different} of its {len(found.keys)} points differ"
+
+
+def _outdated(folder: Folder, found: Survey) -> Outdated:
+    if not folder.manifest.exists():
+        return Outdated()
+    stale = outdated(folder, found, folder.read_manifest())
+    if stale:
+        warnings.warn(f"{folder.path}: {stale.describe()}", SweepWarning, stacklevel=3)
+    return stale
 
 
 def _clear(folder: Folder) -> None:
@@ -168,7 +175,7 @@ def _manifest(found: Survey) -> dict[str, Any]:
         "format": FORMAT,
         "digest": found.digest,
         "versions": versions(found.grid.scene(0)),
-        "hooks": found.hooks,
+        "asked": found.hooks,
         "grid": found.grid.todict(),
         "resolved": found.resolved,
         "units": found.units,
@@ -239,16 +246,22 @@ def sweep(
         folder = Folder(Path(out).absolute())
         _check_folder(folder, found, force)
         _check_room(found, folder.path, confirmed)
+        stale = Outdated() if force else _outdated(folder, found)
         pool = None
-        if force or _Todo(folder, found).left:  # raises before anything is written if the workers cannot be started
+        if (
+            force or stale or _Todo(folder, found).left
+        ):  # raises before anything is written if the workers cannot be started
             pool = stack.enter_context(open_pool(executor, workers, threads))
         _make(folder.path)
         stack.enter_context(folder.locked())
         if force:
             _clear(folder)
         folder.clear_parts()
+        stale.remove(folder)
         if not folder.manifest.exists():
             folder.write_manifest(_manifest(found))
+        elif (there := folder.read_manifest()).get("asked", {}) != found.hooks:
+            folder.write_manifest({**there, "asked": found.hooks})
         todo = _Todo(folder, found)
         if todo.left and pool is not None:
             _run_tasks(todo, pool, report, begin)

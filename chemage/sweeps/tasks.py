@@ -19,12 +19,13 @@ from typing import Any, Generic, TypeVar
 
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
-from chemage.experiments.run import Run, run
+from chemage.experiments.run import Run, run, run_keys
 from chemage.experiments.scene import Scene
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.codec import from_npz, to_json, to_npz
 from chemage.foundation.errors import ChemageError, ExecutorError, StoreError
 from chemage.foundation.version import __version__
+from chemage.plugins import registry
 from chemage.surfaces.stage import make_surface
 from chemage.surfaces.surface import Surface
 from chemage.sweeps.folder import CannotWrite, Folder, process_name
@@ -76,6 +77,11 @@ def _opened(path: str, digest: str) -> tuple[Folder, Grid, dict[str, Any]]:
     return folder, Grid.fromdict(manifest["grid"]), manifest
 
 
+def _owner(path: str, digest: str) -> str:
+    """Names the sweep and the plugins in use, which may change between two sweeps of one process."""
+    return f"{path} {digest} {registry.current().state()}"
+
+
 def solve(path: str, digest: str, point: int, key: str, threads: int) -> dict[str, Any]:
     """Task: solve the contact of ``point`` and write it to the folder under ``key``.
 
@@ -88,10 +94,10 @@ def solve(path: str, digest: str, point: int, key: str, threads: int) -> dict[st
     thread_budget.limit(threads)
     folder, grid, _ = _opened(path, digest)
     try:
-        solution = _solution(grid.scene(point), f"{path} {digest}")
+        solution = _solution(grid.scene(point), _owner(path, digest))
     except (Exception, SystemExit) as error:  # a plugin that calls exit must not end the sweep
         return {"seconds": time.perf_counter() - begin, "error": failure(point, {}, "contact", error)["error"]}
-    _keep(folder, key, solution, f"{path} {digest}")
+    _keep(folder, key, solution, _owner(path, digest))
     return {"seconds": time.perf_counter() - begin}
 
 
@@ -125,7 +131,7 @@ def compute(path: str, digest: str, points: Sequence[int], threads: int) -> dict
     begin = time.perf_counter()
     thread_budget.limit(threads)
     folder, grid, manifest = _opened(path, digest)
-    first, stage, owner = points[0], "contact", f"{path} {digest}"
+    first, stage, owner = points[0], "contact", _owner(path, digest)
     contact_key = manifest["contacts"][manifest["contact_of"][first]]
     try:
         scene = grid.scene(first)
@@ -147,7 +153,7 @@ def compute(path: str, digest: str, points: Sequence[int], threads: int) -> dict
     for point in points:
         if point != first:
             other = grid.scene(point)
-            made = replace(made, scene=other.todict(), keys=other.keys())
+            made = replace(made, scene=other.todict(), keys=run_keys(other, made.contact, made.aging))
         folder.write_point(manifest["keys"][point], _content(point, grid.changes(point), made))
     return {"seconds": time.perf_counter() - begin, "failed": {}}
 
@@ -157,6 +163,7 @@ def _content(point: int, changes: Mapping[str, Any], made: Run) -> dict[str, Any
         "status": "done",
         "point": point,
         "changes": dict(changes),
+        "plugins": made.plugins,
         "summary": made.summary(),
         "aging": to_json(made.aging) if made.aging is not None else None,
     }

@@ -10,6 +10,7 @@ import pytest
 import chemage as ca
 from chemage import InputError, StoreError
 from chemage.ageing import checkpoints
+from chemage.ageing.checkpoints import CheckpointWarning
 from chemage.kinetics.stage import run_kinetics
 
 SMALL = {
@@ -79,23 +80,48 @@ def test_checkpoints_of_another_run_are_refused(small: ca.Scene, tmp_path: Path)
         ca.run(ca.load_scene("silica-rough", {**SMALL, "contact.load": "300 nN"}), checkpoints=tmp_path)
 
 
-def test_checkpoints_of_other_plugins_are_refused(small: ca.Scene, tmp_path: Path):
-    """What a plugin that wraps a stage has changed must not be taken up without it, nor the other way round."""
+def test_what_other_plugins_made_is_computed_again_and_said(small: ca.Scene, tmp_path: Path):
+    """What a plugin has changed must not be taken up without it, nor the other way round."""
 
     class Cold:
         @ca.hookimpl
         def chemage_run_kinetics(self, engine, lattice, hold_times, seed, start):
             return engine.run(lattice, hold_times, temperature=200.0, seed=seed, start=start)
 
-    ca.run(small, checkpoints=tmp_path / "plain")
-    installed = ca.registry.Registry()
-    installed.register(Cold(), "cold")
-    with ca.registry.using(installed):
-        with pytest.raises(StoreError, match="or of other plugins"):
-            ca.run(small, checkpoints=tmp_path / "plain")
-        ca.run(small, checkpoints=tmp_path / "cold")
-    with pytest.raises(StoreError, match="or of other plugins"):
-        ca.run(small, checkpoints=tmp_path / "cold")
+    class Light:
+        @ca.hookimpl(wrapper=True)
+        def chemage_solve_contact(self):
+            found = yield
+            return found.model_copy(update={"pressure": 0.5 * found.pressure})
+
+    class Idle:
+        @ca.hookimpl
+        def chemage_run_kinetics(self, engine):
+            return None
+
+        @ca.hookimpl(wrapper=True)
+        def chemage_solve_contact(self):
+            return (yield)
+
+    plain = ca.run(small, checkpoints=tmp_path)
+    for plugin in (Cold(), Light()):
+        installed = ca.registry.Registry()
+        installed.register(plugin, "other")
+        with ca.registry.using(installed):
+            with pytest.warns(CheckpointWarning, match="would answer or change it|took part in the stages before"):
+                changed = ca.run(small, checkpoints=tmp_path)
+            assert changed.aging == ca.run(small).aging != plain.aging
+            again = ca.run(small, checkpoints=tmp_path)
+        assert again.aging == changed.aging
+        with pytest.warns(CheckpointWarning, match="and is not installed|and now no plugin"):
+            back = ca.run(small, checkpoints=tmp_path)
+        assert back.aging == plain.aging
+    idle = ca.registry.Registry()
+    idle.register(Idle(), "idle")
+    times = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    with ca.registry.using(idle):
+        assert ca.run(small, checkpoints=tmp_path).aging == plain.aging
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == times
 
 
 #: the command line, which waits to be killed when three replicas are kept
@@ -107,8 +133,8 @@ from chemage.cli.app import main
 
 keep = checkpoints.keep
 
-def stop(*arguments):
-    keep(*arguments)
+def stop(*arguments, **options):
+    keep(*arguments, **options)
     if len(list(Path("kept").glob("replica-*.h5"))) >= 3:
         print("enough", file=sys.stderr, flush=True)
         time.sleep(600)

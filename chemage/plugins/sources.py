@@ -1,0 +1,89 @@
+"""Which plugins, in which versions, a result comes from, and whether those in use now would make the same.
+
+A plugin takes part in a result if it answered the hook of a stage or changed its answer, if it provides one of the
+components (at any depth), or if it provides the reader of a file. chemage itself, whose version is in every result, is
+not listed.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import pluggy
+
+from chemage.plugins.hooks import hookimpl
+from chemage.plugins.participation import Plugins, note
+from chemage.plugins.registry import ROOMS, Registry, current, source_version
+
+
+def components_in(value: Any) -> Iterator[Any]:
+    """The components in a component, a list or a mapping, at any depth; a component before its parts."""
+    if hasattr(type(value), "kind") and hasattr(type(value), "model_fields"):
+        if value.role:
+            yield value
+        for name in type(value).model_fields:
+            yield from components_in(getattr(value, name))
+    elif isinstance(value, Mapping):
+        for item in value.values():
+            yield from components_in(item)
+    elif isinstance(value, list | tuple):
+        for item in value:
+            yield from components_in(item)
+
+
+def providers(*components: Any) -> Plugins:
+    """The plugins other than chemage that provide the components and their parts: name -> source."""
+    plugins = current()
+    found: Plugins = {}
+    for part in components_in(components):
+        cls = type(part)
+        record = plugins.provider(cls)
+        if record is None:
+            found[f"{cls.__module__}.{cls.__qualname__}"] = source_version(cls)
+        elif record.distribution != "chemage":
+            found[record.name] = record.source
+    return found
+
+
+def note_providers(*components: Any) -> None:
+    """Note that the plugins providing these components take part in the stage that is running."""
+    for name, source in providers(*components).items():
+        note(name, source)
+
+
+def changed(recorded: Plugins) -> dict[str, tuple[str, str]]:
+    """Of the plugins recorded with a result, those that are not in use in that version: name -> (then, now)."""
+    plugins = current()
+    now = {name: plugins.source(name) or "not installed" for name in recorded}
+    return {name: (source, now[name]) for name, source in recorded.items() if now[name] != source}
+
+
+def implementing(*hook_names: str) -> Plugins:
+    """The plugins that implement any of these hooks: name -> source."""
+    return current().implementing(*hook_names)
+
+
+def stage_hooks() -> list[str]:
+    """The hooks whose answers are part of a result."""
+    return [*current().stage_hooks(), "chemage_observe"]
+
+
+def would_change(names: Iterable[str], hook: str, answer: Any, **arguments: Any) -> bool:
+    """Whether any of the plugins ``names`` would answer this call of a stage's hook, or change ``answer``.
+
+    A plugin that fails counts as one that would.
+    """
+    plugins: Registry = current()
+    manager = pluggy.PluginManager("chemage")
+    for room in ROOMS:
+        manager.add_hookspecs(importlib.import_module(room))
+    given = type("Given", (), {hook: hookimpl(trylast=True)(lambda self: answer)})
+    manager.register(given(), "given")
+    for name in names:
+        manager.register(plugins.implementation(name), name)
+    try:
+        return getattr(manager.hook, hook)(**arguments) is not answer
+    except Exception:
+        return True
