@@ -53,8 +53,25 @@ def _options(
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="print the version and exit")
     ] = False,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PLUGIN", help="leave out an installed plugin, see `chemage plugins list`; repeatable"),
+    ] = None,
 ) -> None:
     pass
+
+
+def _leave_out(words: list[str]) -> None:
+    """Apply ``--without``, before plugins are found; processes that are started inherit it."""
+    for at, word in enumerate(words):
+        name, _, value = word.partition("=")
+        if name == "--without":
+            plugin = value or (words[at + 1] if at + 1 < len(words) else "")
+            os.environ["CHEMAGE_PLUGINS"] = ",".join(
+                filter(None, [os.environ.get("CHEMAGE_PLUGINS", ""), f"-{plugin}"])
+            )
+        elif not word.startswith("-") and (at == 0 or words[at - 1] != "--without"):
+            return
 
 
 def _add_plugin_commands() -> None:
@@ -94,6 +111,7 @@ def main() -> None:
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="backslashreplace")  # for terminals that cannot show µ or Δ
         _plain_warnings()
+        _leave_out(sys.argv[1:])
         _add_plugin_commands()
         commands = typer.main.get_command(app)
         # typer's own main catches the KeyboardInterrupt

@@ -32,6 +32,7 @@ NAMES = {
     "lattices.lattice": "ReactionLattice",
     "lattices.role": "Barriers Interaction",
     "lattices.stage": "barriers build_lattice interaction",
+    "plugins.choices": "Choice",
     "plugins.hooks": "hookimpl",
     "plugins.registry": "fromdict register unregister",
     "reports.comparison.comparison": "compare_files",

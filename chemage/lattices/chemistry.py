@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from pydantic import Field, SerializeAsAny, field_validator
+from pydantic import Field
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation import random
@@ -15,7 +15,7 @@ from chemage.foundation.units import EV_PER_GPA_NM3, Force, Frequency, Volume
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.neighbours import neighbours_of
 from chemage.lattices.role import Barriers, Interaction
-from chemage.plugins import registry
+from chemage.plugins.choices import Choice
 
 
 def effective_forming(intrinsic: np.ndarray, activation_volume: float, pressure: np.ndarray) -> np.ndarray:
@@ -32,11 +32,11 @@ class Chemistry(Component):
     sites are in contact.
     """
 
-    forming: SerializeAsAny[Barriers]
+    forming: Choice[Barriers]
     """distribution of the intrinsic barrier to forming a bond"""
-    breaking: SerializeAsAny[Barriers] | None = None
+    breaking: Choice[Barriers] | None = None
     """distribution of the barrier to breaking it; None: bonds last"""
-    interaction: SerializeAsAny[Interaction] | None = None
+    interaction: Choice[Interaction] | None = None
     """how bonded neighbours change a forming barrier; None: not at all"""
     activation_volume: Volume = 0.0
     """ΔV, nm³ (an energy per pressure such as "0.04 eV/GPa" is one too)"""
@@ -48,16 +48,6 @@ class Chemistry(Component):
     """fraction of the bonds that carry load at once as the detachment front passes"""
     hydroxylation: float = Field(default=1.0, ge=0, le=1)
     """probability that a pixel in contact carries a reactive site"""
-
-    @field_validator("forming", "breaking", "interaction", mode="before")
-    @classmethod
-    def _choice(cls, value: Any, info: Any) -> Any:
-        role = "interaction" if info.field_name == "interaction" else "barriers"
-        if isinstance(value, dict):
-            return registry.current().fromdict(role, value)
-        if value is not None and getattr(value, "role", None) != role:
-            raise ValueError(f"expected a component made with chemage.{role}(...), got {type(value).__name__}")
-        return value
 
     def on(self, contact: ContactSolution, seed: Seed = 0) -> ReactionLattice:
         """The reactive sites of ``contact``.

@@ -2,7 +2,8 @@
 
 Nothing heavy happens here: an entry point's module is imported (light by contract), its ``chemage_register`` strings
 are kept, and the class behind a kind is imported when it is first used. A broken plugin is recorded and skipped;
-with ``CHEMAGE_STRICT=1`` it raises. ``CHEMAGE_TRACE=1`` prints every hook call to stderr.
+with ``CHEMAGE_STRICT=1`` it raises. ``CHEMAGE_PLUGINS=-name`` leaves a plugin out, ``CHEMAGE_PLUGINS=name,other`` uses
+just these besides chemage's own. ``CHEMAGE_TRACE=1`` prints every hook call to stderr.
 
 The rooms of chemage declare their roles and hooks in modules that are found by name, as the modules of plugins are:
 the registry knows no stage.
@@ -88,7 +89,7 @@ class Registry:
             self.manager.add_hookcall_monitoring(_trace_before, _trace_after)
         for name in ROOMS:
             self._add_room(importlib.import_module(name))
-        found = metadata.entry_points(group=GROUP) if entry_points is None else entry_points
+        found = _selected(metadata.entry_points(group=GROUP)) if entry_points is None else entry_points
         # chemage's own first, the rest by name: the order never depends on the file system
         for point in sorted(found, key=lambda p: (not (p.dist is not None and p.dist.name == "chemage"), p.name)):
             self._load(point)
@@ -369,6 +370,25 @@ class Registry:
         if abstract := getattr(cls, "__abstractmethods__", None):
             raise PluginError(f"{where}: {target} does not define {', '.join(sorted(abstract))}")
         return cls
+
+
+def _selected(found: Iterable[metadata.EntryPoint]) -> list[metadata.EntryPoint]:
+    """The entry points that ``CHEMAGE_PLUGINS`` allows: names besides chemage's own, or ``-name`` to leave out."""
+    points = list(found)
+    words = [word.strip() for word in os.environ.get("CHEMAGE_PLUGINS", "").split(",") if word.strip()]
+    without = {word[1:] for word in words if word.startswith("-")}
+    only = {word for word in words if not word.startswith("-")}
+    if unknown := (without | only) - {point.name for point in points}:
+        installed = ", ".join(sorted(point.name for point in points))
+        raise InputError(
+            f"CHEMAGE_PLUGINS names {', '.join(sorted(unknown))}, which is not installed; the plugins are {installed}"
+        )
+
+    def wanted(point: metadata.EntryPoint) -> bool:
+        own = point.dist is not None and point.dist.name == "chemage"
+        return point.name not in without and (own or not only or point.name in only)
+
+    return [point for point in points if wanted(point)]
 
 
 def source_version(cls: type) -> str:

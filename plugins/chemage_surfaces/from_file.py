@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, SerializeAsAny, field_validator
+from pydantic import BeforeValidator
 
-from chemage import InputError, Length, Reader, Seed, StoreError, Surface, SurfaceMaker, Unit, reader_for, registry
+from chemage import Choice, InputError, Length, Reader, Seed, StoreError, Surface, SurfaceMaker, Unit, reader_for
 from chemage_surfaces._options import provenance
 
 
@@ -34,7 +34,7 @@ class FromFile(SurfaceMaker):
 
     path: FilePath
     """path of the file"""
-    reader: SerializeAsAny[Reader] | None = None
+    reader: Choice[Reader] | None = None
     """kind of the reader, or a table with its ``kind`` and options; None: selected by the ending of the file"""
     pixel_size: Length | None = None
     """edge of a pixel, nm; overrides the value in the file, and is required if the file has none"""
@@ -44,17 +44,6 @@ class FromFile(SurfaceMaker):
     """trend to subtract: none, the mean height, or the least-squares plane"""
     periodic: bool | None = None
     """whether the map is periodic; None: as the file states, else not"""
-
-    @field_validator("reader", mode="before")
-    @classmethod
-    def _reader(cls, value: Any) -> Any:
-        if isinstance(value, str):
-            return registry.current().make("reader", value, {})
-        if isinstance(value, dict):
-            if "kind" not in value:
-                raise ValueError('name the reader: kind = "..."')
-            return registry.fromdict("reader", value)
-        return value
 
     def identity(self) -> dict[str, Any]:
         """Kind, options, and a hash of the content of the file, so that an edited file is another surface.

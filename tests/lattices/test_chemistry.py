@@ -46,7 +46,8 @@ def test_two_chemistries_that_differ_by_a_kind_differ():
     ("options", "problem"),
     [
         ({}, "forming: is required"),
-        ({"forming": "gaussian"}, "forming: .*expected a component made with chemage.barriers"),
+        ({"forming": "gaussian"}, "forming: .*barriers 'gaussian': mean: is required"),
+        ({"forming": 3.0}, "forming: .*expected a component made with chemage.barriers"),
         ({"forming": {}}, "forming: barriers: kind is required; installed: .*gaussian"),
         ({"forming": {"kind": "gausian"}}, r"forming: no barriers 'gausian' \(did you mean 'gaussian'\?\)"),
         ({"forming": {"kind": "gaussian", "mean": 1, "std": -1}}, "forming: .*std"),

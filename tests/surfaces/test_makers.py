@@ -307,7 +307,7 @@ def test_the_named_reader_is_used_whatever_the_ending(folder):
     assert ca.fromdict("surface", maker.todict()) == maker
     with pytest.raises(InputError, match="did you mean 'text'"):
         from_file("map.txt", reader="txt")
-    with pytest.raises(InputError, match="name the reader"):
+    with pytest.raises(InputError, match="kind is required"):
         from_file("map.txt", reader={"delimiter": "|"})
 
 
