@@ -49,7 +49,7 @@ def _failed(message: str, check: str) -> CheckFailed:
 class ChecksFailed(ExceptionGroup, AssertionError):
     """All requirements that a component does not meet, each as a :class:`CheckFailed` in ``exceptions``."""
 
-    def derive(self, excs: Sequence[Exception]) -> ChecksFailed:
+    def derive(self, excs: Sequence[Any]) -> Any:
         return ChecksFailed(self.message, excs)
 
 
@@ -304,9 +304,19 @@ def speed_variants(component: Any) -> Iterator[tuple[str, Any]]:
 
 
 def trade_variants(component: Any) -> Iterator[tuple[str, list[tuple[str, Any]]]]:
-    """Yield each option of ``trade`` with the component at its values, from fast to accurate."""
+    """Yield each option of ``trade`` with the component at its values, from fast to accurate.
+
+    Values that the other options of this component rule out are left out.
+    """
     for name, values in type(component).trade.items():
-        yield name, [(f"{name} = {value}", component.replace(**{name: value})) for value in values]
+        found = []
+        for value in values:
+            try:
+                found.append((f"{name} = {value}", component.replace(**{name: value})))
+            except InputError:
+                continue
+        if len(found) > 1:
+            yield name, found
 
 
 def rescaled(component: Any, *, stress: float = 1.0, length: float = 1.0) -> Any:

@@ -289,7 +289,9 @@ def _rates_span_many_decades(component: Engine) -> None:
         rates = np.concatenate([np.tile(slow, sample.copies), 10 ** rng.uniform(11, 12.5, many)])
         place = rng.permutation(rates.size)
         lattice = ReactionLattice(
-            pixels=(rates.size, 1), sites=np.arange(rates.size), forming=[barrier(rates[i]) for i in place]
+            pixels=(rates.size, 1),
+            sites=np.arange(rates.size),
+            forming=np.array([barrier(float(rates[i])) for i in place]),
         )
         history = component.run(lattice, [1.0, time], temperature=300, seed=seed)
         state = np.empty(rates.size, dtype=bool)
@@ -418,9 +420,15 @@ def _going_on_keeps_the_rates(component: Engine) -> None:
             else:
                 compare_mean(component, where, [gained], unbonded, p)
     by_hand = BondHistory(
-        hold_times=[5.0], bonds=[0], formed=[3], broken=[3], state=np.zeros(400, bool), time=5.0, temperature=300.0,
+        hold_times=np.array([5.0]),
+        bonds=np.array([0]),
+        formed=np.array([3]),
+        broken=np.array([3]),
+        state=np.zeros(400, dtype=bool),
+        time=5.0,
+        temperature=300.0,
         engine="another",
-    )  # fmt: skip
+    )
     history = component.run(group.lattice(400), [6.0], temperature=300, seed=1, start=by_hand)
     compare_mean(component, "1 s after a history of another engine", history.bonds.tolist(), 400, 1 - math.exp(-1))
 

@@ -6,6 +6,8 @@ import json
 import math
 import pickle
 from collections.abc import Callable, Mapping
+from itertools import product
+from typing import Any
 
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
@@ -71,15 +73,20 @@ def _trade_names_options(component: Component) -> None:
             f"trade and speed_only both name {name!r}: either it changes the answer or it does not",
         )
         require(isinstance(values, tuple) and len(values) > 1, f"trade of {name!r} is {values!r}; give several values")
-        taken = []
-        for value in values:
-            try:
-                taken.append(getattr(component.replace(**{name: value}), name))
-            except InputError as error:
-                raise AssertionError(f"trade: the option {name!r} does not accept {value!r}: {error}") from error
-        require(
-            len({repr(one) for one in taken}) == len(values), f"trade of {name!r} lists one value twice: {values!r}"
-        )
+        distinct = len({repr(_accepted(component, name, value)) for value in values})
+        require(distinct == len(values), f"trade of {name!r} lists one value twice: {values!r}")
+
+
+def _accepted(component: Component, name: str, value: Any) -> Any:
+    """The option ``name`` at ``value``, with other options of ``trade`` at values that go with it."""
+    others = {other: values for other, values in type(component).trade.items() if other != name}
+    refusal = None
+    for combination in ({}, *(dict(zip(others, each, strict=True)) for each in product(*others.values()))):
+        try:
+            return getattr(component.replace(**combination, **{name: value}), name)
+        except InputError as error:
+            refusal = refusal or error
+    raise AssertionError(f"trade: the option {name!r} does not accept {value!r}: {refusal}")
 
 
 @check_of("")
