@@ -15,12 +15,16 @@ from chemage import testing
         (lambda self, contact, lattice, history: {1: 2.0}, "not all str"),
         (lambda self, contact, lattice, history: {"state": history.state}, "expected"),
         (lambda self, contact, lattice, history: {"name": "many"}, "not numbers"),
-        (lambda self, contact, lattice, history: {"calls": next(calls)}, "a second call"),
         (lambda self, contact, lattice, history: {f"b{history.bonds[-1]}": 1.0}, "as for the other replicas"),
     ],
 )
 def test_observables(measure, said):
     assert said in failing(broken(Count, measure=measure)(), "observes_numbers")
+
+
+def test_observables_that_count_their_calls():
+    component = broken(Count, measure=lambda self, contact, lattice, history: {"calls": next(calls)})()
+    assert "a second call" in failing(component, "measure_disturbs_nothing")
 
 
 def test_observables_divide_by_no_sites():
