@@ -110,6 +110,19 @@ def _contact_carries_the_load(component: ContactSolver, surfaces: Sequence[Surfa
 
 
 @check_of("contact")
+def _contact_is_deterministic(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """The same contact gives the same bytes, whatever was solved before; the surface stays as it was."""
+    solvable = _solvable(component, surfaces)
+    heights = [surface.heights.tobytes() for surface, _ in solvable]
+    first = [component.solve(surface, load).pressure.tobytes() for surface, load in solvable]
+    for (surface, load), pressure in zip(solvable, first, strict=True):
+        component.solve(surface, 0.4 * load)
+        again = component.solve(surface, load).pressure.tobytes()
+        require(again == pressure, "two solutions of the same contact differ")
+    require([surface.heights.tobytes() for surface, _ in solvable] == heights, "the heights of the surface changed")
+
+
+@check_of("contact")
 def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Grid, pixel size, periodicity and roughness are the surface's, the modulus is the solver's, and all that it
     implements is there."""
@@ -158,19 +171,6 @@ def _wrong_load_is_refused(component: ContactSolver, surfaces: Sequence[Surface]
         component.solve(surface, f"{load!r} nN") == component.solve(surface, load),
         "a load with its unit gave another solution",
     )
-
-
-@check_of("contact")
-def _contact_is_deterministic(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
-    """The same contact gives the same bytes, whatever was solved before; the surface stays as it was."""
-    solvable = _solvable(component, surfaces)
-    heights = [surface.heights.tobytes() for surface, _ in solvable]
-    first = [component.solve(surface, load).pressure.tobytes() for surface, load in solvable]
-    for (surface, load), pressure in zip(solvable, first, strict=True):
-        component.solve(surface, 0.4 * load)
-        again = component.solve(surface, load).pressure.tobytes()
-        require(again == pressure, "two solutions of the same contact differ")
-    require([surface.heights.tobytes() for surface, _ in solvable] == heights, "the heights of the surface changed")
 
 
 @check_of("contact")
@@ -244,13 +244,14 @@ def _contact_turns_with_the_surface(component: ContactSolver, surfaces: Sequence
 
 @check_of("contact")
 def _gap_is_closed_in_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
-    """Where a gap (nm) is given: it is nowhere negative, and zero where the pressure is positive."""
+    """Where a gap (nm) is given: it is nowhere negative, and zero where the pressure is positive, to a hundredth of the
+    rms height or ten times the declared error of it."""
     for surface, load in _solvable(component, surfaces):
         with_gap = component.replace(gap=True) if "gap" in type(component).model_fields else component
         solution = with_gap.solve(surface, load)
         if solution.gap is None:
             continue
-        scale = 1e-3 * surface.rms_height
+        scale = max(1e-3, component.declared_error or 0.0) * surface.rms_height
         require(solution.gap.min() >= -scale, f"the bodies overlap by {-solution.gap.min():g} nm")
         gap = float(np.abs(solution.gap[solution.contact]).max())
         require(gap <= 10 * scale, f"a gap of {gap:g} nm where the pressure is positive")

@@ -27,6 +27,7 @@ from chemage.testing.checks import (
     trade_variants,
 )
 from chemage.testing.small_systems import (
+    LARGE,
     NU,
     TEMPERATURE,
     Group,
@@ -130,13 +131,14 @@ def _error_is_declared(component: Engine) -> None:
 
 @check_of("engine")
 def _run_follows_its_seed(component: Engine) -> None:
-    """The same seed gives the same bytes, other seeds give others, and no global random state is used."""
-    lattice = _disordered(component.interacting, 200)
+    """The same seed gives the same bytes, other seeds give others (an approximate engine may ignore it), and no global
+    random state is used."""
+    lattice = _disordered(component.interacting, 100)
 
     def draw(seed: Any) -> tuple[bytes, ...]:
         return _trace(component.run(lattice, [0.1, 1, 10], temperature=300, seed=seed))
 
-    seeds_are_harmless(draw, "run", chance=True)
+    seeds_are_harmless(draw, "run", chance=component.exact)
 
 
 @check_of("engine")
@@ -176,25 +178,6 @@ def _nothing_happens_at_rate_zero(component: Engine) -> None:
         lattice = ReactionLattice(pixels=(n, 1), sites=np.arange(n), forming=np.full(n, energy))
         history = component.run(lattice, [0, 1, 1e5], temperature=300)
         require(history.events == 0 and history.time == 1e5, f"{history.events} events over {energy} eV")
-    full = component.run(single(1.0).lattice(n), [1, 1e5], temperature=300, start=np.ones(n, bool))
-    require(
-        full.bonds.tolist() == [n, n] and full.events == 0,
-        "all sites are bonded and no bond breaks, but the state changed",
-    )
-
-
-@check_of("engine")
-def _hold_times_may_coincide(component: Engine) -> None:
-    """There are no bonds at time 0; repeated hold times have equal counts and do not change the others."""
-    lattice = _disordered(component.interacting)
-    once = component.run(lattice, [0.5, 20], temperature=300, seed=3)
-    twice = component.run(lattice, [0.5, 0.5, 20, 20], temperature=300, seed=3)
-    require(twice.bonds.tolist() == np.repeat(once.bonds, 2).tolist(), f"{twice.bonds} where once gave {once.bonds}")
-    require(np.array_equal(once.state, twice.state), "a repeated hold time changes the final state")
-    at_zero = component.run(lattice, [0, 0, 20], temperature=300, seed=3)
-    require(at_zero.bonds[:2].tolist() == [0, 0], f"{at_zero.bonds[0]} bonds at time 0")
-    only = component.run(lattice, [0.0], temperature=300, seed=3)
-    require(only.bonds.tolist() == [0] and only.events == 0 and only.time == 0, f"{only.events} events by time 0")
 
 
 # -- the rates --------------------------------------------------------------------------------------------------------
@@ -206,11 +189,11 @@ def _one_site_is_the_closed_form(component: Engine) -> None:
     seeds, and many sites."""
     forming, breaking = 2.0, 0.7
     group, total = single(forming, breaking), forming + breaking
-    times = np.array([0.02, 0.3, 1.0, 6.0])
+    times = np.array([0.02, 0.3, 1.0, 2.5])
     theta = forming / total * (1 - np.exp(-total * times))
     # the mean number of bonds formed by t, ∫ k_f (1 − θ) dt
     formed = forming * (times - (forming / total) * (times - (1 - np.exp(-total * times)) / total))
-    samples = [Sample(48, 400), Sample(1000, 1), Sample(1, 400)] if component.exact else [Sample(500, 4)]
+    samples = [Sample(48, 400), Sample(600, 1), Sample(1, 400)] if component.exact else [Sample(LARGE, 8)]
     for sample in samples:
         lattice = group.lattice(sample.copies)
         runs = [component.run(lattice, times, temperature=300, seed=seed) for seed in range(sample.runs)]
@@ -263,16 +246,12 @@ def _bonded(probability: float) -> np.ndarray:
 
 @check_of("engine")
 def _barrierless_is_the_attempt_frequency(component: Engine) -> None:
-    """The rate over a barrier at or below zero is the attempt frequency ν, also where neighbours lower it."""
+    """The rate over a barrier at or below zero is the attempt frequency ν."""
     for energy in (0.0, -0.3, -50.0):
         group = Group((energy,))
         for time in (2e-14, 1e-13):
             where = f"over a barrier of {energy:g} eV, after {time:g} s (ν = 1e13 Hz)"
             compare(component, where, sampled(component, group, time), _bonded(1 - math.exp(-NU * time)))
-    if component.interacting:
-        group = Group((0.0, 0.2), (0.05, 0.3), ((0.0, -1.0), (-1.0, 0.0)))
-        where = "over a barrier that a bonded neighbour lowers from 0.2 to -0.8 eV, after 2e-13 s"
-        compare(component, where, sampled(component, group, 2e-13), group.probabilities(2e-13))
 
 
 @check_of("engine")
@@ -281,7 +260,7 @@ def _rates_span_many_decades(component: Engine) -> None:
     subtracting rates is lost in rounding."""
     slow = (1e-6, 4e-6)
     rng = np.random.default_rng(5)
-    sample = Sample(8, 100) if component.exact else Sample(400, 2)
+    sample = Sample(8, 100) if component.exact else Sample(LARGE, 4)
     bonded = np.zeros(2, dtype=np.int64)
     early = 0
     time, many = 2e5, 2 * sample.copies
@@ -307,6 +286,20 @@ def _rates_span_many_decades(component: Engine) -> None:
 
 
 @check_of("engine")
+def _hold_times_may_coincide(component: Engine) -> None:
+    """There are no bonds at time 0; repeated hold times have equal counts and do not change the others."""
+    lattice = _disordered(component.interacting)
+    once = component.run(lattice, [0.5, 20], temperature=300, seed=3)
+    twice = component.run(lattice, [0.5, 0.5, 20, 20], temperature=300, seed=3)
+    require(twice.bonds.tolist() == np.repeat(once.bonds, 2).tolist(), f"{twice.bonds} where once gave {once.bonds}")
+    require(np.array_equal(once.state, twice.state), "a repeated hold time changes the final state")
+    at_zero = component.run(lattice, [0, 0, 20], temperature=300, seed=3)
+    require(at_zero.bonds[:2].tolist() == [0, 0], f"{at_zero.bonds[0]} bonds at time 0")
+    only = component.run(lattice, [0.0], temperature=300, seed=3)
+    require(only.bonds.tolist() == [0] and only.events == 0 and only.time == 0, f"{only.events} events by time 0")
+
+
+@check_of("engine")
 def _bonds_last_without_breaking(component: Engine) -> None:
     """On a lattice without breaking barriers no bond breaks, and every site is bonded in the end."""
     n = 600
@@ -329,8 +322,8 @@ def _coupled_sites_are_refused_or_right(component: Engine) -> None:
         message = refuses("a lattice whose sites interact", lambda: component.run(lattice, [1.0], temperature=300))
         require(component.kind in message, f"the error does not name the engine: {message}")
         return
-    for time in (0.3, 1.0, 20.0):
-        counts = sampled(component, group, time, runs=250)
+    for time in (0.3, 2.0):
+        counts = sampled(component, group, time)
         compare(component, f"four coupled sites: after {time} s", counts, group.probabilities(time))
 
 
@@ -340,7 +333,7 @@ def _empty_slots_are_skipped(component: Engine) -> None:
     if not component.interacting:
         return
     group = coupled()
-    counts = sampled(component, group, 1.0, runs=250, slots=3)
+    counts = sampled(component, group, 1.0, slots=3)
     where = "four coupled sites with empty neighbour slots between the others: after 1 s"
     compare(component, where, counts, group.probabilities(1.0))
     # a single-precision coupling, and a site without any neighbour
@@ -357,6 +350,18 @@ def _empty_slots_are_skipped(component: Engine) -> None:
     )
 
 
+@check_of("engine")
+def _barriers_end_at_zero(component: Engine) -> None:
+    """Neighbours are added to the barrier first, and a sum below zero counts as zero then."""
+    if not component.interacting:
+        return
+    lowered = Group((0.0, 0.2), (0.05, 0.3), ((0.0, -1.0), (-1.0, 0.0)))
+    raised = Group((-0.3, 0.0), (0.05, 0.3), ((0.0, 0.33), (0.33, 0.0)))
+    for group, how in ((lowered, "lowers from 0.2 to -0.8 eV"), (raised, "raises from -0.3 to 0.03 eV")):
+        where = f"over a barrier that a bonded neighbour {how}, after 2e-13 s"
+        compare(component, where, sampled(component, group, 2e-13), group.probabilities(2e-13))
+
+
 # -- starting and going on --------------------------------------------------------------------------------------------
 
 
@@ -369,6 +374,11 @@ def _start_is_taken(component: Engine) -> None:
     require(history.bonds[0] == start.sum(), f"{history.bonds[0]} bonds at time 0, started with {start.sum()}")
     gained = history.formed - history.broken
     require(np.array_equal(history.bonds, start.sum() + gained), "bonds are not those at the start plus those formed")
+    full = component.run(single(1.0).lattice(7), [1, 1e5], temperature=300, start=np.ones(7, bool))
+    require(
+        full.bonds.tolist() == [7, 7] and full.events == 0,
+        "all sites are bonded and no bond breaks, but the state changed",
+    )
     for wrong in (start[:-1], start.astype(int), np.ones((2, 2), bool)):
         refuses("a wrong start", lambda wrong=wrong: component.run(lattice, [1], temperature=300, start=wrong))
     group = Group(tuple(barrier(k) for k in (2.0, 0.3)), tuple(barrier(k) for k in (0.7, 1.5)))
@@ -398,7 +408,7 @@ def _going_on_keeps_the_rates(component: Engine) -> None:
     """A run that goes on from a history with the same seed has the right rates from there on: neither the clock nor the
     random numbers begin again, and a new temperature counts."""
     group = single(1.0)
-    samples = [Sample(1, 400), Sample(12, 100)] if component.exact else [Sample(500, 4)]
+    samples = [Sample(1, 400), Sample(12, 100)] if component.exact else [Sample(LARGE, 8)]
     for sample in samples:
         lattice = group.lattice(sample.copies)
         for kelvin in (300.0, 330.0):
@@ -420,17 +430,19 @@ def _going_on_keeps_the_rates(component: Engine) -> None:
             else:
                 compare_mean(component, where, [gained], unbonded, p)
     by_hand = BondHistory(
-        hold_times=np.array([5.0]),
+        hold_times=np.array([1e7]),
         bonds=np.array([0]),
         formed=np.array([3]),
         broken=np.array([3]),
         state=np.zeros(400, dtype=bool),
-        time=5.0,
+        time=1e7,
         temperature=300.0,
         engine="another",
     )
-    history = component.run(group.lattice(400), [6.0], temperature=300, seed=1, start=by_hand)
-    compare_mean(component, "1 s after a history of another engine", history.bonds.tolist(), 400, 1 - math.exp(-1))
+    history = component.run(group.lattice(400), [1e7 + 1], temperature=300, seed=1, start=by_hand)
+    compare_mean(
+        component, "1 s after a history of 1e7 s of another engine", history.bonds.tolist(), 400, 1 - math.exp(-1)
+    )
 
 
 @check_of("engine")
@@ -465,7 +477,7 @@ def _threads_change_nothing(component: Engine) -> None:
     """Results are the same on one thread and on all, alone and concurrently with other runs."""
     import numba
 
-    lattice = _disordered(component.interacting, 200)
+    lattice = _disordered(component.interacting, 100)
 
     def run(seed: int) -> tuple[bytes, ...]:
         return _trace(component.run(lattice, [0.1, 10.0], temperature=300, seed=seed))

@@ -100,24 +100,25 @@ def _calls_do_not_interfere(component: Interaction) -> None:
 def _graph_is_the_same_everywhere(component: Interaction) -> None:
     """On a full periodic grid that is not square, all sites have the same neighbours around them, across the edges too:
     rows and columns are not mixed up, and nothing is missing at the edges."""
-    nx, ny = 24, 18
-    graph = _edges(component, (nx, ny), True, np.arange(nx * ny, dtype=np.int64))
-    require(graph, f"no site has a neighbour on a full {nx}x{ny} grid")
+    for nx, ny in ((24, 18), (18, 24)):
+        graph = _edges(component, (nx, ny), True, np.arange(nx * ny, dtype=np.int64))
+        require(graph, f"no site has a neighbour on a full {nx}x{ny} grid")
+        # rows or columns may be staggered, so the graph must repeat after two
+        for step in ((2, 0), (0, 2)):
+            missing = sorted({(_moved(a, step, nx, ny), _moved(b, step, nx, ny)) for a, b in graph} - graph)
+            if missing:
+                a, b = missing[0]
+                raise AssertionError(
+                    f"full periodic grid of {nx}x{ny} pixels: the graph is not the same everywhere. Pixels "
+                    f"{divmod(a, ny)} and {divmod(b, ny)} are no neighbours, but those {step} before them are "
+                    f"({len(missing)} such pairs); a pixel (x, y) has the index x·ny + y, and the grid repeats in both "
+                    "directions"
+                )
 
-    def moved(pixel: int, step: tuple[int, int]) -> int:
-        x, y = divmod(pixel, ny)
-        return (x + step[0]) % nx * ny + (y + step[1]) % ny
 
-    # rows or columns may be staggered, so the graph must repeat after two
-    for step in ((2, 0), (0, 2)):
-        missing = sorted({(moved(a, step), moved(b, step)) for a, b in graph} - graph)
-        if missing:
-            a, b = missing[0]
-            raise AssertionError(
-                f"full periodic grid of {nx}x{ny} pixels: the graph is not the same everywhere. Pixels {divmod(a, ny)} "
-                f"and {divmod(b, ny)} are no neighbours, but those {step} before them are ({len(missing)} such "
-                f"pairs); a pixel (x, y) has the index x·ny + y, and the grid repeats in both directions"
-            )
+def _moved(pixel: int, step: tuple[int, int], nx: int, ny: int) -> int:
+    x, y = divmod(pixel, ny)
+    return (x + step[0]) % nx * ny + (y + step[1]) % ny
 
 
 @check_of("interaction")

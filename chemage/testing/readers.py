@@ -64,6 +64,7 @@ def _reads_its_file(component: Reader, path: Any = None) -> None:
     """The file is read into a Surface or another object of chemage, the same each time, and stays as it was."""
     before = Path(path).read_bytes()
     first = component.read(path)
+    require(Path(path).read_bytes() == before, "reading changed the file")
     require(
         isinstance(first, Record),
         f"read() returned {'None' if first is None else type(first).__name__}; expected a chemage.Surface (or another "
@@ -71,7 +72,6 @@ def _reads_its_file(component: Reader, path: Any = None) -> None:
     )
     require(first == component.read(str(path)), "reading the file as Path and as str gave different objects")
     require(first == component.read(Path(path)), "reading the file twice gave different objects")
-    require(Path(path).read_bytes() == before, "reading changed the file")
 
 
 @check_of("reader", needs=("path",))

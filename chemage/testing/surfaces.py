@@ -174,7 +174,7 @@ def _edges_fit_where_periodic(component: SurfaceMaker) -> None:
         worst = seams[:, :, 0].min(axis=0)
         for axis in (0, 1):
             require(
-                worst[axis] <= 25,
+                worst[axis] <= 9,
                 f"the surface says that it is periodic (the default), but along {'xy'[axis]} its curvature at the edge "
                 f"is {math.sqrt(worst[axis]):.3g} times the largest inside; pass periodic=False, or make the edges fit",
             )
