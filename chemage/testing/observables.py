@@ -5,8 +5,6 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +16,6 @@ from chemage.kinetics.history import BondHistory
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers
-from chemage.store.results import read, write
 from chemage.testing.checks import check_of, require, run_checks, speed_variants
 
 
@@ -180,23 +177,6 @@ def _aging(component: Observable, replicas: Sequence[Replica]) -> Aging:
         observables={name: np.stack([values[name] for values in measured]) for name in measured[0]},
         provenance={"observe": [component.todict()]},
     )
-
-
-@check_of("observable")
-def _numbers_can_be_stored(component: Observable) -> None:
-    """What is measured can be written to a result file, and is read back as it was."""
-    aging = _aging(component, [_replica(40, 17), _replica(40, 40)])
-    with TemporaryDirectory() as name:
-        path = Path(name, "aging.h5")
-        write(path, aging)
-        again: Any = read(path)
-    for name, values in aging.observables.items():
-        back = again.observables.get(name)
-        require(
-            back is not None and back.dtype == values.dtype and np.array_equal(back, values, equal_nan=True),
-            f"{name!r} is {values.dtype} {values.shape}, but read back as "
-            f"{None if back is None else (str(back.dtype), back.shape)}",
-        )
 
 
 class _Even(Barriers):

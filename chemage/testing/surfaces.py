@@ -199,7 +199,7 @@ def _seam(heights: np.ndarray, axis: int) -> tuple[float, float]:
     far = float(np.median(np.mean((rows[rows.shape[0] // 2 :] - rows[: -(rows.shape[0] // 2)]) ** 2, axis=1)))
     step = float(np.mean((rows[0] - rows[-1]) ** 2))
     # told apart only if neighbours are much more alike than distant rows, and the edge is not tapered to nothing
-    if near > 0.2 * far or step < 0.05 * near or kink > 2:
+    if near == 0 or near > 0.2 * far or step < 0.05 * near or kink > 2:
         return kink, math.inf
     return kink, step / near
 
