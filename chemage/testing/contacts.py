@@ -91,6 +91,11 @@ def difference(one: np.ndarray, two: np.ndarray) -> float:
     return float(np.linalg.norm(one - two)) / size if size else math.inf
 
 
+def _tolerance(component: ContactSolver, least: float) -> float:
+    """How far two equivalent solutions may differ: ``least``, or the error that the solver declares."""
+    return max(least, component.declared_error or 0.0)
+
+
 # -- the form of the answer -------------------------------------------------------------------------------------------
 
 
@@ -236,7 +241,7 @@ def _contact_turns_with_the_surface(component: ContactSolver, surfaces: Sequence
             require(solution.shape == turned.shape, f"surface {what}: a solution of {solution.shape}")
             away = difference(solution.pressure, turn(plain))
             require(
-                away <= 1e-2,
+                away <= _tolerance(component, 1e-2),
                 f"surface {what}: the pressure is not that of the surface as it was, {what}; they differ by {away:.2g} "
                 "(relative L2 norm)",
             )
@@ -266,7 +271,7 @@ def _contact_scales(component: ContactSolver, surfaces: Sequence[Surface] = ()) 
         if "modulus" in type(component).model_fields:
             stiff = rescaled(component, stress=2).solve(surface, 2 * load)
             require(
-                same_pressure(stiff.pressure / 2, plain.pressure, 1e-3),
+                same_pressure(stiff.pressure / 2, plain.pressure, _tolerance(component, 1e-3)),
                 "twice the modulus and load do not give twice the pressure",
             )
         for what, other, size, solver in (
@@ -282,7 +287,8 @@ def _contact_scales(component: ContactSolver, surfaces: Sequence[Surface] = ()) 
                 solution = solver.solve(changed, load * size**2)
             except InputError:  # the solver needs more than heights and radius
                 continue
-            require(same_pressure(solution.pressure, plain.pressure, 1e-3), f"{what}: the pressure differs")
+            same = same_pressure(solution.pressure, plain.pressure, _tolerance(component, 1e-3))
+            require(same, f"{what}: the pressure differs")
 
 
 @check_of("contact")
@@ -378,7 +384,8 @@ def _start_changes_nothing(component: ContactSolver, surfaces: Sequence[Surface]
             except InputError:
                 require(start is None or start.shape != surface.shape, "refused a start at another load")
                 continue
-            require(same_pressure(warm.pressure, cold.pressure, 1e-2), "the solution depends on the start")
+            same = same_pressure(warm.pressure, cold.pressure, _tolerance(component, 1e-2))
+            require(same, "the solution depends on the start")
 
 
 def _elsewhere(component: ContactSolver, surface: Surface) -> ContactSolution | None:
