@@ -18,6 +18,9 @@ class ContactSolver(Component, ABC):
     role = "contact"
     #: what a solution of this solver carries
     implemented_properties: ClassVar[tuple[str, ...]] = ("pressure",)
+    #: of a solver for an elastic half-space, the largest relative error (L2 norm) of its pressure; the checks compare
+    #: it with closed forms to within this. None: another model, or no claim
+    declared_error: ClassVar[float | None] = None
 
     @abstractmethod
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:

@@ -25,6 +25,8 @@ class Engine(Component, ABC):
     restart: ClassVar[bool] = True
     #: samples the master equation without approximation
     exact: ClassVar[bool] = True
+    #: of an approximate engine, the largest relative error of the mean number of bonds; the checks hold it to that
+    declared_error: ClassVar[float | None] = None
 
     def concurrency(self) -> int:
         """Threads that one run with these options uses; concurrent replicas share what is left."""

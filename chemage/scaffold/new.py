@@ -51,6 +51,8 @@ def new(name: str, role: str, folder: Path) -> list[Path]:
         Path(package, f"{module}.py"): f"role_{role}.py",
         Path("tests", f"test_{module}.py"): "test_reader.py" if role == "reader" else "test.py",
     }
+    if role == "reader":
+        contents[Path("tests", "map.xyz")] = "map.xyz"
     target = folder / f"chemage-{name}"
     try:
         target.mkdir()

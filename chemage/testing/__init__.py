@@ -16,11 +16,19 @@ it with ``pytest_plugins = ["chemage.testing"]``; as a pytest entry point it wou
 on the machine.
 """
 
+from chemage.testing import every_component  # noqa: F401  (declares the checks of every component)
 from chemage.testing.barriers import check_barriers
-from chemage.testing.checks import Check, checks_for, isolated_registry, parametrize_with_checks
+from chemage.testing.checks import (
+    Check,
+    CheckFailed,
+    ChecksFailed,
+    check_component,
+    checks_for,
+    isolated_registry,
+    parametrize_with_checks,
+)
 from chemage.testing.contacts import check_contact_solver, rough_surface
 from chemage.testing.engines import check_engine
-from chemage.testing.every_component import check_component
 from chemage.testing.interactions import check_interaction
 from chemage.testing.observables import check_observable
 from chemage.testing.readers import check_reader
@@ -28,6 +36,8 @@ from chemage.testing.surfaces import check_surface_maker
 
 __all__ = [
     "Check",
+    "CheckFailed",
+    "ChecksFailed",
     "check_barriers",
     "check_component",
     "check_contact_solver",

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,8 +17,9 @@ from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.plugins import registry
 
-#: probability that a statistical check rejects a correct implementation; seeds are fixed, so results are reproducible
-CHANCE = 1e-5
+#: probability that one comparison of a statistical check rejects a correct component. A kit makes fewer than a thousand
+#: comparisons, so that one kit in a million is a false alarm; seeds are fixed, so results are reproducible.
+CHANCE = 1e-9
 
 
 @pytest.fixture
@@ -26,6 +29,30 @@ def isolated_registry() -> Iterator[registry.Registry]:
         yield empty
 
 
+class CheckFailed(AssertionError):
+    """A component does not meet a requirement of its role; ``check`` is the name of the requirement."""
+
+    def __init__(self, check: str, component: str, problem: str) -> None:
+        super().__init__(f"{component}: check {check}: {problem}")
+        self.check = check
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _failed, (self.args[0], self.check)
+
+
+def _failed(message: str, check: str) -> CheckFailed:
+    made = CheckFailed(check, "", "")
+    made.args = (message,)
+    return made
+
+
+class ChecksFailed(ExceptionGroup, AssertionError):
+    """All requirements that a component does not meet, each as a :class:`CheckFailed` in ``exceptions``."""
+
+    def derive(self, excs: Sequence[Any]) -> Any:
+        return ChecksFailed(self.message, excs)
+
+
 class Check(NamedTuple):
     """One requirement of a role: a function that raises AssertionError if a component does not meet it."""
 
@@ -33,23 +60,70 @@ class Check(NamedTuple):
     function: Callable[..., None]
     inputs: Mapping[str, Any]
 
+    @property
+    def requirement(self) -> str:
+        """What is required, in one sentence."""
+        return " ".join((self.function.__doc__ or "").split("\n\n")[0].split())
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Inputs without which there is nothing to check, and which were not given."""
+        return tuple(name for name in getattr(self.function, "needs", ()) if self.inputs.get(name) is None)
+
     def __call__(self, component: Component) -> None:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            self.function(component, **self.inputs)
+        if self.missing:
+            return
+        name = f"{component.role} {component.kind!r}"
+        try:
+            with _strict_warnings():
+                self.function(component, **self.inputs)
+        except CheckFailed:
+            raise
+        except AssertionError as failure:
+            raise CheckFailed(self.name, name, str(failure)) from failure
+        except Warning as warning:
+            problem = f"the component warns ({type(warning).__name__}: {warning}); handle this case"
+            raise CheckFailed(self.name, name, problem) from warning
+        except Exception as error:
+            raise CheckFailed(self.name, name, f"raised {type(error).__name__}: {error}") from error
 
     def __repr__(self) -> str:
         return self.name
+
+
+@contextmanager
+def _strict_warnings() -> Iterator[None]:
+    """Warnings of numerics and of use are errors. Not those of an import, which are the library's own affair, nor
+    announcements such as DeprecationWarning."""
+
+    def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+        if not issubclass(category, RuntimeWarning | UserWarning):
+            return
+        frame = sys._getframe(1)
+        while frame is not None and frame.f_code is not Check.__call__.__code__:
+            if frame.f_code.co_filename.startswith("<frozen importlib"):
+                return
+            frame = frame.f_back
+        raise message if isinstance(message, Warning) else category(message)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = show
+        yield
 
 
 #: role -> its checks; the checks of every component are those of the role ""
 CHECKS: dict[str, list[Callable[..., None]]] = {}
 
 
-def check_of(role: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Declare a function as a check of ``role``, or of every component if ``role`` is empty."""
+def check_of(role: str, needs: tuple[str, ...] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Declare a function as a check of ``role``, or of every component if ``role`` is empty.
+
+    ``needs`` are inputs without which there is nothing to check.
+    """
 
     def mark(function: Callable[..., None]) -> Callable[..., None]:
+        function.needs = needs  # pyright: ignore[reportFunctionMemberAccess]
         CHECKS.setdefault(role, []).append(function)
         return function
 
@@ -59,8 +133,8 @@ def check_of(role: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
 def checks_for(component: Component | type[Component], **inputs: Any) -> list[Check]:
     """List the checks of the role of a component, or of a class.
 
-    ``inputs`` are passed on to the checks: ``surfaces`` and ``force_tolerance`` (role ``contact``), ``path`` (role
-    ``reader``).
+    ``inputs`` are passed on to the checks: ``surfaces`` and ``force_tolerance`` (role ``contact``), ``path`` and
+    ``surface`` (role ``reader``).
 
     Raises
     ------
@@ -98,7 +172,7 @@ def parametrize_with_checks(
         Name of a check -> reason why it cannot pass, or a function of the component that returns such a mapping; these
         tests must fail.
     inputs
-        See :func:`checks_for`.
+        See :func:`checks_for`. A check that needs an input that is not given is skipped.
     """
     cases = []
     for number, component in enumerate(components):
@@ -110,7 +184,9 @@ def parametrize_with_checks(
             )
         for check in checks:
             reason = excused.get(check.name)
-            marks = [pytest.mark.xfail(reason=reason, strict=True, raises=AssertionError)] if reason else []
+            marks: list[Any] = [pytest.mark.xfail(reason=reason, strict=True, raises=AssertionError)] if reason else []
+            if check.missing:
+                marks = [pytest.mark.skip(reason=f"give {' and '.join(f'{name}=...' for name in check.missing)}")]
             cases.append(pytest.param(component, check, id=f"{component.kind}{number}-{check.name}", marks=marks))
 
     def parametrized(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -121,12 +197,35 @@ def parametrize_with_checks(
     return parametrized
 
 
-def run_checks(component: Component, role: type[Component], inputs: Mapping[str, Any]) -> None:
+def check_component(component: Component, *, all: bool = False, **inputs: Any) -> None:
+    """Run every check of the role of a component; see :func:`checks_for` for ``inputs``.
+
+    Raises
+    ------
+    CheckFailed
+        A check fails: the first that does.
+    ChecksFailed
+        With ``all``: one error that lists every check that fails.
+    """
+    failures: list[CheckFailed] = []
+    checks = checks_for(component, **inputs)
+    for check in checks:
+        try:
+            check(component)
+        except CheckFailed as failure:
+            if not all:
+                raise
+            failures.append(failure)
+    if failures:
+        lines = "".join(f"\n- {failure}" for failure in failures)
+        raise ChecksFailed(f"{len(failures)} of {len(checks)} checks fail:{lines}", failures)
+
+
+def run_checks(component: Component, role: type[Component], inputs: Mapping[str, Any], all: bool = False) -> None:
     """Run every check of ``component``, which must be of ``role``."""
     if not isinstance(component, role):
         raise InputError.of("component", component, f"is not a chemage.{role.__name__}")
-    for check in checks_for(component, **inputs):
-        check(component)
+    check_component(component, all=all, **inputs)
 
 
 def require(condition: Any, message: str) -> None:
@@ -161,7 +260,7 @@ def seeds_are_harmless(draw: Callable[[Any], Any], what: str, *, chance: bool = 
 
     Without ``chance`` all seeds may give the same result.
     """
-    before = np.random.get_state()[1].copy()  # noqa: NPY002  # pyright: ignore
+    before = _global_state()
     answers = [draw(seed) for seed in range(4)]
     require(draw(1) == answers[1], f"{what}: the same seed gave two results")
     distinct = sum(all(one != other for other in answers[:i]) for i, one in enumerate(answers))
@@ -174,15 +273,78 @@ def seeds_are_harmless(draw: Callable[[Any], Any], what: str, *, chance: bool = 
     if distinct == 4:
         other = np.random.SeedSequence(5, spawn_key=(3,))
         require(draw(other) != first, f"{what}: two children of one SeedSequence gave the same result")
-    after = np.random.get_state()[1]  # noqa: NPY002  # pyright: ignore
-    require(np.array_equal(before, after), f"{what}: draws from numpy's global random state")
+    require(_global_state() == before, f"{what}: draws from numpy's global random state")
+
+
+def _global_state() -> tuple[bytes, int]:
+    state: Any = np.random.get_state()  # noqa: NPY002
+    return state[1].tobytes(), state[2]
+
+
+def other_values(component: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Yield the component with option ``name`` at other values that it accepts, and what was changed."""
+    schema = type(component).model_json_schema().get("properties", {}).get(name, {})
+    parts = [schema, *schema.get("anyOf", [])]
+    types, value = {part.get("type") for part in parts}, getattr(component, name)
+    tried: list[Any] = [choice for part in parts for choice in part.get("enum", [])]
+    tried += [True, False] if "boolean" in types else []
+    tried += [1, 2, 3] if "integer" in types else []
+    if "number" in types and isinstance(value, int | float) and not isinstance(value, bool):
+        tried += [0.5 * value, 2 * value]
+    for other in tried:
+        try:
+            variant = component.replace(**{name: other})
+        except InputError:
+            continue
+        if getattr(variant, name) != value or type(getattr(variant, name)) is not type(value):
+            yield f"{name} = {other}", variant
 
 
 def speed_variants(component: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the component with each integer option of ``speed_only`` set to 1, 2 and 3."""
+    """Yield the component with each option of ``speed_only`` at other values."""
     for name in type(component).speed_only:
-        if "integer" in options_of(component)[name][0]:
-            yield from ((f"{name} = {value}", component.replace(**{name: value})) for value in (1, 2, 3))
+        if name in type(component).model_fields:
+            yield from other_values(component, name)
+
+
+def trade_variants(component: Any) -> Iterator[tuple[str, list[tuple[str, Any]]]]:
+    """Yield each option of ``trade`` with the component at its values, from fast to accurate.
+
+    Values that the other options of this component rule out are left out.
+    """
+    for name, values in type(component).trade.items():
+        found = []
+        for value in values:
+            try:
+                found.append((f"{name} = {value}", component.replace(**{name: value})))
+            except InputError:
+                continue
+        if len(found) > 1:
+            yield name, found
+
+
+def rescaled(component: Any, *, stress: float = 1.0, length: float = 1.0) -> Any:
+    """The component in other units of stress and length: each option that is a quantity of these, times its power."""
+    from chemage.foundation.units import unit_registry as units
+
+    changes: dict[str, float] = {}
+    for name, (_, unit, _) in options_of(component).items():
+        value = getattr(component, name)
+        if not unit or isinstance(value, bool) or not isinstance(value, int | float):
+            continue
+        dimensions = dict(units().parse_units(unit).dimensionality)
+        mass, metre, time = (float(dimensions.pop(name, 0)) for name in ("[mass]", "[length]", "[time]"))
+        # a stress is M/(L T²); what contains a time otherwise, or a temperature, is none of both
+        if not dimensions and time == -2 * mass and (mass or metre):
+            changes[name] = value * stress**mass * length ** (metre + mass)
+    return component.replace(**changes) if changes else component
+
+
+def binomial_chance(count: int, of: int, probability: float) -> float:
+    """The probability of a deviation like ``count`` of ``of`` or larger, on either side, where ``probability`` is."""
+    from scipy.stats import binom
+
+    return 2 * float(min(binom.cdf(count, of, probability), binom.sf(count - 1, of, probability)))
 
 
 def require_estimates(what: str, found: Any, bounds: Mapping[str, float]) -> None:

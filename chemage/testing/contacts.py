@@ -14,22 +14,26 @@ from chemage.foundation.errors import InputError
 from chemage.surfaces.surface import Surface
 from chemage.testing.checks import (
     check_of,
+    options_of,
     refuses,
     require,
     require_estimates,
     require_plain,
+    rescaled,
     run_checks,
     speed_variants,
+    trade_variants,
 )
+from chemage.testing.closed_forms import every_known_contact, half_space_errors, paraboloid
 
 
-def check_contact_solver(component: ContactSolver, **inputs: Any) -> None:
-    """Run every check of the role ``contact``; raises AssertionError if one fails.
+def check_contact_solver(component: ContactSolver, *, all: bool = False, **inputs: Any) -> None:
+    """Run every check of the role ``contact``; raises CheckFailed if one fails, with ``all`` every one that does.
 
     ``inputs`` are ``surfaces`` to solve besides those of the checks, and ``force_tolerance``, the accepted relative
     error of the force.
     """
-    run_checks(component, ContactSolver, inputs)
+    run_checks(component, ContactSolver, inputs, all)
 
 
 def rough_surface(shape: tuple[int, int] = (32, 32), seed: int = 0, **fields: Any) -> Surface:
@@ -49,16 +53,21 @@ def rough_surface(shape: tuple[int, int] = (32, 32), seed: int = 0, **fields: An
     return Surface(heights=heights * (0.1 / slope if slope > 0 else 0), **fields)
 
 
-def _paraboloid(pixels: int = 48, radius: float = 30.0, pixel_size: float = 0.5) -> Surface:
-    x = (np.arange(pixels) - (pixels - 1) / 2) * pixel_size
-    heights = -(x[:, None] ** 2 + x**2) / (2 * radius)
-    return Surface(heights=heights, pixel_size=pixel_size, periodic=False, provenance={"radius": radius})
+def _solvable(
+    component: ContactSolver, surfaces: Sequence[Surface] = (), force: float = 0.02
+) -> list[tuple[Surface, float]]:
+    """The surfaces that the solver accepts, each with a load (nN) that brings a part of it into contact.
 
-
-def _solvable(component: ContactSolver, surfaces: Sequence[Surface]) -> list[tuple[Surface, float]]:
-    """The surfaces that the solver accepts, each with a load (nN) that brings a part of it into contact."""
+    ``force`` is that load relative to E* h'_rms A0, at which a half-space is in full contact or nearly so.
+    """
     accepted = []
-    for surface in (*surfaces, rough_surface(), _paraboloid()):
+    own = (
+        rough_surface(),
+        paraboloid(),
+        rough_surface((24, 36), seed=3),
+        rough_surface((20, 30), seed=4, periodic=False),
+    )
+    for surface in (*surfaces, *own):
         try:
             light = component.solve(surface, 1e-3 * surface.nominal_area)
         except InputError:
@@ -66,27 +75,62 @@ def _solvable(component: ContactSolver, surfaces: Sequence[Surface]) -> list[tup
         require(
             isinstance(light, ContactSolution), f"solve() returned {type(light).__name__}; expected a ContactSolution"
         )
-        accepted.append((surface, 0.02 * light.modulus * surface.rms_slope * surface.nominal_area))
-    require(accepted, "refused a rough periodic surface and a paraboloid; give surfaces=[...] that it accepts")
+        accepted.append((surface, force * light.modulus * surface.rms_slope * surface.nominal_area))
+    require(accepted, "refused rough surfaces and a paraboloid; give surfaces=[...] that it accepts")
     return accepted
+
+
+def same_pressure(one: np.ndarray, two: np.ndarray, tolerance: float) -> bool:
+    """Whether the relative L2 difference of two pressures is at most ``tolerance``."""
+    return one.shape == two.shape and difference(one, two) <= tolerance
+
+
+def difference(one: np.ndarray, two: np.ndarray) -> float:
+    """Relative L2 difference of two pressures."""
+    size = float(np.linalg.norm(two))
+    return float(np.linalg.norm(one - two)) / size if size else math.inf
+
+
+def _tolerance(component: ContactSolver, least: float) -> float:
+    """How far two equivalent solutions may differ: ``least``, or the error that the solver declares."""
+    return max(least, component.declared_error or 0.0)
+
+
+# -- the form of the answer -------------------------------------------------------------------------------------------
 
 
 @check_of("contact")
 def _contact_carries_the_load(component: ContactSolver, surfaces: Sequence[Surface] = (), force_tolerance=1e-6) -> None:
+    """The pressure (GPa) adds up to the load (nN), is nowhere negative, and some but not all pixels are in contact."""
     for surface, load in _solvable(component, surfaces):
         solution = component.solve(surface, load)
         require(solution.load == load, f"the load is {load} nN, the solution has {solution.load} nN")
         force = float(solution.pressure.sum(dtype=np.float64)) * solution.pixel_size**2
         require(
             math.isclose(force, load, rel_tol=force_tolerance),
-            f"the pressure integrates to {force!r} nN, the load is {load!r} nN",
+            f"the pressure integrates to {force!r} nN, the load is {load!r} nN (1 GPa nm² is 1 nN)",
         )
         require(0 < solution.sites.size < solution.pressure.size, f"{solution.area_fraction=}: expected some contact")
         require(solution.pressure.min() >= 0, "negative pressure")
 
 
 @check_of("contact")
+def _contact_is_deterministic(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """The same contact gives the same bytes, whatever was solved before; the surface stays as it was."""
+    solvable = _solvable(component, surfaces)
+    heights = [surface.heights.tobytes() for surface, _ in solvable]
+    first = [component.solve(surface, load).pressure.tobytes() for surface, load in solvable]
+    for (surface, load), pressure in zip(solvable, first, strict=True):
+        component.solve(surface, 0.4 * load)
+        again = component.solve(surface, load).pressure.tobytes()
+        require(again == pressure, "two solutions of the same contact differ")
+    require([surface.heights.tobytes() for surface, _ in solvable] == heights, "the heights of the surface changed")
+
+
+@check_of("contact")
 def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """Grid, pixel size, periodicity and roughness are the surface's, the modulus is the solver's, and all that it
+    implements is there."""
     for surface, load in _solvable(component, surfaces):
         solution = component.solve(surface, load)
         require(solution.shape == surface.shape, f"a solution of {solution.shape} pixels for {surface.shape}")
@@ -96,6 +140,9 @@ def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surf
         for name in ("rms_slope", "rms_height"):
             mine, its = getattr(solution, name), getattr(surface, name)
             require(math.isclose(mine, its, rel_tol=1e-6), f"{name} is {mine}, the surface has {its}")
+        if "GPa" in str(options_of(component).get("modulus", ((), None, ""))[1]):
+            mine, its = solution.modulus, getattr(component, "modulus", None)
+            require(its is None or math.isclose(mine, its), f"modulus is {mine} GPa, the solver has {its} GPa")
         for name in component.implemented_properties:
             # an option of the same name may switch on what takes memory
             complete = (
@@ -112,21 +159,8 @@ def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surf
 
 
 @check_of("contact")
-def _gap_is_closed_in_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
-    """Hard wall: gap ≥ 0, p·gap = 0, within the solver's tolerance."""
-    for surface, load in _solvable(component, surfaces):
-        with_gap = component.replace(gap=True) if "gap" in type(component).model_fields else component
-        solution = with_gap.solve(surface, load)
-        if solution.gap is None:
-            continue
-        scale = 1e-3 * surface.rms_height
-        require(solution.gap.min() >= -scale, f"the bodies overlap by {-solution.gap.min():g} nm")
-        gap = float(np.abs(solution.gap[solution.contact]).max())
-        require(gap <= 10 * scale, f"a gap of {gap:g} nm where the pressure is positive")
-
-
-@check_of("contact")
 def _no_load_is_no_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """At load 0 no pixel is in contact."""
     for surface, _ in _solvable(component, surfaces):
         solution = component.solve(surface, 0)
         require(solution.sites.size == 0 and solution.load == 0, f"{solution.sites.size} pixels in contact at load 0")
@@ -134,6 +168,7 @@ def _no_load_is_no_contact(component: ContactSolver, surfaces: Sequence[Surface]
 
 @check_of("contact")
 def _wrong_load_is_refused(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """Negative and infinite loads, and loads in another dimension, are InputErrors; a load may have its unit."""
     surface, load = _solvable(component, surfaces)[0]
     for wrong in (-1.0, math.nan, math.inf, "20 GPa", "20", True):
         refuses(f"load {wrong!r}", lambda wrong=wrong: component.solve(surface, wrong))
@@ -141,61 +176,6 @@ def _wrong_load_is_refused(component: ContactSolver, surfaces: Sequence[Surface]
         component.solve(surface, f"{load!r} nN") == component.solve(surface, load),
         "a load with its unit gave another solution",
     )
-
-
-@check_of("contact")
-def _contact_is_deterministic(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
-    for surface, load in _solvable(component, surfaces):
-        first, second = component.solve(surface, load), component.solve(surface, load)
-        require(first.pressure.tobytes() == second.pressure.tobytes(), "two solutions of the same contact differ")
-
-
-def same_pressure(one: np.ndarray, two: np.ndarray, tolerance: float) -> bool:
-    return float(np.linalg.norm(one - two)) <= tolerance * float(np.linalg.norm(two))
-
-
-@check_of("contact")
-def _contact_scales(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
-    """Elasticity is scale-free: lengths ×3 and load ×9, modulus and load ×2, or a raised surface are equivalent."""
-    for surface, load in _solvable(component, surfaces):
-        plain = component.solve(surface, load)
-        if "modulus" in type(component).model_fields:
-            stiff = component.replace(modulus=2 * plain.modulus).solve(surface, 2 * load)
-            require(
-                same_pressure(stiff.pressure / 2, plain.pressure, 1e-3),
-                "twice the modulus and load do not give twice the pressure",
-            )
-        for what, other, force in (
-            ("three times the size", surface.heights * 3, 9 * load),
-            ("raised by 5 nm", surface.heights + 5, load),
-        ):
-            size = surface.pixel_size * (3 if force > load else 1)
-            radius = surface.provenance.get("radius")
-            known = {"radius": radius * size / surface.pixel_size} if radius else {}
-            changed = Surface(heights=other, pixel_size=size, periodic=surface.periodic, provenance=known)
-            try:
-                solution = component.solve(changed, force)
-            except InputError:  # the solver needs more than heights and radius
-                continue
-            require(same_pressure(solution.pressure, plain.pressure, 1e-3), f"{what}: the pressure differs")
-
-
-@check_of("contact")
-def _contact_grows_with_load(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
-    for surface, load in _solvable(component, surfaces):
-        areas = [component.solve(surface, factor * load).sites.size for factor in (0.3, 1.0, 2.0)]
-        require(areas == sorted(areas) and areas[0] < areas[-1], f"pixels in contact at increasing load: {areas}")
-
-
-@check_of("contact")
-def _speed_does_not_change_the_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
-    """Options in ``speed_only``, such as the number of threads, do not change a bit of the pressure."""
-    for surface, load in _solvable(component, surfaces):
-        pressure = component.solve(surface, load).pressure
-        for what, variant in speed_variants(component):
-            require(
-                variant.solve(surface, load).pressure.tobytes() == pressure.tobytes(), f"{what}: the pressure differs"
-            )
 
 
 @check_of("contact")
@@ -208,12 +188,254 @@ def _contact_cost_is_estimated(component: ContactSolver) -> None:
             require_estimates(f"expected({surface}, {load})", component.expected(surface, load), bounds)
 
 
+# -- where the contact is ---------------------------------------------------------------------------------------------
+
+
+@check_of("contact")
+def _summits_touch_first(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """At a load of a fraction of a pixel's, the highest pixel carries it: heights are not upside down, mirrored,
+    transposed or shifted by a pixel."""
+    for surface, _ in _solvable(component, surfaces):
+        modulus = component.solve(surface, 0).modulus
+        solution = component.solve(surface, 1e-3 * modulus * surface.rms_slope * surface.pixel_size**2)
+        heights = surface.heights.astype(np.float64)
+        top = heights >= heights.max() - 1e-9 * (heights.max() - heights.min())
+        where = [tuple(map(int, place)) for place in np.argwhere(top)[:4]]
+        at = tuple(map(int, np.unravel_index(np.argmax(solution.pressure), surface.shape)))
+        require(
+            (solution.pressure[top] > 0).all(),
+            f"at a very small load the highest pixels, {where}, are not in contact; the largest pressure is at {at}, "
+            f"which is {heights.max() - heights[at]:.3g} nm lower (rms height {surface.rms_height:.3g} nm)",
+        )
+        high = heights >= np.quantile(heights, 0.9)
+        share = float(solution.pressure[high].sum() / solution.pressure.sum())
+        require(
+            share > 0.5,
+            f"at a very small load the highest tenth of the surface carries {share:.0%} of it; expected nearly all",
+        )
+
+
+@check_of("contact")
+def _contact_turns_with_the_surface(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """Mirroring, transposing or (where periodic) shifting the surface does the same to the pressure, and no more."""
+    for surface, load in _solvable(component, surfaces):
+        plain = component.solve(surface, load).pressure
+        turns: dict[str, Any] = {
+            "mirrored along x": lambda array: array[::-1],
+            "mirrored along y": lambda array: array[:, ::-1],
+            "transposed": lambda array: array.T,
+        }
+        if surface.periodic:
+            turns["shifted by (3, 5) pixels"] = lambda array: np.roll(array, (3, 5), (0, 1))
+        for what, turn in turns.items():
+            turned = Surface(
+                heights=np.ascontiguousarray(turn(surface.heights)),
+                pixel_size=surface.pixel_size,
+                periodic=surface.periodic,
+                provenance=surface.provenance,
+            )
+            try:
+                solution = component.solve(turned, load)
+            except InputError:  # a grid that the solver does not accept
+                continue
+            require(solution.shape == turned.shape, f"surface {what}: a solution of {solution.shape}")
+            away = difference(solution.pressure, turn(plain))
+            require(
+                away <= _tolerance(component, 1e-2),
+                f"surface {what}: the pressure is not that of the surface as it was, {what}; they differ by {away:.2g} "
+                "(relative L2 norm)",
+            )
+
+
+@check_of("contact")
+def _gap_is_closed_in_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """Where a gap (nm) is given: it is nowhere negative, and zero where the pressure is positive, to a hundredth of the
+    rms height or ten times the declared error of it."""
+    for surface, load in _solvable(component, surfaces):
+        with_gap = component.replace(gap=True) if "gap" in type(component).model_fields else component
+        solution = with_gap.solve(surface, load)
+        if solution.gap is None:
+            continue
+        scale = max(1e-3, component.declared_error or 0.0) * surface.rms_height
+        require(solution.gap.min() >= -scale, f"the bodies overlap by {-solution.gap.min():g} nm")
+        gap = float(np.abs(solution.gap[solution.contact]).max())
+        require(gap <= 10 * scale, f"a gap of {gap:g} nm where the pressure is positive")
+
+
+@check_of("contact")
+def _contact_scales(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """Lengths ×3 and load ×9, stresses and load ×2, or a raised surface are equivalent: no unit and no length is
+    hidden in the solver."""
+    for surface, load in _solvable(component, surfaces):
+        plain = component.solve(surface, load)
+        if "modulus" in type(component).model_fields:
+            stiff = rescaled(component, stress=2).solve(surface, 2 * load)
+            require(
+                same_pressure(stiff.pressure / 2, plain.pressure, _tolerance(component, 1e-3)),
+                "twice the modulus and load do not give twice the pressure",
+            )
+        for what, other, size, solver in (
+            ("three times the size", surface.heights * 3, 3, rescaled(component, length=3)),
+            ("raised by 5 nm", surface.heights + 5, 1, component),
+        ):
+            radius = surface.provenance.get("radius")
+            known = {"radius": radius * size} if radius else {}
+            changed = Surface(
+                heights=other, pixel_size=surface.pixel_size * size, periodic=surface.periodic, provenance=known
+            )
+            try:
+                solution = solver.solve(changed, load * size**2)
+            except InputError:  # the solver needs more than heights and radius
+                continue
+            same = same_pressure(solution.pressure, plain.pressure, _tolerance(component, 1e-3))
+            require(same, f"{what}: the pressure differs")
+
+
+@check_of("contact")
+def _contact_grows_with_load(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """A larger load brings more pixels into contact, and where it is given, a larger approach (nm)."""
+    for surface, load in _solvable(component, surfaces):
+        solutions = [component.solve(surface, factor * load) for factor in (0.3, 1.0, 2.0)]
+        areas = [solution.sites.size for solution in solutions]
+        require(areas == sorted(areas) and areas[0] < areas[-1], f"pixels in contact at increasing load: {areas}")
+        approaches = [solution.displacement for solution in solutions if solution.displacement is not None]
+        require(
+            approaches == sorted(approaches) and len(set(approaches)) == len(approaches),
+            f"displacement (approach of the bodies, nm) at increasing load: {approaches}; expected it to increase",
+        )
+
+
+# -- how large the pressure is ----------------------------------------------------------------------------------------
+
+
+@check_of("contact")
+def _known_contacts_are_found(component: ContactSolver) -> None:
+    """Where ``declared_error`` is given: flat, sinusoidal (Westergaard) and spherical (Hertz) surfaces on an elastic
+    half-space have the pressure of the closed form, to within that error."""
+    if component.declared_error is None:
+        return
+    error, solved = _declared(component), 0
+    modulus = getattr(component, "modulus", None)
+    for known in every_known_contact():
+        try:
+            scale = modulus if isinstance(modulus, float) else component.solve(known.surface, 0).modulus
+            solution = component.solve(known.surface, scale * known.load)
+        except InputError:
+            continue
+        solved += 1
+        exact = scale * known.pressure
+        away, peak = difference(solution.pressure, exact), float(solution.pressure.max() / exact.max())
+        require(
+            away <= error + known.pixels,
+            f"{known.name}: the pressure differs from the closed form by {away:.2g} (relative L2 norm); "
+            f"declared_error = {error:g}, and the pixels allow for {known.pixels:g}. In contact are "
+            f"{solution.area_fraction:.3f} of the pixels, expected {np.mean(exact > 0):.3f}; the largest pressure is "
+            f"{peak:.3f} of the expected one",
+        )
+    require(solved, "declares an error, but refuses all surfaces with a closed form")
+
+
+@check_of("contact")
+def _contact_obeys_the_half_space(component: ContactSolver) -> None:
+    """Where ``declared_error`` is given: on periodic rough surfaces the gap that follows from the pressure is zero in
+    contact and positive outside, to within that error; a solution that is given up early is found."""
+    if component.declared_error is None:
+        return
+    error = 3 * _declared(component) + 1e-4
+    for shape, seed in (((32, 32), 5), ((24, 40), 6)):
+        rough = rough_surface(shape, seed)
+        surface = Surface(heights=0.05 * rough.heights, pixel_size=rough.pixel_size, provenance={"rough": seed})
+        for force in (0.01, 0.1, 0.4):
+            try:
+                modulus = component.solve(surface, 0).modulus
+                solution = component.solve(surface, force * modulus * surface.rms_slope * surface.nominal_area)
+            except InputError:
+                continue
+            gap, overlap = half_space_errors(surface, solution)
+            require(
+                max(gap, overlap) <= error,
+                f"a rough surface of {shape} pixels, {solution.area_fraction:.3f} of it in contact: from the pressure "
+                f"follow a gap of {gap:.2g} rms heights in the contact and an overlap of {overlap:.2g} outside; "
+                f"expected at most {error:.2g} (declared_error = {_declared(component):g})",
+            )
+
+
+def _declared(component: ContactSolver) -> float:
+    error = component.declared_error
+    require(
+        isinstance(error, int | float) and not isinstance(error, bool) and 0 < error <= 1,
+        f"declared_error = {error!r}; give the largest relative error (L2 norm) of the pressure, above 0 and at most 1",
+    )
+    return float(error)  # pyright: ignore[reportArgumentType]
+
+
 @check_of("contact")
 def _start_changes_nothing(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """The solution does not depend on ``start``, be it of another load or of another surface."""
     for surface, load in _solvable(component, surfaces):
-        start, cold = component.solve(surface, 0.5 * load), component.solve(surface, load)
-        warm = component.solve(surface, load, start=start)
-        require(same_pressure(warm.pressure, cold.pressure, 1e-2), "the solution depends on the start")
+        cold = component.solve(surface, load)
+        for start in (
+            component.solve(surface, 0.5 * load),
+            component.solve(surface, 0),
+            _elsewhere(component, surface),
+        ):
+            try:
+                warm = component.solve(surface, load, start=start)
+            except InputError:
+                require(start is None or start.shape != surface.shape, "refused a start at another load")
+                continue
+            same = same_pressure(warm.pressure, cold.pressure, _tolerance(component, 1e-2))
+            require(same, "the solution depends on the start")
+
+
+def _elsewhere(component: ContactSolver, surface: Surface) -> ContactSolution | None:
+    """A contact of another grid, as far as the solver accepts one."""
+    cut = Surface(
+        heights=np.ascontiguousarray(surface.heights[: surface.shape[0] // 2]),
+        pixel_size=surface.pixel_size,
+        periodic=surface.periodic,
+        provenance=surface.provenance,
+    )
+    try:
+        return component.solve(cut, 1e-3 * cut.nominal_area)
+    except InputError:
+        return None
+
+
+# -- speed, and grids -------------------------------------------------------------------------------------------------
+
+
+@check_of("contact")
+def _speed_does_not_change_the_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """Options in ``speed_only``, such as the number of threads, do not change a bit of the pressure."""
+    for surface, load in _solvable(component, surfaces):
+        pressure = component.solve(surface, load).pressure
+        for what, variant in speed_variants(component):
+            require(
+                variant.solve(surface, load).pressure.tobytes() == pressure.tobytes(),
+                f"{what}: the pressure differs, but speed_only says that it does not",
+            )
+
+
+@check_of("contact")
+def _trade_is_from_fast_to_accurate(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
+    """The values of each option of ``trade`` give the same contact, the last ones nearly so."""
+    surface, load = _solvable(component, surfaces)[0]
+    for name, variants in trade_variants(component):
+        pressures = [variant.solve(surface, load).pressure.astype(np.float64) for _, variant in variants]
+        if any(pressure.shape != pressures[-1].shape for pressure in pressures):
+            raise AssertionError(f"trade of {name!r} changes the grid of the solution")
+        errors = [difference(pressure, pressures[-1]) for pressure in pressures[:-1]]
+        listed = ", ".join(f"{what}: {error:.2g}" for (what, _), error in zip(variants, errors, strict=False))
+        require(
+            max(errors) <= 0.3,
+            f"trade of {name!r} is another contact and not one at another accuracy; pressures differ from those of the "
+            f"last value by {listed}",
+        )
+        require(
+            len(errors) < 2 or errors[-1] <= max(0.5 * errors[0], 1e-3),
+            f"trade of {name!r} is not from fast to accurate; pressures differ from those of the last value: {listed}",
+        )
 
 
 @check_of("contact")

@@ -5,22 +5,19 @@ from __future__ import annotations
 import json
 import math
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from itertools import product
 from typing import Any
 
 from chemage.foundation.components import Component
+from chemage.foundation.errors import InputError
 from chemage.plugins import registry
-from chemage.testing.checks import check_of, checks_for, options_of, refuses, require, require_plain
-
-
-def check_component(component: Component, **inputs: Any) -> None:
-    """Run every check of the role of a component; raises AssertionError if one fails. See :func:`checks_for`."""
-    for check in checks_for(component, **inputs):
-        check(component)
+from chemage.testing.checks import check_of, options_of, other_values, refuses, require, require_plain
 
 
 @check_of("")
 def _has_kind_and_role(component: Component) -> None:
+    """The class has a kind in lower case, a docstring, and is of the class of its role."""
     cls = type(component)
     require(
         isinstance(cls.kind, str) and cls.kind, f"{cls.__name__}.kind is empty; give the name that users select it by"
@@ -35,6 +32,7 @@ def _has_kind_and_role(component: Component) -> None:
 
 @check_of("")
 def _citations_are_strings(component: Component) -> None:
+    """``cite`` is a tuple of strings."""
     cite = type(component).cite
     require(
         isinstance(cite, tuple),
@@ -45,6 +43,7 @@ def _citations_are_strings(component: Component) -> None:
 
 @check_of("")
 def _options_are_described(component: Component) -> None:
+    """Every option has a description, and a unit that can be read."""
     for name, (_, unit, description) in options_of(component).items():
         require(description.strip(), f"option {name!r} has no description; write a docstring below it")
         if unit:
@@ -55,12 +54,61 @@ def _options_are_described(component: Component) -> None:
 
 @check_of("")
 def _speed_only_names_options(component: Component) -> None:
-    unknown = set(type(component).speed_only) - set(type(component).model_fields)
+    """``speed_only`` is a tuple of names of options."""
+    named = type(component).speed_only
+    require(isinstance(named, tuple), f"speed_only = {named!r}: give a tuple, with a comma after a single name")
+    unknown = set(named) - set(type(component).model_fields)
     require(not unknown, f"speed_only names {', '.join(sorted(unknown))}, which are not options")
 
 
 @check_of("")
+def _trade_names_options(component: Component) -> None:
+    """``trade`` maps names of options to at least two values each, all of which the option accepts."""
+    trade = type(component).trade
+    require(isinstance(trade, Mapping), f"trade = {trade!r}: give a mapping from options to values")
+    for name, values in trade.items():
+        require(name in type(component).model_fields, f"trade names {name!r}, which is not an option")
+        require(
+            name not in type(component).speed_only,
+            f"trade and speed_only both name {name!r}: either it changes the answer or it does not",
+        )
+        require(isinstance(values, tuple) and len(values) > 1, f"trade of {name!r} is {values!r}; give several values")
+        distinct = len({repr(_accepted(component, name, value)) for value in values})
+        require(distinct == len(values), f"trade of {name!r} lists one value twice: {values!r}")
+
+
+def _accepted(component: Component, name: str, value: Any) -> Any:
+    """The option ``name`` at ``value``, with other options of ``trade`` at values that go with it."""
+    others = {other: values for other, values in type(component).trade.items() if other != name}
+    refusal = None
+    for combination in ({}, *(dict(zip(others, each, strict=True)) for each in product(*others.values()))):
+        try:
+            return getattr(component.replace(**combination, **{name: value}), name)
+        except InputError as error:
+            refusal = refusal or error
+    raise AssertionError(f"trade: the option {name!r} does not accept {value!r}: {refusal}")
+
+
+@check_of("")
+def _digest_tells_options_apart(component: Component) -> None:
+    """The digest changes with every option except those of ``speed_only``, so that no stored result is mistaken for
+    another's."""
+    for name in type(component).model_fields:
+        for what, variant in other_values(component, name):
+            if name in type(component).speed_only:
+                require(
+                    variant.digest() == component.digest(), f"{what}: the digest differs, but speed_only names {name!r}"
+                )
+            else:
+                require(
+                    variant.digest() != component.digest() and variant != component,
+                    f"{what}: the digest is that of {getattr(component, name)!r}; a sweep would take one for the other",
+                )
+
+
+@check_of("")
 def _options_are_frozen(component: Component) -> None:
+    """No option can be set on a finished component."""
     before = component.digest()
     for name in (*type(component).model_fields, "some_other_name"):
         try:
@@ -95,6 +143,7 @@ def _options_go_round(component: Component) -> None:
 
 @check_of("")
 def _wrong_options_are_refused(component: Component) -> None:
+    """Unknown options, numbers that are not finite and quantities of another dimension are errors naming the option."""
     message = refuses("an unknown option", lambda: type(component)(no_such_option=1))
     require("no_such_option" in message, f"the error for an unknown option does not name it: {message}")
     for name, (types, unit, _) in options_of(component).items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,12 @@ import numpy as np
 from chemage.foundation.errors import InputError
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Interaction
-from chemage.testing.checks import check_of, require, run_checks, seeds_are_harmless
+from chemage.testing.checks import check_of, require, run_checks, seeds_are_harmless, speed_variants
 
 
-def check_interaction(component: Interaction) -> None:
-    """Run every check of the role ``interaction``; raises AssertionError if one fails."""
-    run_checks(component, Interaction, {})
+def check_interaction(component: Interaction, *, all: bool = False) -> None:
+    """Run every check of the role ``interaction``; raises CheckFailed if one fails, with ``all`` every one."""
+    run_checks(component, Interaction, {}, all)
 
 
 _GRIDS = ((1, 1), (1, 2), (2, 2), (1, 7), (2, 5), (3, 3), (7, 5), (13, 11))
@@ -55,6 +56,13 @@ def _graph_is_sound(component: Interaction) -> None:
                     raise AssertionError(f"{where}: {error}") from error
 
 
+def _edges(component: Interaction, grid: tuple[int, int], periodic: bool, sites: np.ndarray) -> set[tuple[int, int]]:
+    """Pairs of neighbours as pixels, each from both ends."""
+    neighbours = component.neighbours(grid, periodic, sites)
+    i, s = np.nonzero(neighbours >= 0)
+    return set(zip(sites[i].tolist(), sites[neighbours[i, s]].tolist(), strict=True))
+
+
 def _pairs(component: Interaction, grid: tuple[int, int], sites: np.ndarray, seed: Any) -> dict[tuple[int, int], float]:
     neighbours = component.neighbours(grid, True, sites)
     coupling = component.coupling(sites, neighbours, seed)
@@ -63,6 +71,78 @@ def _pairs(component: Interaction, grid: tuple[int, int], sites: np.ndarray, see
         (int(sites[a]), int(sites[b])): float(energy)
         for a, b, energy in zip(i, neighbours[i, s], coupling[i, s], strict=True)
     }
+
+
+@check_of("interaction")
+def _calls_do_not_interfere(component: Interaction) -> None:
+    """Graph and energies depend on the arguments alone, not on earlier or concurrent calls; the arguments stay as they
+    were, and may be read-only."""
+    grids = ((12, 10), (10, 12), (7, 5))
+    every = [np.arange(nx * ny, dtype=np.int64) for nx, ny in grids]
+
+    def found(number: int) -> tuple[bytes, bytes]:
+        sites = every[number]
+        neighbours = component.neighbours(grids[number], True, sites)
+        given = np.array(neighbours)
+        given.setflags(write=False)
+        return neighbours.tobytes(), component.coupling(sites, given, 4).tobytes()
+
+    first = [found(number) for number in range(3)]
+    require([found(number) for number in range(3)] == first, "a call, repeated after others, gave another result")
+    require(all(np.array_equal(sites, np.arange(sites.size)) for sites in every), "the array of sites was changed")
+    for sites in every:
+        sites.setflags(write=False)
+    with ThreadPoolExecutor(3) as pool:
+        require(list(pool.map(found, [0, 1, 2] * 3)) == first * 3, "concurrent calls gave other results")
+
+
+@check_of("interaction")
+def _graph_is_the_same_everywhere(component: Interaction) -> None:
+    """On a full periodic grid that is not square, all sites have the same neighbours around them, across the edges too:
+    rows and columns are not mixed up, and nothing is missing at the edges."""
+    for nx, ny in ((24, 18), (18, 24)):
+        graph = _edges(component, (nx, ny), True, np.arange(nx * ny, dtype=np.int64))
+        require(graph, f"no site has a neighbour on a full {nx}x{ny} grid")
+        # rows or columns may be staggered, so the graph must repeat after two
+        for step in ((2, 0), (0, 2)):
+            missing = sorted({(_moved(a, step, nx, ny), _moved(b, step, nx, ny)) for a, b in graph} - graph)
+            if missing:
+                a, b = missing[0]
+                raise AssertionError(
+                    f"full periodic grid of {nx}x{ny} pixels: the graph is not the same everywhere. Pixels "
+                    f"{divmod(a, ny)} and {divmod(b, ny)} are no neighbours, but those {step} before them are "
+                    f"({len(missing)} such pairs); a pixel (x, y) has the index x·ny + y, and the grid repeats in both "
+                    "directions"
+                )
+
+
+def _moved(pixel: int, step: tuple[int, int], nx: int, ny: int) -> int:
+    x, y = divmod(pixel, ny)
+    return (x + step[0]) % nx * ny + (y + step[1]) % ny
+
+
+@check_of("interaction")
+def _patch_keeps_its_graph(component: Interaction) -> None:
+    """A patch has the same graph at the edges of a grid that is not periodic as inside a larger grid: nothing wraps
+    where nothing is periodic."""
+    small, large, corner = (8, 6), (60, 52), (26, 22)
+    inside = np.arange(small[0] * small[1], dtype=np.int64)
+    for sites in (inside, inside[np.random.default_rng(3).random(inside.size) < 0.7]):
+        x, y = np.divmod(sites, small[1])
+        embedded = (x + corner[0]) * large[1] + y + corner[1]
+        back = dict(zip(embedded.tolist(), sites.tolist(), strict=True))
+        mine = _edges(component, small, False, sites)
+        for periodic in (False, True):
+            its = {(back[a], back[b]) for a, b in _edges(component, large, periodic, embedded)}
+            if mine == its:
+                continue
+            a, b = min(mine ^ its)
+            have, lack = ("8x6", "larger") if (a, b) in mine else ("larger", "8x6")
+            raise AssertionError(
+                f"pixels {divmod(a, small[1])} and {divmod(b, small[1])} of a patch are neighbours on the {have} grid "
+                f"and not on the {lack} one (8x6, not periodic; larger: 60x52, periodic={periodic}, the patch in its "
+                "middle)"
+            )
 
 
 @check_of("interaction")
@@ -78,6 +158,27 @@ def _pair_keeps_its_energy(component: Interaction) -> None:
 
 
 @check_of("interaction")
+def _energies_are_in_ev(component: Interaction) -> None:
+    """Energies are in eV: the largest is between 1e-6 and 10 eV, unless all are zero."""
+    energies = np.abs(list(_pairs(component, (13, 11), np.arange(143, dtype=np.int64), 1).values()))
+    largest = float(energies.max())
+    require(
+        largest == 0 or 1e-6 <= largest <= 10,
+        f"the largest energy of a pair is {largest:.3g} eV; expected 1e-6 to 10 eV: is it in k_BT, kJ/mol or J?",
+    )
+
+
+@check_of("interaction")
 def _coupling_follows_its_seed(component: Interaction) -> None:
+    """The same seed gives the same energies, other seeds give others or none does."""
     grid, sites = (13, 11), np.arange(143, dtype=np.int64)
     seeds_are_harmless(lambda seed: tuple(_pairs(component, grid, sites, seed).items()), "coupling")
+
+
+@check_of("interaction")
+def _speed_does_not_change_the_energies(component: Interaction) -> None:
+    """Options in ``speed_only`` change neither the graph nor a bit of any energy."""
+    grid, sites = (13, 11), np.arange(143, dtype=np.int64)
+    plain = _pairs(component, grid, sites, 2)
+    for what, variant in speed_variants(component):
+        require(_pairs(variant, grid, sites, 2) == plain, f"{what}: the energies differ, but speed_only says not")

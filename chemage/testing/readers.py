@@ -2,29 +2,41 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
+
 from chemage.foundation.errors import ChemageError
 from chemage.foundation.records import Record
 from chemage.surfaces.reading import Reader
-from chemage.testing.checks import check_of, refuses, require, run_checks
+from chemage.surfaces.surface import Surface
+from chemage.testing.checks import check_of, refuses, require, run_checks, speed_variants
 
 
-def check_reader(component: Reader, **inputs: Any) -> None:
-    """Run every check of the role ``reader``; raises AssertionError if one fails.
+def check_reader(component: Reader, *, all: bool = False, **inputs: Any) -> None:
+    """Run every check of the role ``reader``; raises CheckFailed if one fails, with ``all`` every one that does.
 
-    ``inputs`` is ``path``, a file that the reader can read.
+    ``inputs`` are ``path``, a file that the reader can read, and ``surface``, the Surface in this file: heights in nm,
+    pixel size and whether it is periodic, known from elsewhere.
     """
-    run_checks(component, Reader, inputs)
+    run_checks(component, Reader, inputs, all)
 
 
 @check_of("reader")
-def _suffixes_are_named(component: Reader) -> None:
+def _suffixes_are_named(component: Reader, path: Any = None) -> None:
+    """``suffixes`` names the file endings that the reader accepts, in lower case and with the dot."""
     suffixes = type(component).suffixes
     require(isinstance(suffixes, tuple) and suffixes, f"suffixes = {suffixes!r}: name the file endings that it reads")
-    require(all(s.startswith(".") and s == s.lower() for s in suffixes), f"{suffixes}: lower case, with the dot")
+    require(
+        all(isinstance(s, str) and s.startswith(".") and s == s.lower() and len(s) > 1 for s in suffixes),
+        f"{suffixes}: lower case, with the dot",
+    )
+    if path is not None:
+        ending = Path(path).suffix.lower()
+        require(ending in suffixes, f"the file ends in {ending!r}, but suffixes = {suffixes}")
 
 
 @check_of("reader")
@@ -47,11 +59,105 @@ def _bad_files_are_refused(component: Reader, path: Any = None) -> None:
             require(file.name in message, f"a {label} file: the message does not name it: {message}")
 
 
-@check_of("reader")
+@check_of("reader", needs=("path",))
 def _reads_its_file(component: Reader, path: Any = None) -> None:
-    if path is None:
+    """The file is read into a Surface or another object of chemage, the same each time, and stays as it was."""
+    before = Path(path).read_bytes()
+    first = component.read(path)
+    require(Path(path).read_bytes() == before, "reading changed the file")
+    require(
+        isinstance(first, Record),
+        f"read() returned {'None' if first is None else type(first).__name__}; expected a chemage.Surface (or another "
+        "object of chemage)",
+    )
+    require(first == component.read(str(path)), "reading the file as Path and as str gave different objects")
+    require(first == component.read(Path(path)), "reading the file twice gave different objects")
+
+
+@check_of("reader", needs=("path",))
+def _file_is_in_nm(component: Reader, path: Any = None) -> None:
+    """Heights and pixel size are in nm, as far as it can be told without the surface: slopes are neither below 1e-8 nor
+    above 100, and a pixel is between 1e-3 and 1e6 nm."""
+    surface = component.read(path)
+    if not isinstance(surface, Surface):
         return
-    first, second = component.read(path), component.read(str(path))
-    require(first is not None, "read() returned None")
-    if isinstance(first, Record):
-        require(first == second, "reading the file as Path and as str gave different objects")
+    require(
+        1e-3 <= surface.pixel_size <= 1e6,
+        f"pixels of {surface.pixel_size:.3g} nm; is the pixel size in m or µm? Surface.pixel_size is in nm",
+    )
+    slope = surface.rms_slope
+    require(
+        slope == 0 or 1e-8 <= slope <= 100,
+        f"an rms slope of {slope:.3g} (heights of {surface.rms_height:.3g} nm rms, pixels of {surface.pixel_size:.3g} "
+        "nm); are heights or pixel size in m? Both are in nm",
+    )
+
+
+@check_of("reader", needs=("path", "surface"))
+def _known_surface_is_read(component: Reader, path: Any = None, surface: Surface | None = None) -> None:
+    """The file that holds ``surface`` gives just that: heights in nm with x as the first index, pixel size in nm,
+    periodicity."""
+    found = component.read(path)
+    if not isinstance(found, Surface) or surface is None:
+        raise AssertionError(f"read() returned {type(found).__name__}; expected a chemage.Surface")
+    require(
+        found.shape == surface.shape,
+        f"{found.shape} pixels (nx, ny), expected {surface.shape}"
+        + (": x and y are swapped" if found.shape == surface.shape[::-1] else ""),
+    )
+    heights, wanted = found.heights.astype(np.float64), surface.heights.astype(np.float64)
+    require(_alike(heights, wanted), f"other heights than those in the file{_difference(heights, wanted)}")
+    require(
+        math.isclose(found.pixel_size, surface.pixel_size, rel_tol=1e-6),
+        f"pixels of {found.pixel_size} nm, expected {surface.pixel_size} nm",
+    )
+    require(
+        found.periodic == surface.periodic,
+        f"periodic is {found.periodic}, expected {surface.periodic} (the default of chemage.Surface is True)",
+    )
+
+
+def _alike(one: np.ndarray, two: np.ndarray) -> bool:
+    """Equal to a ten thousandth of the range, which a format of 16 bits keeps."""
+    return one.shape == two.shape and bool(np.abs(one - two).max() <= 1e-4 * max(float(np.ptp(two)), 1e-300))
+
+
+def _difference(found: np.ndarray, wanted: np.ndarray) -> str:
+    """What turns the heights that were read into the expected ones, if it is something simple."""
+    turned = {
+        "": found,
+        "mirrored along x": found[::-1],
+        "mirrored along y": found[:, ::-1],
+        "turned by 180 degrees": found[::-1, ::-1],
+        "transposed": found.T,
+        "in another order of rows and columns": found.ravel().reshape(found.shape, order="F"),
+    }
+    for how, heights in turned.items():
+        if heights.shape != wanted.shape:
+            continue
+        one, two = heights - heights.mean(), wanted - wanted.mean()
+        factor = float((one * two).sum() / max(float((two * two).sum()), 1e-300))
+        if factor and _alike(one / factor, two):
+            parts = [how] if how else []
+            if not math.isclose(factor, 1, rel_tol=1e-3):
+                parts.append(
+                    "upside down" if math.isclose(factor, -1, rel_tol=1e-3) else f"{factor:.4g} times as large"
+                )
+            elif not parts:
+                parts.append(f"{float(heights.mean() - wanted.mean()):.4g} nm higher")
+            return ": they are " + " and ".join(parts)
+    return f": they differ by up to {np.abs(found - wanted).max():.3g} nm"
+
+
+@check_of("reader", needs=("path",))
+def _stated_pixel_size_counts(component: Reader, path: Any = None) -> None:
+    """An option ``pixel_size`` overrides the pixel size in the file; ``speed_only`` options change nothing."""
+    found = component.read(path)
+    if "pixel_size" in type(component).model_fields and isinstance(found, Surface):
+        other = component.replace(pixel_size=2.5 * found.pixel_size).read(path)
+        require(
+            math.isclose(other.pixel_size, 2.5 * found.pixel_size),
+            f"pixel_size = {2.5 * found.pixel_size} nm was given, but the surface has pixels of {other.pixel_size} nm",
+        )
+    for what, variant in speed_variants(component):
+        require(variant.read(path) == found, f"{what}: another surface, but speed_only says that it is the same")

@@ -3,29 +3,40 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
+from chemage.foundation.errors import InputError
 from chemage.surfaces.role import SurfaceMaker
 from chemage.surfaces.surface import Surface
 from chemage.testing.checks import (
     check_of,
+    options_of,
     refuses,
     require,
     require_estimates,
     require_plain,
+    rescaled,
     run_checks,
     seeds_are_harmless,
+    speed_variants,
+    trade_variants,
 )
 
 
-def check_surface_maker(component: SurfaceMaker) -> None:
-    """Run every check of the role ``surface``; raises AssertionError if one fails."""
-    run_checks(component, SurfaceMaker, {})
+def check_surface_maker(component: SurfaceMaker, *, all: bool = False) -> None:
+    """Run every check of the role ``surface``; raises CheckFailed if one fails, with ``all`` every one that does."""
+    run_checks(component, SurfaceMaker, {}, all)
+
+
+def _random(component: SurfaceMaker) -> bool:
+    return component.make(0).heights.tobytes() != component.make(1).heights.tobytes()
 
 
 @check_of("surface")
 def _makes_a_surface(component: SurfaceMaker) -> None:
+    """``make()`` returns a Surface with finite heights and a record of how it was made, the same as ``make(0)``."""
     surface = component.make(0)
     require(isinstance(surface, Surface), f"make() returned {type(surface).__name__}; expected a chemage.Surface")
     require(np.isfinite(surface.heights).all(), "heights are not finite")
@@ -34,19 +45,168 @@ def _makes_a_surface(component: SurfaceMaker) -> None:
         surface.provenance, "provenance is empty; record how the surface was made, such as self.todict() and the seed"
     )
     require(component.make() == surface, "make() and make(0) differ")
+    require(component.make(seed=0) == surface, "make(0) and make(seed=0) differ")
 
 
 @check_of("surface")
 def _surface_follows_its_seed(component: SurfaceMaker) -> None:
+    """The same seed gives the same bytes, other seeds give others or none does, and wrong seeds are InputErrors."""
     seeds_are_harmless(lambda seed: component.make(seed).heights.tobytes(), "make")
-    if component.make(0).heights.tobytes() != component.make(1).heights.tobytes():
+    if _random(component):
         for seed in (-1, 0.5):
             refuses(f"make({seed})", lambda seed=seed: component.make(seed))  # pyright: ignore[reportArgumentType]
 
 
 @check_of("surface")
+def _surface_has_its_options(component: SurfaceMaker) -> None:
+    """Options named ``pixels``, ``pixel_size`` (nm), ``rms_slope``, ``rms_height`` (nm) and ``periodic`` are properties
+    of the surface, on grids that are not square too."""
+    for maker in (component, *_other_grids(component)):
+        surface = maker.make(0)
+        pixels = getattr(maker, "pixels", None)
+        if pixels is not None:
+            shape = (pixels, pixels) if isinstance(pixels, int) else tuple(pixels)
+            require(surface.shape == shape, f"pixels = {pixels}, but the surface has {surface.shape} (nx, ny) pixels")
+        size = getattr(maker, "pixel_size", None)
+        if isinstance(size, float):
+            require(
+                math.isclose(surface.pixel_size, size, rel_tol=1e-9),
+                f"pixel_size = {size} nm, but the surface has pixels of {surface.pixel_size} nm",
+            )
+        if isinstance(getattr(maker, "periodic", None), bool):
+            stated = maker.periodic  # pyright: ignore[reportAttributeAccessIssue]
+            require(surface.periodic == stated, f"periodic = {stated}, but the surface says {surface.periodic}")
+        for name in ("rms_slope", "rms_height"):
+            wanted = getattr(maker, name, None)
+            if isinstance(wanted, float):
+                _require_roughness(maker, name, wanted)
+
+
+def _other_grids(component: SurfaceMaker) -> list[SurfaceMaker]:
+    """The component on grids that are not square, as far as it accepts them."""
+    pixels = getattr(component, "pixels", None)
+    if pixels is None:
+        return []
+    n = pixels if isinstance(pixels, int) else max(pixels)
+    found = []
+    for shape in ((n, max(n * 5 // 8, 1)), (max(n * 5 // 8, 1), n)):
+        try:
+            found.append(component.replace(pixels=shape))
+        except InputError:
+            continue
+    return found
+
+
+def _require_roughness(maker: SurfaceMaker, name: str, wanted: float) -> None:
+    count = 16 if _random(maker) else 1
+    found = np.array([getattr(maker.make(seed), name) for seed in range(count)])
+    mean = float(np.sqrt(np.mean(found**2)))
+    scatter = float(found.std() / math.sqrt(count))
+    unit = " nm" if name == "rms_height" else " (of the Fourier series where the surface is periodic)"
+    require(
+        abs(mean - wanted) <= 0.05 * wanted + 10 * scatter,
+        f"{name} = {wanted}, but surfaces of {maker.make(0).shape} pixels have {mean:.4g}{unit}",
+    )
+
+
+@check_of("surface")
+def _lengths_scale_together(component: SurfaceMaker) -> None:
+    """With all lengths among its options doubled, the same surface is twice as large: pixels and nanometres, or two
+    units of length, are not mixed up."""
+    lengths = {name for name, (_, unit, _) in options_of(component).items() if unit == "nm"}
+    if "pixel_size" not in lengths or getattr(component, "pixel_size", None) is None:
+        return
+    try:
+        larger = rescaled(component, length=2).make(0)
+    except InputError:
+        return
+    surface = component.make(0)
+    require(
+        larger.shape == surface.shape and math.isclose(larger.pixel_size, 2 * surface.pixel_size),
+        f"with all lengths doubled: {larger.shape} pixels of {larger.pixel_size} nm; "
+        f"expected {surface.shape} of {2 * surface.pixel_size} nm",
+    )
+    scale = float(np.abs(surface.heights).max())
+    away = float(np.abs(larger.heights / 2.0 - surface.heights).max())
+    ratio = larger.rms_height / surface.rms_height if surface.rms_height > 0 else math.nan
+    require(
+        away <= 1e-5 * scale,
+        f"with all lengths ({', '.join(sorted(lengths))}) doubled, heights are not twice as large: the rms height "
+        f"grows {ratio:.4g} times; is one of them taken in pixels, or in another unit?",
+    )
+
+
+@check_of("surface")
+def _recorded_radius_is_the_tips(component: SurfaceMaker) -> None:
+    """A ``radius`` (nm) in the provenance is that of the apex, which is the highest point, in the middle of the grid,
+    on a surface that is not periodic: solvers for a sphere rely on it."""
+    for maker in (component, *_other_grids(component)):
+        surface = maker.make(0)
+        radius = surface.provenance.get("radius")
+        if not isinstance(radius, int | float) or min(surface.shape) < 8:
+            return
+        middle = [(n - 1) / 2 for n in surface.shape]
+        x, y = ((np.arange(n) - c) * surface.pixel_size for n, c in zip(surface.shape, middle, strict=True))
+        near = np.hypot(x[:, None], y) <= 4 * surface.pixel_size
+        heights = surface.heights.astype(np.float64)
+        paraboloid = -(x[:, None] ** 2 + y**2) / (2 * radius)
+        away = float(np.ptp((heights - paraboloid)[near]))
+        top = tuple(map(int, np.unravel_index(np.argmax(heights), surface.shape)))
+        require(
+            away <= 0.05 * float(np.ptp(paraboloid[near])),
+            f"provenance has radius = {radius} nm, but near the middle of {surface.shape} pixels the heights are not "
+            f"those of a sphere with this radius and its apex up: they differ by {away:.3g} nm of "
+            f"{np.ptp(paraboloid[near]):.3g} nm, and the highest pixel is {top}",
+        )
+        require(not surface.periodic, "a single sphere (provenance has a radius) is not periodic; pass periodic=False")
+
+
+@check_of("surface")
+def _edges_fit_where_periodic(component: SurfaceMaker) -> None:
+    """A periodic surface goes on across its edges as it does inside; a random one that does at every seed is marked
+    periodic."""
+    random = _random(component)
+    surfaces = [component.make(seed) for seed in range(4 if random else 1)]
+    if min(surfaces[0].shape) < 8 or getattr(component, "periodic", None) is not None:
+        return  # with an option of that name it is the user's statement
+    seams = np.array([[_seam(surface.heights, axis) for axis in (0, 1)] for surface in surfaces])
+    if surfaces[0].periodic:
+        worst = seams[:, :, 0].min(axis=0)
+        for axis in (0, 1):
+            require(
+                worst[axis] <= 9,
+                f"the surface says that it is periodic (the default), but along {'xy'[axis]} its curvature at the edge "
+                f"is {math.sqrt(worst[axis]):.3g} times the largest inside; pass periodic=False, or make the edges fit",
+            )
+    elif random:
+        require(
+            not (seams[:, :, 1] <= 2).all(),
+            "the surface says that it is not periodic, but at every seed it goes on smoothly across both edges; "
+            "pass periodic=True",
+        )
+
+
+def _seam(heights: np.ndarray, axis: int) -> tuple[float, float]:
+    """How the edge compares with the inside: mean square second difference at the edge over the largest inside; and a
+    measure that is about 1 if a correlated surface goes on across the edge, and infinite if that cannot be told."""
+    rows = np.moveaxis(heights.astype(np.float64), axis, 0)
+    second = np.mean((np.roll(rows, -1, 0) - 2 * rows + np.roll(rows, 1, 0)) ** 2, axis=1)
+    inside = float(second[1:-1].max())
+    edge = float(max(second[0], second[-1]))
+    smallest = 1e-20 * float(np.mean(rows**2)) + 1e-300
+    kink = edge / max(inside, smallest) if edge > smallest else 0.0
+    near = float(np.median(np.mean(np.diff(rows, axis=0) ** 2, axis=1)))
+    far = float(np.median(np.mean((rows[rows.shape[0] // 2 :] - rows[: -(rows.shape[0] // 2)]) ** 2, axis=1)))
+    step = float(np.mean((rows[0] - rows[-1]) ** 2))
+    # told apart only if neighbours are much more alike than distant rows, and the edge is not tapered to nothing
+    if near == 0 or near > 0.2 * far or step < 0.05 * near or kink > 2:
+        return kink, math.inf
+    return kink, step / near
+
+
+@check_of("surface")
 def _surface_is_as_expected(component: SurfaceMaker) -> None:
-    """The properties that ``expected()`` returns are those of the surface."""
+    """The properties that ``expected()`` returns are those of the surface: lengths in nm, the slope as a ratio."""
     surface, expected = component.make(0), component.expected()
     exact = {"nx": surface.shape[0], "ny": surface.shape[1], "pixel_size": surface.pixel_size}
     known = (*exact, "rms_slope", "shortest_wavelength", "radius")
@@ -59,3 +219,67 @@ def _surface_is_as_expected(component: SurfaceMaker) -> None:
             math.isclose(slope, surface.rms_slope, rel_tol=0.3, abs_tol=1e-9),
             f"expected() has rms_slope = {slope}, the surface has {surface.rms_slope}",
         )
+    shortest = expected.get("shortest_wavelength", 0.0)
+    if shortest > 0 and surface.periodic and surface.rms_height > 0:
+        qx, qy = (2 * np.pi * np.fft.fftfreq(n, surface.pixel_size) for n in surface.shape)
+        squared = qx[:, None] ** 2 + qy**2
+        power = np.abs(np.fft.fft2(surface.heights - np.mean(surface.heights))) ** 2 * squared
+        beyond = float(power[np.sqrt(squared) > 1.25 * 2 * np.pi / shortest].sum() / power.sum())
+        require(
+            beyond < 0.25,
+            f"expected() has shortest_wavelength = {shortest:.4g} nm, but {beyond:.0%} of the mean square slope is in "
+            "shorter waves",
+        )
+
+
+@check_of("surface")
+def _coarser_is_the_same_surface(component: SurfaceMaker) -> None:
+    """``coarser(2)`` is None, or makes the same surface of the same size on pixels twice as large."""
+    coarse = component.coarser(2)
+    if coarse is None:
+        return
+    require(isinstance(coarse, SurfaceMaker), f"coarser(2) returned {type(coarse).__name__}")
+    fine, made = component.make(3), coarse.make(3)
+    require(
+        2 * made.shape[0] == fine.shape[0]
+        and 2 * made.shape[1] == fine.shape[1]
+        and math.isclose(made.pixel_size, 2 * fine.pixel_size),
+        f"coarser(2): {made.shape} pixels of {made.pixel_size} nm for {fine.shape} of {fine.pixel_size} nm",
+    )
+    nx, ny = made.shape
+    blocks = fine.heights.astype(np.float64).reshape(nx, 2, ny, 2)
+    candidates = [blocks.mean(axis=(1, 3)), blocks[:, 0, :, 0]]
+    away = min(_apart(made.heights, one) for one in candidates)
+    require(
+        away <= 0.5,
+        f"coarser(2) makes another surface at the same seed: heights differ by {away:.2g} rms heights from those of "
+        "the fine grid",
+    )
+
+
+def _apart(one: Any, two: np.ndarray) -> float:
+    one, two = one - np.mean(one), two - np.mean(two)
+    size = float(np.linalg.norm(two))
+    return float(np.linalg.norm(one - two)) / size if size else 0.0
+
+
+@check_of("surface")
+def _speed_does_not_change_the_surface(component: SurfaceMaker) -> None:
+    """Options in ``speed_only`` do not change a bit of the heights; ``trade`` keeps the size and the roughness."""
+    surface = component.make(2)
+    for what, variant in speed_variants(component):
+        require(
+            variant.make(2).heights.tobytes() == surface.heights.tobytes(),
+            f"{what}: the heights differ, but speed_only says that they do not",
+        )
+    for name, variants in trade_variants(component):
+        made = [(what, variant.make(2)) for what, variant in variants]
+        last = made[-1][1]
+        for what, other in made:
+            sizes = [n * other.pixel_size / (m * last.pixel_size) for n, m in zip(other.shape, last.shape, strict=True)]
+            require(
+                all(math.isclose(size, 1, rel_tol=0.01) for size in sizes)
+                and math.isclose(other.rms_height, last.rms_height, rel_tol=0.3, abs_tol=1e-12),
+                f"trade of {name!r} is another surface and not one at another accuracy: {what} gives {other!r}, the "
+                f"last value {last!r}",
+            )

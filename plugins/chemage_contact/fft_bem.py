@@ -86,6 +86,11 @@ class FFTBEM(ContactSolver):
     threads: int | None = Field(default=None, ge=1)
     """threads of one solve; default: all processors available to this process"""
 
+    @property
+    def declared_error(self) -> float | None:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Of the pressure on a half-space, see ``docs/contact.md``; None for a layer, which has no closed form here."""
+        return None if self.thickness is not None else min(1e-3 + 30 * self.tolerance, 1.0)
+
     @model_validator(mode="after")
     def _check(self) -> FFTBEM:
         if self.precision == "single" and self.tolerance < SINGLE_LIMIT:

@@ -22,6 +22,7 @@ class Hertz(ContactSolver):
 
     kind = "hertz"
     implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "displacement")
+    declared_error: ClassVar[float | None] = 0.01
     cite: ClassVar[tuple[str, ...]] = (
         "H. Hertz, J. reine angew. Math. 92, 156 (1881)",
         "K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",

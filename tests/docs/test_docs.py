@@ -159,3 +159,11 @@ def test_figures_are_not_orphans():
     text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
     orphans = [p.name for p in (ROOT / "docs").rglob("*.png") if p.name not in text]
     assert not orphans
+
+
+def test_the_page_of_checks_lists_every_check_as_its_docstring_says(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
+    import checks
+
+    assert checks.PAGE.read_text(encoding="utf-8") == checks.text(), "run python docs/site/checks.py"
+    assert all("| `" in line for line in checks.text().splitlines() if line.startswith("| `"))

@@ -12,11 +12,12 @@ import h5py
 import numpy as np
 import pytest
 
-from chemage import registry
+from chemage import Surface, registry
 from chemage.testing import checks_for, rough_surface
 
 FILES = Path(tempfile.mkdtemp(prefix="chemage-readers-"))
 atexit.register(shutil.rmtree, FILES, ignore_errors=True)
+MAP = Surface(heights=rough_surface((9, 7)).heights, pixel_size=0.5, periodic=False)
 np.save(FILES / "map.npy", rough_surface((9, 7)).heights)
 np.savetxt(FILES / "map.txt", rough_surface((9, 7)).heights, header="pixel_size = 0.5 nm")
 with h5py.File(FILES / "map.h5", "w") as file:
@@ -61,9 +62,8 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
 }
 
 INPUTS: dict[tuple[str, str], dict[str, Any]] = {
-    ("reader", "npy"): {"path": FILES / "map.npy"},
-    ("reader", "text"): {"path": FILES / "map.txt"},
-    ("reader", "hdf5"): {"path": FILES / "map.h5"},
+    ("reader", kind): {"path": FILES / f"map.{ending}", "surface": MAP}
+    for kind, ending in (("npy", "npy"), ("text", "txt"), ("hdf5", "h5"))
 }
 
 #: (role, kind, check) -> why it cannot hold

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, ClassVar
 
 import numpy as np
@@ -84,6 +85,66 @@ class Chain(Interaction):
         return np.where(there, 0.1 * random.pair_uniforms(seed, 301, mine, other), 0.0)
 
 
+class Shell(Interaction):
+    """Every bonded neighbour within a radius adds an energy that falls with the square of the distance."""
+
+    kind = "shell"
+    fault: ClassVar[str] = ""
+
+    strength: Energy = 0.3
+    """energy at a distance of one pixel, eV"""
+    reach: int = 5
+    """square of the largest distance, pixels; 5 makes 20 neighbours"""
+
+    def _steps(self):
+        far = range(-int(np.sqrt(self.reach)), int(np.sqrt(self.reach)) + 1)
+        return [(i, j) for i in far for j in far if 0 < i * i + j * j <= self.reach]
+
+    def neighbours(self, pixels, periodic, sites):
+        nx, ny = pixels[::-1] if self.fault == "rows and columns mixed up" else pixels
+        x, y = np.divmod(sites, ny)
+        steps = self._steps()
+        found = np.full((sites.size, len(steps)), -1, dtype=np.int32)
+        for slot, (i, j) in enumerate(steps):
+            inside = (x + i >= 0) & (x + i < nx) & (y + j >= 0) & (y + j < ny)
+            if self.fault == "nothing at the edges":
+                inside &= (x > 0) & (y > 0) & (x + i > 0) & (y + j > 0)
+            flat = (x + i) % nx * ny + (y + j) % ny
+            wraps = {"always wraps": True, "never wraps": False}.get(self.fault, periodic)
+            if self.fault == "wraps along y only":
+                wraps = periodic & (x + i >= 0) & (x + i < nx)
+            if self.fault == "runs on into the next row":
+                flat, inside = sites + i * ny + j, (sites + i * ny + j >= 0) & (sites + i * ny + j < nx * ny)
+                flat = flat % (nx * ny)
+            at = np.searchsorted(sites, flat).clip(max=max(sites.size - 1, 0))
+            there = (sites[at] == flat) if sites.size else np.zeros(0, dtype=bool)
+            there &= (flat != sites) & (inside | wraps)
+            if self.fault != "twice on narrow grids":
+                there &= ~(found == at[:, None]).any(axis=1)
+            found[there, slot] = at[there]
+        return found
+
+    def coupling(self, sites, neighbours, seed):
+        far = int(np.sqrt(self.reach))
+        steps = [
+            i * i + j * j for i in range(-far, far + 1) for j in range(-far, far + 1) if 0 < i * i + j * j <= self.reach
+        ]
+        energies = np.where(neighbours >= 0, self.strength / np.array(steps, dtype=float), 0.0)
+        return self._symmetric(neighbours, energies)
+
+    @staticmethod
+    def _symmetric(neighbours, energies):
+        """On narrow periodic grids a pair is seen at one of several distances; the nearest counts."""
+        i, s = np.nonzero(neighbours >= 0)
+        best: dict[tuple[int, int], float] = {}
+        for a, b, energy in zip(i.tolist(), neighbours[i, s].tolist(), energies[i, s].tolist(), strict=True):
+            pair = (min(a, b), max(a, b))
+            best[pair] = max(best.get(pair, 0.0), energy)
+        for a, slot, b in zip(i.tolist(), s.tolist(), neighbours[i, s].tolist(), strict=True):
+            energies[a, slot] = best[min(a, b), max(a, b)]
+        return energies
+
+
 class Count(Observable):
     """How many bonds."""
 
@@ -147,6 +208,24 @@ class Bed(ContactSolver):
 def broken(base: type[Component], **changes: Any) -> Any:
     """``base`` with some attributes or methods replaced."""
     return type(f"Broken{base.__name__}", (base,), {"__module__": __name__, "__doc__": base.__doc__, **changes})
+
+
+def mutant(base: type[Component], name: str, **changes: Any) -> Any:
+    """``base`` with some attributes or methods replaced, as a class of this module, so that it can be pickled."""
+    label = "Mutant" + "".join(word.capitalize() for word in re.split(r"\W+", f"{base.__name__} {name}"))
+    made = type(label, (base,), {"__module__": __name__, "__doc__": base.__doc__, **changes})
+    globals()[label] = made
+    return made
+
+
+def caught_by(component: Component, **inputs: Any) -> tuple[str, str]:
+    """The first check of the kit that fails, and its message; empty where none does."""
+    for check in testing.checks_for(component, **inputs):
+        try:
+            check(component)
+        except testing.CheckFailed as failure:
+            return failure.check, str(failure)
+    return "", ""
 
 
 def failing(component: Component, name: str, **inputs: Any) -> str:

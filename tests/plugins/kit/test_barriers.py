@@ -20,7 +20,7 @@ from chemage import testing
         ({"quantile": lambda self, u: (0.8 + 0.6 * u).ravel()}, "barrier_is_the_pixels_own", "shape"),
         ({"density": lambda self, e: Flat.density(self, e) * 1.02}, "density_agrees_with_quantile", "integrates to"),
         ({"density": lambda self, e: np.full(e.shape, 1 / 0.6)}, "density_agrees_with_quantile", "thousand eV"),
-        ({"density": lambda self, e: -Flat.density(self, e)}, "density_agrees_with_quantile", "density between"),
+        ({"density": lambda self, e: -Flat.density(self, e)}, "density_agrees_with_quantile", "negative or infinite"),
         ({"density": lambda self, e: np.array([1.0])}, "density_agrees_with_quantile", "shape"),
         ({"quantile": lambda self, u: np.ones(u.shape)}, "density_agrees_with_quantile", "point mass"),
     ],

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import ast
+import pickle
 from pathlib import Path
 
 import numpy as np
 import pytest
-from kit_examples import Bed, Chain, Count, Csv, Flat, White
+from kit_examples import Bed, Chain, Count, Csv, Flat, Shell, White, mutant
 
 import chemage as ca
 from chemage import Component, InputError, registry, testing
+from chemage.testing.checks import CHECKS
 
-REFERENCES: list[Component] = [Flat(), White(), Chain(), Count(), Csv(), Bed()]
+REFERENCES: list[Component] = [Flat(), White(), Chain(), Shell(), Count(), Csv(), Bed()]
 
 
 @pytest.fixture
@@ -40,6 +42,42 @@ def test_the_whole_role_at_once(csv):
         testing.checks_for(Flat(), path=csv)
     with pytest.raises(InputError, match="has no role"):
         testing.checks_for(ca.chemistry(forming=Flat()))
+
+
+def test_a_failure_names_its_check():
+    wrong = mutant(Flat, "two faults", quantile=lambda self, u: 1 - u, density=lambda self, e: 0 * e, cite="Hertz")()
+    with pytest.raises(
+        testing.CheckFailed, match=r"barriers 'flat': check citations_are_strings: cite is a str"
+    ) as one:
+        testing.check_component(wrong)
+    assert one.value.check == "citations_are_strings"
+    again = pickle.loads(pickle.dumps(one.value))  # as parallel test runs send it
+    assert (str(again), again.check) == (str(one.value), one.value.check)
+
+
+def test_all_failures_are_reported_at_once():
+    wrong = mutant(Flat, "three faults", quantile=lambda self, u: 1 - u, density=lambda self, e: 0 * e, cite="Hertz")()
+    for check in (testing.check_component, testing.check_barriers):
+        with pytest.raises(testing.ChecksFailed, match="3 of 14 checks fail") as several:
+            check(wrong, all=True)
+        names = ["citations_are_strings", "quantile_is_monotone", "density_agrees_with_quantile"]
+        assert [failure.check for failure in several.value.exceptions] == names
+        assert all(name in str(several.value) for name in names)
+        assert isinstance(several.value, AssertionError)
+    testing.check_component(Flat(), all=True)
+
+
+def test_an_exception_of_the_component_is_a_failure_of_the_check():
+    wrong = mutant(Flat, "raises", density=lambda self, e: e[10**9])()
+    with pytest.raises(testing.CheckFailed, match="density_agrees_with_quantile: raised IndexError"):
+        testing.check_component(wrong)
+
+
+def test_every_check_says_what_it_requires():
+    for functions in CHECKS.values():
+        for function in functions:
+            requirement = testing.Check("", function, {}).requirement
+            assert requirement.endswith("."), function.__name__
 
 
 def test_every_promise_is_broken_somewhere():

@@ -1,0 +1,192 @@
+"""Engines that are wrong in one way, each found first by the check named for it."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from kit_engine import Fault, Plain
+from kit_examples import caught_by, changed, mutant
+
+import chemage as ca
+from chemage import BondHistory, Energy, testing
+
+#: what the direct method does wrong -> the check that finds it
+FAULTS = {
+    Fault.TEMPERATURE: "rates_follow_the_temperature",
+    Fault.FREQUENCY: "rates_follow_the_attempt_frequency",
+    Fault.SIGN: "coupled_sites_are_refused_or_right",
+    Fault.TWICE: "coupled_sites_are_refused_or_right",
+    Fault.FIRST_EMPTY: "empty_slots_are_skipped",
+    Fault.LAST_SITE: "empty_slots_are_skipped",
+    Fault.SUBTRACT: "rates_span_many_decades",
+    Fault.AFTER: "one_site_is_the_closed_form",
+    Fault.NO_CAP: "barrierless_is_the_attempt_frequency",
+    Fault.CAP_FIRST: "barriers_end_at_zero",
+    Fault.BREAKING_COUPLED: "coupled_sites_are_refused_or_right",
+    Fault.ONE_BARRIER: "one_site_is_the_closed_form",
+    Fault.LOG10: "one_site_is_the_closed_form",
+    Fault.MEAN_TIME: "one_site_is_the_closed_form",
+    Fault.ANY_SITE: "one_site_is_the_closed_form",
+    Fault.ONE_NEIGHBOUR: "coupled_sites_are_refused_or_right",
+    Fault.BY_PIXEL: "sites_keep_their_own_rates",
+    Fault.STALE: "coupled_sites_are_refused_or_right",
+    Fault.HALF: "one_site_is_the_closed_form",
+    Fault.CLOCK: "going_on_counts_from_the_history",
+    Fault.REUSE: "going_on_keeps_the_rates",
+    Fault.OLD_TEMPERATURE: "going_on_keeps_the_rates",
+    Fault.RECOUNT: "going_on_counts_from_the_history",
+    Fault.NO_START: "start_is_taken",
+    Fault.OVERWRITE: "runs_do_not_share_state",
+    Fault.SINGLE_TIME: "going_on_keeps_the_rates",
+}
+
+
+def test_the_direct_method_passes():
+    testing.check_engine(Plain())
+
+
+@pytest.mark.parametrize("fault", Fault)
+def test_a_wrong_direct_method(fault):
+    if fault is Fault.NONE:
+        return
+    name, said = caught_by(mutant(Plain, fault.name, fault=fault)())
+    assert name == FAULTS[fault], said
+
+
+def passed_on(name: str, change: Any = None, before: Any = None, base: type = Plain, **attributes: Any) -> Any:
+    """An engine whose result is passed through ``change``, or its arguments through ``before``."""
+
+    def _run(self: Any, *given: Any) -> BondHistory:
+        if before is not None:
+            given = before(*given)
+        history = base._run(self, *given)
+        return history if change is None else change(history, *given)
+
+    return mutant(base, name, _run=_run, **attributes)()
+
+
+def _events_doubled(history, *given):
+    return changed(history, formed=2 * history.formed, broken=history.broken + history.formed)
+
+
+_kept: dict[int, Any] = {}
+
+
+def _remembered(lattice, *rest):
+    """The barriers of the last lattice with interaction, if it had this size."""
+    forming = _kept.setdefault(lattice.sites.size, lattice.forming) if lattice.interacting else lattice.forming
+    _kept.clear()
+    _kept[lattice.sites.size] = lattice.forming
+    return changed(lattice, forming=forming), *rest
+
+
+def _seedless(lattice, times, kelvin, seed, start):
+    return lattice, times, kelvin, 0, start
+
+
+def _spawning(lattice, times, kelvin, seed, start):
+    return lattice, times, kelvin, seed.spawn(1)[0] if isinstance(seed, np.random.SeedSequence) else seed, start
+
+
+def _kj_per_mol(lattice, *rest):
+    breaking = None if lattice.breaking is None else lattice.breaking * 0.98
+    return changed(lattice, forming=lattice.forming * 0.98, breaking=breaking), *rest
+
+
+def _one_time_only(history, lattice, times, *rest):
+    """Every hold time has the count of the last one."""
+    end = times > 0
+    formed, broken = (np.where(end, counts[-1], counts) for counts in (history.formed, history.broken))
+    return changed(history, bonds=np.where(end, history.bonds[-1], history.bonds), formed=formed, broken=broken)
+
+
+class Hasty(Plain):
+    """Leaves out breaking where it works in pieces."""
+
+    speed_only: ClassVar[tuple[str, ...]] = ("pieces",)
+    pieces: int = 1
+    """number of pieces"""
+
+    def _run(self, lattice, hold_times, temperature, seed, start):
+        shifted = changed(lattice, forming=lattice.forming + 0.01 * (self.pieces - 1))
+        return super()._run(shifted, hold_times, temperature, seed, start)
+
+
+class Traded(Plain):
+    """Trades the barriers."""
+
+    trade: ClassVar[Any] = {"lowered": (0.2, 0.0)}
+    lowered: Energy = 0.0
+    """by how much barriers are lowered"""
+
+    def _run(self, lattice, hold_times, temperature, seed, start):
+        lowered = changed(lattice, forming=lattice.forming - self.lowered)
+        return super()._run(lowered, hold_times, temperature, seed, start)
+
+
+class Rounded(Plain):
+    """An approximation: rates rounded to powers of two."""
+
+    exact: ClassVar[bool] = False
+    declared_error: ClassVar[float | None] = 0.4
+
+    def _run(self, lattice, hold_times, temperature, seed, start):
+        step = ca.KB * temperature * np.log(2)
+        rounded = changed(
+            lattice,
+            forming=np.where(lattice.forming > 0, np.round(lattice.forming / step) * step, lattice.forming),
+        )
+        return super()._run(rounded, hold_times, temperature, seed, start)
+
+
+counter = itertools.count()
+OTHERS: dict[str, tuple[Any, str]] = {
+    "events counted twice": (
+        lambda: passed_on("events", lambda h, *g: changed(h, formed=2 * h.formed, broken=h.broken + h.formed)),
+        "one_site_is_the_closed_form",
+    ),
+    "state shared between runs": (lambda: passed_on("shared", before=_remembered), "runs_do_not_share_state"),
+    "one seed for all": (lambda: passed_on("seedless", before=_seedless), "run_follows_its_seed"),
+    "spawns from the seed": (lambda: passed_on("spawning", before=_spawning), "run_follows_its_seed"),
+    "a wrong conversion of energies": (
+        lambda: passed_on("energies", before=_kj_per_mol),
+        "one_site_is_the_closed_form",
+    ),
+    "the last count for all hold times": (lambda: passed_on("last", _one_time_only), "one_site_is_the_closed_form"),
+    "results of the last run": (
+        lambda: passed_on("late", lambda h, *g: changed(h, formed=h.formed + next(counter), broken=h.broken + 1)),
+        "history_adds_up",
+    ),
+    "a restart that is not exact": (lambda: mutant(Plain, "restart", restart=True)(), "restart_is_exact"),
+    "an option for speed that changes rates": (Hasty, "speed_does_not_change_the_run"),
+    "an option for accuracy that is another model": (Traded, "trade_keeps_the_rates"),
+    "speed of an option that does not exist": (
+        lambda: mutant(Plain, "speed", speed_only=("workers",))(),
+        "speed_only_names_options",
+    ),
+    "trade of an option that does not exist": (
+        lambda: mutant(Plain, "trade", trade={"workers": (1, 2)})(),
+        "trade_names_options",
+    ),
+    "approximate without an error": (lambda: mutant(Plain, "undeclared", exact=False)(), "error_is_declared"),
+    "exact with an error": (lambda: mutant(Plain, "declared", declared_error=0.1)(), "error_is_declared"),
+    "an error larger than declared": (
+        lambda: mutant(Rounded, "proud", declared_error=0.01)(),
+        "rates_follow_the_temperature",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_a_wrong_engine(name):
+    make, check = OTHERS[name]
+    _kept.clear()
+    found, said = caught_by(make())
+    assert found == check, said
+
+
+def test_an_approximate_engine_that_declares_its_error_passes():
+    testing.check_engine(Rounded())
