@@ -162,6 +162,14 @@ def _outdated(folder: Folder, found: Survey) -> Outdated:
     return stale
 
 
+def _describe(folder: Folder, found: Survey) -> None:
+    """Write the manifest, or note in it which plugins were asked about all that is complete."""
+    if not folder.manifest.exists():
+        folder.write_manifest(_manifest(found))
+    elif (there := folder.read_manifest()).get("asked", {}) != found.hooks:
+        folder.write_manifest({**there, "asked": found.hooks})
+
+
 def _clear(folder: Folder) -> None:
     """Remove the files of a sweep only; the manifest last, so that the folder stays recognisable as that of a sweep."""
     for name in ("points", "contacts", ".parts"):
@@ -248,9 +256,8 @@ def sweep(
         _check_room(found, folder.path, confirmed)
         stale = Outdated() if force else _outdated(folder, found)
         pool = None
-        if (
-            force or stale or _Todo(folder, found).left
-        ):  # raises before anything is written if the workers cannot be started
+        # raises before anything is written if the workers cannot be started
+        if force or stale or _Todo(folder, found).left:
             pool = stack.enter_context(open_pool(executor, workers, threads))
         _make(folder.path)
         stack.enter_context(folder.locked())
@@ -258,10 +265,7 @@ def sweep(
             _clear(folder)
         folder.clear_parts()
         stale.remove(folder)
-        if not folder.manifest.exists():
-            folder.write_manifest(_manifest(found))
-        elif (there := folder.read_manifest()).get("asked", {}) != found.hooks:
-            folder.write_manifest({**there, "asked": found.hooks})
+        _describe(folder, found)
         todo = _Todo(folder, found)
         if todo.left and pool is not None:
             _run_tasks(todo, pool, report, begin)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from chemage import Aging, InputError
+from chemage import Aging, InputError, Measurements, fit_aging
 
 
 @pytest.fixture
@@ -109,10 +109,11 @@ def test_jackknife_error_of_the_cutoff_is_that_of_the_delta_method():
     assert fit.cutoff_time_stderr == pytest.approx(expected, rel=0.02)
 
 
-def test_the_error_of_one_replica_is_that_of_least_squares():
+def test_the_error_of_measurements_is_that_of_least_squares_and_one_replica_has_none():
     times = 10.0 ** np.arange(1, 7)
     noise = np.random.default_rng(2).integers(-30, 30, (1, 6))
     made = line(1000, 1e-2, times, noise=noise)
     (_, _), covariance = np.polyfit(np.log10(times), made.friction_drop[0], 1, cov=True)
-    assert made.fit(10, 1e6).friction_rate_stderr == pytest.approx(math.sqrt(covariance[0, 0]), rel=1e-10)
-    assert math.isnan(made.fit(10, 100).friction_rate_stderr)  # two points lie on a line
+    data = Measurements("m", times, made.friction_drop[0], "friction_drop", None)
+    assert fit_aging(data).friction_rate_stderr == pytest.approx(math.sqrt(covariance[0, 0]), rel=1e-10)
+    assert math.isnan(made.fit(10, 1e6).friction_rate_stderr)

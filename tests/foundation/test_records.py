@@ -74,6 +74,7 @@ def test_every_field_is_part_of_the_digest(make):
     }
     optional = {
         "gap": np.zeros((4, 5)),
+        "contact_pixels": "centres",
         "displacement": 0.5,
         "breaking": np.ones(3),
         "contact": {"load": 1.0},
