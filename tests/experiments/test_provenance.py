@@ -130,6 +130,14 @@ def test_a_report_names_it(capped, tiny, tmp_path):
     assert "chemage-cap 2.1" in page
 
 
+def test_a_comparison_names_it(capped, tiny, tmp_path):
+    chemage.write(tmp_path / "x.h5", chemage.run(parse_scene(tiny.scene())))
+    found = chemage.compare_files([tmp_path / "x.h5"])
+    assert dict(found.table())["plugins that took part"] == ["chemage-tiny 1.0, chemage-cap 2.1"]
+    assert found.numbers()[0]["plugins"] == TOOK_PART
+    assert "chemage-cap 2.1" in found.csv()
+
+
 def test_a_point_of_a_sweep_knows_it(capped, tiny, tmp_path):
     sweep = {"sweep": {"contact.load": [10.0, 12.0]}}
     result = chemage.sweep({**tiny.scene(), **sweep}, tmp_path / "out")

@@ -83,6 +83,8 @@ class Comparison:
             ("β, 95 % interval", lambda one: f.beta_text() if (f := one.fit) else "-"),
             ("cut-off time, 95 % interval", lambda one: f.cutoff_text() if (f := one.fit) else "-"),
         ]
+        if any(one.plugins for one in self.results):
+            rows.append(("plugins that took part", lambda one: ", ".join(one.plugins.values()) or "-"))
         return [(label, [text_of(one) for one in self.results]) for label, text_of in rows]
 
     def numbers(self) -> list[dict[str, Any]]:
@@ -112,6 +114,7 @@ class Comparison:
             },
             "sites": one.sites,
             "replicas": one.aging.replicas if one.aging else 0,
+            "plugins": dict(one.plugins),
             "fit_window": list(one.window),
             "beta": fit.beta if fit else None,
             "beta_stderr": fit.beta_stderr if fit else None,
@@ -146,6 +149,7 @@ class Comparison:
         for numbers in self.numbers():
             line: dict[str, Any] = {}
             at, window = numbers.pop("at"), numbers.pop("fit_window")
+            numbers["plugins"] = "; ".join(f"{name}: {source}" for name, source in numbers["plugins"].items())
             for name in ("beta", "cutoff_time"):
                 low, high = numbers.pop(f"{name}_interval") or (None, None)
                 numbers |= {f"{name}_low": low, f"{name}_high": high}

@@ -38,6 +38,8 @@ class Entry:
     aging: Aging | None = None
     #: distribution of the pressure over the contact: bin edges (GPa), density (1/GPa)
     pressure: tuple[np.ndarray, np.ndarray] | None = None
+    #: plugins that took part: name -> source
+    plugins: Mapping[str, str] = field(default_factory=dict)
     #: first and last hold time of the fit, s
     window: tuple[float, float] = FIT_WINDOW
     #: reads the result again, maps included
@@ -61,12 +63,13 @@ class Entry:
                 thing.contact.summary(),
                 thing.aging,
                 _pressures(thing.contact),
+                thing.plugins,
                 thing.window,
             )
         if isinstance(thing, Aging):
-            return cls(name, source, "", {}, thing.contact, thing)
+            return cls(name, source, "", {}, thing.contact, thing, None, thing.plugins)
         if isinstance(thing, ContactSolution):
-            return cls(name, source, "", {}, thing.summary(), None, _pressures(thing))
+            return cls(name, source, "", {}, thing.summary(), None, _pressures(thing), thing.plugins)
         raise InputError(
             f"{source or name} holds a {type(thing).__name__}; a comparison takes runs, ageing curves or "
             "contacts, such as `chemage run` writes"
