@@ -332,7 +332,7 @@ def rescaled(component: Any, *, stress: float = 1.0, length: float = 1.0) -> Any
         value = getattr(component, name)
         if not unit or isinstance(value, bool) or not isinstance(value, int | float):
             continue
-        dimensions = dict(units().parse_units(unit).dimensionality)
+        dimensions: dict[str, Any] = dict(units().parse_units(unit).dimensionality)
         mass, metre, time = (float(dimensions.pop(name, 0)) for name in ("[mass]", "[length]", "[time]"))
         # a stress is M/(L T²); what contains a time otherwise, or a temperature, is none of both
         if not dimensions and time == -2 * mass and (mass or metre):
