@@ -89,21 +89,19 @@ def _end(
     statistic: Callable[[np.ndarray], np.ndarray], limit: float, start: float, stop: float, beyond: float
 ) -> float:
     """The time (s) between ``start`` and ``stop`` (log10) up to which no cut-off time is rejected; else ``beyond``."""
-    from scipy import optimize
-
     grid = np.linspace(start, stop, max(2, math.ceil(abs(stop - start) / 0.02)))[1:]
     rejected = np.flatnonzero(statistic(grid) > limit)
     if not rejected.size:
         return beyond
     outside = float(grid[rejected[0]])
     inside = float(grid[rejected[0] - 1]) if rejected[0] else start
-
-    def excess(log_time: float) -> float:
-        return float(np.nan_to_num(statistic(np.array([log_time]))[0], nan=0.0, posinf=1e300)) - limit
-
-    if not excess(inside) < 0:
-        return 10.0**inside
-    return 10.0 ** optimize.brentq(excess, inside, outside, xtol=1e-9)  # pyright: ignore[reportOperatorIssue]
+    # each round narrows the step, in which the statistic crosses the limit, tenfold
+    for _ in range(8):
+        steps = np.linspace(inside, outside, 11)
+        above = np.flatnonzero(statistic(steps[1:]) > limit)
+        first = int(above[0]) if above.size else 9
+        inside, outside = float(steps[first]), float(steps[first + 1])
+    return 10.0**inside
 
 
 def bootstrapped(

@@ -70,12 +70,12 @@ def test_a_choice_may_be_a_component_a_kind_or_a_table_and_is_stored_whole():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ("hertzz", "inner: no contact 'hertzz'; did you mean 'hertz'"),
-        ("hertz", "inner: contact 'hertz': modulus: is required"),
+        ("hertzz", r"inner: .*no contact 'hertzz' \(did you mean 'hertz'\?\)"),
+        ("hertz", "inner: .*contact 'hertz': modulus: is required"),
         ({"kind": "hertz", "modulus": "soft"}, "inner: .*modulus"),
-        ({"modulus": 1.0}, "inner: contact: kind is required"),
-        (3, "inner: expected a component made with chemage.contact"),
-        (chemage.engine("bkl"), "inner: expected a component made with chemage.contact"),
+        ({"modulus": 1.0}, "inner: .*contact: kind is required"),
+        (3, "inner: .*expected a component made with chemage.contact"),
+        (chemage.engine("bkl"), "inner: .*expected a component made with chemage.contact"),
     ],
 )
 def test_a_wrong_choice_is_named(given, message):
