@@ -18,6 +18,7 @@ import os
 import sys
 import threading
 import warnings
+import weakref
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -391,13 +392,21 @@ def _selected(found: Iterable[metadata.EntryPoint]) -> list[metadata.EntryPoint]
     return [point for point in points if wanted(point)]
 
 
+_reading = threading.Lock()
+_sources: weakref.WeakKeyDictionary[type, str] = weakref.WeakKeyDictionary()
+
+
 def source_version(cls: type) -> str:
-    """What stands for the version of a class that is not packaged: a hash of its source."""
-    try:
-        text = inspect.getsource(cls)
-    except (OSError, TypeError):
-        return "(source unknown)"
-    return f"(source {hashlib.blake2b(text.encode(), digest_size=4).hexdigest()})"
+    """What stands for the version of a class that is not packaged: a hash of its source, which is read once."""
+    with _reading:  # Python 3.11 cannot parse in two threads at once
+        if cls not in _sources:
+            try:
+                text = inspect.getsource(cls)
+            except (OSError, TypeError):
+                _sources[cls] = "(source unknown)"
+            else:
+                _sources[cls] = f"(source {hashlib.blake2b(text.encode(), digest_size=4).hexdigest()})"
+        return _sources[cls]
 
 
 def _full_name(record: PluginRecord) -> str:

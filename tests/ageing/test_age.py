@@ -252,6 +252,17 @@ def test_two_observables_of_one_name_are_refused(contact):
         age(contact, observe=[Watch(), Watch()])
 
 
+def test_classes_that_are_not_packaged_are_named_from_many_threads(contact):
+    """Reading a source is not safe in two threads at once (Python 3.11)."""
+    for _ in range(20):
+
+        class Fresh(Tally):
+            kind = "fresh"
+
+        made = ca.age(contact, chemistry(), engine=Fresh(), hold_times=TIMES, temperature=300, replicas=16, threads=8)
+        assert any(name.endswith("Fresh") for name in made.plugins)
+
+
 def test_half_hydroxylated_contacts_differ_in_their_sites(contact):
     silica = chemistry(hydroxylation=0.5)
     made = ca.age(contact, silica, engine=Tally(), hold_times=TIMES, temperature=300, replicas=30)
