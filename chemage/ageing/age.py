@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from chemage.ageing.aging import Aging
-from chemage.ageing.checkpoints import run_with_checkpoints
+from chemage.ageing.checkpoints import hashed, run_with_checkpoints
 from chemage.ageing.observables import Observable
-from chemage.ageing.seeds import Common, checked_common, identity, replica_seeds
+from chemage.ageing.seeds import Common, check_common, identity, origin, replica_seeds
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, checked_seed, expect, temperature_value
 from chemage.foundation.errors import InputError, PluginError
@@ -74,12 +74,14 @@ def age(
         results.
     """
     _check(contact, chemistry, engine, observe, replicas, seed, threads)
+    check_common(common)
     times, kelvin = check_times(hold_times), temperature_value(temperature)
     run = identity(contact, chemistry, engine, kelvin)
-    shared = checked_common(common)
+
+    options = hashed([engine.digest(), chemistry.digest(), times.tolist(), kelvin, origin(seed), common])
 
     def replica(number: int) -> _Replica:
-        disorder, noise = replica_seeds(seed, number, shared, run)
+        disorder, noise = replica_seeds(seed, number, common, run)
         lattice = build_lattice(chemistry, contact, disorder)
         if checkpoints is None:
             history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise)
@@ -87,7 +89,7 @@ def age(
             path = checkpoints / f"replica-{number:05d}.h5"
             before = contact.plugins | lattice.plugins
             history = run_with_checkpoints(
-                engine, lattice, times, temperature=kelvin, seed=noise, path=path, before=before
+                engine, lattice, times, temperature=kelvin, seed=noise, path=path, run=options, before=before
             )
         seen, plugins = _observations(contact, lattice, history, observe)
         plugins = lattice.plugins | history.plugins | plugins
@@ -96,7 +98,7 @@ def age(
     # threads inside a run take their processors away from the other replicas
     at_once = max(1, min(replicas, (threads or available()) // engine.concurrency()))
     done = list(_in_order(replica, replicas, at_once, progress))
-    origin = {
+    provenance = {
         "chemistry": chemistry.todict(),
         "engine": engine.todict(),
         "seed": str(seed),
@@ -104,7 +106,7 @@ def age(
         "contact": contact.provenance,
         **({"observe": [one.todict() for one in observe]} if observe else {}),
     }
-    return _aging(contact, chemistry, done, times, kelvin, origin)
+    return _aging(contact, chemistry, done, times, kelvin, provenance)
 
 
 def _aging(

@@ -43,6 +43,7 @@ def resumed(
     key: str,
     other: str,
     *,
+    run: str,
     before: Plugins,
     hooks: Sequence[str],
     **arguments: Any,
@@ -56,20 +57,20 @@ def resumed(
     Raises
     ------
     StoreError
-        With the message ``other``: the file was kept under another key, with the same plugins.
+        With the message ``other``: the file was kept for another ``run`` (a key of its options alone), or under another
+        key although the same plugins took part before.
     """
     if not path.exists():
         return None
     records, attributes = read_records(path, {name: kind})
     found = records.get(name)
     earlier = json.loads(attributes.get("before", "{}"))
+    of_this_run = attributes.get("run") == run and (earlier != before or attributes.get("checkpoint") == key)
+    if not of_this_run or not isinstance(found, kind):
+        raise StoreError(other)
     reasons = []
     if earlier != before:
         reasons.append(f"{_listed(earlier)} took part in the stages before, and now {_listed(before)}")
-    elif attributes.get("checkpoint") != key or not isinstance(found, kind):
-        raise StoreError(other)
-    if not isinstance(found, kind):
-        raise StoreError(other)
     reasons += [f"{plugin} was {then} and is {now}" for plugin, (then, now) in changed(found.plugins).items()]
     asked = json.loads(attributes.get("asked", "{}"))
     new = [plugin for plugin, source in implementing(*hooks).items() if asked.get(plugin) != source]
@@ -81,12 +82,10 @@ def resumed(
     return found
 
 
-def keep(path: Path, name: str, thing: Record, key: str, *, before: Plugins, hooks: Sequence[str]) -> None:
+def keep(path: Path, name: str, thing: Record, key: str, *, run: str, before: Plugins, hooks: Sequence[str]) -> None:
     """Write ``thing`` to ``path``, in place of what was kept there before; arguments as for :func:`resumed`."""
-    asked = json.dumps(implementing(*hooks))
-    write_records(
-        path, {name: thing}, {"checkpoint": key, "asked": asked, "before": json.dumps(dict(before))}, force=True
-    )
+    plugins = {"asked": json.dumps(implementing(*hooks)), "before": json.dumps(dict(before))}
+    write_records(path, {name: thing}, {"checkpoint": key, "run": run, **plugins}, force=True)
 
 
 def _listed(plugins: Plugins) -> str:
@@ -101,10 +100,13 @@ def run_with_checkpoints(
     temperature: float | str,
     seed: Seed,
     path: Path,
+    run: str = "",
     before: Plugins | None = None,
     every: float = 60.0,
 ) -> BondHistory:
     """One replica, written to ``path`` about every ``every`` seconds and at its end, and resumed if it is there.
+
+    ``run`` is a key of the options of the whole run, ``before`` the plugins that took part in the stages before.
 
     Raises
     ------
@@ -120,7 +122,7 @@ def run_with_checkpoints(
     other = f"{path} is the checkpoint of another run; remove it, or choose another folder"
     plugins = before or {}
     call = {"engine": engine, "lattice": lattice, "hold_times": times, "temperature": kelvin, "seed": seed}
-    done = resumed(path, "history", BondHistory, key, other, before=plugins, hooks=_HOOKS, **call, start=None)
+    done = resumed(path, "history", BondHistory, key, other, run=run, before=plugins, hooks=_HOOKS, **call, start=None)
     at = 0 if done is None else done.hold_times.size
     piece = 1
     written = time.monotonic()
@@ -133,12 +135,16 @@ def run_with_checkpoints(
         # short pieces are joined, so that restarting the engine stays a small part of the work
         piece = piece * 2 if now - begin < every / 8 else max(1, piece // 2)
         if now - written > every or at >= times.size:
-            keep(path, "history", done, key, before=plugins, hooks=_HOOKS)
+            keep(path, "history", done, key, run=run, before=plugins, hooks=_HOOKS)
             written = time.monotonic()
     assert done is not None
     return done
 
 
 def _key(engine: Engine, lattice: ReactionLattice, times: np.ndarray, temperature: float, seed: Seed) -> str:
-    content = [engine.digest(), lattice.digest(), times.tolist(), temperature, origin(seed)]
+    return hashed([engine.digest(), lattice.digest(), times.tolist(), temperature, origin(seed)])
+
+
+def hashed(content: Any) -> str:
+    """A key of plain JSON values."""
     return hashlib.blake2b(json.dumps(content).encode(), digest_size=16).hexdigest()

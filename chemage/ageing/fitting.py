@@ -23,6 +23,7 @@ import numpy as np
 from chemage.ageing.intervals import UNKNOWN, Bootstrap, Interval, bootstrapped, student
 from chemage.ageing.models import Model, basis, basis_slope, bounds, solve
 from chemage.foundation.errors import InputError
+from chemage.foundation.statistics import jackknife_error
 from chemage.foundation.text import jsonable, with_interval
 from chemage.foundation.units import convert
 
@@ -347,7 +348,7 @@ def _jackknife(solved: Callable[[np.ndarray], tuple[float, float]], curves: np.n
     """Standard errors of slope and log10 cut-off time, each replica left out in turn."""
     r, total = len(curves), curves.sum(axis=0)
     left_out = np.array([solved((total - one) / (r - 1)) for one in curves])
-    slope, cutoff = np.sqrt((r - 1) / r * np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0))
+    slope, cutoff = jackknife_error(left_out)
     return float(slope), float(cutoff)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from chemage.ageing.fitting import Curves, FitData, Quantity, fit_aging
 from chemage.foundation.errors import InputError
-from chemage.foundation.statistics import student_limit
+from chemage.foundation.statistics import jackknife_error, student_limit
 
 
 @dataclass(frozen=True)
@@ -63,5 +63,5 @@ def paired_difference(first: Curves, second: Curves, **options: Any) -> Differen
     left_out = np.array(
         [difference(*(_Without(one.hold_times, one, replica) for one in (first, second))) for replica in range(count)]
     )
-    error = math.sqrt((count - 1) / count * float(np.sum((left_out - left_out.mean()) ** 2)))
+    error = float(jackknife_error(left_out))
     return Difference(whole, error, error * student_limit(count - 1))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -43,7 +43,7 @@ class ReplicaSeeds(NamedTuple):
     noise: np.random.SeedSequence
 
 
-def replica_seeds(seed: Seed, replica: int, common: Common = "all", run: tuple[int, ...] = ()) -> ReplicaSeeds:
+def replica_seeds(seed: Seed, replica: int, common: Common, run: tuple[int, ...]) -> ReplicaSeeds:
     """Seeds of a replica's disorder and of its kinetics: functions of the arguments alone.
 
     Parameters
@@ -65,11 +65,10 @@ def replica_seeds(seed: Seed, replica: int, common: Common = "all", run: tuple[i
     return ReplicaSeeds(disorder, np.random.SeedSequence(entropy, spawn_key=(*path, *run, replica, 1)))
 
 
-def checked_common(common: str) -> Common:
-    """``common`` if it is one of :data:`COMMON`."""
-    if common not in get_args(Common):
+def check_common(common: str) -> None:
+    """Refuse what is not one of :data:`COMMON`."""
+    if common not in COMMON:
         raise InputError.of("common", common, f"is not one of {', '.join(COMMON)}", "the default is 'none'")
-    return common  # pyright: ignore[reportReturnType]
 
 
 def identity(contact: ContactSolution, chemistry: Chemistry, engine: Engine, temperature: float) -> tuple[int, ...]:

@@ -180,25 +180,31 @@ def run(
         with _timed("contact", scene, timings, report):
             contact = _solved(scene, surface, checkpoints)
     aging = None
-    if scene.chemistry is not None and scene.hold is not None and scene.engine is not None:
+    if scene.ages:
         with _timed("ageing", scene, timings, report):
-            aging = age(
-                contact,
-                scene.chemistry,
-                engine=scene.engine,
-                hold_times=scene.hold.hold_times,
-                temperature=scene.hold.temperature,
-                replicas=scene.hold.replicas,
-                seed=scene.hold.seed,
-                common=scene.hold.common,
-                observe=scene.observe,
-                threads=threads,
-                progress=partial(report, "ageing"),
-                checkpoints=checkpoints,
-            )
+            aging = aged(scene, contact, threads=threads, progress=partial(report, "ageing"), checkpoints=checkpoints)
     took_part = versions(scene, (contact, aging))
     keys = run_keys(scene, contact, aging)
     return Run(scene.todict(), contact, surface, aging, timings, took_part, keys, tuple(scene.cite()))
+
+
+def aged(scene: Scene, contact: ContactSolution, **changes: Any) -> Aging | None:
+    """The ageing of ``scene`` on ``contact``, with ``changes`` to the arguments of :func:`chemage.age`; None if the
+    scene stops at the contact."""
+    if not scene.ages:
+        return None
+    assert scene.chemistry is not None
+    assert scene.hold is not None
+    arguments: dict[str, Any] = {
+        "engine": scene.engine,
+        "hold_times": scene.hold.hold_times,
+        "temperature": scene.hold.temperature,
+        "replicas": scene.hold.replicas,
+        "seed": scene.hold.seed,
+        "common": scene.hold.common,
+        "observe": scene.observe,
+    }
+    return age(contact, scene.chemistry, **(arguments | changes))
 
 
 def run_keys(scene: Scene, contact: ContactSolution, aging: Aging | None) -> dict[str, str]:
@@ -234,8 +240,10 @@ def _solved(scene: Scene, surface: Surface, checkpoints: Path | None) -> Contact
     other = f"{checkpoints} holds checkpoints of another scene; choose another folder"
     hooks = ("chemage_solve_contact",)
     call = {"solver": scene.contact, "surface": surface, "load": scene.load, "start": None}
-    solution = resumed(path, "contact", ContactSolution, key, other, before=surface.plugins, hooks=hooks, **call)
+    solution = resumed(
+        path, "contact", ContactSolution, key, other, run=key, before=surface.plugins, hooks=hooks, **call
+    )
     if solution is None:
         solution = solve_contact(scene.contact, surface, scene.load)
-        keep(path, "contact", solution, key, before=surface.plugins, hooks=hooks)
+        keep(path, "contact", solution, key, run=key, before=surface.plugins, hooks=hooks)
     return solution

@@ -128,6 +128,11 @@ class Scene(_Section):
             data["title"] = self.title
         return {**data, **self._sections(lambda component: component.todict())}
 
+    @property
+    def ages(self) -> bool:
+        """Whether the scene goes on after the contact."""
+        return self.chemistry is not None and self.hold is not None and self.engine is not None
+
     def components(self) -> list[Component]:
         """Every component of the scene."""
         parts: list[Component | None] = [self.surface, self.contact, self.engine, *self.observe]

@@ -19,14 +19,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from chemage.ageing.age import age
 from chemage.ageing.aging import Aging
 from chemage.ageing.paired import paired_difference
-from chemage.ageing.seeds import Common
 from chemage.contacts.role import ContactSolver
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
 from chemage.experiments.extrapolation import vanishing_pixels
+from chemage.experiments.run import aged
 from chemage.experiments.scene import Scene
 from chemage.foundation.errors import ConvergenceError, InputError
 from chemage.foundation.text import jsonable
@@ -284,26 +283,8 @@ class _Measurement:
                 own=replicas == self.scene.hold.replicas,
             )
 
-    def _aged(
-        self,
-        contact: ContactSolution,
-        engine: Any = None,
-        replicas: int | None = None,
-        common: Common | None = None,
-    ) -> Aging | None:
-        scene = self.scene
-        if scene.chemistry is None or scene.hold is None or scene.engine is None:
-            return None
-        return age(
-            contact,
-            scene.chemistry,
-            engine=engine or scene.engine,
-            hold_times=scene.hold.hold_times,
-            temperature=scene.hold.temperature,
-            replicas=replicas or scene.hold.replicas,
-            seed=scene.hold.seed,
-            common=common or scene.hold.common,
-        )
+    def _aged(self, contact: ContactSolution, **changes: Any) -> Aging | None:
+        return aged(self.scene, contact, observe=(), **changes)
 
     def _beta(self, aging: Aging | None) -> dict[str, float]:
         try:

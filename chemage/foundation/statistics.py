@@ -25,6 +25,12 @@ def standard_error(values: np.ndarray) -> np.ndarray:
     return values.std(axis=0, ddof=1) / math.sqrt(values.shape[0])
 
 
+def jackknife_error(left_out: np.ndarray) -> np.ndarray:
+    """Standard error of an estimate, (...), from its values with each of r ≥ 2 replicas left out in turn, (r, ...)."""
+    r = len(left_out)
+    return np.sqrt((r - 1) / r * np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0))
+
+
 def student_limit(freedom: int, confidence: float = 0.95) -> float:
     """Standard errors on either side of a mean that hold the truth with probability ``confidence`` (Student's t)."""
     from scipy import special

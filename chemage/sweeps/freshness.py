@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from chemage.ageing.age import age
 from chemage.contacts.solution import ContactSolution
+from chemage.experiments.run import aged
 from chemage.experiments.scene import Scene
 from chemage.plugins.participation import Plugins
 from chemage.plugins.sources import changed, implementing, providers, would_change
@@ -120,19 +120,10 @@ class _Check:
         return self._joined(took_part)
 
     def _ageing_would_change(self, scene: Scene, solution: ContactSolution) -> bool:
-        if not self.new_in_ageing or scene.chemistry is None or scene.hold is None or scene.engine is None:
-            return False
         # one replica goes through all stages after the contact
-        aging = age(
-            solution,
-            scene.chemistry,
-            engine=scene.engine,
-            hold_times=scene.hold.hold_times,
-            temperature=scene.hold.temperature,
-            replicas=1,
-            seed=scene.hold.seed,
-            observe=scene.observe,
-        )
+        aging = aged(scene, solution, replicas=1) if self.new_in_ageing else None
+        if aging is None:
+            return False
         provide = providers(*scene.components())
         return self._joined([name for name in self.new_in_ageing if name in aging.plugins and name not in provide])
 

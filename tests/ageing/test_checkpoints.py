@@ -80,6 +80,36 @@ def test_checkpoints_of_another_run_are_refused(small: ca.Scene, tmp_path: Path)
         ca.run(ca.load_scene("silica-rough", {**SMALL, "contact.load": "300 nN"}), checkpoints=tmp_path)
 
 
+def test_checkpoints_of_another_run_are_refused_whatever_plugins_took_part(small: ca.Scene, tmp_path: Path):
+    class Light:
+        @ca.hookimpl(wrapper=True)
+        def chemage_solve_contact(self):
+            found = yield
+            return found.model_copy(update={"pressure": 0.5 * found.pressure})
+
+    installed = ca.registry.Registry()
+    installed.register(Light(), "light")
+    contact = ca.run(small).contact
+    with ca.registry.using(installed):
+        changed = ca.run(small).contact
+        ca.age(changed, checkpoints=tmp_path, **arguments_of(small))
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(StoreError, match="checkpoint of another run"):
+        ca.age(contact, checkpoints=tmp_path, **{**arguments_of(small), "temperature": 310.0})
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def arguments_of(scene: ca.Scene) -> dict:
+    hold = scene.hold
+    return {
+        "chemistry": scene.chemistry,
+        "engine": scene.engine,
+        "hold_times": hold.hold_times,
+        "temperature": hold.temperature,
+        "replicas": 2,
+    }
+
+
 def test_what_other_plugins_made_is_computed_again_and_said(small: ca.Scene, tmp_path: Path):
     """What a plugin has changed must not be taken up without it, nor the other way round."""
 
