@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging
 from chemage.ageing.seeds import COMMON
+from chemage.foundation.checks import check_times
 from chemage.foundation.errors import InputError
-from chemage.foundation.records import Doubles, Indices, Named, Record
+from chemage.foundation.records import Doubles, Indices, Named, Number, Plain, PositiveNumber, Record
 from chemage.foundation.statistics import half_width, standard_error
 
 
@@ -32,11 +33,11 @@ class Aging(Record):
     """(replicas,)"""
     events: Indices
     """(replicas,)"""
-    load: float = Field(ge=0, allow_inf_nan=False)
+    load: Number
     """nN"""
-    temperature: float = Field(gt=0, allow_inf_nan=False)
+    temperature: PositiveNumber
     """K"""
-    bond_force: float = Field(default=3.0, ge=0, allow_inf_nan=False)
+    bond_force: Number = 3.0
     """⟨f⟩, mean force to rupture a bond, nN"""
     front_factor: float = Field(default=1.0, ge=0, allow_inf_nan=False)
     """fraction of the bonds that are loaded at the same time as the detachment front passes"""
@@ -47,7 +48,7 @@ class Aging(Record):
     """the contact's measures, see :meth:`ContactSolution.summary`"""
     observables: Named = {}
     """name -> (replicas, ...)"""
-    provenance: dict[str, Any] = {}
+    provenance: Plain = {}
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -57,6 +58,10 @@ class Aging(Record):
             raise ValueError(f"bonds: shape {self.bonds.shape}; give (replicas, {self.hold_times.size})")
         if not self.sites.shape == self.events.shape == self.bonds.shape[:1]:
             raise ValueError(f"sites, events: give one number for each of the {self.bonds.shape[0]} replicas")
+        check_times(self.hold_times)
+        for name in ("bonds", "sites", "events"):
+            if int(getattr(self, name).min(initial=0)) < 0:
+                raise ValueError(f"{name}: {getattr(self, name).min()} is negative; give counts")
         return self
 
     @property

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Self
 
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.checks import force
+from chemage.foundation.checks import expect, force
 from chemage.foundation.components import Component
 from chemage.surfaces.surface import Surface
 
@@ -52,4 +52,7 @@ class ContactSolver(Component, ABC):
         ConvergenceError
             The tolerance was not reached.
         """
+        expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
+        if start is not None:
+            expect("start", start, ContactSolution, "give a solution of a neighbouring load")
         return self._solve(surface, force(load), start)

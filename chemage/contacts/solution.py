@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from chemage.contacts import patches, theory
-from chemage.foundation.records import Reals, Record, frozen, require_finite
+from chemage.foundation.checks import checked_count
+from chemage.foundation.errors import InputError
+from chemage.foundation.records import Number, Plain, PositiveNumber, Reals, Record, frozen, require_finite
+from chemage.foundation.units import LARGEST
 
 #: the measures users compare: property of :class:`ContactSolution` -> (unit, meaning)
 MEASURES: dict[str, tuple[str, str]] = {
@@ -41,11 +44,11 @@ class ContactSolution(Record):
 
     pressure: Reals
     """(nx, ny) GPa, ≥ 0; contact is where it is positive"""
-    load: float = Field(ge=0, allow_inf_nan=False)
+    load: Number
     """normal force, nN"""
-    pixel_size: float = Field(gt=0, allow_inf_nan=False)
+    pixel_size: PositiveNumber
     """edge of a pixel, nm"""
-    modulus: float = Field(gt=0, allow_inf_nan=False)
+    modulus: PositiveNumber
     """contact modulus E*, GPa"""
     periodic: bool = True
     """whether the grid repeats"""
@@ -58,19 +61,19 @@ class ContactSolution(Record):
     """of the surface, nm"""
     gap: Reals | None = None
     """(nx, ny) nm ≥ 0, where the solver gives it"""
-    displacement: float | None = None
+    displacement: float | None = Field(default=None, allow_inf_nan=False)
     """rigid approach of the bodies, nm, where the solver gives it"""
     converged: bool = True
     """whether the tolerance was reached"""
     residual: float = 0.0
     """the solver's convergence measure at the end; 0 for a closed form"""
     iterations: int = Field(default=0, ge=0)
-    convergence: dict[str, Any] = {}
+    convergence: Plain = {}
     """the solver's own account of its error: plain JSON values. ``pressure_error``, where it is given, is the estimated
     error of the pressure: its L2 norm relative to that of the pressure"""
     notes: tuple[str, ...] = ()
     """what the user should know of this solution, in words"""
-    provenance: dict[str, Any] = {}
+    provenance: Plain = {}
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -79,6 +82,10 @@ class ContactSolution(Record):
         if self.gap is not None and self.gap.shape != self.pressure.shape:
             raise ValueError(f"gap: shape {self.gap.shape}, but pressure has {self.pressure.shape}")
         require_finite("pressure", self.pressure, "the solver that made it is at fault")
+        if self.gap is not None:
+            require_finite("gap", self.gap, "the solver that made it is at fault")
+        if float(self.pressure.max()) > LARGEST:
+            raise ValueError(f"pressure: up to {self.pressure.max():g} GPa, out of range; give pressures in GPa")
         lowest = float(self.pressure.min())
         if lowest < 0:
             raise ValueError(f"pressure: its smallest value is {lowest:g} GPa; a hard wall only pushes, it must be ≥ 0")
@@ -164,9 +171,11 @@ class ContactSolution(Record):
 
     def pressure_histogram(self, bins: int = 50, upper: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Distribution of the pressure over the contact: bin edges (bins + 1,) GPa and density (bins,) 1/GPa."""
+        if upper is not None and not (isinstance(upper, int | float) and 0 < upper < math.inf):
+            raise InputError.of("upper", upper, "must be finite and above zero", "give a pressure in GPa")
         values = self.pressure[self.contact]
         top = upper if upper is not None else (float(values.max()) if values.size else 1.0)
-        counts, edges = np.histogram(values, bins=bins, range=(0.0, top))
+        counts, edges = np.histogram(values, bins=checked_count("bins", bins), range=(0.0, top))
         return edges, counts / (max(values.size, 1) * np.diff(edges))
 
     @property

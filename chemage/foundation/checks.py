@@ -8,10 +8,14 @@ from typing import Any
 import numpy as np
 
 from chemage.foundation.errors import InputError, shortened
-from chemage.foundation.units import convert
+from chemage.foundation.units import LARGEST, SMALLEST, convert
 
 #: what users give as a seed: a whole number, or one of numpy's seed sequences
 Seed = int | np.random.SeedSequence
+#: numbers beyond this are no seeds that anyone writes down
+LARGEST_SEED = 2**256 - 1
+#: more hold times than this fill the memory with counts
+MOST_TIMES = 10_000_000
 
 
 def expect(name: str, value: object, kind: type, remedy: str) -> None:
@@ -26,6 +30,8 @@ def force(load: float | str) -> float:
     value = convert(load, "nN")
     if not np.isfinite(value) or value < 0:
         raise InputError.of("load", load, "must be finite and not negative", "give a force such as 20 uN")
+    if value > LARGEST:
+        raise InputError.of("load", load, f"is out of range, above {LARGEST:g} nN", "give a force such as 20 uN")
     return value
 
 
@@ -34,6 +40,8 @@ def temperature_value(temperature: float | str) -> float:
     value = convert(temperature, "K")
     if not np.isfinite(value) or value <= 0:
         raise InputError.of("temperature", temperature, "must be finite and above zero", "give kelvin, such as 300 K")
+    if not SMALLEST <= value <= LARGEST:
+        raise InputError.of("temperature", temperature, "is out of range", "give kelvin, such as 300 K")
     return value
 
 
@@ -41,14 +49,46 @@ def checked_seed(seed: Any) -> int:
     """``seed`` as a non-negative int."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InputError.of("seed", seed, "must be a whole number, 0 or larger")
+    if int(seed) > LARGEST_SEED:
+        raise InputError("seed: has more than 256 bits; give a smaller whole number")
     return int(seed)
+
+
+def checked_count(name: str, value: Any, least: int = 1) -> int:
+    """``value`` as an int of at least ``least``."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise InputError.of(name, value, f"must be a whole number of at least {least}")
+    return int(value)
+
+
+def checked_states(name: str, state: Any, sites: int) -> np.ndarray:
+    """``state`` as (sites,) bool."""
+    array = np.asarray(state)
+    if array.shape != (sites,) or array.dtype != np.bool_:
+        raise InputError.of(
+            name,
+            f"{array.dtype} array of shape {array.shape}",
+            f"expected bool of shape ({sites},)",
+            "one entry per site, True = bonded",
+        )
+    if not is_boolean(array):
+        raise InputError(f"{name}: bytes other than 0 and 1 in an array of bool; make it with values != 0")
+    return array
+
+
+def is_boolean(array: np.ndarray) -> bool:
+    """Whether every byte of an array of bool is 0 or 1, which compiled code relies on."""
+    return bool(array.size == 0 or array.view(np.uint8).max() <= 1)
 
 
 def check_times(hold_times: Sequence[float] | np.ndarray) -> np.ndarray:
     """``hold_times`` as (m,) float64, non-decreasing, finite, ≥ 0, m ≥ 1."""
     try:
-        times = np.array(hold_times, dtype=np.float64, ndmin=1)
-    except (TypeError, ValueError):
+        given = np.asarray(hold_times)
+        if given.dtype.kind not in "fiu" and given.size:
+            raise TypeError
+        times = np.array(given, dtype=np.float64, ndmin=1)
+    except (TypeError, ValueError, OverflowError, RecursionError):
         raise InputError.of("hold_times", hold_times, "not a list of numbers", "give seconds") from None
     if times.ndim != 1 or times.size == 0:
         raise InputError.of("hold_times", times.shape, "must be a list with at least one time", "give seconds")
@@ -59,6 +99,16 @@ def check_times(hold_times: Sequence[float] | np.ndarray) -> np.ndarray:
             float(times[bad[0]]),
             "must be finite and not negative",
             "give seconds since the contact was made",
+        )
+    if times.size > MOST_TIMES:
+        raise InputError.of("hold_times", times.shape, f"are more than {MOST_TIMES}", "give fewer")
+    out = np.flatnonzero((times > LARGEST) | ((times > 0) & (times < SMALLEST)))
+    if out.size:
+        raise InputError.of(
+            f"hold_times[{out[0]}]",
+            float(times[out[0]]),
+            "is out of range",
+            f"give 0, or seconds from {SMALLEST:g} to {LARGEST:g}",
         )
     falls = np.flatnonzero(np.diff(times) < 0)
     if falls.size:

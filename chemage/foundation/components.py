@@ -18,9 +18,13 @@ from pydantic import (
     SerializationInfo,
     SerializerFunctionWrapHandler,
     ValidationError,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    field_validator,
     model_serializer,
 )
 
+from chemage.foundation.booleans import no_booleans
 from chemage.foundation.errors import InputError
 from chemage.foundation.messages import explain, nearest
 from chemage.foundation.text import html_table
@@ -58,6 +62,20 @@ class Component(BaseModel):
             lines = [f"{path}: {message}" if path else message for path, message in problems]
             raise InputError(f"{name}: " + "; ".join(lines), problems) from None
 
+    @field_validator("*", mode="wrap")
+    @classmethod
+    def _no_booleans(cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+        return no_booleans(cls, value, handler, info)
+
+    @classmethod
+    def model_construct(cls, _fields_set: set[str] | None = None, **values: Any) -> Self:
+        """As the constructor: options are always validated."""
+        return cls(**values)
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """As :meth:`replace`: options are always validated."""
+        return self.replace(**(update or {}))
+
     @model_serializer(mode="wrap")
     def _with_kind(self, handler: SerializerFunctionWrapHandler, info: SerializationInfo) -> dict[str, Any]:
         fields = handler(self)
@@ -86,6 +104,8 @@ class Component(BaseModel):
     @classmethod
     def fromdict(cls, fields: Mapping[str, Any]) -> Self:
         """The inverse of :meth:`todict`; :func:`chemage.fromdict` finds the class by its kind as well."""
+        if not isinstance(fields, Mapping) or not all(isinstance(name, str) for name in fields):
+            raise InputError.of("fields", fields, "is not a table of options by name")
         options = dict(fields)
         kind = options.pop("kind", cls.kind)
         if kind != cls.kind:

@@ -13,11 +13,24 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+)
 
+from chemage.foundation.booleans import no_booleans
+from chemage.foundation.checks import is_boolean
 from chemage.foundation.errors import InputError, shortened
 from chemage.foundation.messages import explain
 from chemage.foundation.text import html_table
+from chemage.foundation.units import in_range
 
 
 def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
@@ -28,23 +41,53 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
     """
     if isinstance(array, np.ma.MaskedArray) and np.ma.is_masked(array):
         raise ValueError(f"{np.ma.count_masked(array)} values are masked; fill or crop missing data first")
-    given = np.asarray(array)
+    try:
+        given = np.asarray(array)
+    except (TypeError, ValueError, OverflowError, RecursionError):
+        raise ValueError("expected an array of numbers") from None
+    if given.dtype.kind not in "fiubc":
+        raise ValueError(f"expected numbers, not {_kind(given)}")
     if dtypes and given.dtype not in [np.dtype(kind) for kind in dtypes]:
-        if given.dtype.kind not in "fiub":
-            raise ValueError(f"expected numbers, not {given.dtype}")
         target = np.dtype(dtypes[0])
+        mixed = given.size and (given.dtype.kind == "c" or (given.dtype.kind == "b") != (target.kind == "b"))
+        if mixed and not (target.kind == "b" and _is_zero_or_one(given)):
+            raise ValueError(f"expected {_KINDS[target.kind]}, not {_kind(given)}")
         if target.kind in "iu" and given.dtype.kind == "f" and given.size:
             raise ValueError(f"expected whole numbers, not {given.dtype}")
         if target.kind == "i" and given.dtype.kind in "iu" and given.size:
             limits = np.iinfo(target.name)
             if int(given.min()) < limits.min or int(given.max()) > limits.max:
                 raise ValueError(f"values from {given.min()} to {given.max()} do not fit {target}")
-        given = given.astype(target)
+        with np.errstate(over="ignore"):
+            given = given.astype(target)
         given.setflags(write=False)
-    if given.flags.writeable or not given.flags.c_contiguous:
-        given = np.array(given, order="C", copy=True)
+    if given.dtype.kind == "b" and not is_boolean(np.ascontiguousarray(given)):
+        raise ValueError("bytes other than 0 and 1 in an array of bool; make it with values != 0")
+    if not (given.flags.c_contiguous and given.flags.aligned and given.dtype.isnative) or _can_change(given):
+        given = np.array(given, given.dtype.newbyteorder("="), order="C", copy=True)
         given.setflags(write=False)
     return given
+
+
+_KINDS = {"f": "numbers", "i": "whole numbers", "u": "whole numbers", "b": "True or False"}
+
+
+def _is_zero_or_one(given: np.ndarray) -> bool:
+    return given.dtype.kind in "iu" and int(given.min()) >= 0 and int(given.max()) <= 1
+
+
+def _kind(given: np.ndarray) -> str:
+    return "True or False" if given.dtype.kind == "b" else str(given.dtype)
+
+
+def _can_change(array: np.ndarray) -> bool:
+    """Whether somebody else could still write to the memory of an array, by itself or by what it is a view of."""
+    owner: Any = array
+    while isinstance(owner, np.ndarray):
+        if owner.flags.writeable:
+            return True
+        owner = owner.base
+    return False
 
 
 def _array(*dtypes: type[np.generic]) -> BeforeValidator:
@@ -57,6 +100,22 @@ Indices = Annotated[np.ndarray, _array(np.int64)]
 Shorts = Annotated[np.ndarray, _array(np.int32)]
 Flags = Annotated[np.ndarray, _array(np.bool_)]
 Named = Annotated[dict[str, np.ndarray], AfterValidator(lambda value: {n: frozen(a) for n, a in value.items()})]
+
+
+def _plain(value: dict[str, Any]) -> dict[str, Any]:
+    try:
+        json.dumps(value, default=str)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ValueError(f"expected plain JSON values ({error})") from None
+    return value
+
+
+#: a dictionary of plain JSON values
+Plain = Annotated[dict[str, Any], AfterValidator(_plain)]
+#: a quantity in a record: what is zero or a number that computations can hold
+_Ranged = AfterValidator(lambda value: in_range(value, ""))
+Number = Annotated[float, Field(ge=0, allow_inf_nan=False), _Ranged]
+PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False), _Ranged]
 
 
 class Record(BaseModel):
@@ -72,12 +131,22 @@ class Record(BaseModel):
     #: field name -> (dimension names, unit, meaning)
     arrays: ClassVar[dict[str, tuple[tuple[str, ...], str, str]]] = {}
 
+    @field_validator("*", mode="wrap")
+    @classmethod
+    def _no_booleans(cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+        return no_booleans(cls, value, handler, info)
+
     def __init__(self, **fields: Any) -> None:
         try:
             super().__init__(**fields)
         except ValidationError as error:
             lines = [f"{path}: {message}" if path else message for path, message in explain(error)]
             raise InputError(f"{type(self).__name__}: " + "; ".join(lines)) from None
+
+    @classmethod
+    def model_construct(cls, _fields_set: set[str] | None = None, **values: Any) -> Self:
+        """As the constructor: compiled code relies on what is checked there."""
+        return cls(**values)
 
     def todict(self) -> dict[str, Any]:
         """Field name -> value; arrays stay arrays."""

@@ -16,7 +16,7 @@ import ase.units
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import core_schema
 
-from chemage.foundation.errors import UnitError
+from chemage.foundation.errors import InputError, UnitError, shortened
 
 if TYPE_CHECKING:
     import pint
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 EV_PER_GPA_NM3 = float(ase.units.GPa * ase.units.nm**3)
 #: Boltzmann constant, eV/K.
 KB = float(ase.units.kB)
+#: Quantities other than zero are between these in their internal units: their squares and products stay numbers.
+SMALLEST, LARGEST = 1e-100, 1e100
 
 
 @lru_cache(maxsize=1)
@@ -46,16 +48,31 @@ def convert(value: object, unit: str) -> float:
     UnitError
         The string cannot be read, or has another dimension than ``unit``.
     """
-    if isinstance(value, bool) or value is None:
+    if value is None or type(value).__name__ in ("bool", "bool_"):  # bool_ is numpy's
         raise UnitError(f"{value!r} is not a quantity; give a number in {unit or 'no unit'} or a string with its unit")
     if isinstance(value, str):
         return _parse(value, unit)
     try:
         return float(value)  # pyright: ignore[reportArgumentType]
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise UnitError(
-            f"{value!r} is not a quantity; give a number in {unit or 'no unit'} or a string with its unit"
+            f"{shortened(repr(value))} is not a quantity; "
+            f"give a number in {unit or 'no unit'} or a string with its unit"
         ) from error
+
+
+def in_range(value: float, unit: str) -> float:
+    """``value`` if it is zero, not finite, or of a magnitude that computations can hold.
+
+    Raises
+    ------
+    InputError
+        It is smaller than ``SMALLEST`` or larger than ``LARGEST``.
+    """
+    if value != 0 and math.isfinite(value) and not SMALLEST <= abs(value) <= LARGEST:
+        text = f"{value:g} {unit}".strip()
+        raise InputError(f"{text} is out of range; give 0, or {SMALLEST:g} to {LARGEST:g} {unit}".strip())
+    return value
 
 
 _QUANTITY = re.compile(
@@ -66,6 +83,8 @@ _QUANTITY = re.compile(
 
 @lru_cache(maxsize=4096)
 def _parse(text: str, unit: str) -> float:
+    if len(text) > 200:
+        raise UnitError(f"{shortened(repr(text))} is too long for a quantity; write one number and its unit")
     try:
         plain = float(text)
     except ValueError:
@@ -104,7 +123,8 @@ class Unit:
     """Marks a field as a quantity: ``Annotated[float, Unit("nm", gt=0)]``.
 
     Numbers are taken as they are (they are in ``unit``), strings are converted; infinite values and NaN are refused.
-    Bounds are ``gt``, ``ge``, ``lt``, ``le``. The unit appears in the JSON Schema.
+    Bounds are ``gt``, ``ge``, ``lt``, ``le``. The unit appears in the JSON Schema. With ``wide``, magnitudes outside
+    1e-100 to 1e100 are allowed; otherwise they are refused, because their products leave the range of numbers.
     """
 
     def __init__(
@@ -115,8 +135,10 @@ class Unit:
         ge: float | None = None,
         lt: float | None = None,
         le: float | None = None,
+        wide: bool = False,
     ) -> None:
         self.unit = unit
+        self.wide = wide
         self._bounds: dict[str, Any] = {
             name: bound for name, bound in (("gt", gt), ("ge", ge), ("lt", lt), ("le", le)) if bound is not None
         }
@@ -124,10 +146,14 @@ class Unit:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         number = core_schema.float_schema(allow_inf_nan=False, **self._bounds)
         return core_schema.no_info_before_validator_function(
-            lambda value: convert(value, self.unit),
+            self._read,
             number,
             json_schema_input_schema=core_schema.union_schema([number, core_schema.str_schema()]),
         )
+
+    def _read(self, value: object) -> float:
+        number = convert(value, self.unit)
+        return number if self.wide else in_range(number, self.unit)
 
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
@@ -141,7 +167,7 @@ class Unit:
 Length = Annotated[float, Unit("nm", gt=0)]
 Force = Annotated[float, Unit("nN", ge=0)]
 Pressure = Annotated[float, Unit("GPa", gt=0)]
-Energy = Annotated[float, Unit("eV")]
+Energy = Annotated[float, Unit("eV", ge=-1e300, le=1e300, wide=True)]
 Volume = Annotated[float, Unit("nm**3")]
 Time = Annotated[float, Unit("s", ge=0)]
 Temperature = Annotated[float, Unit("K", gt=0)]

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
+from chemage.foundation.checks import check_times
 from chemage.foundation.errors import InputError
-from chemage.foundation.records import Doubles, Flags, Indices, Named, Record
+from chemage.foundation.records import Doubles, Flags, Indices, Named, Number, Plain, PositiveNumber, Record
+
+#: counts of events stop here
+MOST_EVENTS = 2**61
 
 
 class BondHistory(Record):
@@ -32,9 +36,9 @@ class BondHistory(Record):
     """(m,) bonds broken since the start"""
     state: Flags
     """(n,) bool at the last hold time"""
-    time: float = Field(ge=0, allow_inf_nan=False)
+    time: Number
     """the last hold time, s"""
-    temperature: float = Field(gt=0, allow_inf_nan=False)
+    temperature: PositiveNumber
     """K"""
     engine: str
     """kind of the engine"""
@@ -44,7 +48,7 @@ class BondHistory(Record):
     """what the user should know of this run, in words"""
     resume: Named = {}
     """what the engine needs to resume bit for bit; private to it"""
-    provenance: dict[str, Any] = {}
+    provenance: Plain = {}
     """how it was made: plain JSON values"""
 
     @model_validator(mode="after")
@@ -52,7 +56,31 @@ class BondHistory(Record):
         shape = self.hold_times.shape
         if self.hold_times.ndim != 1 or not (self.bonds.shape == self.formed.shape == self.broken.shape == shape):
             raise ValueError("hold_times, bonds, formed, broken: must be one-dimensional and of equal length")
+        self._check_counts()
         return self
+
+    def _check_counts(self) -> None:
+        check_times(self.hold_times)
+        if self.state.ndim != 1:
+            raise ValueError(f"state: shape {self.state.shape}; give one entry per site")
+        for name in ("bonds", "formed", "broken"):
+            if int(getattr(self, name).min()) < 0:
+                raise ValueError(f"{name}: {getattr(self, name).min()} is negative; give counts")
+
+    def fault(self) -> str:
+        """What contradicts itself in this history, in words; "" if nothing does. A run goes on from none that does."""
+        if self.time != self.hold_times[-1]:
+            return f"time = {self.time:g} s is not the last hold time, {self.hold_times[-1]:g} s"
+        sites, bonded = self.state.size, int(np.count_nonzero(self.state))
+        if int(self.bonds.max()) > sites:
+            return f"bonds: up to {self.bonds.max()}, but there are {sites} sites"
+        if self.bonds[-1] != bonded:
+            return f"bonds[-1] = {self.bonds[-1]}, but {bonded} sites are bonded in the state"
+        for name in ("formed", "broken"):
+            counts = getattr(self, name)
+            if int(counts[-1]) > MOST_EVENTS or np.any(counts[1:] < counts[:-1]):
+                return f"{name} falls, or exceeds {MOST_EVENTS}"
+        return ""
 
     @property
     def events(self) -> int:

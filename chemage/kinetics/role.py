@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from chemage.foundation.checks import Seed, check_times, checked_seed, temperature_value
+from chemage.foundation.checks import Seed, check_times, checked_seed, checked_states, expect, temperature_value
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.kinetics.history import BondHistory
@@ -80,11 +80,14 @@ class Engine(Component, ABC):
         InputError
             Naming the argument that is wrong.
         """
+        expect("lattice", lattice, ReactionLattice, "make one with chemistry.on(contact), or from arrays")
         times = check_times(hold_times)
         kelvin = temperature_value(temperature)
         if not isinstance(seed, np.random.SeedSequence):
             seed = checked_seed(seed)
         if isinstance(start, BondHistory):
+            if fault := start.fault():
+                raise InputError(f"start: a history that contradicts itself: {fault}; pass one as an engine gave it")
             if start.state.size != lattice.sites.size:
                 raise InputError.of(
                     "start",
@@ -100,14 +103,7 @@ class Engine(Component, ABC):
                     "give later hold times",
                 )
         elif start is not None:
-            start = np.asarray(start)
-            if start.shape != lattice.sites.shape or start.dtype != np.bool_:
-                raise InputError.of(
-                    "start",
-                    f"{start.dtype} array of shape {start.shape}",
-                    f"expected bool of shape {lattice.sites.shape}",
-                    "one entry per site, True = bonded",
-                )
+            start = checked_states("start", start, lattice.sites.size)
         if not self.interacting and lattice.interacting:
             raise InputError(
                 f"engine {self.kind!r} treats sites that do not interact, but this lattice couples neighbours; "

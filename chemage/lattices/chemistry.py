@@ -9,7 +9,7 @@ from pydantic import Field
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation import random
-from chemage.foundation.checks import Seed
+from chemage.foundation.checks import Seed, checked_seed, expect
 from chemage.foundation.components import Component
 from chemage.foundation.units import EV_PER_GPA_NM3, Force, Frequency, Volume
 from chemage.lattices.lattice import ReactionLattice
@@ -55,6 +55,9 @@ class Chemistry(Component):
         Every random number belongs to a pixel (or a pair of pixels): at the same seed a pixel keeps its barriers, its
         couplings and its hydroxylation when load, temperature or activation volume change.
         """
+        expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
+        if not isinstance(seed, np.random.SeedSequence):
+            seed = checked_seed(seed)
         sites, graph = contact.sites, None
         if self.hydroxylation < 1:
             sites = sites[random.uniforms(seed, random.HYDROXYLATION, sites) < self.hydroxylation]

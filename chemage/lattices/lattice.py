@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
-from chemage.foundation.records import Doubles, Indices, Reals, Record, Shorts, require_finite
+from chemage.foundation.checks import checked_states
+from chemage.foundation.records import Doubles, Indices, Plain, PositiveNumber, Reals, Record, Shorts, require_finite
 
 if TYPE_CHECKING:
     from ase import Atoms
+
+
+#: random numbers of pairs of pixels are told apart up to here
+MOST_PIXELS = 2**48
+#: kernels count sites in 32 bits
+MOST_SITES = 2**31 - 1
 
 
 class ReactionLattice(Record):
@@ -40,11 +47,11 @@ class ReactionLattice(Record):
     """(n, k) int32, -1 = none; None: nothing interacts"""
     coupling: Reals | None = None
     """(n, k) eV, symmetric"""
-    attempt_frequency: float = Field(default=1e13, gt=0, allow_inf_nan=False)
+    attempt_frequency: PositiveNumber = 1e13
     """ν, Hz"""
-    pixel_size: float = Field(default=1.0, gt=0, allow_inf_nan=False)
+    pixel_size: PositiveNumber = 1.0
     """nm, for viewing only"""
-    provenance: dict[str, Any] = {}
+    provenance: Plain = {}
     """how it was made: plain JSON values"""
 
     @model_validator(mode="after")
@@ -52,16 +59,21 @@ class ReactionLattice(Record):
         n = self.sites.size
         if min(self.pixels) < 1:
             raise ValueError(f"pixels: {self.pixels}; give two positive numbers")
+        if self.pixels[0] * self.pixels[1] > MOST_PIXELS:
+            raise ValueError(f"pixels: {self.pixels} is a grid of more than {MOST_PIXELS} pixels; give a smaller one")
+        if n > MOST_SITES:
+            raise ValueError(f"sites: {n}; a lattice has at most {MOST_SITES}")
         if self.sites.ndim != 1:
             raise ValueError(f"sites: shape {self.sites.shape}; give a one-dimensional array")
         if n:
             if self.sites[0] < 0 or self.sites[-1] >= self.pixels[0] * self.pixels[1]:
                 raise ValueError(f"sites: from {self.sites[0]} to {self.sites[-1]}, outside the grid of {self.pixels}")
-            steps = np.diff(self.sites)
-            if np.any(steps == 0):
-                twice = int(self.sites[1:][steps == 0][0])
+            # compared, not subtracted: a difference could overflow
+            before, after = self.sites[:-1], self.sites[1:]
+            if np.any(after == before):
+                twice = int(after[after == before][0])
                 raise ValueError(f"sites: pixel {twice} is listed twice; list each once")
-            if np.any(steps < 0):
+            if np.any(after < before):
                 raise ValueError("sites: not in ascending order; sort them (and what goes with them)")
         for name in ("forming", "breaking"):
             values = getattr(self, name)
@@ -109,7 +121,7 @@ class ReactionLattice(Record):
         from ase import Atoms
 
         n = self.sites.size
-        bonded = np.zeros(n, dtype=bool) if state is None else np.asarray(state, dtype=bool)
+        bonded = np.zeros(n, dtype=bool) if state is None else checked_states("state", state, n)
         step = 10.0 * self.pixel_size
         x, y = np.divmod(self.sites, self.pixels[1])
         atoms = Atoms(

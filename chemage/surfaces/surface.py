@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
-from chemage.foundation.records import Reals, Record, require_finite
+from chemage.foundation.checks import checked_count
+from chemage.foundation.errors import InputError
+from chemage.foundation.records import Plain, PositiveNumber, Reals, Record, require_finite
 from chemage.surfaces import roughness
+
+#: nm; and, of heights over the pixel size, 1
+LARGEST_HEIGHT = 1e300
 
 
 class Surface(Record):
@@ -19,11 +24,11 @@ class Surface(Record):
 
     heights: Reals
     """(nx, ny) nm, higher = nearer to the counter-body; float64, or float32 as given"""
-    pixel_size: float = Field(gt=0, allow_inf_nan=False)
+    pixel_size: PositiveNumber
     """edge of a pixel, nm"""
     periodic: bool = True
     """whether the grid repeats"""
-    provenance: dict[str, Any] = {}
+    provenance: Plain = {}
     """how it was made: plain JSON values"""
 
     @model_validator(mode="after")
@@ -31,6 +36,14 @@ class Surface(Record):
         if self.heights.ndim != 2 or self.heights.size == 0:
             raise ValueError(f"heights: shape {self.heights.shape}; give a two-dimensional, non-empty array (nx, ny)")
         require_finite("heights", self.heights, "fill or crop missing data first")
+        largest = max(abs(float(self.heights.max())), abs(float(self.heights.min())))
+        if largest > LARGEST_HEIGHT:
+            raise ValueError(f"heights: up to {largest:g} nm, out of range; give heights in nm")
+        if largest / self.pixel_size > LARGEST_HEIGHT:
+            raise ValueError(
+                f"heights: up to {largest:g} nm on pixels of {self.pixel_size:g} nm, slopes are out of range; "
+                "give heights and pixel_size in nm"
+            )
         return self
 
     @property
@@ -59,7 +72,10 @@ class Surface(Record):
 
         See :func:`chemage.surfaces.roughness.psd`; a surface that is not periodic is tapered with a Hann window.
         """
-        return roughness.psd(self.heights, self.pixel_size, self.periodic, bins)
+        waves, density = roughness.psd(self.heights, self.pixel_size, self.periodic, checked_count("bins", bins))
+        if not np.isfinite(density).all():
+            raise InputError(f"heights: the power spectral density of {self!r} is out of the range of numbers; rescale")
+        return waves, density
 
     def coordinates(self) -> dict[str, np.ndarray]:
         """Centres of the pixels along ``x`` and ``y``, nm."""

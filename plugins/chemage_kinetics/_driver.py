@@ -10,12 +10,13 @@ from threading import Event
 
 import numpy as np
 
-from chemage import KB, BondHistory, ReactionLattice, Seed
+from chemage import KB, BondHistory, InputError, ReactionLattice, Seed
 from chemage.foundation.threads import available
 from chemage_kinetics import _common
 from chemage_kinetics._common import Holds, Key, Model
 from chemage_kinetics._fingerprint import fingerprint
 from chemage_kinetics._noise import noise_key
+from chemage_kinetics._resume import Pending
 
 #: Position of a number's lowest byte in memory.
 LOWEST_BYTE = 0 if sys.byteorder == "little" else 7
@@ -47,6 +48,18 @@ def bonded(words: np.ndarray) -> np.ndarray:
     return (words.view(np.uint8).reshape(words.size, 8)[:, LOWEST_BYTE] & 1).view(np.bool_)
 
 
+def _check_couplings(lattice: ReactionLattice) -> None:
+    """Refuse so many and so strong couplings that their sum would overflow a word of energy."""
+    if lattice.coupling is None or lattice.coupling.shape[1] <= 64:
+        return
+    largest = min(float(np.abs(lattice.coupling).max(initial=0.0)), _common.LARGEST_COUPLING)
+    if lattice.coupling.shape[1] * largest > 2 * _common.LARGEST_BARRIER:
+        raise InputError(
+            f"coupling: {lattice.coupling.shape[1]} neighbours of up to {largest:g} eV each are out of range; "
+            "give fewer neighbours or weaker couplings"
+        )
+
+
 @dataclass
 class Job:
     """One run: the arguments of `Engine._run`, and the arrays made from them."""
@@ -65,8 +78,10 @@ class Job:
     """(n,) bool at the start"""
     time: float = field(init=False)
     """of the start, s"""
-    resume: dict[str, np.ndarray] | None = field(init=False)
-    """pending events of the history to continue, where they still hold"""
+    pending: Pending | None = field(init=False)
+    """pending events of the history to continue, whatever engine or lattice it had"""
+    resume: Pending | None = field(init=False)
+    """the same, where they still hold"""
     tally: np.ndarray = field(init=False)
     """(m, 3) int64, see `Holds`"""
 
@@ -76,14 +91,16 @@ class Job:
         self.mark = fingerprint(self.lattice)
         self.tally = np.zeros((self.hold_times.size, 3), np.int64)
         self.time = 0.0
-        self.resume = None
+        self.pending = self.resume = None
+        _check_couplings(self.lattice)
         if self.start is None:
             self.state = np.zeros(self.lattice.sites.size, np.bool_)
         elif isinstance(self.start, BondHistory):
             self.state = np.array(self.start.state)
             self.time = self.start.time
+            self.pending = Pending(self.start, self.state.size)
             if self._same(self.start):
-                self.resume = self.start.resume
+                self.resume = self.pending
         else:
             self.state = np.array(self.start)
 
@@ -103,17 +120,13 @@ class Job:
 
     def carried(self, name: str) -> int:
         """A counter of the history to continue, whatever engine or lattice it had; 0 without one."""
-        if isinstance(self.start, BondHistory) and name in self.start.resume:
-            return int(self.start.resume[name][0])
-        return 0
+        return self.pending.count(name) if self.pending is not None and name in self.pending else 0
 
-    def carried_array(self, name: str, otherwise: np.ndarray) -> np.ndarray:
-        """An array of the history to continue, whatever engine or lattice it had; ``otherwise`` where it has none."""
-        if isinstance(self.start, BondHistory):
-            found = self.start.resume.get(name)
-            if found is not None and found.shape == otherwise.shape and found.dtype == otherwise.dtype:
-                return np.array(found)
-        return otherwise
+    def carried_draws(self) -> np.ndarray:
+        """(n,) int64: random numbers each site has used in the history to continue; 0 without one."""
+        if self.pending is not None and "draws" in self.pending:
+            return np.array(self.pending.draws("draws"))
+        return np.zeros(self.state.size, np.int64)
 
     @property
     def holds(self) -> Holds:

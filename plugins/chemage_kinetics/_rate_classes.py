@@ -95,6 +95,14 @@ def sort(words: np.ndarray, breaking: np.ndarray, per_class: float) -> tuple[np.
 
     Classes are those of `site_class`, but on whole arrays: another kernel would take half a second to compile.
     """
+    octaves = octaves_of(words, breaking, per_class)
+    classes = np.where(octaves >= CLASSES - 1.0, CLASSES, octaves).astype(np.int16)
+    counts = np.bincount(classes, minlength=CLASSES + 1)[:CLASSES]
+    return np.argsort(classes, kind="stable").astype(np.int32), counts
+
+
+def octaves_of(words: np.ndarray, breaking: np.ndarray, per_class: float) -> np.ndarray:
+    """By how many powers of two the rate of each site is below the attempt frequency, (n,) float64."""
     barriers = words >> 1
     bonded = np.flatnonzero(words & 1)
     if breaking.size > 0:
@@ -103,9 +111,7 @@ def sort(words: np.ndarray, breaking: np.ndarray, per_class: float) -> tuple[np.
     octaves = np.maximum(barriers, 0) * per_class
     if breaking.size == 0:
         octaves[bonded] = np.inf
-    classes = np.where(octaves >= CLASSES - 1.0, CLASSES, octaves).astype(np.int16)
-    counts = np.bincount(classes, minlength=CLASSES + 1)[:CLASSES]
-    return np.argsort(classes, kind="stable").astype(np.int32), counts
+    return octaves
 
 
 def new_classes(words: np.ndarray, model: Model, order: np.ndarray | None, counts: np.ndarray | None) -> Classes:

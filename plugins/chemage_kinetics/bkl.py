@@ -42,17 +42,15 @@ class BKL(Engine):
     ) -> BondHistory:
         job = Job(self.kind, lattice, hold_times, temperature, seed, start)
         resume = job.resume
-        classes = (
-            new_classes(job.words(), job.model, None, None)
-            if resume is None
-            else new_classes(job.words(), job.model, resume["members"], resume["counts"])
-        )
+        words = job.words()
+        order, counts = (None, None) if resume is None else resume.members(words, job.model)
+        classes = new_classes(words, job.model, order, counts)
         run = kernel.new_run(job.key, job.holds, classes, job.time)
         counters = run.counters
         if resume is not None:
-            run.clock[:] = resume["clock"]
-            counters[kernel.EVENT] = resume["event"][0]
-            counters[kernel.LAST] = resume["last"][0]
+            run.clock[:] = resume.clock("clock")
+            counters[kernel.EVENT] = resume.count("event")
+            counters[kernel.LAST] = resume.site("last")
         else:
             counters[kernel.EVENT] = job.carried("event") + 1  # the random numbers of the pending attempt are used up
         while not counters[kernel.DONE]:

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from chemage import InputError, check_times, temperature_value
+from chemage import BondHistory, InputError, ReactionLattice, check_times, temperature_value
+from chemage.foundation.checks import checked_states
 from chemage_kinetics import _independent as kernel
 from chemage_kinetics._common import Holds
 from chemage_kinetics._driver import Job, model_of, room_temperature_cost, run_pieces
@@ -15,7 +16,7 @@ from chemage_kinetics._threads import ThreadedEngine
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from chemage import BondHistory, ReactionLattice, Seed
+    from chemage import Seed
 
 #: Sites in a piece of work.
 PIECE = 50_000
@@ -48,9 +49,9 @@ class Independent(ThreadedEngine):
         job = Job(self.kind, lattice, hold_times, temperature, seed, start)
         n = lattice.sites.size
         if job.resume is not None:
-            times, draws = np.array(job.resume["times"]), np.array(job.resume["draws"])
+            times, draws = np.array(job.resume.times("times")), np.array(job.resume.draws("draws"))
         else:
-            times, draws = np.empty((n, 2)), job.carried_array("draws", np.zeros(n, np.int64))
+            times, draws = np.empty((n, 2)), job.carried_draws()
         model = job.model
         sites = kernel.Sites(
             key=job.key,
@@ -87,6 +88,8 @@ class Independent(ThreadedEngine):
         """
         times = check_times(hold_times)
         kelvin = temperature_value(temperature)
+        if not isinstance(lattice, ReactionLattice):
+            raise InputError.of("lattice", lattice, "is no ReactionLattice", "make one with chemistry.on(contact)")
         if lattice.interacting:
             raise InputError(
                 "engine 'independent' has no closed form for a lattice that couples neighbours; "
@@ -95,11 +98,8 @@ class Independent(ThreadedEngine):
         begin = 0.0
         state = np.zeros(lattice.sites.size, np.bool_)
         if start is not None:
-            given = start if isinstance(start, np.ndarray) else start.state
-            begin = 0.0 if isinstance(start, np.ndarray) else start.time
-            if given.shape != state.shape:
-                raise InputError.of("start", given.shape, f"expected {state.shape}", "give one entry per site")
-            state[:] = given
+            begin = start.time if isinstance(start, BondHistory) else 0.0
+            state = checked_states("start", start.state if isinstance(start, BondHistory) else start, state.size)
         if times[0] < begin:
             raise InputError.of("hold_times", float(times[0]), f"the start is at {begin} s", "give later hold times")
         mean, variance = np.empty(times.size), np.empty(times.size)

@@ -51,9 +51,9 @@ class NextReaction(ThreadedEngine):
         spot = np.zeros((n, 2), np.int32)
         order, starts = patches_of(job.model.neighbours, label=spot.reshape(-1)[:n])
         if job.resume is not None:
-            times, draws = np.array(job.resume["times"]), np.array(job.resume["draws"])
+            times, draws = np.array(job.resume.times("times")), np.array(job.resume.draws("draws"))
         else:
-            times, draws = np.empty((n, 2)), job.carried_array("draws", np.zeros(n, np.int64))
+            times, draws = np.empty((n, 2)), job.carried_draws()
         sites = kernel.Sites(job.key, job.model, lattice.sites, words, draws)
         if job.resume is None:
             kernel.draw_times(sites, job.time, times)

@@ -9,7 +9,7 @@ import numpy as np
 from chemage import Engine
 from chemage_kinetics import _rejection_free as kernel
 from chemage_kinetics._driver import SLICE, Job, bonded, room_temperature_cost
-from chemage_kinetics._sum_tree import empty_rates, fill, relist
+from chemage_kinetics._sum_tree import ROOM, empty_rates, fill, relist
 
 if TYPE_CHECKING:
     from chemage import BondHistory, ReactionLattice, Seed
@@ -47,12 +47,13 @@ class RejectionFree(Engine):
         run = kernel.new_run(job.key, job.holds, job.model, words, rates, job.time)
         counters = run.counters
         if job.resume is not None:
-            run.clock[:] = job.resume["clock"]
-            counters[kernel.EVENT] = job.resume["event"][0]
-            counters[kernel.DRAWN] = job.resume["drawn"][0]
-            counters[kernel.LAST] = job.resume["last"][0]
-            if job.resume["fast"].size:
-                relist(job.resume["fast"], rates)
+            run.clock[:] = job.resume.clock("clock")
+            counters[kernel.EVENT] = job.resume.count("event")
+            counters[kernel.DRAWN] = job.resume.count("drawn")
+            counters[kernel.LAST] = job.resume.site("last")
+            fast = job.resume.chosen("fast", int(ROOM) if rates.listing else 0)
+            if fast.size:
+                relist(fast, rates)
         else:
             counters[kernel.EVENT] = job.carried("event") + 1  # the random numbers of the pending event are used up
             counters[kernel.DRAWN] = job.carried("drawn")

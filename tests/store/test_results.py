@@ -39,7 +39,7 @@ OBJECTS = {
     "surface in single precision": Surface(
         heights=np.random.default_rng(0).normal(size=(5, 7)).astype(np.float32), pixel_size=1.0, periodic=False
     ),
-    "surface of one pixel": Surface(heights=[[5e-324]], pixel_size=1e-300),
+    "surface of one pixel": Surface(heights=[[5e-324]], pixel_size=1e-100),
     "contact": ContactSolution(
         pressure=np.eye(4),
         load=4.0,
@@ -104,9 +104,9 @@ OBJECTS = {
         engine="",
     ),
     "aging": Aging(
-        hold_times=[0.0, 1e-300, 1e300],
+        hold_times=[0.0, 1e-100, 1e100],
         bonds=[[0, 1, 2], [3, 4, 2**62]],
-        sites=[9, 9],
+        sites=[9, 2**62],
         events=[0, 2**62],
         load=0.0,
         temperature=300.0,
