@@ -51,7 +51,9 @@ from chemage.foundation.version import __version__ as __version__
 from chemage.ageing.age import age as age
 from chemage.lattices.stage import build_lattice as build_lattice
 from chemage.foundation.checks import check_times as check_times
+from chemage.foundation.checks import checked_count as checked_count
 from chemage.foundation.checks import checked_seed as checked_seed
+from chemage.foundation.checks import checked_states as checked_states
 from chemage.lattices.chemistry import chemistry as chemistry
 from chemage.reports.comparison.comparison import compare_files as compare_files
 from chemage.foundation.units import convert as convert
@@ -73,6 +75,7 @@ from chemage.store.results import read as read
 from chemage.ageing.measurements import read_measurements as read_measurements
 from chemage.surfaces.reading import reader_for as reader_for
 from chemage.plugins.registry import register as register
+from chemage.foundation.inputs import regular_file as regular_file
 from chemage.experiments.run import run as run
 from chemage.kinetics.stage import run_kinetics as run_kinetics
 from chemage.experiments.scene_files import scene_data as scene_data
@@ -85,6 +88,7 @@ from chemage.store.results import write as write
 from chemage.reports.page import write_report as write_report
 from chemage.foundation import errors as errors
 from chemage.reports import figures as figures
+from chemage.foundation import memory as memory
 from chemage.cli import options as options
 from chemage.foundation import progress as progress
 from chemage.foundation import random as random

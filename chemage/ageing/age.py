@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,8 +14,9 @@ from chemage.ageing.checkpoints import hashed, run_with_checkpoints
 from chemage.ageing.observables import Observable
 from chemage.ageing.seeds import Common, check_common, identity, origin, replica_seeds
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.checks import Seed, check_times, checked_seed, expect, temperature_value
+from chemage.foundation.checks import Seed, check_times, checked_count, checked_seed, expect, temperature_value
 from chemage.foundation.errors import InputError, PluginError
+from chemage.foundation.memory import require
 from chemage.foundation.threads import available
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
@@ -75,6 +76,10 @@ def age(
     """
     _check(contact, chemistry, engine, observe, replicas, seed, threads)
     check_common(common)
+    if checkpoints is not None and not isinstance(checkpoints, Path):
+        raise InputError.of("checkpoints", checkpoints, "is no path", "give a pathlib.Path")
+    if progress is not None and not callable(progress):
+        raise InputError.of("progress", progress, "cannot be called", "give a function, or leave it out")
     times, kelvin = check_times(hold_times), temperature_value(temperature)
     run = identity(contact, chemistry, engine, kelvin)
 
@@ -97,6 +102,9 @@ def age(
 
     # threads inside a run take their processors away from the other replicas
     at_once = max(1, min(replicas, (threads or available()) // engine.concurrency()))
+    require(
+        kept_bytes(replicas, times.size), f"replicas = {replicas}", "ask for fewer replicas, or for fewer hold times"
+    )
     done = list(_in_order(replica, replicas, at_once, progress))
     provenance = {
         "chemistry": chemistry.todict(),
@@ -136,19 +144,25 @@ def _aging(
 
 
 def _check(
-    contact: Any, chemistry: Any, engine: Any, observe: Sequence[Any], replicas: Any, seed: Any, threads: int | None
+    contact: Any, chemistry: Any, engine: Any, observe: Sequence[Any], replicas: Any, seed: Any, threads: Any
 ) -> None:
     expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
     expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
+    if not isinstance(observe, list | tuple):
+        raise InputError.of("observe", observe, "is no list", 'give a list of chemage.observable("barrier-spectrum")')
     for one in observe:
         expect("observe", one, Observable, 'give a list of chemage.observable("barrier-spectrum")')
-    if isinstance(replicas, bool) or not isinstance(replicas, int | np.integer) or replicas < 1:
-        raise InputError.of("replicas", replicas, "must be a whole number of at least 1")
+    checked_count("replicas", replicas)
     if not isinstance(seed, np.random.SeedSequence):
         checked_seed(seed)
-    if threads is not None and threads < 1:
-        raise InputError.of("threads", threads, "must be at least 1")
+    if threads is not None:
+        checked_count("threads", threads)
+
+
+def kept_bytes(replicas: int, hold_times: int) -> float:
+    """Memory for the results of all replicas, twice, as they are joined at the end."""
+    return replicas * (16.0 * hold_times + 500.0)
 
 
 class _Replica(NamedTuple):
@@ -175,16 +189,22 @@ def _in_order(
         return
     pool = ThreadPoolExecutor(threads, thread_name_prefix="chemage-replica")
     try:
-        futures = [pool.submit(task, number) for number in range(count)]
-        left = set(futures)
-        while left:
-            finished, left = wait(left, return_when=FIRST_COMPLETED)
+        running: dict[Future[Any], int] = {}
+        results: dict[int, Any] = {}
+        begun = given = 0
+        while given < count:
+            # one more for each thread, so that none waits; not all, because there may be 10^9
+            while begun < count and len(running) < 2 * threads:
+                running[pool.submit(task, begun)] = begun
+                begun += 1
+            finished, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in finished:
-                future.result()
+                results[running.pop(future)] = future.result()
             if progress:
-                progress(count - len(left), count)
-        for future in futures:
-            yield future.result()
+                progress(begun - len(running), count)
+            while given in results:
+                yield results.pop(given)
+                given += 1
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 

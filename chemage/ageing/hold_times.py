@@ -6,8 +6,12 @@ import math
 
 import numpy as np
 
+from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import InputError
-from chemage.foundation.units import convert
+from chemage.foundation.units import LARGEST, SMALLEST, convert
+
+#: more hold times to a decade than any curve needs
+MOST_PER_DECADE = 1000
 
 
 def hold_times(start: float | str, stop: float | str, per_decade: int = 4) -> np.ndarray:
@@ -16,14 +20,17 @@ def hold_times(start: float | str, stop: float | str, per_decade: int = 4) -> np
     Times are whole multiples of 1/``per_decade`` decades above ``start``; ``stop`` is added if it is not one of them.
     """
     low, high = convert(start, "s"), convert(stop, "s")
+    for name, given, value in (("start", start, low), ("stop", stop, high)):
+        if math.isfinite(value) and value != 0 and not SMALLEST <= abs(value) <= LARGEST:
+            raise InputError.of(name, given, "is out of range", f"give from {SMALLEST:g} to {LARGEST:g} s")
     if not (math.isfinite(low) and low > 0):
         raise InputError.of(
             "start", start, "must be above zero", "hold times are spaced in log t; start at 1 ms, for example"
         )
     if not (math.isfinite(high) and high >= low):
         raise InputError.of("stop", stop, f"must be finite and not before start ({low:g} s)")
-    if per_decade < 1:
-        raise InputError.of("per_decade", per_decade, "must be at least 1")
+    if checked_count("per_decade", per_decade) > MOST_PER_DECADE:
+        raise InputError.of("per_decade", per_decade, f"must be at most {MOST_PER_DECADE}")
     decades = math.log10(high / low)
     count = math.floor(decades * per_decade + 1e-9)
     times = low * 10.0 ** (np.arange(count + 1) / per_decade)

@@ -13,7 +13,7 @@ import numpy as np
 
 from chemage.ageing.fitting import UNIT, FitData, Quantity
 from chemage.foundation.checks import check_times
-from chemage.foundation.errors import InputError, UnitError
+from chemage.foundation.errors import InputError, UnitError, shortened
 from chemage.foundation.tables import data_lines, read_text
 from chemage.foundation.units import convert
 
@@ -105,6 +105,10 @@ def read_measurements(path: str | Path) -> Measurements:
     )
 
 
+def _shown(cell: str) -> str:
+    return shortened(repr(cell))
+
+
 @dataclass(frozen=True)
 class _Column:
     place: int
@@ -113,7 +117,10 @@ class _Column:
 
 
 def _cells(line: str, separator: str) -> list[str]:
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+    except csv.Error as error:  # a cell of more than 131072 characters
+        raise InputError(f"{shortened(repr(line), 40)}: {error}") from None
 
 
 def _header(cells: list[str], where: str) -> tuple[dict[str, _Column], Quantity]:
@@ -126,7 +133,7 @@ def _header(cells: list[str], where: str) -> tuple[dict[str, _Column], Quantity]
 
             known = "hold_time, friction_coefficient_drop or friction_drop, and error"
             raise InputError(
-                f"{where}: column {place + 1} is {cell!r}{nearest(name, _COLUMNS)}; the columns are {known}, "
+                f"{where}: column {place + 1} is {_shown(cell)}{nearest(name, _COLUMNS)}; the columns are {known}, "
                 f"named on the first line, such as {_EXAMPLE}"
             )
         if name in found:
@@ -175,14 +182,14 @@ def _row(cells: list[str], columns: dict[str, _Column], where: str) -> dict[str,
             value = float(cell)
         except ValueError:
             raise InputError(
-                f"{where}, column {name}: {cell!r} is not a number" + "; write a decimal point" * ("," in cell)
+                f"{where}, column {name}: {_shown(cell)} is not a number" + "; write a decimal point" * ("," in cell)
             ) from None
         if not math.isfinite(value):
-            raise InputError(f"{where}, column {name}: {cell!r} is not a finite number; leave that row out")
+            raise InputError(f"{where}, column {name}: {_shown(cell)} is not a finite number; leave that row out")
         if name == "hold_time" and value < 0:
-            raise InputError(f"{where}, column hold_time: {cell} is negative; hold times count from first contact")
+            raise InputError(f"{where}, column hold_time: {cell[:80]} is negative; hold times count from first contact")
         if name == "error" and value <= 0:
-            raise InputError(f"{where}, column error: {cell} is not above zero; leave the column out if unknown")
+            raise InputError(f"{where}, column error: {cell[:80]} is not above zero; leave the column out if unknown")
         row[name] = value * column.factor
     return row
 

@@ -67,7 +67,7 @@ def replica_seeds(seed: Seed, replica: int, common: Common, run: tuple[int, ...]
 
 def check_common(common: str) -> None:
     """Refuse what is not one of :data:`COMMON`."""
-    if common not in COMMON:
+    if not isinstance(common, str) or common not in COMMON:
         raise InputError.of("common", common, f"is not one of {', '.join(COMMON)}", "the default is 'none'")
 
 

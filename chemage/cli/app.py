@@ -5,6 +5,7 @@ Exit status: 0 success, 1 a check found problems or points of a sweep failed, 2 
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import sys
@@ -117,22 +118,38 @@ def main() -> None:
         # typer's own main catches the KeyboardInterrupt
         with commands.make_context("chemage", sys.argv[1:]) as context:
             commands.invoke(context)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # None where the caller has closed it
+            sys.stdout.flush()
         sys.exit(0)
     except typer.Exit as end:
         sys.exit(end.exit_code)
     except (KeyboardInterrupt, typer.Abort) as stop:
-        print(f"\ninterrupted; {str(stop) or 'nothing was written'}", file=sys.stderr, flush=True)
+        _complain(f"\ninterrupted; {str(stop) or 'nothing was written'}")
         os._exit(130)  # without waiting for threads that may still be in a compiled kernel
     except Exception as error:
         sys.exit(_explain(error))
+
+
+def _complain(text: str) -> None:
+    """Print on stderr, control characters as escapes; nothing where stderr is closed."""
+    from chemage.foundation.text import printable
+
+    if sys.stderr is not None:
+        with contextlib.suppress(OSError, ValueError):
+            print(printable(text), file=sys.stderr, flush=True)
+
+
+def _discard_output() -> None:
+    """Send what stdout still holds nowhere, so that the interpreter does not fail on it at its end."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _plain_warnings() -> None:
     import warnings
 
     def plain(message: Warning | str, *_: Any, **__: Any) -> None:
-        print(f"chemage: warning: {message}", file=sys.stderr)
+        _complain(f"chemage: warning: {message}")
 
     warnings.showwarning = plain
 
@@ -141,19 +158,20 @@ def _explain(error: Exception) -> int:
     from chemage.foundation.errors import ChemageError
 
     if isinstance(error, ChemageError):
-        print("\n".join([f"chemage: {error}", *getattr(error, "__notes__", ())]), file=sys.stderr)
+        _complain("\n".join([f"chemage: {error}", *getattr(error, "__notes__", ())]))
         return 2
     show_usage = getattr(error, "show", None)  # a usage error found by typer
     if show_usage is not None:
         show_usage()
         return int(getattr(error, "exit_code", 2))
     if isinstance(error, BrokenPipeError):  # the reader of the pipe has closed it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
         return 0
     if isinstance(error, OSError):
-        print(f"chemage: {error}", file=sys.stderr)
+        _discard_output()  # a full disk behind stdout would be reported again at the end
+        _complain(f"chemage: {error}")
         return 2
     if isinstance(error, MemoryError):
-        print(f"chemage: not enough memory: {error}; `chemage check` estimates what a scene needs", file=sys.stderr)
+        _complain(f"chemage: not enough memory: {error}; `chemage check` estimates what a scene needs")
         return 2
     raise error

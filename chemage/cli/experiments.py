@@ -22,6 +22,7 @@ from chemage.cli.options import (
     WorkersOpt,
     YesOpt,
     changed_fields,
+    known_figure,
     user_error,
 )
 from chemage.cli.results import print_run
@@ -119,9 +120,9 @@ def _run_one(
         print(json.dumps({**result.summary(), "file": str(path), "figures": [str(p) for p in pictures]}))
         return
     print_run(result)
-    print(f"\nresult   {path}")
+    terminal.say(f"\nresult   {path}")
     for picture in pictures:
-        print(f"figure   {picture}")
+        terminal.say(f"figure   {picture}")
 
 
 def _protect_inputs(path: Path, source: str, one: Scene) -> None:
@@ -133,6 +134,8 @@ def _protect_inputs(path: Path, source: str, one: Scene) -> None:
 
 
 def _preflight_folder(folder: Path, force: bool) -> None:
+    if folder.is_symlink():
+        raise user_error(f"{folder}, the folder for the figures, is a link; remove it, or choose another --out")
     if not folder.exists():
         return
     if not folder.is_dir():
@@ -173,7 +176,7 @@ def check(scene: SceneArg, changes: SetOpt = None, yes: YesOpt = False, as_json:
         return
     terminal.show_pairs(f"{scene} is valid", made.rows())
     for note in made.notes:
-        print(f"note: {note}")
+        terminal.say(f"note: {note}")
 
 
 def status(folder: Annotated[Path, typer.Argument(help="the folder of a sweep")], as_json: JsonOpt = False) -> None:
@@ -206,12 +209,13 @@ def tradeoff(
 
     one = load_scene(scene, changed_fields(changes))
     if out is not None:
+        known_figure(out)
         preflight(out, force=force)
     with progress_bars() as report:
         found = measure(one, report=lambda what: report(what, 0, 0))
     if out is not None:
         with fresh_file(out, force=force) as part:
-            figure(found).savefig(part, format=out.suffix.removeprefix(".") or "png")
+            figure(found).savefig(part, format=out.suffix.removeprefix(".").lower() or "png")
     if as_json:
         print(json.dumps(found.todict()))
         return
@@ -239,7 +243,7 @@ def tradeoff(
         )
     terminal.show(table, width=200)
     for note in found.notes:
-        print(note)
+        terminal.say(note)
 
 
 def _number(value: float, digits: int = 3) -> str:
@@ -280,4 +284,4 @@ def init(
     text = installed_text(like)
     with fresh_file(file, force=force) as part:
         part.write_text(text, encoding="utf-8")
-    print(f"{file} is a copy of {like}; change it, then: chemage check {file} && chemage run {file}")
+    terminal.say(f"{file} is a copy of {like}; change it, then: chemage check {file} && chemage run {file}")

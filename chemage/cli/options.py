@@ -21,6 +21,12 @@ def _known_format(name: str) -> str:
     return name
 
 
+def known_figure(path: Path) -> None:
+    """Refuse, before anything is computed, the file of a figure in a format that cannot be written."""
+    if path.suffix.lower() not in ("", ".png", ".pdf", ".svg"):
+        raise user_error(f"--out {path}: figures end in .png, .pdf or .svg")
+
+
 SceneArg = Annotated[str, typer.Argument(help="a scene file (.toml), or the name of an installed scene")]
 FileArg = Annotated[Path, typer.Argument(help="a result file (.h5)")]
 JsonOpt = Annotated[bool, typer.Option("--json", help="print one JSON object instead of a table")]
@@ -71,7 +77,7 @@ def changed_fields(texts: list[str] | None, replicas: int | None = None, seed: i
             raise user_error(f"--set {text}: write it as PATH=VALUE, such as surface.rms_slope=0.2")
         try:
             changes[path.strip()] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
+        except (ValueError, RecursionError):
             changes[path.strip()] = value.strip()
     short = {"hold.replicas": replicas, "hold.seed": seed}
     return changes | {path: value for path, value in short.items() if value is not None}

@@ -52,7 +52,7 @@ def plugins_list(as_json: JsonOpt = False) -> None:
             table.add_row("hook", name, item["from"])
     terminal.show(table)
     for item in broken:
-        print(f"skipped: {item['plugin']} ({item['from']}): {item['error']}")
+        terminal.say(f"skipped: {item['plugin']} ({item['from']}): {item['error']}")
 
 
 def _stage_hooks(plugins: Registry, record: PluginRecord) -> list[str]:
@@ -103,14 +103,14 @@ def plugins_show(
     import inspect
 
     for one in shown:
-        print(f"{one['role']} {one['kind']}  ({one['from']})\n\n{inspect.cleandoc(one['about'])}\n")
+        terminal.say(f"{one['role']} {one['kind']}  ({one['from']})\n\n{inspect.cleandoc(one['about'])}\n")
         table = terminal.table("", ("option", "unit", "default", "meaning"))
         for option in one["options"]:
             table.add_row(option["name"], option["unit"], option["default"], option["meaning"])
         if one["options"]:
             terminal.show(table)
         for text in one["cite"]:
-            print(f"cite: {text}")
+            terminal.say(f"cite: {text}")
 
 
 @plugins_app.command("new")
@@ -129,8 +129,8 @@ def plugins_new(
 
     files = new(name, role, folder)
     for path in files:
-        print(path)
-    print(f"\nnext: pip install -e {files[0].parent} && chemage plugins show {name}")
+        terminal.say(path)
+    terminal.say(f"\nnext: pip install -e {files[0].parent} && chemage plugins show {name}")
 
 
 @plugins_app.command("stubs")
@@ -146,7 +146,7 @@ def plugins_stubs(
     target.parent.mkdir(parents=True, exist_ok=True)
     with fresh_file(target, force=force) as part:
         part.write_text(stub_text(), encoding="utf-8")
-    print(target)
+    terminal.say(target)
 
 
 @plugins_app.command("check")
@@ -160,8 +160,8 @@ def plugins_check() -> None:
     plugins = registry.current()
     problems = plugins.check()
     for problem in problems:
-        print(problem)
+        terminal.say(problem)
     count = sum(len(kinds) for record in plugins.records for kinds in record.kinds.values())
-    print(f"{len(plugins.records)} plugins, {count} components, {len(problems)} problems")
+    terminal.say(f"{len(plugins.records)} plugins, {count} components, {len(problems)} problems")
     if problems:
         raise typer.Exit(1)

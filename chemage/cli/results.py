@@ -59,7 +59,7 @@ def plot(
     with progress_bars() as report, reported(report, "drawing"):
         pictures = run_figures.save(thing, out or file.with_name(f"{file.stem}-figures"), force=force, suffix=fmt)
     for picture in pictures:
-        print(picture)
+        terminal.say(picture)
 
 
 def print_run(result: Run) -> None:
@@ -102,7 +102,7 @@ def print_run(result: Run) -> None:
         rows.append(("wall time", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in result.timings.items())))
     terminal.show_pairs(result.scene.get("title") or result.name, rows)
     for note in result.notes:
-        print(f"note: {note}")
+        terminal.say(f"note: {note}")
 
 
 def compare(
@@ -138,11 +138,11 @@ def compare(
     if as_json:
         print(json.dumps({**made.todict(), "figures": [str(path) for path in pictures]}))
     elif as_csv:
-        print(made.csv(), end="")
+        terminal.say(made.csv(), end="")
     else:
         _print_comparison(made)
         for picture in pictures:
-            print(f"figure   {picture}")
+            terminal.say(f"figure   {picture}")
 
 
 def report(
@@ -159,7 +159,7 @@ def report(
 
     with progress_bars() as bars, reported(bars, "report"):
         written = write_report(files, out, measured=measured or (), force=force)
-    print(written)
+    terminal.say(written)
 
 
 def _print_comparison(made: Comparison) -> None:
@@ -170,10 +170,10 @@ def _print_comparison(made: Comparison) -> None:
         for label, texts in rows:
             table.add_row(label, *texts[chosen])
         terminal.show(table)
-    print(made.statement())
+    terminal.say(made.statement())
     for different in made.chemistry_differences():
         values = ("none" if value is None else f"{value}" for value in different.values)
-        print(f"  {different.path}: {' | '.join(values)}")
+        terminal.say(f"  {different.path}: {' | '.join(values)}")
     fits = made.fits()
     if fits:
         table = terminal.table("Fits, 95 % intervals", ("data", "model", "β per decade", "cut-off time"))

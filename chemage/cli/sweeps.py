@@ -12,7 +12,7 @@ import typer
 
 from chemage.cli import terminal
 from chemage.foundation.errors import ChemageError
-from chemage.foundation.text import jsonable
+from chemage.foundation.text import jsonable, printable
 from chemage.sweeps.grid import Survey, shown
 from chemage.sweeps.progress import show_progress
 from chemage.sweeps.result import SweepResult, load_sweep
@@ -61,7 +61,7 @@ def run(
                 force=force,
             )
     except KeyboardInterrupt:
-        print(f"\ninterrupted; {_kept(folder)}", file=sys.stderr, flush=True)
+        print(printable(f"\ninterrupted; {_kept(folder)}"), file=sys.stderr, flush=True)
         os._exit(130)  # without waiting for threads that may still be in a compiled kernel
     state = {**result.status(), "folder": str(folder)}
     tables = {"csv": str(folder / "results.csv"), "hdf5": str(folder / "results.h5")}
@@ -69,7 +69,7 @@ def run(
         print(json.dumps(jsonable({**state, "results": tables})))
     else:
         _print_result(result, state)
-        print("\n".join(f"results  {file}" for file in tables.values()))
+        terminal.say("\n".join(f"results  {file}" for file in tables.values()))
     if state["failed"]:
         raise typer.Exit(1)
 
@@ -180,7 +180,7 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
             )
         terminal.show(table)
     else:
-        print(title)
+        terminal.say(title)
     _print_failures(state)
 
 
@@ -199,6 +199,6 @@ def _nan(value: float | None) -> float:
 def _print_failures(state: dict[str, Any]) -> None:
     for failed in state["failures"][:_LISTED]:
         where = ", ".join(f"{path} = {shown(value)}" for path, value in failed["changes"].items())
-        print(f"failed: point {failed['point']} ({where}): {failed['error']}", file=sys.stderr)
+        terminal.say(f"failed: point {failed['point']} ({where}): {failed['error']}", file=sys.stderr)
     if (more := len(state["failures"]) - _LISTED) > 0:
-        print(f"failed: {more} more points; `chemage status --json` lists them all", file=sys.stderr)
+        terminal.say(f"failed: {more} more points; `chemage status --json` lists them all", file=sys.stderr)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from chemage.foundation.text import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -15,10 +17,20 @@ def table(title: str, columns: tuple[str, ...] = ()) -> Table:
     from rich import box
     from rich.table import Table
 
-    made = Table(title=title or None, title_justify="left", box=box.SIMPLE, show_header=bool(columns), pad_edge=False)
+    class Harmless(Table):
+        def add_row(self, *cells: Any, **options: Any) -> None:
+            super().add_row(*(printable(cell) if isinstance(cell, str) else cell for cell in cells), **options)
+
+    shown = printable(title) or None
+    made = Harmless(title=shown, title_justify="left", box=box.SIMPLE, show_header=bool(columns), pad_edge=False)
     for name in columns or ("", ""):
-        made.add_column(name, overflow="fold")
+        made.add_column(printable(name), overflow="fold")
     return made
+
+
+def say(text: object = "", end: str = "\n", file: Any = None) -> None:
+    """Print a line, on stdout by default; control characters, as in the name of a file, are printed as escapes."""
+    print(printable(str(text)), end=end, file=file)
 
 
 def show(table: Table, width: int = 110) -> None:

@@ -32,6 +32,16 @@ class ContactSolver(Component, ABC):
         one). Used by ``chemage check`` and to plan sweeps."""
         return {}
 
+    def check(self, surface: Mapping[str, float], load: float) -> None:
+        """Refuse, before anything is computed, what :meth:`solve` would refuse: a surface of which
+        :meth:`SurfaceMaker.expected` gives ``surface``, under ``load`` nN. Used by ``chemage check``.
+
+        Raises
+        ------
+        InputError
+            As :meth:`solve`, as far as it is known.
+        """
+
     def reference(self) -> Self:
         """The solver with which ``chemage tradeoff`` measures the errors of this one: the same contact, as accurately
         as this class can solve it.

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from chemage.experiments.limits import check_limits, check_parts, duration, long_run
 from chemage.experiments.scene import Scene
 from chemage.foundation.errors import ChemageError
 from chemage.foundation.threads import available
@@ -22,7 +23,7 @@ class Plan:
     scene: Scene
     #: what is modelled and what is not, in words
     stages: dict[str, str]
-    #: nx, ny, area_fraction, sites, cpu_seconds, memory (bytes), file (bytes)
+    #: nx, ny, area_fraction, sites, cpu_seconds, seconds (wall time), memory (bytes), file (bytes)
     numbers: dict[str, float]
     notes: list[str] = field(default_factory=list)
 
@@ -115,8 +116,16 @@ def cost(scene: Scene) -> Cost:
 
 
 def plan(scene: Scene) -> Plan:
-    """Estimate what ``scene`` needs from what its components state."""
+    """Estimate what ``scene`` needs from what its components state.
+
+    Raises
+    ------
+    InputError
+        It needs more memory than this machine has, or its parts do not fit together.
+    """
     known = cost(scene)
+    check_limits(scene, known)
+    check_parts(scene, known)
     numbers: dict[str, float] = {}
     if known.pixels:
         # heights are noise and do not compress; a pressure map is as large as what carries pressure
@@ -132,7 +141,10 @@ def plan(scene: Scene) -> Plan:
     if known.contact_bytes is not None and known.replica_bytes is not None:
         at_once = min(scene.hold.replicas, available()) if scene.hold is not None else 1
         numbers["memory"] = 2e8 + max(known.contact_bytes, known.replica_bytes * at_once)
-    return Plan(scene, _stages(scene, known.surface), numbers, _notes(scene, known.surface, numbers))
+    if (seconds := duration(scene, known)) is not None:
+        numbers["seconds"] = seconds
+    notes = [note for note in [long_run(scene, known)] if note]
+    return Plan(scene, _stages(scene, known.surface), numbers, notes + _notes(scene, known.surface, numbers))
 
 
 def _stages(scene: Scene, known: Mapping[str, float]) -> dict[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -17,6 +18,8 @@ from chemage.ageing.checkpoints import keep, resumed
 from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
+from chemage.experiments.estimate import cost
+from chemage.experiments.limits import LongRunWarning, check_limits, check_parts, long_run
 from chemage.experiments.provenance import versions
 from chemage.experiments.scene import Scene, parse_scene, with_plugins
 from chemage.experiments.scene_files import load_scene
@@ -143,14 +146,33 @@ class Run:
             raise StoreError(f"not a complete run: without {', '.join(missing) or 'a contact'}")
         try:
             fields = {name: json.loads(attributes[name]) for name in ("scene", "timings", "versions", "keys", "cite")}
-        except ValueError as error:
+        except (ValueError, TypeError, RecursionError) as error:
             raise StoreError(f"not a complete run: {error}") from error
+        if wrong := [name for name, value in fields.items() if not _is_sound(name, value)]:
+            raise StoreError(f"not a complete run: damaged {', '.join(wrong)}")
         return cls(
             contact=parts["contact"],
             surface=parts.get("surface"),
             aging=parts.get("aging"),
             **{**fields, "cite": tuple(fields["cite"])},
         )
+
+
+def _is_sound(name: str, value: Any) -> bool:
+    """Whether an attribute of a stored run has the form that everything else relies on."""
+    if name == "cite":
+        return isinstance(value, list) and all(isinstance(text, str) for text in value)
+    if not isinstance(value, dict):
+        return False
+    if name == "scene":
+        sections = [value.get("surface"), value.get("contact")]
+        texts = [value.get("name", ""), value.get("title", "")]
+        texts += [section.get("kind") if isinstance(section, dict) else None for section in sections]
+        window = value.get("fit", {})
+        times = list(window.values()) if isinstance(window, dict) else [None]
+        return all(isinstance(text, str) for text in texts) and all(isinstance(time, int | float) for time in times)
+    kind = int | float if name == "timings" else str
+    return all(isinstance(item, kind) for item in value.values())
 
 
 def run(
@@ -171,6 +193,11 @@ def run(
     """
     if not isinstance(scene, Scene):
         scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
+    known = cost(scene)
+    check_limits(scene, known)
+    check_parts(scene, known)
+    if message := long_run(scene, known):
+        warnings.warn(message, LongRunWarning, stacklevel=2)
     report = progress or (lambda stage, done, total: None)
     timings: dict[str, float] = {}
     if contact is None:

@@ -32,7 +32,8 @@ from chemage.contacts.role import ContactSolver
 from chemage.foundation.booleans import no_booleans
 from chemage.foundation.checks import check_times, force
 from chemage.foundation.components import Component
-from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
+from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, shortened
+from chemage.foundation.inputs import check_data
 from chemage.foundation.messages import explain, nearest
 from chemage.foundation.units import Temperature, Time, convert
 from chemage.kinetics.role import Engine
@@ -254,6 +255,12 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
         Listing everything that is wrong, each with its path in the file.
     """
     problems, made = _Problems(), {}
+    if not isinstance(data, Mapping) or not all(isinstance(name, str) for name in data):
+        raise SceneError(source, [("", f"{shortened(repr(data))} is not a table of sections")])
+    try:
+        check_data(dict(data))
+    except InputError as error:
+        raise SceneError(source, error.problems) from None
     for name in data:
         if name not in SECTIONS:
             problems.append((name, f"no such section{nearest(name, SECTIONS)}; the sections are {', '.join(SECTIONS)}"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Mapping
 from copy import deepcopy
@@ -9,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from chemage.experiments.scene import Scene, parse_scene
-from chemage.foundation.errors import InputError, PluginError, SceneError, StoreError
+from chemage.foundation.errors import InputError, PluginError, SceneError, StoreError, shortened
+from chemage.foundation.inputs import check_data, described
 from chemage.foundation.messages import nearest
 from chemage.plugins import registry
 
@@ -33,24 +35,47 @@ def scene_data(where: str | Path) -> tuple[dict[str, Any], str]:
     if path.suffix != ".toml" and str(where) in plugins.scenes():
         text, source, folder = installed_text(str(where)), str(where), None
     else:
-        if not path.exists():
+        if not _is_there(path):
             names = list(plugins.scenes())
             raise StoreError(
-                f"{where} is neither a file nor an installed scene{nearest(str(where), names)}; "
+                f"{shortened(where, 200)} is neither a file nor an installed scene{nearest(str(where)[:200], names)}; "
                 f"installed: {', '.join(sorted(names)) or 'none'}"
             )
         try:
-            text, source, folder = path.read_text(encoding="utf-8-sig"), str(path), path.parent
-        except (OSError, UnicodeDecodeError) as error:
-            raise StoreError(f"{path} cannot be read as a scene: {error}") from error
-    try:
-        data = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise SceneError(source, [("", f"not valid TOML: {error}")]) from None
+            text, source, folder = described(path), str(path), path.parent
+        except StoreError as error:
+            raise StoreError(f"{error}: it cannot be read as a scene") from None
+    data = parse_toml(text, source)
     if folder is not None:
         data = located(data, folder)
     data.setdefault("name", path.stem)
     return data, source
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return os.path.lexists(path)
+    except ValueError:  # a null byte in the name
+        return False
+
+
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """The data of a scene in TOML, of a size that can be handled.
+
+    Raises
+    ------
+    SceneError
+        It is not TOML, or nested too deeply, or holds numbers or texts that are too large.
+    """
+    try:
+        data = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # also whole numbers of thousands of digits
+        raise SceneError(source, [("", f"not valid TOML: {shortened(error, 300)}")]) from None
+    try:
+        check_data(data)
+    except InputError as error:
+        raise SceneError(source, error.problems) from None
+    return data
 
 
 def located(data: Any, folder: Path) -> Any:

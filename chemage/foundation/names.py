@@ -18,11 +18,12 @@ NAMES = {
     "experiments.run": "Run run",
     "experiments.scene": "Scene parse_scene",
     "experiments.scene_files": "load_scene override scene_data",
-    "foundation.checks": "Seed check_times checked_seed force temperature_value",
+    "foundation.checks": "Seed check_times checked_count checked_seed checked_states force temperature_value",
     "foundation.components": "Component",
     "foundation.errors": "ChemageError ConvergenceError ExecutorError InputError PluginError SceneError StoreError "
     "UnitError UnknownKindError WorkerLost",
     "foundation.files": "fresh_file preflight",
+    "foundation.inputs": "regular_file",
     "foundation.messages": "nearest",
     "foundation.units": "EV_PER_GPA_NM3 Energy Force Frequency KB Length Pressure Temperature Time Unit Volume convert",
     "kinetics.history": "BondHistory",
@@ -50,6 +51,7 @@ HOME = {name: module for module, names in NAMES.items() for name in names.split(
 #: public modules -> their full name
 MODULES = {
     "options": "cli.options",
+    "memory": "foundation.memory",
     "progress": "foundation.progress",
     "statistics": "foundation.statistics",
     "tables": "foundation.tables",

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from chemage.foundation.errors import StoreError
+from chemage.foundation.errors import StoreError, shortened
+from chemage.foundation.inputs import regular_file
 
 #: number of a line, from 1, and its text
 Line = tuple[int, str]
@@ -22,12 +23,15 @@ def read_text(path: str | os.PathLike[str]) -> str:
     StoreError
         The file is missing, cannot be read, or is not text.
     """
+    regular_file(path)
     try:
         return Path(path).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
         raise StoreError(f"{path} is not a text file") from None
     except OSError as error:
         raise StoreError(f"{path}: {error.strerror or error}") from None
+    except ValueError:  # a null byte in the name
+        raise StoreError(f"{os.fspath(path)!r} is no name of a file") from None
 
 
 def data_lines(text: str, comments: str = "#") -> list[Line]:
@@ -64,9 +68,9 @@ def numbers(lines: Sequence[Line], source: str, separator: str | None = None) ->
                     float(cell)
                 except ValueError:
                     where = f"{source}, line {number}, column {column}"
-                    raise StoreError(f"{where}: {cell.strip()!r} is not a number") from None
+                    raise StoreError(f"{where}: {shortened(repr(cell.strip()))} is not a number") from None
             if len(row) != len(cells[0]):
                 raise StoreError(
                     f"{source}, line {number}: {len(row)} columns where line {lines[0][0]} has {len(cells[0])}"
                 ) from None
-        raise StoreError(f"{source} is not a table of numbers: {error}") from None
+        raise StoreError(f"{source} is not a table of numbers: {shortened(error, 200)}") from None

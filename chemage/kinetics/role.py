@@ -36,6 +36,20 @@ class Engine(Component, ABC):
         """Estimate the cost of one replica at room temperature, as far as it is known: ``cpu_seconds``, ``bytes``."""
         return {}
 
+    def check(self, interacting: bool) -> None:
+        """Refuse, before anything is computed, lattices that :meth:`run` would refuse.
+
+        Raises
+        ------
+        InputError
+            The engine treats sites that do not interact, and these do.
+        """
+        if interacting and not self.interacting:
+            raise InputError(
+                f"engine {self.kind!r} treats sites that do not interact, but this lattice couples neighbours; "
+                "leave out the interaction, or use another engine (for example 'rejection-free')"
+            )
+
     @abstractmethod
     def _run(
         self,
@@ -104,9 +118,5 @@ class Engine(Component, ABC):
                 )
         elif start is not None:
             start = checked_states("start", start, lattice.sites.size)
-        if not self.interacting and lattice.interacting:
-            raise InputError(
-                f"engine {self.kind!r} treats sites that do not interact, but this lattice couples neighbours; "
-                "leave out the interaction, or use another engine (for example 'rejection-free')"
-            )
+        self.check(lattice.interacting)
         return self._run(lattice, times, kelvin, seed, start)

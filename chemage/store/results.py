@@ -15,6 +15,7 @@ from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
 from chemage.foundation.codec import is_ours, read_records, write_records
 from chemage.foundation.errors import InputError, StoreError
+from chemage.foundation.inputs import regular_file
 from chemage.foundation.records import Record
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.lattice import ReactionLattice
@@ -62,10 +63,15 @@ def read(path: str | os.PathLike[str], *, maps: bool = True) -> Any:
         The file is missing, truncated, or neither chemage's nor of a format that some reader knows.
     """
     source = Path(path)
-    if not source.exists():
+    try:
+        there = source.exists()
+    except (OSError, ValueError):  # a loop of links, a null byte in the name
+        there = True
+    if not there:
         raise StoreError(f"{source} does not exist")
     if source.is_dir():
         raise StoreError(f"{source} is a folder; name a file")
+    regular_file(source)
     if not is_ours(source):
         return reader_for(source).read(source)
     groups = GROUPS if maps else {name: cls for name, cls in GROUPS.items() if name != "surface"}

@@ -21,7 +21,8 @@ class SurfaceMaker(Component, ABC):
 
     def expected(self) -> dict[str, float]:
         """What is known before anything is computed, as far as it is: ``nx``, ``ny`` (pixels), ``pixel_size`` (nm),
-        ``rms_slope``, ``shortest_wavelength`` (nm), ``radius`` (of a sphere, nm). Used by ``chemage check``."""
+        ``rms_slope``, ``shortest_wavelength`` (nm), ``radius`` (of a sphere, nm), ``periodic`` (1 or 0).
+        Used by ``chemage check``."""
         return {}
 
     def coarser(self, factor: int) -> Self | None:

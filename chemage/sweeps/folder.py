@@ -28,6 +28,8 @@ import numpy as np
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.codec import from_npz
 from chemage.foundation.errors import StoreError
+from chemage.foundation.inputs import LARGEST_DESCRIPTION, regular_file
+from chemage.sweeps.manifest import checked_manifest
 
 #: version of the layout; newer layouts are refused
 FORMAT = 1
@@ -68,11 +70,13 @@ class Folder:
         StoreError
             The file is missing or damaged, or a newer version of chemage wrote it.
         """
+        if self.manifest.exists():
+            regular_file(self.manifest, LARGEST_DESCRIPTION)
         try:
             data = json.loads(self.manifest.read_bytes())
         except FileNotFoundError:
             raise StoreError(f"{self.path} is not the folder of a sweep: it has no sweep.json") from None
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise StoreError(f"{self.manifest} cannot be read: {error}") from None
         if not isinstance(data, dict) or "format" not in data:
             raise StoreError(f"{self.manifest} does not describe a sweep")
@@ -80,7 +84,7 @@ class Folder:
             raise StoreError(
                 f"{self.path} was made by chemage {data['versions']['chemage']}; update chemage to read it"
             )
-        return data
+        return checked_manifest(data, self.manifest)
 
     def state(self, key: str) -> str:
         """Find whether a point is ``done``, ``failed`` or ``missing``; an incomplete file counts as missing."""

@@ -17,6 +17,7 @@ from typing import Any, get_args
 import numpy as np
 
 from chemage.experiments.estimate import cost
+from chemage.experiments.limits import check_limits
 from chemage.experiments.scene import REQUIRED, SECTIONS, Scene, parse_scene
 from chemage.experiments.scene_files import override
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
@@ -305,6 +306,7 @@ def shown(value: Any) -> str:
 
 def _add(result: Survey, point: int, scene: Scene, known: dict[str, int]) -> None:
     keys, costs = scene.keys(), cost(scene)
+    check_limits(scene, costs)
     result.keys.append(keys["result"])
     result.agings.append(keys["aging"])
     if keys["contact"] not in known:

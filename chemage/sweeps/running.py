@@ -26,6 +26,7 @@ from chemage.sweeps.executors.pool import Pool
 from chemage.sweeps.folder import FORMAT, RESUME, Folder
 from chemage.sweeps.freshness import Outdated, outdated
 from chemage.sweeps.grid import Grid, Survey, check_base, order_of, survey
+from chemage.sweeps.manifest import refuse_links
 from chemage.sweeps.progress import Report, SweepProgress, reporting
 from chemage.sweeps.result import SweepResult
 from chemage.sweeps.tasks import compute, failure, solve
@@ -124,6 +125,7 @@ def _check_folder(folder: Folder, found: Survey, force: bool) -> None:
     path = folder.path
     if path.exists() and not path.is_dir():
         raise StoreError(f"{path} is a file; a sweep is computed into a folder")
+    refuse_links(path)
     if not path.exists() or not any(name for name in path.iterdir() if name.name not in (".lock", ".parts")):
         return
     if not folder.manifest.exists():

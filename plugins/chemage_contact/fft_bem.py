@@ -29,6 +29,12 @@ from chemage_contact._kernels import Heights
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate
 from chemage_contact._team import Team
 
+#: Thickness of a layer, in pixels and in lengths of the surface. A thinner one is a bed of springs, which rounding
+#: errors prevent from converging; a thicker one is a half-space.
+THINNEST, THICKEST = 1e-6, 1e6
+#: Mean pressures, GPa and relative to the modulus: their squares and sums stay numbers.
+SMALLEST_PRESSURE, LARGEST_PRESSURE = 1e-307, 1e120
+_LAYER = "thickness: a layer needs a periodic surface; leave thickness out, or give boundary = 'periodic'"
 #: The smallest tolerance that single precision reaches, with a margin.
 SINGLE_LIMIT = 1e-6
 #: A reference: rounding errors of double precision allow little less than its tolerance.
@@ -127,6 +133,31 @@ class FFTBEM(ContactSolver):
         )
         return known | {"cpu_seconds": pixels * work * factor}
 
+    def check(self, surface: Mapping[str, float], load: float) -> None:
+        """See :meth:`chemage.ContactSolver.check`."""
+        if self.thickness is not None and self.boundary == "auto" and surface.get("periodic") == 0:
+            raise InputError(_LAYER)
+        if {"nx", "ny", "pixel_size"} <= surface.keys():
+            self._check_range(surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2, surface["pixel_size"], load)
+
+    def _check_range(self, area: float, pixel_size: float, load: float) -> None:
+        """Refuse pressures and layers that leave the range of numbers; ``area`` nominal, nm²."""
+        thickness = self.thickness
+        if thickness is not None and not THINNEST * pixel_size <= thickness <= THICKEST * math.sqrt(area):
+            raise InputError.of(
+                "thickness",
+                thickness,
+                f"is not between {THINNEST:g} pixels of {pixel_size:g} nm and {THICKEST:g} times the surface",
+                "give the thickness of the layer in nm; leave it out for a half-space",
+            )
+        if load == 0:
+            return
+        pressure = load / area
+        if not (SMALLEST_PRESSURE < pressure < LARGEST_PRESSURE and pressure / self.modulus > SMALLEST_PRESSURE):
+            raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
+        if self.precision == "single" and not (load / pixel_size**2 > 1e-35 and pressure < 1e35):
+            raise InputError.of("load", load, "the pressure leaves the range of float32", "use precision = 'mixed'")
+
     def reference(self) -> FFTBEM:
         """Double precision at a tolerance of 1e-12, or the nearest to it that rounding errors allow."""
         return self.replace(
@@ -138,13 +169,10 @@ class FFTBEM(ContactSolver):
         )
 
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+        self._check_range(surface.nominal_area, surface.pixel_size, load)
         if load == 0:
             return self._untouched(surface, 0.0)
         pressure = load / surface.nominal_area
-        if not (pressure > 0.0 and math.isfinite(pressure)):
-            raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
-        if self.precision == "single" and not (load / surface.pixel_size**2 > 1e-35 and pressure < 1e35):
-            raise InputError.of("load", load, "the pressure leaves the range of float32", "use precision = 'mixed'")
         initial = _usable(start, surface, load)
         quantum = _power_of_two(pressure)
         with self._team() as team:
@@ -221,9 +249,7 @@ class FFTBEM(ContactSolver):
         pixel = (surface.pixel_size, surface.pixel_size)
         if self.thickness is not None:
             if not self._periodic(surface):
-                raise InputError(
-                    "thickness: a layer needs a periodic surface; leave thickness out, or give boundary = 'periodic'"
-                )
+                raise InputError(_LAYER)
             return PeriodicLayer(surface.shape, pixel, self.thickness, self.poisson_ratio)
         if self._periodic(surface):
             return PeriodicHalfSpace(surface.shape, pixel)

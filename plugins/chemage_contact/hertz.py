@@ -39,10 +39,22 @@ class Hertz(ContactSolver):
         nominal = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2
         return {"area_fraction": min(math.pi * edge**2 / nominal, 1.0)}
 
-    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
-        radius = _radius(surface)
-        edge, size = math.cbrt(0.75 * load * radius / self.modulus), surface.pixel_size
-        room = 0.5 * min(surface.shape) * size
+    def check(self, surface: Mapping[str, float], load: float) -> None:
+        """See :meth:`chemage.ContactSolver.check`."""
+        if not {"nx", "ny", "pixel_size"} <= surface.keys():
+            return
+        if "radius" not in surface:
+            raise InputError(
+                "contact 'hertz' needs a sphere, but this surface has no radius; "
+                "use surface kind 'sphere' or contact 'fft-bem'"
+            )
+        shape = (int(surface["nx"]), int(surface["ny"]))
+        self._edge(shape, surface["pixel_size"], surface["radius"], load)
+
+    def _edge(self, shape: tuple[int, int], size: float, radius: float, load: float) -> float:
+        """Radius of the contact, nm."""
+        edge = math.cbrt(0.75 * load * radius / self.modulus)
+        room = 0.5 * min(shape) * size
         if edge > room:
             raise InputError.of(
                 "load",
@@ -50,6 +62,14 @@ class Hertz(ContactSolver):
                 f"the contact has a radius of {edge:.4g} nm, but the surface reaches only {room:.4g} nm from the apex",
                 "use more pixels or a smaller load",
             )
+        if load > 0 and not (edge > 1e-60 * size and 1e-290 < load / size**2 < 1e100):
+            raise InputError.of("load", load, f"leaves the range of numbers on pixels of {size:g} nm", "give nN and nm")
+        return edge
+
+    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+        radius = _radius(surface)
+        size = surface.pixel_size
+        edge = self._edge(surface.shape, size, radius, load)
         pressure = np.zeros(surface.shape)
         if load > 0:
             nx, ny = surface.shape

@@ -6,7 +6,11 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from chemage import InputError, Interaction, Seed, Unit
+from chemage import InputError, Interaction, Seed, Unit, checked_count, checked_seed
+from chemage.foundation.memory import require
+
+#: random numbers of pairs of pixels are told apart up to here
+MOST_PIXELS = 2**48
 
 
 def _read_only(array: np.ndarray, dtype: type[np.generic]) -> np.ndarray:
@@ -14,6 +18,21 @@ def _read_only(array: np.ndarray, dtype: type[np.generic]) -> np.ndarray:
     view = np.ascontiguousarray(array, dtype=dtype).view()
     view.setflags(write=False)
     return view
+
+
+def _pair(pixels: tuple[int, int]) -> tuple[int, int]:
+    if not isinstance(pixels, tuple | list) or len(pixels) != 2:
+        raise InputError.of("pixels", pixels, "must be two whole numbers")
+    return pixels[0], pixels[1]
+
+
+def _pixels_in(sites: np.ndarray) -> np.ndarray:
+    given = np.asarray(sites)
+    if given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
+        raise InputError(f"sites: {given.dtype} of shape {given.shape}; give a list of pixel indices")
+    if given.size and not (int(given.min()) >= 0 and int(given.max()) < MOST_PIXELS):
+        raise InputError(f"sites: from {given.min()} to {given.max()}; pixel indices are from 0 to {MOST_PIXELS - 1}")
+    return _read_only(given, np.int64)
 
 
 class ElasticPairs(Interaction):
@@ -27,9 +46,9 @@ class ElasticPairs(Interaction):
     kind = "elastic-pairs"
     cite: ClassVar[tuple[str, ...]] = ("Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)",)
 
-    strength: Annotated[float, Unit("eV", ge=0)]
+    strength: Annotated[float, Unit("eV", ge=0, le=1e6)]
     """I_b, the strength of the interaction, eV"""
-    bias: Annotated[float, Unit("")] = 0.1
+    bias: Annotated[float, Unit("", ge=-1e6, le=1e6)] = 0.1
     """ε: the share of pairs in which a bond lowers its neighbour's forming barrier; default: 0.1"""
 
     def neighbours(self, pixels: tuple[int, int], periodic: bool, sites: np.ndarray) -> np.ndarray:
@@ -45,8 +64,12 @@ class ElasticPairs(Interaction):
         """
         from chemage_interactions import _kernels
 
-        nx, ny = pixels
-        sites = _read_only(sites, np.int64)
+        nx, ny = (checked_count("pixels", side) for side in _pair(pixels))
+        sites = _pixels_in(sites)
+        # where each row of pixels begins
+        require(8.0 * nx, f"pixels = {pixels}", "give a smaller grid")
+        if nx * ny > MOST_PIXELS:
+            raise InputError.of("pixels", pixels, f"is a grid of more than {MOST_PIXELS} pixels", "give a smaller one")
         starts = _kernels.row_starts(sites, nx, ny)
         if starts.size == 0 or sites.size > np.iinfo(np.int32).max:
             raise InputError(
@@ -67,8 +90,18 @@ class ElasticPairs(Interaction):
         from chemage import random
         from chemage_interactions import _kernels
 
+        sites, neighbours = _pixels_in(sites), np.asarray(neighbours)
+        if neighbours.ndim != 2 or len(neighbours) != sites.size or neighbours.dtype.kind not in "iu":
+            raise InputError(
+                f"neighbours: shape {neighbours.shape} for {sites.size} sites; give what `neighbours` gave"
+            )
+        if neighbours.size and not (int(neighbours.min()) >= -1 and int(neighbours.max()) < sites.size):
+            raise InputError(
+                f"neighbours: from {neighbours.min()} to {neighbours.max()}, but there are {sites.size} sites; "
+                "give what `neighbours` gave"
+            )
         out = np.empty(neighbours.shape, np.float32)
-        key = random.key(seed)
+        key = random.key(seed if isinstance(seed, np.random.SeedSequence) else checked_seed(seed))
         _kernels.pair_couplings(
             _read_only(sites, np.int64),
             _read_only(neighbours, np.int32),

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from chemage import BondHistory, InputError, ReactionLattice, check_times, temperature_value
-from chemage.foundation.checks import checked_states
+from chemage import BondHistory, InputError, ReactionLattice, check_times, checked_states, temperature_value
 from chemage_kinetics import _independent as kernel
 from chemage_kinetics._common import Holds
 from chemage_kinetics._driver import Job, model_of, room_temperature_cost, run_pieces

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,7 +10,19 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator
 
-from chemage import Choice, InputError, Length, Reader, Seed, StoreError, Surface, SurfaceMaker, Unit, reader_for
+from chemage import (
+    Choice,
+    InputError,
+    Length,
+    Reader,
+    Seed,
+    StoreError,
+    Surface,
+    SurfaceMaker,
+    Unit,
+    reader_for,
+    regular_file,
+)
 from chemage_surfaces._options import provenance
 
 
@@ -61,7 +72,8 @@ class FromFile(SurfaceMaker):
         """Grid and rms slope of the surface in the file, which is read once as long as it does not change."""
         found = self.make()
         nx, ny = found.shape
-        return {"nx": nx, "ny": ny, "pixel_size": found.pixel_size, "rms_slope": found.rms_slope}
+        known = {"nx": nx, "ny": ny, "pixel_size": found.pixel_size, "rms_slope": found.rms_slope}
+        return {**known, "periodic": float(found.periodic)}
 
     def make(self, seed: Seed = 0) -> Surface:
         """The surface in the file, which is read once as long as it does not change. ``seed`` is ignored.
@@ -84,10 +96,7 @@ _Stamp = tuple[int, int, int, int]
 
 
 def _stamp(path: str) -> _Stamp:
-    try:
-        found = os.stat(path)
-    except OSError as error:
-        raise StoreError(f"{path}: {error.strerror or error}") from None
+    found = regular_file(path)
     return found.st_size, found.st_mtime_ns, found.st_ino, found.st_dev
 
 
@@ -108,10 +117,11 @@ def _read(maker: FromFile, reader: Reader, stamp: _Stamp) -> Surface:
     if not isinstance(found, Surface):
         raise InputError(f"{maker.path}: reader {reader.kind!r} gives a {type(found).__name__}, not a surface")
     heights = found.heights
-    if maker.height_unit != 1:
-        heights = heights * heights.dtype.type(maker.height_unit)
-    if maker.detrend != "none":
-        heights = _without_trend(heights, plane=maker.detrend == "plane")
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
+        if maker.height_unit != 1:
+            heights = heights * heights.dtype.type(maker.height_unit)
+        if maker.detrend != "none":
+            heights = _without_trend(heights, plane=maker.detrend == "plane")
     return Surface(
         heights=heights,
         pixel_size=found.pixel_size if maker.pixel_size is None else maker.pixel_size,

@@ -8,11 +8,14 @@ from __future__ import annotations
 import math
 import re
 from os import PathLike
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import IO, TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from pydantic import ValidationInfo, field_validator
 
-from chemage import InputError, Length, Reader, StoreError, Surface, convert
+from chemage import ChemageError, InputError, Length, Reader, StoreError, Surface, convert, regular_file
+from chemage.foundation.errors import shortened
+from chemage.foundation.memory import capacity, readable
 from chemage.foundation.tables import data_lines, numbers, read_text, separator_of
 
 if TYPE_CHECKING:
@@ -63,6 +66,14 @@ def as_surface(
     return Surface(heights=heights, pixel_size=pixel_size, periodic=periodic)
 
 
+def _announced(file: IO[bytes]) -> int:
+    """The size in bytes of the array in a numpy file, as its header says."""
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(file)
+    return math.prod(int(side) for side in shape) * dtype.itemsize
+
+
 class Npy(Reader):
     """A two-dimensional array saved with ``numpy.save``, which has no pixel size."""
 
@@ -82,18 +93,24 @@ class Npy(Reader):
         InputError
             The pixel size is unknown, or heights are not finite.
         """
+        size = regular_file(path).st_size
         try:
             with open(path, "rb") as file:
                 if file.read(6) != b"\x93NUMPY":
                     raise StoreError(f"{path} is not a numpy (.npy) file")
                 file.seek(0)
+                # a short file may announce an array that does not fit into any memory
+                if _announced(file) > size:
+                    raise ValueError("it holds less than it announces")
+                file.seek(0)
                 heights = np.load(file, allow_pickle=False)
+        except StoreError:
+            raise
         except OSError as error:
-            if isinstance(error, StoreError):
-                raise
             raise _open_error(path, error) from None
-        except (ValueError, EOFError, SyntaxError) as error:
-            raise StoreError(f"{path} is truncated or not a plain array of numbers ({error})") from None
+        except Exception as error:  # what numpy raises depends on which byte is wrong
+            reason = shortened(" ".join(str(error).split()), 200)
+            raise StoreError(f"{path} is truncated or not a plain array of numbers ({reason})") from None
         return as_surface(heights, str(path), pixel_size=self.pixel_size)
 
 
@@ -117,6 +134,19 @@ class Text(Reader):
     """separator of columns; None: comma, semicolon or tab, whichever the first row contains, else blanks"""
     comments: str = "#%"
     """characters that begin a comment"""
+
+    @field_validator("delimiter", "comments")
+    @classmethod
+    def _no_part_of_a_number(cls, value: str | None, info: ValidationInfo) -> str | None:
+        if value is None:
+            return value
+        if info.field_name == "delimiter" and len(value) != 1:
+            raise ValueError("give one character, or leave it out")
+        if any(letter.isalnum() or letter in "+-._\n\r" for letter in value):
+            raise ValueError(
+                "letters, digits, signs, points and line ends are parts of numbers; give another character"
+            )
+        return value
 
     def read(self, path: str | PathLike[str]) -> Surface:
         """Read the surface (heights in nm, not periodic).
@@ -165,12 +195,14 @@ class Hdf5(Reader):
         """
         import h5py
 
+        regular_file(path)
         try:
-            # for a missing file the message of h5py is a paragraph
+            # for a file that may not be read the message of h5py is a paragraph
             with open(path, "rb"):
                 pass
             with h5py.File(path, "r") as file:
                 node = self._find(file, path)
+                _check_storage(node, str(path))
                 attributes = {
                     name: holder.attrs[name]
                     for holder in (file, node.parent, node)
@@ -178,18 +210,17 @@ class Hdf5(Reader):
                     if name in holder.attrs
                 }
                 heights, name = node[()], f"{path}:{node.name}"
-        except (StoreError, InputError):
+        except ChemageError:
             raise
         except OSError as error:
             if error.strerror and "unable to" not in str(error).lower():
                 raise _open_error(path, error) from None
             raise StoreError(f"{path} is not an HDF5 file, or is truncated") from None
-        stated = attributes.get("pixel_size")
-        if isinstance(stated, np.ndarray) and stated.size == 1:
-            stated = stated.item()
-        return as_surface(
-            heights, name, pixel_size=self.pixel_size, stated=stated, periodic=bool(attributes.get("periodic", False))
-        )
+        except Exception as error:  # what h5py raises depends on which byte is wrong
+            raise StoreError(f"{path} is damaged: {shortened(' '.join(str(error).split()), 200)}") from None
+        stated = None if self.pixel_size is not None else _single(attributes.get("pixel_size"), "pixel_size", name)
+        periodic = _flag(_single(attributes.get("periodic"), "periodic", name), name)
+        return as_surface(heights, name, pixel_size=self.pixel_size, stated=stated, periodic=periodic)
 
     def _find(self, file: h5py.File, path: str | PathLike[str]) -> h5py.Dataset:
         import h5py
@@ -201,6 +232,7 @@ class Hdf5(Reader):
                 maps.append(name)
 
         if self.dataset is not None:
+            _check_links(file, self.dataset, path)
             node = file.get(self.dataset)
             if isinstance(node, h5py.Dataset):
                 return node
@@ -213,3 +245,59 @@ class Hdf5(Reader):
         known = ", ".join(maps) or "none"
         error = InputError if self.dataset is None and maps else StoreError
         raise error(f"{problem}; two-dimensional datasets of numbers in it: {known}")
+
+
+def _check_links(group: Any, name: str, path: str | PathLike[str], depth: int = 0) -> None:
+    """Refuse a name that leads into another file, at any group on the way."""
+    import h5py
+
+    place: Any = group.file if name.startswith("/") else group
+    for part in filter(None, name.split("/")):
+        if not isinstance(place, h5py.Group):
+            return
+        link = place.get(part, getlink=True)
+        if isinstance(link, h5py.ExternalLink):
+            raise StoreError(
+                f"{path}: {name!r} is a link into another file ({shortened(link.filename)}), which is not followed; "
+                "read that file, or copy the data"
+            )
+        if isinstance(link, h5py.SoftLink):
+            if depth > 10:
+                raise StoreError(f"{path}: {name!r} is a loop of links")
+            _check_links(place, link.path, path, depth + 1)
+        place = place.get(part)
+
+
+def _check_storage(node: h5py.Dataset, path: str) -> None:
+    """Refuse heights that lie in other files, or that no memory can hold, however small the file."""
+    name = f"{path}:{node.name}"
+    if node.external or node.is_virtual:
+        raise StoreError(f"{name} keeps its data in other files, which are not read; copy the data into this file")
+    size, there = node.size * node.dtype.itemsize, capacity()
+    if there is not None and size > there:
+        raise StoreError(f"{name} has {readable(size)} of data, but there are {readable(there)} of memory")
+
+
+def _single(value: Any, attribute: str, source: str) -> Any:
+    """An attribute that is one number or text; None if it is not there."""
+    if isinstance(value, np.ndarray | np.generic):
+        if value.size != 1:
+            raise StoreError(f"{source} has a {attribute} of {value.size} values; give one")
+        value = value.item()
+    if isinstance(value, bytes):
+        value = value.decode("utf-8", "replace")
+    if value is not None and not isinstance(value, bool | int | float | str):
+        raise StoreError(f"{source} has a {attribute} of {type(value).__name__}; give a number or a text")
+    return value
+
+
+def _flag(value: Any, source: str) -> bool:
+    """Whether the attribute ``periodic`` says yes."""
+    words = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+    if value is None:
+        return False
+    if isinstance(value, str) and value.strip().lower() in words:
+        return words[value.strip().lower()]
+    if isinstance(value, str) or value not in (0, 1):
+        raise StoreError(f"{source} has periodic = {shortened(repr(value))}; expected true or false")
+    return bool(value)

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import model_validator
 
 from chemage import Length, Seed, Surface, SurfaceMaker, Unit, checked_seed
+from chemage.foundation.memory import require
 from chemage.foundation.threads import available
 from chemage_surfaces._options import Pixels, provenance
 
@@ -66,6 +67,7 @@ class SelfAffine(SurfaceMaker):
             "nx": nx,
             "ny": ny,
             "pixel_size": self.pixel_size,
+            "periodic": 1.0,
             "shortest_wavelength": max(nx, ny) * self.pixel_size / self.zeta,
         }
         return known if self.rms_slope is None else {**known, "rms_slope": self.rms_slope}
@@ -88,6 +90,7 @@ class SelfAffine(SurfaceMaker):
         """
         from chemage_surfaces import _spectral
 
+        require(3 * 8.0 * self.pixels[0] * self.pixels[1], f"pixels = {self.pixels}", "use fewer")
         if not isinstance(seed, np.random.SeedSequence):
             seed = checked_seed(seed)
         heights = _spectral.self_affine(

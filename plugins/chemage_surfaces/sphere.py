@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
+from pydantic import model_validator
 
 from chemage import Length, Seed, Surface, SurfaceMaker
+from chemage.foundation.memory import require
 from chemage_surfaces._options import Pixels, provenance
 
 
@@ -31,16 +33,27 @@ class Sphere(SurfaceMaker):
     pixel_size: Length
     """edge of a pixel, nm"""
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        lowest = sum((0.5 * (count - 1) * self.pixel_size) ** 2 for count in self.pixels) / (2 * self.radius)
+        if lowest > 1e250:
+            raise ValueError(
+                f"radius = {self.radius:g} nm: the edge of the grid would lie {lowest:g} nm below the apex; "
+                "give radius and pixel_size in nm"
+            )
+        return self
+
     def expected(self) -> dict[str, float]:
         """The grid and the radius."""
         nx, ny = self.pixels
-        return {"nx": nx, "ny": ny, "pixel_size": self.pixel_size, "radius": self.radius}
+        return {"nx": nx, "ny": ny, "pixel_size": self.pixel_size, "radius": self.radius, "periodic": 0.0}
 
     def make(self, seed: Seed = 0) -> Surface:
         """Make the surface: heights (nx, ny) float64 nm, at most 0. ``seed`` is ignored.
 
         ``provenance["radius"]`` is R in nm.
         """
+        require(3 * 8.0 * self.pixels[0] * self.pixels[1], f"pixels = {self.pixels}", "use fewer")
         across, along = (
             ((np.arange(count) - 0.5 * (count - 1)) * self.pixel_size) ** 2 / (2 * self.radius) for count in self.pixels
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import logging
+import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
@@ -14,6 +15,7 @@ from typing import Any
 
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.errors import ChemageError, ExecutorError, InputError, StoreError, WorkerLost
+from chemage.foundation.inputs import check_data, described
 from chemage.foundation.messages import nearest
 from chemage.sweeps.executors.pool import Pool, shares
 from chemage.sweeps.executors.processes import RETRIES
@@ -23,6 +25,24 @@ from chemage.sweeps.folder import RESUME
 PATIENCE = 120.0
 #: time to wait for a Dask scheduler, s
 ANSWER_TIME = 4.0
+
+
+#: the scheduler, its pages and its workers can be reached from this machine alone
+_LOCAL_ONLY = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+#: classes of clusters on this machine, to which that applies unless their options say otherwise
+_LOCAL = frozenset({"distributed.LocalCluster", "dask.distributed.LocalCluster", "dask_cuda.LocalCUDACluster"})
+#: what cluster files may name; others only if the environment variable below lists them
+KNOWN_CLUSTERS = _LOCAL | {
+    "distributed.SSHCluster",
+    "dask.distributed.SSHCluster",
+    *(f"dask_jobqueue.{name}Cluster" for name in ("HTCondor", "LSF", "Moab", "OAR", "PBS", "SGE", "SLURM")),
+    "dask_gateway.GatewayCluster",
+    "dask_kubernetes.operator.KubeCluster",
+    "dask_yarn.YarnCluster",
+    *(f"dask_cloudprovider.{name}" for name in ("aws.EC2Cluster", "aws.FargateCluster", "azure.AzureVMCluster")),
+    *(f"dask_cloudprovider.{name}" for name in ("gcp.GCPCluster", "openstack.OpenStackCluster")),
+}
+ALLOWED_CLUSTERS = "CHEMAGE_CLUSTERS"
 
 
 class Dask(Executor):
@@ -182,7 +202,7 @@ def _local_options(count: int) -> dict[str, Any]:
         "n_workers": count,
         "threads_per_worker": 1,
         "processes": True,
-        "dashboard_address": ":0",
+        **_LOCAL_ONLY,
         "silence_logs": logging.CRITICAL,
         # Ctrl-C on the terminal is handled by this process; the workers end with the cluster
         "preload": ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
@@ -241,6 +261,13 @@ class _Where:
                 raise InputError(f"{path}: {name} = {data[name]!r}: expected a {kind.__name__}")
         if "address" in data:
             return cls(address=data["address"], local=False)
+        allowed = filter(None, (name.strip() for name in os.environ.get(ALLOWED_CLUSTERS, "").split(",")))
+        if data["cluster"] not in KNOWN_CLUSTERS.union(allowed):
+            raise InputError(
+                f"{path}: cluster = {data['cluster']!r}: not a known class of clusters"
+                f"{nearest(data['cluster'], sorted(KNOWN_CLUSTERS))}; if you trust it, allow it with "
+                f"{ALLOWED_CLUSTERS}={data['cluster']}, or name it on the command line (dask:{data['cluster']})"
+            )
         return cls(
             cluster=data["cluster"],
             local=False,
@@ -259,8 +286,9 @@ class _Where:
                 f"dask:{self.cluster} cannot be imported ({error}); give an address such as tcp://host:8786, a file "
                 "such as cluster.toml, or the dotted path of a cluster class such as dask_jobqueue.SLURMCluster"
             ) from None
+        options = {**_LOCAL_ONLY, **self.options} if self.cluster in _LOCAL else self.options
         try:
-            cluster = make(**self.options)
+            cluster = make(**options)
             if not self.local and self.adapt is not None:
                 cluster.adapt(**self.adapt)
             elif not self.local and self.workers is not None:
@@ -278,9 +306,9 @@ class _Where:
 
 def _configuration(path: Path) -> dict[str, Any]:
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise StoreError(f"the cluster file {path} cannot be read: {error}") from None
+        text = described(path)
+    except StoreError as error:
+        raise StoreError(f"the cluster file cannot be read: {error}") from None
     try:
         if path.suffix == ".toml":
             import tomllib
@@ -292,6 +320,7 @@ def _configuration(path: Path) -> dict[str, Any]:
             data = yaml.safe_load(text)
     except Exception as error:
         raise InputError(f"the cluster file {path} cannot be read: {error}") from None
+    check_data(data)
     if not isinstance(data, dict):
         raise InputError(f"the cluster file {path} holds a {type(data).__name__}; expected a table of names and values")
     return data

@@ -1,0 +1,94 @@
+"""What a scene needs, held against what the machine has, before anything is computed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from chemage.ageing.age import kept_bytes
+from chemage.foundation.errors import InputError
+from chemage.foundation.memory import require
+from chemage.foundation.threads import available
+
+if TYPE_CHECKING:
+    from chemage.experiments.estimate import Cost
+    from chemage.experiments.scene import Scene
+
+#: runs that take longer than this say so first, s
+LONG = 3600.0
+#: heights, their transform, and the pressure: what any solver has in memory for each pixel at least
+BYTES_PER_PIXEL = 24.0
+
+
+class LongRunWarning(UserWarning):
+    """A run will take hours."""
+
+
+def at_once(scene: Scene) -> int:
+    """How many replicas run at the same time."""
+    if scene.hold is None or scene.engine is None:
+        return 1
+    return max(1, min(scene.hold.replicas, available() // scene.engine.concurrency()))
+
+
+def memory(scene: Scene, known: Cost) -> tuple[float, float]:
+    """Bytes that the contact and the replicas need at least, as far as it is known."""
+    contact = max(known.contact_bytes or 0.0, BYTES_PER_PIXEL * known.pixels)
+    if not scene.ages or scene.hold is None:
+        return contact, 0.0
+    kept = kept_bytes(scene.hold.replicas, scene.hold.hold_times.size)
+    return contact, kept + (known.replica_bytes or 0.0) * at_once(scene)
+
+
+def check_limits(scene: Scene, known: Cost) -> None:
+    """Refuse a scene that this machine cannot hold, or whose parts do not fit together.
+
+    Raises
+    ------
+    InputError
+        With the numbers and the remedy.
+    """
+    contact, replicas = memory(scene, known)
+    grid = f"{known.surface.get('nx', 0):.0f} x {known.surface.get('ny', 0):.0f} pixels"
+    require(contact, f"[surface] {grid}", "use fewer pixels")
+    if scene.hold is not None:
+        count, times = scene.hold.replicas, scene.hold.hold_times.size
+        require(
+            replicas, f"[hold] {count} replicas at {times} hold times", "ask for fewer replicas, or fewer hold times"
+        )
+
+
+def check_parts(scene: Scene, known: Cost) -> None:
+    """Refuse what the parts of a scene would refuse during the run, as far as it is known before.
+
+    Raises
+    ------
+    InputError
+        Naming the section.
+    """
+    try:
+        scene.contact.check(known.surface, scene.load)
+        if scene.ages and scene.engine is not None and scene.chemistry is not None:
+            scene.engine.check(scene.chemistry.interaction is not None)
+    except InputError as error:
+        error.add_note(f"in scene {scene.name!r}")
+        raise
+
+
+def duration(scene: Scene, known: Cost) -> float | None:
+    """Wall time of a run, s; None where a component gives no estimate."""
+    if known.contact_cpu_seconds is None or known.kinetics_cpu_seconds is None:
+        return None
+    concurrent = at_once(scene) * (scene.engine.concurrency() if scene.engine is not None else 1)
+    return known.contact_cpu_seconds / available() + known.kinetics_cpu_seconds / min(concurrent, available())
+
+
+def long_run(scene: Scene, known: Cost) -> str:
+    """What to say of a run that takes hours; "" of any other."""
+    seconds = duration(scene, known)
+    if seconds is None or seconds < LONG:
+        return ""
+    time = f"{seconds / 3600:.2g} hours" if seconds < 48 * 3600 else f"{seconds / 86400:.3g} days"
+    return (
+        f"this will take about {time} on {available()} threads; fewer replicas or pixels take less, and with "
+        "checkpoints an interrupted run resumes"
+    )
