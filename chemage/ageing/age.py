@@ -76,11 +76,8 @@ def age(
     """
     _check(contact, chemistry, engine, observe, replicas, seed, threads)
     check_common(common)
-    if checkpoints is not None and not isinstance(checkpoints, Path):
-        raise InputError.of("checkpoints", checkpoints, "is no path", "give a pathlib.Path")
-    if progress is not None and not callable(progress):
-        raise InputError.of("progress", progress, "cannot be called", "give a function, or leave it out")
     times, kelvin = check_times(hold_times), temperature_value(temperature)
+    _check_run(replicas, times.size, checkpoints, progress)
     run = identity(contact, chemistry, engine, kelvin)
 
     options = hashed([engine.digest(), chemistry.digest(), times.tolist(), kelvin, origin(seed), common])
@@ -102,9 +99,6 @@ def age(
 
     # threads inside a run take their processors away from the other replicas
     at_once = max(1, min(replicas, (threads or available()) // engine.concurrency()))
-    require(
-        kept_bytes(replicas, times.size), f"replicas = {replicas}", "ask for fewer replicas, or for fewer hold times"
-    )
     done = list(_in_order(replica, replicas, at_once, progress))
     provenance = {
         "chemistry": chemistry.todict(),
@@ -158,6 +152,15 @@ def _check(
         checked_seed(seed)
     if threads is not None:
         checked_count("threads", threads)
+
+
+def _check_run(replicas: int, hold_times: int, checkpoints: Any, progress: Any) -> None:
+    remedy = "ask for fewer replicas, or for fewer hold times"
+    require(kept_bytes(replicas, hold_times), f"replicas = {replicas}", remedy)
+    if checkpoints is not None and not isinstance(checkpoints, Path):
+        raise InputError.of("checkpoints", checkpoints, "is no path", "give a pathlib.Path")
+    if progress is not None and not callable(progress):
+        raise InputError.of("progress", progress, "cannot be called", "give a function, or leave it out")
 
 
 def kept_bytes(replicas: int, hold_times: int) -> float:

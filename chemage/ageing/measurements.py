@@ -13,7 +13,7 @@ import numpy as np
 
 from chemage.ageing.fitting import UNIT, FitData, Quantity
 from chemage.foundation.checks import check_times
-from chemage.foundation.errors import InputError, UnitError, shortened
+from chemage.foundation.errors import InputError, UnitError, shown
 from chemage.foundation.tables import data_lines, read_text
 from chemage.foundation.units import convert
 
@@ -106,7 +106,7 @@ def read_measurements(path: str | Path) -> Measurements:
 
 
 def _shown(cell: str) -> str:
-    return shortened(repr(cell))
+    return shown(cell)
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def _cells(line: str, separator: str) -> list[str]:
     try:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
     except csv.Error as error:  # a cell of more than 131072 characters
-        raise InputError(f"{shortened(repr(line), 40)}: {error}") from None
+        raise InputError(f"{shown(line, 40)}: {error}") from None
 
 
 def _header(cells: list[str], where: str) -> tuple[dict[str, _Column], Quantity]:

@@ -2,21 +2,36 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import Protocol
 
 from chemage.ageing.age import kept_bytes
+from chemage.experiments.scene import Scene
 from chemage.foundation.errors import InputError
 from chemage.foundation.memory import require
 from chemage.foundation.threads import available
-
-if TYPE_CHECKING:
-    from chemage.experiments.estimate import Cost
-    from chemage.experiments.scene import Scene
 
 #: runs that take longer than this say so first, s
 LONG = 3600.0
 #: heights, their transform, and the pressure: what any solver has in memory for each pixel at least
 BYTES_PER_PIXEL = 24.0
+
+
+class Cost(Protocol):
+    """What is known of the cost of a scene, see :class:`chemage.experiments.estimate.Cost`."""
+
+    @property
+    def surface(self) -> Mapping[str, float]: ...
+    @property
+    def pixels(self) -> float: ...
+    @property
+    def contact_cpu_seconds(self) -> float | None: ...
+    @property
+    def kinetics_cpu_seconds(self) -> float | None: ...
+    @property
+    def contact_bytes(self) -> float | None: ...
+    @property
+    def replica_bytes(self) -> float | None: ...
 
 
 class LongRunWarning(UserWarning):
@@ -65,12 +80,14 @@ def check_parts(scene: Scene, known: Cost) -> None:
     InputError
         Naming the section.
     """
+    stage = "contact"
     try:
         scene.contact.check(known.surface, scene.load)
+        stage = "ageing"
         if scene.ages and scene.engine is not None and scene.chemistry is not None:
             scene.engine.check(scene.chemistry.interaction is not None)
     except InputError as error:
-        error.add_note(f"in scene {scene.name!r}")
+        error.add_note(f"in the stage {stage!r} of scene {scene.name!r}")
         raise
 
 

@@ -32,7 +32,7 @@ from chemage.contacts.role import ContactSolver
 from chemage.foundation.booleans import no_booleans
 from chemage.foundation.checks import check_times, force
 from chemage.foundation.components import Component
-from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, shortened
+from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, shown
 from chemage.foundation.inputs import check_data
 from chemage.foundation.messages import explain, nearest
 from chemage.foundation.units import Temperature, Time, convert
@@ -256,7 +256,7 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
     """
     problems, made = _Problems(), {}
     if not isinstance(data, Mapping) or not all(isinstance(name, str) for name in data):
-        raise SceneError(source, [("", f"{shortened(repr(data))} is not a table of sections")])
+        raise SceneError(source, [("", f"{shown(data)} is not a table of sections")])
     try:
         check_data(dict(data))
     except InputError as error:
@@ -270,7 +270,7 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
             if isinstance(data[name], Mapping):
                 sections[name] = dict(data[name])
             else:
-                problems.append((name, f"{data[name]!r} is not a section; write [{name}] with options below it"))
+                problems.append((name, f"{shown(data[name])} is not a section; write [{name}] with options below it"))
     for name in REQUIRED:
         if name not in data:
             problems.append((name, "is required; every scene needs a surface and a contact"))
@@ -298,7 +298,7 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
         if isinstance(item, Mapping):
             observe.append(_choice("observable", f"observe.{number}", dict(item), problems))
         else:
-            problems.append((f"observe.{number}", f"{item!r} is not a section; write [[observe]] with its kind"))
+            problems.append((f"observe.{number}", f"{shown(item)} is not a section; write [[observe]] with its kind"))
     if not problems:
         try:
             return Scene(

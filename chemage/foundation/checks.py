@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.foundation.errors import InputError, shortened
+from chemage.foundation.errors import InputError, shown
 from chemage.foundation.units import LARGEST, SMALLEST, convert
 
 #: what users give as a seed: a whole number, or one of numpy's seed sequences
@@ -21,7 +21,7 @@ MOST_TIMES = 10_000_000
 def expect(name: str, value: object, kind: type, remedy: str) -> None:
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
-        given = f"{shortened(repr(value))} ({type(value).__name__})"
+        given = f"{shown(value)} ({type(value).__name__})"
         raise InputError(f"{name} must be {article} {kind.__name__}, got {given}; {remedy}")
 
 

@@ -23,6 +23,14 @@ def shortened(value: object, most: int = 80) -> str:
     return text if len(text) <= most else text[: most - 3] + "..."
 
 
+def shown(value: object, most: int = 80) -> str:
+    """``repr(value)`` of at most ``most`` characters, also of values that have none, such as lists in themselves."""
+    try:
+        return shortened(repr(value), most)
+    except Exception:  # nested too deeply, a whole number of too many digits, or a faulty __repr__
+        return f"a {type(value).__name__}"
+
+
 class ChemageError(Exception):
     """Base of everything chemage raises on purpose; the command line prints it without a traceback."""
 
@@ -37,7 +45,7 @@ class InputError(ChemageError, ValueError):
     @classmethod
     def of(cls, field: str, value: object, problem: str, remedy: str = "") -> InputError:
         """The standard wording: ``field = value: problem; remedy``."""
-        return cls(f"{field} = {shortened(repr(value))}: {problem}" + (f"; {remedy}" if remedy else ""))
+        return cls(f"{field} = {shown(value)}: {problem}" + (f"; {remedy}" if remedy else ""))
 
 
 class UnitError(InputError):

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 from pydantic import ValidationError
 
+from chemage.foundation.errors import shown
+
 
 def explain(error: ValidationError, prefix: str = "") -> list[tuple[str, str]]:
     """Pydantic's error as ``(path, message)`` pairs in plain words."""
@@ -20,8 +22,8 @@ def explain(error: ValidationError, prefix: str = "") -> list[tuple[str, str]]:
             message = "is required"
         elif isinstance(value, int | float | str | bool):
             # many messages begin with the value already; that 0 is in "greater than 0" does not count
-            begins = message.startswith((repr(value), f'"{value}"'))
-            message = message if begins else f"{value!r}: {message}"
+            begins = message.startswith((shown(value), f'"{value}"'))
+            message = message if begins else f"{shown(value)}: {message}"
         problems.append((path, message))
     return problems
 

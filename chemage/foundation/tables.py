@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from chemage.foundation.errors import StoreError, shortened
+from chemage.foundation.errors import StoreError, shortened, shown
 from chemage.foundation.inputs import regular_file
 
 #: number of a line, from 1, and its text
@@ -68,7 +68,7 @@ def numbers(lines: Sequence[Line], source: str, separator: str | None = None) ->
                     float(cell)
                 except ValueError:
                     where = f"{source}, line {number}, column {column}"
-                    raise StoreError(f"{where}: {shortened(repr(cell.strip()))} is not a number") from None
+                    raise StoreError(f"{where}: {shown(cell.strip())} is not a number") from None
             if len(row) != len(cells[0]):
                 raise StoreError(
                     f"{source}, line {number}: {len(row)} columns where line {lines[0][0]} has {len(cells[0])}"

@@ -16,7 +16,7 @@ import ase.units
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import core_schema
 
-from chemage.foundation.errors import InputError, UnitError, shortened
+from chemage.foundation.errors import InputError, UnitError, shown
 
 if TYPE_CHECKING:
     import pint
@@ -49,15 +49,16 @@ def convert(value: object, unit: str) -> float:
         The string cannot be read, or has another dimension than ``unit``.
     """
     if value is None or type(value).__name__ in ("bool", "bool_"):  # bool_ is numpy's
-        raise UnitError(f"{value!r} is not a quantity; give a number in {unit or 'no unit'} or a string with its unit")
+        raise UnitError(
+            f"{shown(value)} is not a quantity; give a number in {unit or 'no unit'} or a string with its unit"
+        )
     if isinstance(value, str):
         return _parse(value, unit)
     try:
         return float(value)  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError, OverflowError) as error:
         raise UnitError(
-            f"{shortened(repr(value))} is not a quantity; "
-            f"give a number in {unit or 'no unit'} or a string with its unit"
+            f"{shown(value)} is not a quantity; give a number in {unit or 'no unit'} or a string with its unit"
         ) from error
 
 
@@ -84,7 +85,7 @@ _QUANTITY = re.compile(
 @lru_cache(maxsize=4096)
 def _parse(text: str, unit: str) -> float:
     if len(text) > 200:
-        raise UnitError(f"{shortened(repr(text))} is too long for a quantity; write one number and its unit")
+        raise UnitError(f"{shown(text)} is too long for a quantity; write one number and its unit")
     try:
         plain = float(text)
     except ValueError:
@@ -123,8 +124,8 @@ class Unit:
     """Marks a field as a quantity: ``Annotated[float, Unit("nm", gt=0)]``.
 
     Numbers are taken as they are (they are in ``unit``), strings are converted; infinite values and NaN are refused.
-    Bounds are ``gt``, ``ge``, ``lt``, ``le``. The unit appears in the JSON Schema. With ``wide``, magnitudes outside
-    1e-100 to 1e100 are allowed; otherwise they are refused, because their products leave the range of numbers.
+    Bounds are ``gt``, ``ge``, ``lt``, ``le``. The unit appears in the JSON Schema. Magnitudes outside 1e-100
+    to 1e100 are refused, because their products leave the range of numbers, unless ``wide``, or in eV, or without unit.
     """
 
     def __init__(
@@ -138,7 +139,7 @@ class Unit:
         wide: bool = False,
     ) -> None:
         self.unit = unit
-        self.wide = wide
+        self.wide = wide or unit in ("", "eV")  # barriers are limited by the engines
         self._bounds: dict[str, Any] = {
             name: bound for name, bound in (("gt", gt), ("ge", ge), ("lt", lt), ("le", le)) if bound is not None
         }
@@ -167,7 +168,7 @@ class Unit:
 Length = Annotated[float, Unit("nm", gt=0)]
 Force = Annotated[float, Unit("nN", ge=0)]
 Pressure = Annotated[float, Unit("GPa", gt=0)]
-Energy = Annotated[float, Unit("eV", ge=-1e300, le=1e300, wide=True)]
+Energy = Annotated[float, Unit("eV", ge=-1e300, le=1e300)]
 Volume = Annotated[float, Unit("nm**3")]
 Time = Annotated[float, Unit("s", ge=0)]
 Temperature = Annotated[float, Unit("K", gt=0)]

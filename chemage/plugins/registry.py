@@ -305,6 +305,8 @@ class Registry:
 
     def fromdict(self, role: str, fields: Mapping[str, Any]) -> Any:
         """A component from its ``todict()``."""
+        if not isinstance(fields, Mapping) or not all(isinstance(name, str) for name in fields):
+            raise InputError.of("fields", fields, "is not a table of options by name")
         options = dict(fields)
         if "kind" not in options:
             raise InputError(f"{role}: kind is required; installed: {', '.join(self.kinds(role)) or 'none'}")

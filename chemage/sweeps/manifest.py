@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from chemage.foundation.errors import InputError, StoreError, shortened
+from chemage.foundation.errors import InputError, StoreError, shown
 from chemage.foundation.inputs import check_data
 
 #: keys of points and contacts are hashes, and also names of files
@@ -34,7 +34,7 @@ def checked_manifest(data: Mapping[str, Any], path: Path) -> dict[str, Any]:
     for name, values in (("keys", keys), ("contacts", contacts)):
         for value in values:
             if not _KEY.fullmatch(value):
-                raise StoreError(f"{path}: {shortened(repr(value))} in {name} is no key of a point or a contact")
+                raise StoreError(f"{path}: {shown(value)} in {name} is no key of a point or a contact")
     numbers = data.get("contact_of")
     if not isinstance(numbers, list) or len(numbers) != len(keys):
         raise StoreError(f"{path}: contact_of does not name a contact for each point")

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import ValidationInfo, field_validator
 
 from chemage import ChemageError, InputError, Length, Reader, StoreError, Surface, convert, regular_file
-from chemage.foundation.errors import shortened
+from chemage.foundation.errors import shortened, shown
 from chemage.foundation.memory import capacity, readable
 from chemage.foundation.tables import data_lines, numbers, read_text, separator_of
 
@@ -299,5 +299,5 @@ def _flag(value: Any, source: str) -> bool:
     if isinstance(value, str) and value.strip().lower() in words:
         return words[value.strip().lower()]
     if isinstance(value, str) or value not in (0, 1):
-        raise StoreError(f"{source} has periodic = {shortened(repr(value))}; expected true or false")
+        raise StoreError(f"{source} has periodic = {shown(value)}; expected true or false")
     return bool(value)

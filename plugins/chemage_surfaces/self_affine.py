@@ -38,7 +38,7 @@ class SelfAffine(SurfaceMaker):
     """short-wavelength cut-off q_s/q_L; at most half the pixels of the longer side (Nyquist)"""
     eta: Annotated[float, Unit("", ge=1)] = 1.0
     """roll-off q_r/q_L, 1 ≤ eta ≤ zeta; 1: no plateau"""
-    rms_slope: Annotated[float, Unit("", ge=0)] | None = None
+    rms_slope: Annotated[float, Unit("", ge=0, le=1e100)] | None = None
     """rms slope (spectral) of this realisation; give either this or rms_height"""
     rms_height: Annotated[float, Unit("nm", ge=0)] | None = None
     """rms height of this realisation, nm; give either this or rms_slope"""

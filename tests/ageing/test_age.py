@@ -289,7 +289,7 @@ def test_no_load_has_no_sites_and_no_bonds():
         ({"seed": -1}, "seed = -1: must be a whole number, 0 or larger"),
         ({"seed": 1.5}, "seed = 1.5"),
         ({"seed": "x"}, "seed = 'x'"),
-        ({"threads": 0}, "threads = 0: must be at least 1"),
+        ({"threads": 0}, "threads = 0: must be a whole number of at least 1"),
         ({"hold_times": []}, "hold_times"),
         ({"hold_times": [2, 1]}, r"hold_times\[1\] = 1.0: comes after 2.0"),
         ({"temperature": 0}, "temperature = 0"),

@@ -1,0 +1,44 @@
+"""Whatever is given to whatever is public: an answer in finite numbers, or an error of chemage. No signal, no hang.
+
+The calls are made in a process of their own, so that one that ends the interpreter is seen. ``CHEMAGE_FUZZ`` sets how
+many are made; case n is the same everywhere, and ``python tests/stubs/hostile.py n n+1`` makes it again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+HOSTILE = Path(__file__).parents[1] / "stubs" / "hostile.py"
+CASES = int(os.environ.get("CHEMAGE_FUZZ", "1200"))
+#: where one process ends and the next begins, so that a crash costs few cases
+BATCH = 3000
+
+
+def bad_ends(first, last):
+    """What went wrong in the cases from ``first`` to ``last`` - 1, by number."""
+    found = {}
+    while first < last:
+        command = [sys.executable, str(HOSTILE), str(first), str(min(first + BATCH, last))]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        lines = [json.loads(line) for line in done.stdout.splitlines()]
+        found |= {line["number"]: line["wrong"] for line in lines if "wrong" in line}
+        begun = [line["begin"] for line in lines if "begin" in line]
+        if any("done" in line for line in lines):
+            first = min(first + BATCH, last)
+        elif begun:  # ended by a signal, or hung
+            found[begun[-1]] = f"the process ended with {done.returncode}\n{done.stderr[-3000:]}"
+            first = begun[-1] + 1
+        else:
+            raise RuntimeError(done.stderr)
+        if len(found) > 20:
+            break
+    return found
+
+
+def test_no_input_ends_in_a_signal_a_traceback_a_hang_or_numbers_that_are_none():
+    found = bad_ends(0, CASES)
+    assert not found, "\n\n".join(f"case {number}: {wrong}" for number, wrong in found.items())

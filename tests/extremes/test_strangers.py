@@ -1,0 +1,254 @@
+"""Files from strangers: what they name elsewhere is not touched, what never ends is not read, what they say is text."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+
+import chemage as ca
+from chemage import InputError, SceneError, StoreError
+from chemage.foundation.text import printable
+from chemage.sweeps.folder import Folder
+
+
+def surface_of(path, **options):
+    return ca.surface("from-file", path=str(path), **{"pixel_size": 1.0, **options}).make()
+
+
+# -- what is no ordinary file -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["pipe.npy", "pipe.txt", "pipe.h5", "pipe.csv"])
+def test_pipes_are_refused_and_nothing_waits_for_them(tmp_path, name):
+    pipe = tmp_path / name
+    os.mkfifo(pipe)
+    with pytest.raises(StoreError, match="a device or a pipe"):
+        surface_of(pipe)
+    with pytest.raises(StoreError, match="a device or a pipe"):
+        ca.read(pipe)
+    with pytest.raises(StoreError, match="a device or a pipe"):
+        ca.read_measurements(pipe)
+    with pytest.raises(InputError, match="a device or a pipe"):
+        ca.barriers("tabulated", path=str(pipe))
+
+
+def test_pipes_and_devices_are_no_scenes(tmp_path, command):
+    pipe = tmp_path / "scene.toml"
+    os.mkfifo(pipe)
+    for path in (pipe, "/dev/zero"):
+        done = command("check", path)
+        assert done.status == 2
+        assert "a device or a pipe" in done.err or "neither a file" in done.err
+
+
+def test_loops_of_links_and_null_bytes_are_names_of_nothing(tmp_path):
+    loop = tmp_path / "loop.npy"
+    loop.symlink_to(loop)
+    with pytest.raises(StoreError, match="Too many levels"):
+        surface_of(loop)
+    for call in (surface_of, ca.read, ca.load_scene, ca.read_measurements):
+        for path in (str(loop), "a\0b.npy", "a\0b.toml"):
+            with pytest.raises(StoreError):
+                call(path)
+
+
+# -- HDF5 ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def secret(tmp_path):
+    path = tmp_path / "secret.h5"
+    with h5py.File(path, "w") as file:
+        file["heights"] = np.ones((4, 4))
+    (tmp_path / "secret.bin").write_bytes(np.ones((4, 4)).tobytes())
+    return path
+
+
+def test_heights_outside_the_file_are_not_read(tmp_path, secret):
+    external, virtual, linked = (tmp_path / f"{name}.h5" for name in ("external", "virtual", "linked"))
+    with h5py.File(external, "w") as file:
+        file.create_dataset("heights", (4, 4), "f8", external=[(str(tmp_path / "secret.bin"), 0, 128)])
+    with h5py.File(virtual, "w") as file:
+        layout = h5py.VirtualLayout((4, 4), "f8")
+        layout[:] = h5py.VirtualSource(secret, "heights", (4, 4))
+        file.create_virtual_dataset("heights", layout)
+    with h5py.File(linked, "w") as file:
+        file["heights"] = h5py.ExternalLink(str(secret), "/heights")
+        file["soft"] = h5py.SoftLink("/heights")
+        file["group"] = h5py.ExternalLink(str(secret), "/")
+    for path, name in ((external, "heights"), (virtual, "heights"), (linked, "heights"), (linked, "soft")):
+        with pytest.raises(StoreError, match=r"other files|another file"):
+            surface_of(path, reader={"kind": "hdf5", "dataset": name})
+    with pytest.raises(StoreError, match="another file"):
+        surface_of(linked, reader={"kind": "hdf5", "dataset": "group/heights"})
+
+
+def test_a_small_file_that_announces_a_huge_map_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv("CHEMAGE_MEMORY", "1 GB")
+    with h5py.File(tmp_path / "huge.h5", "w") as file:
+        file.create_dataset("heights", (100_000, 100_000), "f8", chunks=(100, 100))
+    with pytest.raises(StoreError, match=r"80 GB of data, but there are 1 GB"):
+        surface_of(tmp_path / "huge.h5")
+    np.save(tmp_path / "huge.npy", np.zeros((3, 3)))
+    content = (tmp_path / "huge.npy").read_bytes().replace(b"(3, 3), }      ", b"(30000, 30000),}")
+    (tmp_path / "huge.npy").write_bytes(content)
+    with pytest.raises(StoreError, match="truncated"):
+        surface_of(tmp_path / "huge.npy")
+
+
+@pytest.mark.parametrize(
+    ("given", "periodic"),
+    [
+        ("no", False),
+        ("yes", True),
+        ("False", False),
+        (b"true", True),
+        (0, False),
+        (np.int8(1), True),
+        (np.array([1]), True),
+    ],
+)
+def test_periodic_means_what_it_says(tmp_path, given, periodic):
+    with h5py.File(tmp_path / "map.h5", "w") as file:
+        file.create_dataset("heights", data=np.eye(4)).attrs["periodic"] = given
+    assert surface_of(tmp_path / "map.h5").periodic is periodic
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("periodic", "perhaps"), ("periodic", 2), ("periodic", [0, 1]), ("pixel_size", [1.0, 2.0]), ("pixel_size", "1 s")],
+)
+def test_attributes_that_say_nothing_are_refused(tmp_path, name, value):
+    with h5py.File(tmp_path / "map.h5", "w") as file:
+        file.create_dataset("heights", data=np.eye(4)).attrs[name] = value
+    with pytest.raises((StoreError, InputError), match=r"periodic|pixel_size|1 s"):
+        surface_of(tmp_path / "map.h5", pixel_size=None)
+
+
+# -- TOML ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x = " + "[" * 90 + "]" * 90, "nested more than 32 deep"),
+        ("x = " + "9" * 5000, "not valid TOML"),
+        ("x = " + "9" * 200, "more than 256 bits"),
+        ("title = '" + "a" * 1_000_001 + "'", "1000001 characters"),
+    ],
+)
+def test_scenes_too_deep_or_too_large(tmp_path, text, said):
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    with pytest.raises(SceneError, match=said):
+        ca.load_scene(path)
+
+
+# -- text ------------------------------------------------------------------------------------------
+
+
+def test_what_is_printed_does_not_move_the_cursor(command, small, tmp_path):
+    title = "\x1b[2J\x1b]0;owned\x07 red\r\x9b31m \u202egnp"
+    done = command("run", small, "--set", f"title={json.dumps(title)}", "--no-figures")
+    assert done.status == 0, done.err
+    shown = command("show", "small.h5").out
+    for text in (done.out, shown):
+        assert "\\x1b[2J" in text
+        assert not any(letter in text for letter in "\x1b\x07\r\x9b\u202e")
+    missing = command("show", "\x1b[2Jno.h5")
+    assert "\x1b" not in missing.err
+    assert printable("Δµ\t1\n") == "Δµ\t1\n"
+
+
+@pytest.mark.parametrize("closing", ["| head -1", ">&-", "> /dev/full"])
+def test_closed_and_full_outputs_leave_no_traceback(small, closing):
+    line = f"{sys.executable} -m chemage.cli schema {closing}; exit 0"
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)
+    assert "Traceback" not in done.stderr
+    assert "Exception ignored" not in done.stderr
+
+
+# -- folders of sweeps ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def swept(tiny, tmp_path):
+    scene = tiny.scene(sweep={"contact.load": [1.0, 2.0]})
+    ca.sweep(scene, tmp_path / "out")
+    return scene, tmp_path / "out"
+
+
+def rewritten(folder, **changes):
+    """Change entries of a manifest as a stranger could, who knows how it is written."""
+    manifest = Folder(folder)
+    manifest.write_manifest({**manifest.read_manifest(), **changes})
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"keys": ["../../evil", "0" * 32]},
+        {"contacts": ["/etc/passwd", "0" * 32]},
+        {"keys": [7, "0" * 32]},
+        {"contact_of": [0, 9]},
+        {"contact_of": [True, 0]},
+        {"grid": {"axes": 3}},
+        {"versions": []},
+        {"resolved": []},
+    ],
+)
+def test_a_manifest_names_nothing_outside_its_folder(swept, changes):
+    scene, folder = swept
+    rewritten(folder, **changes)
+    with pytest.raises(StoreError, match=r"sweep\.json"):
+        ca.load_sweep(folder)
+    with pytest.raises(StoreError, match=r"sweep\.json"):
+        ca.sweep(scene, folder)
+
+
+@pytest.mark.parametrize("name", [".parts", ".lock", "points", "contacts"])
+def test_links_in_a_folder_of_results_are_not_followed(swept, tmp_path, name):
+    import shutil
+
+    scene, folder = swept
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "mine").write_text("mine")
+    place = folder / name
+    if place.is_dir():
+        shutil.rmtree(place)
+    place.unlink(missing_ok=True)
+    place.symlink_to(elsewhere / "mine" if name == ".lock" else elsewhere)
+    with pytest.raises(StoreError, match="is a link"):
+        ca.sweep(scene, folder)
+    assert [path.name for path in elsewhere.iterdir()] == ["mine"]
+    assert (elsewhere / "mine").read_text() == "mine"
+
+
+# -- clusters ------------------------------------------------------------------------------------------
+
+
+def test_cluster_files_name_known_classes_only(tmp_path, monkeypatch):
+    from chemage.sweeps.executors.clusters import _Where
+
+    file = tmp_path / "cluster.toml"
+    file.write_text('cluster = "os.system"\n[options]\ncommand = "true"\n')
+    with pytest.raises(InputError, match="not a known class"):
+        _Where.read(str(file), None)
+    monkeypatch.setenv("CHEMAGE_CLUSTERS", "my.Cluster, os.system")
+    assert _Where.read(str(file), None).cluster == "os.system"
+    file.write_text('cluster = "dask_jobqueue.SLURMCluster"\n')
+    assert _Where.read(str(file), None).cluster == "dask_jobqueue.SLURMCluster"
+
+
+def test_a_cluster_on_this_machine_is_reached_from_this_machine_alone():
+    from chemage.sweeps.executors import clusters
+
+    assert clusters._local_options(2)["host"] == "127.0.0.1"
+    assert clusters._local_options(2)["dashboard_address"] == "127.0.0.1:0"
