@@ -63,7 +63,10 @@ def checked_count(name: str, value: Any, least: int = 1) -> int:
 
 def checked_states(name: str, state: Any, sites: int) -> np.ndarray:
     """``state`` as (sites,) bool."""
-    array = np.asarray(state)
+    try:
+        array = np.asarray(state)
+    except (TypeError, ValueError, RecursionError):
+        raise InputError.of(name, state, "is no array of bool", "one entry per site, True = bonded") from None
     if array.shape != (sites,) or array.dtype != np.bool_:
         raise InputError.of(
             name,

@@ -35,7 +35,7 @@ BAD_SCENES = [
     (["hold.replicas=true"], "not a number"),
     (["hold.seed=true"], "not a number"),
     (["surface.hurst=true"], "not a quantity"),
-    (["contact.tolerance=true"], "not a number"),
+    (["contact.tolerance=true"], "contact.tolerance"),
     (["contact.max_iterations=true"], "not a number"),
     (["chemistry.front_factor=true"], "not a number"),
     (["chemistry.attempt_frequency=1e200"], "out of range"),
@@ -43,9 +43,9 @@ BAD_SCENES = [
     (["forming={kind='gaussian', mean=1e308, std=0.1}"], "forming.mean"),
     (["forming={kind='uniform', lower=-1e308, upper=1e308}"], "forming.lower"),
     (["surface={kind='sphere', radius=1e-90, pixels=64, pixel_size=1e80}"], "below the apex"),
-    (["surface={kind='from-file', path='a\\u0000b.npy', pixel_size=1}"], "no name of a file"),
+    (["surface={kind='from-file', path=\"a\\u0000b.npy\", pixel_size=1}"], "no name of a file"),
     (["surface={kind='from-file', path='h.txt', reader={kind='text', delimiter=''}}"], "one character"),
-    (["surface={kind='from-file', path='h.txt', reader={kind='text', delimiter='1'}}"], "part of numbers"),
+    (["surface={kind='from-file', path='h.txt', reader={kind='text', delimiter='1'}}"], "parts of numbers"),
     (["surface={kind='from-file', path='/dev/zero', reader='npy', pixel_size=1}"], "a device or a pipe"),
 ]
 

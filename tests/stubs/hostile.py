@@ -94,6 +94,7 @@ def strange_array(rng, good):
 
 
 def strange(rng):
+    """Whatever it is, it is no argument."""
     return pick(rng, NUMBERS if rng.random() < 0.6 else ODD)
 
 
@@ -302,10 +303,21 @@ def engines(rng):
             resume[name] = strange_array(rng, resume[name])
         return lambda: use_history(start.model_copy(update={"resume": resume}), kind)
     arguments = {"lattice": on(kind), "hold_times": TIMES, "temperature": 300.0, "seed": 3, "start": history(kind)}
-    arguments = damaged(rng, arguments)
-    if isinstance(arguments["temperature"], float) and 1e4 < arguments["temperature"] < math.inf:
-        arguments["temperature"] = math.nan  # too many events
+    arguments = finite_work(damaged(rng, arguments))
     return lambda: ca.engine(kind).run(**arguments)
+
+
+def finite_work(arguments):
+    """Arguments with which no run has so many events that it takes hours; and none that Python itself refuses."""
+    arguments.pop("no_such_field", None)
+    for name, most in (("temperature", 1e3), ("hold_times", 1e5)):
+        try:
+            too_many = most < float(np.max(np.asarray(arguments[name], float))) < math.inf
+        except (TypeError, ValueError, OverflowError, RecursionError):
+            continue
+        if too_many:
+            arguments[name] = math.nan
+    return arguments
 
 
 def functions(rng):
@@ -316,9 +328,7 @@ def functions(rng):
     run = {"contact": made, "chemistry": chemistry, "engine": engine, "hold_times": TIMES, "temperature": 300.0,
            "replicas": 2, "seed": 1, "common": "none", "observe": (), "threads": 1, "progress": None,
            "checkpoints": None}  # fmt: skip
-    run = damaged(rng, run)
-    if isinstance(run["temperature"], float) and 1e4 < run["temperature"] < math.inf:
-        run["temperature"] = math.nan
+    run = finite_work(damaged(rng, run))
     if isinstance(run["replicas"], int) and 100 < run["replicas"] < 10**7:
         run["replicas"] = 10**9
     pair = ca.interaction("elastic-pairs", strength=0.5)
@@ -343,7 +353,7 @@ def functions(rng):
         lambda: ca.make_surface(ca.surface("self-affine", **COMPONENTS[0][2]), seed),
         lambda: ca.build_lattice(chemistry, made, seed),
         lambda: ca.build_lattice(x, y, 1),
-        lambda: ca.run_kinetics(engine, lattice(), x, temperature=300.0),
+        lambda: ca.run_kinetics(engine, lattice(), **finite_work({"hold_times": x, "temperature": 300.0})),
         lambda: ca.run_kinetics(x, y, TIMES, temperature=300.0),
         lambda: ca.engine("independent").mean(plain(), TIMES, temperature=300.0, start=x),
         lambda: ca.engine("independent").mean(plain(), x, temperature=300.0),
