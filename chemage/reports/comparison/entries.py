@@ -17,6 +17,8 @@ from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
+from chemage.experiments.sections import components_of
+from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.store.results import read
 from chemage.sweeps.result import load_sweep
@@ -42,6 +44,8 @@ class Entry:
     plugins: Mapping[str, str] = field(default_factory=dict)
     #: first and last hold time of the fit, s
     window: tuple[float, float] = FIT_WINDOW
+    #: of the contact, where the file holds no scene
+    provenance: Mapping[str, Any] = field(default_factory=dict)
     #: reads the result again, maps included
     whole: Callable[[], Any] | None = field(default=None, compare=False, repr=False)
 
@@ -69,7 +73,8 @@ class Entry:
         if isinstance(thing, Aging):
             return cls(name, source, "", {}, thing.contact, thing, None, thing.plugins)
         if isinstance(thing, ContactSolution):
-            return cls(name, source, "", {}, thing.summary(), None, _pressures(thing), thing.plugins)
+            own = thing.summary(), None, _pressures(thing), thing.plugins
+            return cls(name, source, "", {}, *own, provenance=thing.provenance)
         raise InputError(
             f"{source or name} holds a {type(thing).__name__}; a comparison takes runs, ageing curves or "
             "contacts, such as `chemage run` writes"
@@ -104,6 +109,10 @@ class Entry:
             return np.full((1, 0), np.nan)
         with np.errstate(invalid="ignore"):
             return self.aging.bonds / self.aging.sites[:, None]
+
+    def components(self) -> list[tuple[str, Component]]:
+        """The components that made the result, as far as they are installed: (path of the section, component)."""
+        return components_of(self.scene, self.aging, self.provenance)
 
     @cached_property
     def fit(self) -> Fit | None:
