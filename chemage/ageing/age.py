@@ -25,7 +25,7 @@ from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.stage import build_lattice
 from chemage.plugins import registry
 from chemage.plugins.participation import Plugins, taking_part
-from chemage.plugins.sources import providers
+from chemage.plugins.sources import approximations, providers
 
 
 def age(
@@ -93,7 +93,10 @@ def age(
             )
         seen, plugins = _observations(contact, lattice, history, observe)
         plugins = lattice.plugins | history.plugins | plugins
-        return _Replica(history.bonds, history.events, lattice.sites.size, history.engine, history.notes, seen, plugins)
+        approximate = [*lattice.approximate, *history.approximate]
+        return _Replica(
+            history.bonds, history.events, lattice.sites.size, history.engine, history.notes, seen, plugins, approximate
+        )
 
     # threads inside a run take their processors away from the other replicas
     at_once = max(1, min(replicas, (threads or available()) // engine.concurrency()))
@@ -106,7 +109,8 @@ def age(
         "contact": contact.provenance,
         **({"observe": [one.todict() for one in observe]} if observe else {}),
     }
-    return _aging(contact, chemistry, done, times, kelvin, provenance)
+    approximate = [*contact.approximate, *(one for each in done for one in each.approximate), *approximations(*observe)]
+    return _aging(contact, chemistry, done, times, kelvin, provenance).noting({}, approximate)
 
 
 def _aging(
@@ -161,6 +165,7 @@ class _Replica(NamedTuple):
     notes: tuple[str, ...]
     seen: dict[str, np.ndarray]
     plugins: Plugins
+    approximate: list[dict[str, Any]]
 
 
 def _in_order(

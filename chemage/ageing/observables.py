@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -23,6 +23,7 @@ class Observable(Component, ABC):
     """Role ``observable``: further numbers to take from each replica."""
 
     role = "observable"
+    error_of: ClassVar[str] = "what it measures"
 
     @abstractmethod
     def measure(

@@ -21,6 +21,7 @@ class ContactSolver(Component, ABC):
     #: of a solver for an elastic half-space, the largest relative error (L2 norm) of its pressure; the checks compare
     #: it with closed forms to within this. None: another model, or no claim
     declared_error: ClassVar[float | None] = None
+    error_of: ClassVar[str] = "the pressure"
 
     @abstractmethod
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:

@@ -46,6 +46,12 @@ class Component(BaseModel):
     speed_only: ClassVar[tuple[str, ...]] = ()
     #: option -> values from fast to accurate, which ``chemage tradeoff`` tries
     trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {}
+    #: whether the answer is free of approximations; a result in which an approximate component took part says so
+    exact: ClassVar[bool] = True
+    #: of an approximate component, the largest relative error of :attr:`error_of`; None: not known
+    declared_error: ClassVar[float | None] = None
+    #: what :attr:`declared_error` is the error of, in words
+    error_of: ClassVar[str] = "what it computes"
     #: figures that :meth:`draw` can draw: name -> caption
     figures: ClassVar[Mapping[str, str]] = {}
 

@@ -216,9 +216,9 @@ def _result(one: Entry, key: str, name: str) -> tuple[Section, list[str]]:
     contact = run.contact if run is not None else (thing if isinstance(thing, ContactSolution) else None)
     alone = Comparison([one])
     rows = [(label, texts[0]) for label, texts in alone.table()]
-    parts = [
-        Part("Key numbers", tables=[Table("", ["quantity", "value"], rows, wide=True)], notes=_notes(run, contact))
-    ]
+    notes = [f"approximate: {one.approximate}"] if one.approximate else []
+    notes += _notes(run, contact)
+    parts = [Part("Key numbers", tables=[Table("", ["quantity", "value"], rows, wide=True)], notes=notes)]
     figures: dict[str, Figure] = {}
     if contact is not None:
         figures |= map_figures(contact, run.surface if run is not None else None)
@@ -299,16 +299,23 @@ def _pictures(
     figures: Mapping[str, Figure], brought: Mapping[str, Brought], made: Comparison, key: str
 ) -> list[Picture]:
     maps = _map_alts(made.results[0])
+    approximate = "".join(
+        f" {_of(one, made)}approximate: {one.approximate}." for one in made.results if one.approximate
+    )
     found = []
     for name, figure in figures.items():
         alt = maps[name] if name in _MAPS else _curve_alt(made, name, _CAPTIONS[name])
         picture = _png(figure, alt) if name in _MAPS else _svg(figure, alt, f"{key}-{name}")
-        found.append(Picture(_markup(picture), _CAPTIONS[name]))
+        found.append(Picture(_markup(picture), _CAPTIONS[name] + approximate))
     for name, one in brought.items():
         anchor = re.sub(r"[^\w-]", "-", f"{key}-{name}")
         picture = _svg(one.figure, _curve_alt(made, name, one.caption), anchor)
-        found.append(Picture(_markup(picture), one.caption))
+        found.append(Picture(_markup(picture), one.caption + approximate))
     return found
+
+
+def _of(one: Entry, made: Comparison) -> str:
+    return f"{one.name} is " if len(made.results) > 1 else "The result is "
 
 
 def _map_alts(one: Entry) -> dict[str, str]:

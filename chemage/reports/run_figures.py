@@ -157,7 +157,7 @@ def friction_figure(run: Run) -> Figure | None:
         one.set_ylim(bottom=0)
     figure.suptitle(
         f"{run.scene.get('title') or run.name}: {_count(aging.replicas, 'replica', 'replicas')}, "
-        f"{aging.temperature:g} K",
+        f"{aging.temperature:g} K" + (f"\napproximate: {run.approximate}" if run.approximate else ""),
         fontsize=10,
         parse_math=False,  # a dollar sign in a title is not a formula
     )
@@ -177,7 +177,8 @@ def brought_figures(run: Run) -> dict[str, Brought]:
     aging = run.aging
     chemistry = chemistry_of(aging.provenance) if aging is not None else None
     maps = Maps(run.contact, run.surface)
-    result = PlottedResult(run.name, aging, chemistry, BLUE, scene=run.scene, load_maps=lambda: maps)
+    label = f"{run.name} (approximate)" if run.approximate else run.name
+    result = PlottedResult(label, aging, chemistry, BLUE, scene=run.scene, load_maps=lambda: maps)
     return plugin_figures([Source(result, components_of(run.scene, aging), run.plugins)])
 
 

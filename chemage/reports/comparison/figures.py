@@ -43,7 +43,7 @@ def _drawn(axes: Axes, results: Sequence[Entry], curves: Curves) -> list[float]:
         t, mean = one.aging.hold_times, values.mean(axis=0)
         error = np.nan_to_num(half_width(values))
         shown = t > 0
-        axes.errorbar(t[shown], mean[shown], yerr=error[shown], ms=3.5, lw=1, capsize=2, label=plain(one.name), **style)
+        axes.errorbar(t[shown], mean[shown], yerr=error[shown], ms=3.5, lw=1, capsize=2, label=one.legend, **style)
         last.append(float(mean[-1]))
     return last
 
@@ -163,7 +163,7 @@ def pressures_figure(results: Sequence[Entry]) -> Figure | None:
     for one, style in shown:
         assert one.pressure is not None
         edges, density = one.pressure
-        axes.stairs(density, edges, color=style["color"], lw=1.4, label=plain(one.name))
+        axes.stairs(density, edges, color=style["color"], lw=1.4, label=one.legend)
         axes.plot(
             0.5 * (edges[1:] + edges[:-1]), density, ls="none", markevery=max(1, density.size // 8), ms=3.5, **style
         )
@@ -187,7 +187,7 @@ def comparison_brought(results: Sequence[Entry]) -> dict[str, Brought]:
     for number, (one, style) in enumerate(zip(results, _styles(len(results)), strict=True)):
         chemistry = chemistry_of(one.aging.provenance) if one.aging is not None else None
         result = PlottedResult(
-            plain(one.name), one.aging, chemistry, style["color"], scene=one.scene, load_maps=partial(maps, number)
+            one.legend, one.aging, chemistry, style["color"], scene=one.scene, load_maps=partial(maps, number)
         )
         sources.append(Source(result, one.components(), one.plugins))
     return plugin_figures(sources, size=_SIZE)

@@ -118,3 +118,22 @@ def test_a_contact_without_ageing_is_drawn_too():
 
 def test_a_component_that_draws_passes():
     assert caught_by(mutant(Flat, "draws", figures=SHOWN, draw=_right)()) == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"exact": "no"}, "give True or False"),
+        ({"exact": False, "declared_error": 0.1, "error_of": ""}, "say what the declared error"),
+        ({"declared_error": 0.1}, "but exact is True"),
+        ({"exact": False, "declared_error": 0.0}, "largest relative error of the barriers"),
+        ({"exact": False, "declared_error": "2 %"}, "largest relative error of the barriers"),
+    ],
+)
+def test_approximations_are_declared(changes, said):
+    assert said in failing(mutant(Flat, f"approximate {said}", **changes)(), "approximations_are_declared")
+
+
+@pytest.mark.parametrize("error", [None, 0.05])
+def test_an_approximate_component_passes(error):
+    assert caught_by(mutant(Flat, f"within {error}", exact=False, declared_error=error)()) == ("", "")
