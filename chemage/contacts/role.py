@@ -41,7 +41,7 @@ class ContactSolver(Component, ABC):
         that; otherwise the error of the most accurate setting is not known, unless the solver estimates it
         (``ContactSolution.convergence["pressure_error"]``).
         """
-        return self.replace(**{option: values[-1] for option, values in self.trade.items()})
+        return super().reference()
 
     def solve(self, surface: Surface, load: float | str, *, start: ContactSolution | None = None) -> ContactSolution:
         """The contact of ``surface`` under ``load`` (nN, or a string with its unit).

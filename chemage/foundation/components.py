@@ -119,6 +119,13 @@ class Component(BaseModel):
         options = {name: getattr(self, name) for name in self.model_fields_set}
         return type(self)(**{**options, **changes})
 
+    def reference(self) -> Self:
+        """The component with which ``chemage tradeoff`` compares the values in :attr:`trade`.
+
+        Here each of these options has its last, most accurate value. Override it where the class can do better.
+        """
+        return self.replace(**{option: values[-1] for option, values in self.trade.items()}) if self.trade else self
+
     def draw(self, figure: str, axes: Axes, results: Sequence[Any]) -> None:
         """Draw one of :attr:`figures` into ``axes``: of one result, or of several that are compared.
 
