@@ -64,8 +64,9 @@ def _check_grid(data: Mapping[str, Any], points: int, path: Path) -> None:
     size = 1
     for axis in axes:
         paths, values = (axis.get("paths"), axis.get("values")) if isinstance(axis, dict) else (None, None)
-        sound = isinstance(paths, list) and isinstance(values, list) and values
-        if not sound or not all(isinstance(name, str) for name in paths):
+        if not isinstance(paths, list) or not isinstance(values, list) or not values:
+            raise StoreError(f"{path}: an axis of the grid is damaged")
+        if not all(isinstance(name, str) for name in paths):
             raise StoreError(f"{path}: an axis of the grid is damaged")
         if not all(isinstance(one, list) and len(one) == len(paths) for one in values):
             raise StoreError(f"{path}: an axis of the grid has values for other fields than it names")
