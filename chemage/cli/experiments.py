@@ -130,7 +130,7 @@ def _protect_inputs(path: Path, source: str, one: Scene) -> None:
     """Refuse to overwrite the scene file, or a file that the scene reads, even with ``--force``."""
     read = [part["path"] for part in one.todict().values() if isinstance(part, dict) and "path" in part]
     for name in (source, *read):
-        if os.path.realpath(name) == os.path.realpath(path):
+        if "\0" not in str(name) and os.path.realpath(name) == os.path.realpath(path):
             raise user_error(f"{path} is an input of this scene; choose another --out")
 
 
