@@ -130,7 +130,11 @@ class Aging(Record):
         InputError
             Fewer than two different hold times in the window, or no load.
         """
-        return fit_aging(self, window=(start, stop))
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = fit_aging(self, window=(start, stop))
+        if not np.isfinite(found.beta):
+            raise InputError("friction: its fit is out of the range of numbers; check load and bond_force")
+        return found
 
     def fit_data(self, quantity: Quantity | None) -> FitData:
         """The friction drop of every replica, for :func:`chemage.fit_aging`."""

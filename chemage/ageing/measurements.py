@@ -14,6 +14,7 @@ import numpy as np
 from chemage.ageing.fitting import UNIT, FitData, Quantity
 from chemage.foundation.checks import check_times
 from chemage.foundation.errors import InputError, UnitError, shown
+from chemage.foundation.records import frozen
 from chemage.foundation.tables import data_lines, read_text
 from chemage.foundation.units import convert
 
@@ -38,9 +39,10 @@ class Measurements:
     def __post_init__(self) -> None:
         for name in ("hold_times", "values", "error"):
             if (given := getattr(self, name)) is not None:
-                array = np.array(given, dtype=np.float64)
-                array.setflags(write=False)
-                object.__setattr__(self, name, array)
+                try:
+                    object.__setattr__(self, name, frozen(given, np.float64))
+                except ValueError as error:
+                    raise InputError(f"{name}: {error}") from None
         if self.quantity not in UNIT:
             raise InputError.of("quantity", self.quantity, f"choose {' or '.join(UNIT)}")
         _check_data(self.hold_times, self.values, self.error)

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage.contacts import patches, theory
-from chemage.foundation.checks import checked_count
+from chemage.foundation.checks import MOST_BINS, checked_count
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Number, Plain, PositiveNumber, Reals, Record, frozen, require_finite
 from chemage.foundation.units import LARGEST
@@ -175,7 +175,7 @@ class ContactSolution(Record):
             raise InputError.of("upper", upper, "must be finite and above zero", "give a pressure in GPa")
         values = self.pressure[self.contact]
         top = upper if upper is not None else (float(values.max()) if values.size else 1.0)
-        counts, edges = np.histogram(values, bins=checked_count("bins", bins), range=(0.0, top))
+        counts, edges = np.histogram(values, bins=checked_count("bins", bins, most=MOST_BINS), range=(0.0, top))
         return edges, counts / (max(values.size, 1) * np.diff(edges))
 
     @property

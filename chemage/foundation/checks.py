@@ -14,6 +14,8 @@ from chemage.foundation.units import LARGEST, SMALLEST, convert
 Seed = int | np.random.SeedSequence
 #: numbers beyond this are no seeds that anyone writes down
 LARGEST_SEED = 2**256 - 1
+#: bins of a histogram or a spectrum
+MOST_BINS = 1_000_000
 #: more hold times than this fill the memory with counts
 MOST_TIMES = 10_000_000
 
@@ -54,10 +56,12 @@ def checked_seed(seed: Any) -> int:
     return int(seed)
 
 
-def checked_count(name: str, value: Any, least: int = 1) -> int:
-    """``value`` as an int of at least ``least``."""
+def checked_count(name: str, value: Any, least: int = 1, most: int | None = None) -> int:
+    """``value`` as an int of at least ``least`` and, if given, at most ``most``."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise InputError.of(name, value, f"must be a whole number of at least {least}")
+    if most is not None and value > most:
+        raise InputError.of(name, value, f"must be at most {most}")
     return int(value)
 
 

@@ -107,6 +107,8 @@ def _walk(data: Any) -> Iterator[tuple[str, Any]]:
             raise InputError("", [(shortened(path), f"is nested more than {DEEPEST} deep; write it flatter")])
         yield path, item
         if isinstance(item, dict):
+            if not all(isinstance(name, str) for name in item):
+                raise InputError("", [(shortened(path), "has names that are no texts")])
             left += [(f"{path}.{name}".lstrip("."), part, depth + 1) for name, part in item.items()]
         elif isinstance(item, list):
             # numbers are by far the most frequent, and only large ones matter

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 #: random numbers of pairs of pixels are told apart up to here
 MOST_PIXELS = 2**48
+#: eV; what engines compute from a barrier stays a number
+LARGEST_BARRIER = 1e302
 #: kernels count sites in 32 bits
 MOST_SITES = 2**31 - 1
 
@@ -82,6 +84,8 @@ class ReactionLattice(Record):
             if values.shape != (n,):
                 raise ValueError(f"{name}: shape {values.shape}, but there are {n} sites; give one value per site")
             require_finite(name, values, "give barriers in eV")
+            if n and max(float(values.max()), -float(values.min())) > LARGEST_BARRIER:
+                raise ValueError(f"{name}: beyond {LARGEST_BARRIER:g} eV, out of range; give barriers in eV")
         self._check_graph(n)
         return self
 
@@ -96,6 +100,8 @@ class ReactionLattice(Record):
                 f"neighbours {neighbours.shape} and coupling {coupling.shape}: both must be ({n}, k) for {n} sites"
             )
         require_finite("coupling", coupling, "give energies in eV, 0 where there is no neighbour")
+        if coupling.size and max(float(coupling.max()), -float(coupling.min())) > LARGEST_BARRIER:
+            raise ValueError(f"coupling: beyond {LARGEST_BARRIER:g} eV, out of range; give energies in eV")
         from chemage.lattices.graph_check import find_fault
 
         fault, site, slot = find_fault(neighbours, coupling)

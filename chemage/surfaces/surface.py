@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage.foundation.checks import checked_count
+from chemage.foundation.checks import MOST_BINS, checked_count
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Plain, PositiveNumber, Reals, Record, require_finite
 from chemage.surfaces import roughness
@@ -72,7 +72,11 @@ class Surface(Record):
 
         See :func:`chemage.surfaces.roughness.psd`; a surface that is not periodic is tapered with a Hann window.
         """
-        waves, density = roughness.psd(self.heights, self.pixel_size, self.periodic, checked_count("bins", bins))
+        try:
+            count = checked_count("bins", bins, most=MOST_BINS)
+            waves, density = roughness.psd(self.heights, self.pixel_size, self.periodic, count)
+        except OverflowError:
+            density = waves = np.array([np.inf])
         if not np.isfinite(density).all():
             raise InputError(f"heights: the power spectral density of {self!r} is out of the range of numbers; rescale")
         return waves, density

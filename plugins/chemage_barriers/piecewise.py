@@ -70,7 +70,8 @@ class PiecewiseLinearDensity:
         cumulative = np.concatenate([[0.0], np.cumsum(self._area)])
         self._cumulative = cumulative / cumulative[-1]
         self.energies: Doubles = x
-        self.density_values: Doubles = p / total / span
+        with np.errstate(over="ignore"):  # over a span of nearly nothing the density is that of a point mass
+            self.density_values: Doubles = p / total / span
 
     def quantile(self, uniform: np.ndarray) -> Doubles:
         """Energies at ``uniform`` in [0, 1], same shape, non-decreasing to within rounding.

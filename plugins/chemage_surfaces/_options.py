@@ -27,8 +27,8 @@ def _count(side: Any) -> int:
 
 
 def _grid(value: Any) -> tuple[int, int]:
-    sides = tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
     try:
+        sides = tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
         counts = [_count(side) for side in sides]
     except TypeError:
         raise ValueError("give a whole number of pixels, or two: [nx, ny]") from None
