@@ -13,8 +13,8 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.records import Plain, PositiveNumber, Reals, Record, require_finite
 from chemage.surfaces import roughness
 
-#: nm; and, of heights over the pixel size, 1
-LARGEST_HEIGHT = 1e300
+#: nm; and of heights over the pixel size
+LARGEST_HEIGHT, LARGEST_RATIO = 1e300, 1e305
 
 
 class Surface(Record):
@@ -39,7 +39,7 @@ class Surface(Record):
         largest = max(abs(float(self.heights.max())), abs(float(self.heights.min())))
         if largest > LARGEST_HEIGHT:
             raise ValueError(f"heights: up to {largest:g} nm, out of range; give heights in nm")
-        if largest / self.pixel_size > LARGEST_HEIGHT:
+        if largest / self.pixel_size > LARGEST_RATIO:
             raise ValueError(
                 f"heights: up to {largest:g} nm on pixels of {self.pixel_size:g} nm, slopes are out of range; "
                 "give heights and pixel_size in nm"

@@ -350,7 +350,7 @@ def functions(rng):
         lambda: ca.force(x),
         lambda: ca.temperature_value(x),
         lambda: ca.checked_seed(x),
-        lambda: ca.convert(x, "nm"),
+        lambda: repr(ca.convert(x, "nm")),
         lambda: fit.fit(x, y),
         lambda: ca.fit_aging(fit, window=(x, y)),
         lambda: ca.solve_contact(ca.contact("fft-bem", modulus=35.0), surface(), x),
