@@ -30,7 +30,7 @@ RATIO = 4
 #: reach of the stencil of ``local`` in pixels
 REACH = 4
 #: numbers between the beginnings of neighbouring lines of sums in ``local``: a block with its halo fits, and no two of
-#: the ten lines begin at nearly the same address modulo 4096, where loads would wait for stores
+#: the five lines begin at nearly the same address modulo 4096, where loads would wait for stores
 LINE = 576
 _U = np.uint64
 # Reassociation lets sums use vector registers; infinities and NaN keep their meaning.
@@ -582,8 +582,8 @@ def _pair_rows(x, above, below, first, count, sums, to):
 
 @njit(**_OPTIONS)
 def _stencil_columns(sums, weights, count):
-    """The stencil along columns: lines 5 … 9 of ``sums`` (each ``LINE`` long) from lines 0 … 4, which are the sums of
-    two rows 0 … 4 away. Line 5 + b is for columns b away. Weights more than ``REACH`` + 0.3 away are zero."""
+    """The stencil along columns. Lines 0 … 4 of ``sums``, each ``LINE`` long, are the sums of two rows 0 … 4 away before,
+    and those of the stencil for columns 0 … 4 away afterwards. Weights more than ``REACH`` + 0.3 away are zero."""
     half = weights.dtype.type(0.5)  # row 0 was added to itself
     a0, a1, a2, a3, a4 = (
         half * weights[0, 0],
@@ -599,26 +599,26 @@ def _stencil_columns(sums, weights, count):
     for j in range(count):
         x0, x1, x2 = sums[j], sums[_U(LINE) + j], sums[_U(2 * LINE) + j]
         x3, x4 = sums[_U(3 * LINE) + j], sums[_U(4 * LINE) + j]
-        sums[_U(5 * LINE) + j] = a0 * x0 + b0 * x1 + c0 * x2 + d0 * x3 + e0 * x4
-        sums[_U(6 * LINE) + j] = a1 * x0 + b1 * x1 + c1 * x2 + d1 * x3 + e1 * x4
-        sums[_U(7 * LINE) + j] = a2 * x0 + b2 * x1 + c2 * x2 + d2 * x3
-        sums[_U(8 * LINE) + j] = a3 * x0 + b3 * x1 + c3 * x2 + d3 * x3
-        sums[_U(9 * LINE) + j] = a4 * x0 + b4 * x1
+        sums[j] = a0 * x0 + b0 * x1 + c0 * x2 + d0 * x3 + e0 * x4
+        sums[_U(LINE) + j] = a1 * x0 + b1 * x1 + c1 * x2 + d1 * x3 + e1 * x4
+        sums[_U(2 * LINE) + j] = a2 * x0 + b2 * x1 + c2 * x2 + d2 * x3
+        sums[_U(3 * LINE) + j] = a3 * x0 + b3 * x1 + c3 * x2 + d3 * x3
+        sums[_U(4 * LINE) + j] = a4 * x0 + b4 * x1
 
 
 @njit(**_OPTIONS)
 def _stencil_rows(sums, fine, s, weight, x, out, row, first, count):
-    """out = the stencil along rows, from lines 5 … 9 of ``sums``, plus the two rows fine[s] interpolated. Returns
+    """out = the stencil along rows, from the lines of ``sums``, plus the two rows fine[s] interpolated. Returns
     Σ x·out."""
     for j in range(count):
         value = fine[s, _U(0), j]
         value += weight * (fine[s, _U(1), j] - value)
         out[row, first + j] = value + (
-            sums[_U(5 * LINE + 4) + j]
-            + (sums[_U(6 * LINE + 3) + j] + sums[_U(6 * LINE + 5) + j])
-            + (sums[_U(7 * LINE + 2) + j] + sums[_U(7 * LINE + 6) + j])
-            + (sums[_U(8 * LINE + 1) + j] + sums[_U(8 * LINE + 7) + j])
-            + (sums[_U(9 * LINE) + j] + sums[_U(9 * LINE + 8) + j])
+            sums[_U(4) + j]
+            + (sums[_U(LINE + 3) + j] + sums[_U(LINE + 5) + j])
+            + (sums[_U(2 * LINE + 2) + j] + sums[_U(2 * LINE + 6) + j])
+            + (sums[_U(3 * LINE + 1) + j] + sums[_U(3 * LINE + 7) + j])
+            + (sums[_U(4 * LINE) + j] + sums[_U(4 * LINE + 8) + j])
         )
     product = 0.0  # a loop of its own: sums in double precision would halve the vectors of the one above
     for j in range(count):
@@ -637,7 +637,7 @@ def local(lo, hi, blocks, x, stencil, coarse, out, part):
     """
     nx, ny = x.shape
     per_row = blocks.per_row
-    sums = np.zeros(2 * (REACH + 1) * LINE, x.dtype)
+    sums = np.zeros((REACH + 1) * LINE, x.dtype)
     fine = np.zeros((per_row, 2, blocks.width), x.dtype)
     ready = np.full(per_row, -1)  # coarse row that ``fine`` was interpolated from, block by block
     for row in range(lo, hi):
