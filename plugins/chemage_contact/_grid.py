@@ -82,7 +82,7 @@ class Grid:
         #: sums of the last kernel, block by block
         self.part = np.zeros((blocks, 7))
         #: sums of ``kernels.residual``, which outlast those of other kernels
-        self.residual_part = np.zeros((blocks, 5))
+        self.residual_part = np.zeros((blocks, 6))
         self.everywhere = self.active(np.ones(blocks, np.bool_))
         self.history: list[tuple[float, float]] = []
 

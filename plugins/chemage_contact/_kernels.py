@@ -29,8 +29,8 @@ WIDTH = 512
 RATIO = 4
 #: reach of the stencil of ``local`` in pixels
 REACH = 4
-#: numbers between the beginnings of neighbouring lines of sums in ``local``: a block with its halo fits, and no two of
-#: the five lines begin at nearly the same address modulo 4096, where loads would wait for stores
+#: distance between the beginnings of neighbouring lines of sums in ``local``, in numbers: a block with its halo fits,
+#: and no two of the five lines begin at nearly the same address modulo 4096, where loads would wait for stores
 LINE = 576
 _U = np.uint64
 # Reassociation lets sums use vector registers; infinities and NaN keep their meaning.
@@ -122,8 +122,9 @@ def advance(lo, hi, blocks, state, y, factor, part):
 def residual(lo, hi, blocks, state, offset, v, part):
     """Residual on the working set {p > 0} ∪ {gap < 0}: v = -gap there, 0 elsewhere.
 
-    part[b] = (Σ gap² over p > 0, largest penetration where p = 0, pixels in the working set, Σ v, Σ p²). Reads p, r;
-    writes v. A gap of exactly zero inside the set is written as a negligible number, because v ≠ 0 marks the set.
+    part[b] = (Σ gap² over p > 0, largest penetration where p = 0, pixels in the working set, Σ v, Σ p², Σ gap² where
+    p = 0 and gap < 0). Reads p, r; writes v. A gap of exactly zero inside the set is written as a negligible number,
+    because v ≠ 0 marks the set.
     """
     p, r = state.p, state.r
     for b in range(lo, hi):
@@ -158,6 +159,7 @@ def residual(lo, hi, blocks, state, offset, v, part):
         part[b, 2] = count
         part[b, 3] = total
         part[b, 4] = pressures
+        part[b, 5] = through
 
 
 @njit(**_OPTIONS)
@@ -293,12 +295,13 @@ def move(lo, hi, blocks, p, d, step, shift, scale, part):
 @njit(**_OPTIONS)
 def correct(lo, hi, blocks, search, e, step, factor, part):
     """A step of the linear correction on the working set: e += step·d, v -= factor·y. part[b] = (Σ e², largest |e|,
-    Σ v). Reads d, y; updates e, v. The working set stays marked by v ≠ 0."""
+    Σ v, Σ v²). Reads d, y; updates e, v. The working set stays marked by v ≠ 0."""
     v, d, y = search.v, search.d, search.y
     for b in range(lo, hi):
         squares = 0.0
         largest = 0.0
         total = 0.0
+        rest = 0.0
         if blocks.active[b]:
             row, start, stop = _block(blocks, b, v.shape[1])
             vb, db, yb, eb = v[row, start:stop], d[row, start:stop], y[row, start:stop], e[row, start:stop]
@@ -308,6 +311,7 @@ def correct(lo, hi, blocks, search, e, step, factor, part):
                 new = new if vb[i] != 0 else 0.0
                 vb[i] = new
                 total += new
+                rest += float(new) * float(new)
                 change = eb[i] + step * db[i]
                 eb[i] = change
                 squares += change * change
@@ -316,6 +320,7 @@ def correct(lo, hi, blocks, search, e, step, factor, part):
         part[b, 0] = squares
         part[b, 1] = largest
         part[b, 2] = total
+        part[b, 3] = rest
 
 
 @njit(**_OPTIONS)
@@ -582,8 +587,9 @@ def _pair_rows(x, above, below, first, count, sums, to):
 
 @njit(**_OPTIONS)
 def _stencil_columns(sums, weights, count):
-    """The stencil along columns. Lines 0 … 4 of ``sums``, each ``LINE`` long, are the sums of two rows 0 … 4 away before,
-    and those of the stencil for columns 0 … 4 away afterwards. Weights more than ``REACH`` + 0.3 away are zero."""
+    """The stencil along columns. Lines 0 … 4 of ``sums``, each ``LINE`` long, are the sums of two rows 0 … 4 away
+    before, and the sums over the rows of the stencil for columns 0 … 4 away afterwards. Weights more than ``REACH`` +
+    0.3 away are zero."""
     half = weights.dtype.type(0.5)  # row 0 was added to itself
     a0, a1, a2, a3, a4 = (
         half * weights[0, 0],
@@ -632,8 +638,8 @@ def local(lo, hi, blocks, x, stencil, coarse, out, part):
 
     ``stencil[a, b]`` is the weight of the up to four neighbours at distances (a, b) ≤ REACH. x must be zero in blocks
     that are not active. The width of the blocks and the number of columns are multiples of ``RATIO``. Reads
-    2·REACH + 1 rows of x, which stay in cache; writes out once. The stencil goes first along columns, then along rows,
-    which needs a third of the loads of one pass over all its pixels.
+    2·REACH + 1 rows of x, which stay in cache; writes out once. Sums along columns are made first and then added along
+    rows, which needs a third of the loads of one pass over all pixels of the stencil.
     """
     nx, ny = x.shape
     per_row = blocks.per_row
