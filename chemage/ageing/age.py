@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextvars
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from pathlib import Path
@@ -175,7 +176,8 @@ def _in_order(
         return
     pool = ThreadPoolExecutor(threads, thread_name_prefix="chemage-replica")
     try:
-        futures = [pool.submit(task, number) for number in range(count)]
+        # options of plugins are context variables, which the threads would not see
+        futures = [pool.submit(contextvars.copy_context().run, task, number) for number in range(count)]
         left = set(futures)
         while left:
             finished, left = wait(left, return_when=FIRST_COMPLETED)

@@ -21,6 +21,7 @@ from chemage.experiments.provenance import versions
 from chemage.experiments.scene_files import located, override, scene_data
 from chemage.foundation.errors import ExecutorError, InputError, SceneError, StoreError, WorkerLost
 from chemage.foundation.threads import restored as threads_restored
+from chemage.plugins.settings import completed
 from chemage.sweeps.executors.opening import open_pool
 from chemage.sweeps.executors.pool import Pool
 from chemage.sweeps.folder import FORMAT, RESUME, Folder
@@ -56,7 +57,7 @@ def read_grid(scene: str | Path | Mapping[str, Any], changes: Mapping[str, Any] 
         ``[sweep]`` is missing or not valid.
     """
     data, source = (dict(scene), "the scene") if isinstance(scene, Mapping) else scene_data(scene)
-    data = override(data, changes or {})
+    data = completed(override(data, changes or {}))
     if "sweep" not in data:
         raise SceneError(source, [("sweep", "is missing: this scene is one point; use chemage.run")])
     return Grid.read(check_base(located(data, Path.cwd()), source), source)

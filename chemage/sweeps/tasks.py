@@ -103,12 +103,13 @@ def solve(path: str, digest: str, point: int, key: str, threads: int) -> dict[st
 
 def _solution(scene: Scene, owner: str) -> ContactSolution:
     # the cache key contains the sweep: in another sweep other plugins may change the surface of the same options
-    name = f"{owner} {scene.keys()['surface']}"
+    name = f"{owner} {scene.task_keys()['surface']}"
     surface = _surfaces.get(name)
-    if surface is None:
-        surface = make_surface(scene.surface, scene.surface_seed)
-        _surfaces.put(name, surface)
-    return solve_contact(scene.contact, surface, scene.load)
+    with scene.in_use():
+        if surface is None:
+            surface = make_surface(scene.surface, scene.surface_seed)
+            _surfaces.put(name, surface)
+        return solve_contact(scene.contact, surface, scene.load)
 
 
 def _keep(folder: Folder, key: str, solution: ContactSolution, owner: str) -> ContactSolution:
