@@ -81,16 +81,18 @@ def age(
 
     options = hashed([engine.digest(), chemistry.digest(), times.tolist(), kelvin, origin(seed), common])
 
+    origins = {"contact": contact, "chemistry": chemistry}
+
     def replica(number: int) -> _Replica:
         disorder, noise = replica_seeds(seed, number, common, run)
         lattice = build_lattice(chemistry, contact, disorder)
         if checkpoints is None:
-            history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise)
+            history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise, **origins)
         else:
             path = checkpoints / f"replica-{number:05d}.h5"
             before = contact.plugins | lattice.plugins
             history = run_with_checkpoints(
-                engine, lattice, times, temperature=kelvin, seed=noise, path=path, run=options, before=before
+                engine, lattice, times, temperature=kelvin, seed=noise, path=path, run=options, before=before, **origins
             )
         seen, plugins = _observations(contact, lattice, history, observe)
         plugins = lattice.plugins | history.plugins | plugins
