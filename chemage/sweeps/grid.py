@@ -23,6 +23,7 @@ from chemage.foundation.errors import ChemageError, InputError, PluginError, Sce
 from chemage.foundation.messages import nearest
 from chemage.foundation.units import unit_of
 from chemage.plugins.sources import implementing, stage_hooks
+from chemage.sweeps.by_hand import registered_classes
 
 
 @dataclass(frozen=True)
@@ -226,6 +227,8 @@ class Survey:
     units: dict[str, str] = field(default_factory=dict)
     #: plugins that implement hooks of the stages: name -> source
     hooks: dict[str, str] = field(default_factory=dict)
+    #: classes of components that are registered by hand
+    classes: set[type] = field(default_factory=set)
     digest: str = ""
 
     @property
@@ -305,6 +308,7 @@ def shown(value: Any) -> str:
 
 def _add(result: Survey, point: int, scene: Scene, known: dict[str, int]) -> None:
     keys, costs = scene.task_keys(), cost(scene)
+    result.classes |= registered_classes(scene.components())
     result.keys.append(keys["result"])
     result.agings.append(keys["aging"])
     if keys["contact"] not in known:
