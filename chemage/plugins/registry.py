@@ -88,7 +88,7 @@ class Registry:
         # by name: the order never depends on the file system; pluggy asks those first that were registered last
         for point in sorted(found, key=lambda p: (_is_own(p), p.name), reverse=True):
             self._load(point)
-        self.records.sort(key=lambda record: (record.distribution != "chemage", record.name))
+        self.records.sort(key=lambda one: (one.distribution != "chemage", one.name, one.distribution))
         for record in self.records:
             if record.error:
                 warnings.warn(
@@ -160,7 +160,7 @@ class Registry:
 
     def _register(self, plugin: Any, record: PluginRecord) -> None:
         api = getattr(plugin, "CHEMAGE_API", hooks.API_VERSION)
-        if api != hooks.API_VERSION:
+        if api not in hooks.SUPPORTED_API_VERSIONS:
             raise PluginError(f"made for plugin interface {api}, this chemage has {hooks.API_VERSION}")
         record.libraries = versions(getattr(plugin, "CHEMAGE_LIBRARIES", ()))
         record.options = checked_options(getattr(plugin, "CHEMAGE_OPTIONS", ""), record)
