@@ -71,8 +71,7 @@ def age(
     progress
         Called with (replicas done, replicas in all).
     checkpoints
-        A folder in which every replica is kept while it runs; an interrupted call resumes from there, with equal
-        results.
+        A folder in which every replica is kept while it runs; an interrupted call resumes, with equal results.
     """
     _check(contact, chemistry, engine, observe, replicas, seed, threads)
     check_common(common)
