@@ -62,6 +62,7 @@ ROOMS = (
     "chemage.kinetics.hooks",
     "chemage.ageing.hooks",
     "chemage.experiments.hooks",
+    "chemage.reports.hooks",
     "chemage.cli.hooks",
 )
 #: time of import from which a module is called slow, s
@@ -254,6 +255,12 @@ class Registry:
         }
         found = [one for one in sorted(self.records, key=lambda r: r.name) if full_name(one) in names]
         return {one.name: self.source_in_use(one) for one in found}
+
+    def functions(self, hook: str) -> list[tuple[PluginRecord, Any]]:
+        """Each plugin that implements ``hook``, with its function, sorted by the name of the plugin."""
+        found = {one.plugin_name: one.function for one in getattr(self.manager.hook, hook).get_hookimpls()}
+        records = sorted(self.records, key=lambda record: record.name)
+        return [(one, found[name]) for one in records if (name := _full_name(one)) in found]
 
     def implementation(self, name: str) -> Any:
         """The module or object with the hooks of the plugin ``name``."""

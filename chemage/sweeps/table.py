@@ -8,7 +8,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,6 +65,8 @@ class Table:
     curves: dict[str, np.ndarray]
     #: (points, replicas, times), -1 where there is none
     bonds: np.ndarray
+    #: what is approximate about each point, in words; empty if no point is approximate
+    approximate: list[str] = field(default_factory=list)
 
     @classmethod
     def collect(
@@ -72,7 +74,7 @@ class Table:
     ) -> Table:
         """Make the table from the files of the points, read one after the other; None for a missing point."""
         count = len(next(iter(swept.values())))
-        status, error = ["missing"] * count, [""] * count
+        status, error, approximate = ["missing"] * count, [""] * count, [""] * count
         scalars = {name: np.full(count, np.nan) for name in SCALARS}
         rows: dict[int, tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = {}
         for number, point in enumerate(points):
@@ -83,6 +85,7 @@ class Table:
                 error[number] = error_text(point["error"])
                 continue
             summary = point["summary"]
+            approximate[number] = summary.get("approximate", "")
             for name, column in scalars.items():
                 if (value := summary.get(name)) is not None:
                     column[number] = value
@@ -98,6 +101,7 @@ class Table:
             error=error,
             scalars=scalars,
             **_padded(count, rows),
+            approximate=approximate if any(approximate) else [],
         )
 
     @property
@@ -115,7 +119,8 @@ class Table:
         scalars = [f"{name} ({unit})" if unit != "1" else name for name, (unit, _) in SCALARS.items()]
         last = {name: _last(values) for name, values in (("hold_time", self.hold_times), *self.curves.items())}
         lasts = ["last hold_time (s)"] + [f"last {name}{_in(unit)}" for name, (unit, _) in CURVES.items()]
-        writer.writerow(["point", "status", *names, *scalars, *lasts, "error"])
+        marked = ["approximate"] if self.approximate else []
+        writer.writerow(["point", "status", *names, *scalars, *lasts, *marked, "error"])
         for row in range(self.points):
             done = self.status[row] == "done"
             times = last["hold_time"] if self.hold_times.ndim == 2 else np.broadcast_to(last["hold_time"], self.points)
@@ -127,6 +132,7 @@ class Table:
                     self.status[row],
                     *(_cell(values[row]) for values in self.swept.values()),
                     *(_cell(number) for number in numbers),
+                    *self.approximate[row : row + 1],
                     self.error[row].replace("\n", " "),
                 ]
             )
@@ -161,6 +167,9 @@ class Table:
             "status": (("point",), np.array(self.status, dtype=object), {"long_name": "done, failed or missing"}),
             "error": (("point",), np.array(self.error, dtype=object), {"long_name": "why it failed"}),
         }
+        if self.approximate:
+            marks = np.array(self.approximate, dtype=object)
+            found["approximate"] = (("point",), marks, {"long_name": "what is approximate"})
         times = ("hold_time",) if self.hold_times.ndim == 1 else ("point", "hold_time")
         name = "hold_time" if self.hold_times.ndim == 1 else "hold_times"
         found[name] = (times, self.hold_times, {"units": "s", "long_name": "time since the contact was made"})
@@ -177,7 +186,8 @@ class Table:
         """A data frame with one row per point, without the curves, which :meth:`to_xarray` includes."""
         import pandas
 
-        columns: dict[str, Any] = {"status": self.status, **self.swept, **self.scalars, "error": self.error}
+        marked = {"approximate": self.approximate} if self.approximate else {}
+        columns: dict[str, Any] = {"status": self.status, **self.swept, **self.scalars, **marked, "error": self.error}
         return pandas.DataFrame(columns, index=pandas.RangeIndex(self.points, name="point"))
 
     def to_xarray(self) -> xarray.Dataset:

@@ -82,6 +82,7 @@ def test_the_scene_runs_and_the_result_names_the_option(project):
     assert result["plugins"]["hardness"] == named
     assert result["max_pressure"] == 2
     assert "pressure limited to 2 GPa on" in result["notes"][0]
+    assert list(project.rglob("*limited-pressure.png"))
     shown = " ".join(chemage(project, "show", "tip.h5").split())
     assert named in shown
     wrong = chemage(project, "check", "tip.toml", "--set", "plugins.hardness.limit=-1", status=2)
