@@ -260,7 +260,7 @@ class Registry:
         """Each plugin that implements ``hook``, with its function, sorted by the name of the plugin."""
         found = {one.plugin_name: one.function for one in getattr(self.manager.hook, hook).get_hookimpls()}
         records = sorted(self.records, key=lambda record: record.name)
-        return [(one, found[name]) for one in records if (name := _full_name(one)) in found]
+        return [(one, found[name]) for one in records if (name := full_name(one)) in found]
 
     def implementation(self, name: str) -> Any:
         """The module or object with the hooks of the plugin ``name``."""
