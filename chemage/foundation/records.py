@@ -131,6 +131,8 @@ class Record(BaseModel):
     )
     #: field name -> (dimension names, unit, meaning)
     arrays: ClassVar[dict[str, tuple[tuple[str, ...], str, str]]] = {}
+    #: fields that records stored earlier do not have: where empty, no part of the digest, nor of the file
+    added: ClassVar[tuple[str, ...]] = ()
 
     @field_validator("*", mode="wrap")
     @classmethod
@@ -179,8 +181,16 @@ class Record(BaseModel):
             else:
                 digest.update(json.dumps(value, default=str, sort_keys=True).encode())
 
-        feed(self.todict())
+        feed({name: value for name, value in self.todict().items() if not self.is_left_out(name, value)})
         return digest.hexdigest()
+
+    def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
+        """Dimensions, unit and meaning of an array, or of ``field/name`` among named arrays; None: not declared."""
+        return self.arrays.get(name)
+
+    def is_left_out(self, name: str, value: Any) -> bool:
+        """Whether a field is one of :attr:`added` and empty."""
+        return name in self.added and (value is None or (isinstance(value, Mapping) and not value))
 
     def digest(self) -> str:
         """Content hash over every field, arrays included."""
