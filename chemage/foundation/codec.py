@@ -37,6 +37,8 @@ def encode(record: Record) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     values: dict[str, Any] = {}
     arrays: dict[str, np.ndarray] = {}
     for name, value in record.todict().items():
+        if record.is_left_out(name, value):
+            continue
         if isinstance(value, np.ndarray):
             arrays[name] = value
         elif isinstance(value, dict) and value and all(isinstance(item, np.ndarray) for item in value.values()):
