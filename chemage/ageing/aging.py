@@ -22,7 +22,9 @@ class Aging(Record):
         "bonds": (("replica", "hold_times"), "", "number of bonds"),
         "sites": (("replica",), "", "number of reactive sites"),
         "events": (("replica",), "", "bonds formed and broken"),
+        "rupture_force": (("replica", "hold_times"), "nN", "force that breaks all bonds"),
     }
+    added = ("rupture_force",)
 
     hold_times: Doubles
     """(m,) s"""
@@ -40,6 +42,8 @@ class Aging(Record):
     """⟨f⟩, mean force to rupture a bond, nN"""
     front_factor: float = Field(default=1.0, ge=0, allow_inf_nan=False)
     """fraction of the bonds that are loaded at the same time as the detachment front passes"""
+    rupture_force: Doubles | None = None
+    """force that breaks all bonds, nN, (replicas, m); None: bonds × ``bond_force`` × ``front_factor``"""
     engine: str = ""
     notes: tuple[str, ...] = ()
     """notes of the first replica's run"""
@@ -57,6 +61,8 @@ class Aging(Record):
             raise ValueError(f"bonds: shape {self.bonds.shape}; give (replicas, {self.hold_times.size})")
         if not self.sites.shape == self.events.shape == self.bonds.shape[:1]:
             raise ValueError(f"sites, events: give one number for each of the {self.bonds.shape[0]} replicas")
+        if self.rupture_force is not None and self.rupture_force.shape != self.bonds.shape:
+            raise ValueError(f"rupture_force: shape {self.rupture_force.shape}; give {self.bonds.shape}, as for bonds")
         return self
 
     @property
@@ -72,8 +78,15 @@ class Aging(Record):
         return self.bonds.shape[0]
 
     @property
+    def rupture(self) -> str | None:
+        """Kind of the rupture law; None where the force per bond is that of the chemistry."""
+        return self.provenance.get("rupture", {}).get("kind")
+
+    @property
     def friction_drop(self) -> np.ndarray:
-        """ΔF = N ⟨f⟩ × front factor, nN, (replicas, m)."""
+        """ΔF, nN, (replicas, m): the force of the rupture law; without one, N ⟨f⟩ × front factor."""
+        if self.rupture_force is not None:
+            return self.rupture_force
         return self.bonds * (self.bond_force * self.front_factor)
 
     @property

@@ -38,6 +38,9 @@ class Observable(Component, ABC):
     """Role ``observable``: further numbers to take from each replica."""
 
     role = "observable"
+    #: asks for the state of every site at every hold time, ``history.states``, (m, n) bool; the engine must be able to
+    #: resume from a history (``restart``)
+    states: ClassVar[bool] = False
     #: figures that :meth:`draw` can draw: name -> caption
     figures: ClassVar[Mapping[str, str]] = {}
 

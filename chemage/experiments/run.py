@@ -88,6 +88,7 @@ class Run:
             "name": self.name,
             "solver": self.scene["contact"]["kind"],
             "engine": aging.engine if aging else None,
+            "rupture": aging.rupture if aging else None,
             **contact.summary(),
             "converged": contact.converged,
             "residual": contact.residual,
@@ -202,6 +203,7 @@ def aged(scene: Scene, contact: ContactSolution, **changes: Any) -> Aging | None
         "replicas": scene.hold.replicas,
         "seed": scene.hold.seed,
         "common": scene.hold.common,
+        "rupture": scene.rupture,
         "observe": scene.observe,
     }
     return age(contact, scene.chemistry, **(arguments | changes))

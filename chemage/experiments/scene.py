@@ -14,6 +14,7 @@ from typing import Any, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, SerializeAsAny, ValidationError, field_validator, model_validator
 
+from chemage.ageing.age import wants_states
 from chemage.ageing.fitting import FIT_WINDOW
 from chemage.ageing.hold_times import hold_times
 from chemage.ageing.observables import Observable
@@ -24,6 +25,7 @@ from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
 from chemage.foundation.messages import explain, nearest
 from chemage.foundation.units import Temperature, Time, convert
+from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.plugins import registry
@@ -110,6 +112,7 @@ class Scene(_Section):
     """nN"""
     chemistry: Chemistry | None = None
     engine: SerializeAsAny[Engine] | None = None
+    rupture: SerializeAsAny[Rupture] | None = None
     hold: Hold | None = None
     fit: FitWindow = FitWindow()
     observe: tuple[SerializeAsAny[Observable], ...] = ()
@@ -133,9 +136,14 @@ class Scene(_Section):
         """Whether the scene goes on after the contact."""
         return self.chemistry is not None and self.hold is not None and self.engine is not None
 
+    @property
+    def keeps_states(self) -> bool:
+        """Whether the rupture law or an observable asks for the state of every site at every hold time."""
+        return self.engine is not None and wants_states(self.engine, self.rupture, self.observe)
+
     def components(self) -> list[Component]:
         """Every component of the scene."""
-        parts: list[Component | None] = [self.surface, self.contact, self.engine, *self.observe]
+        parts: list[Component | None] = [self.surface, self.contact, self.engine, self.rupture, *self.observe]
         if self.chemistry is not None:
             parts += [self.chemistry.forming, self.chemistry.breaking, self.chemistry.interaction]
         return [part for part in parts if part is not None]
@@ -156,6 +164,8 @@ class Scene(_Section):
             data["chemistry"] = {name: getattr(parts, name) for name in _CHEMISTRY_OPTIONS}
         if self.hold is not None and self.engine is not None:
             data["engine"] = options_of(self.engine)
+            if self.rupture is not None:
+                data["rupture"] = options_of(self.rupture)
             data["hold"] = self.hold.model_dump(mode="json", exclude_none=True)
             data["fit"] = self.fit.model_dump(mode="json")
         if self.observe:
@@ -174,7 +184,9 @@ class Scene(_Section):
         surface = _hash(data["surface"])
         contact = _hash([surface, data["contact"]])
         kinetic = [data.get(name) for name in ("forming", "breaking", "interaction", "chemistry", "engine", "hold")]
-        aging = _hash([contact, *kinetic, data.get("observe")])
+        # without a rupture law the key is that of scenes written before there were any
+        law = [{"rupture": data["rupture"]}] if "rupture" in data else []
+        aging = _hash([contact, *kinetic, data.get("observe"), *law])
         return {"surface": surface, "contact": contact, "aging": aging, "result": _hash([aging, data.get("fit")])}
 
     def digest(self) -> str:
@@ -194,6 +206,7 @@ ROLE_OF = {
     "breaking": "barriers",
     "interaction": "interaction",
     "engine": "engine",
+    "rupture": "rupture",
 }
 SECTIONS = ["name", "title", *ROLE_OF, "chemistry", "hold", "fit", "observe", "sweep"]
 #: sections that no scene can do without
@@ -276,6 +289,11 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
             observe.append(_choice("observable", f"observe.{number}", dict(item), problems))
         else:
             problems.append((f"observe.{number}", f"{item!r} is not a section; write [[observe]] with its kind"))
+    if engine is not None and not problems:
+        try:
+            wants_states(engine, made.get("rupture"), observe)
+        except InputError as error:
+            problems.take("engine", error)
     if not problems:
         try:
             return Scene(
@@ -287,6 +305,7 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
                 load=float(load or 0.0),
                 chemistry=chemistry,
                 engine=engine,
+                rupture=made.get("rupture"),
                 hold=hold,
                 fit=fit,
                 observe=tuple(observe),
@@ -330,7 +349,7 @@ def _section(cls: type[Any], name: str, sections: Mapping[str, Any], problems: _
 
 def _chemistry(sections: Mapping[str, Any], made: Mapping[str, Any], problems: _Problems) -> Chemistry | None:
     if "forming" not in sections:
-        for name in ("breaking", "interaction", "chemistry", "hold"):
+        for name in ("breaking", "interaction", "chemistry", "hold", "rupture"):
             if name in sections:
                 problems.append((name, "needs [forming], the barriers to forming a bond; add it, or leave this out"))
         return None

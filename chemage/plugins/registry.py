@@ -39,6 +39,7 @@ ROOMS = (
     "chemage.contacts.hooks",
     "chemage.lattices.hooks",
     "chemage.kinetics.hooks",
+    "chemage.friction.hooks",
     "chemage.ageing.hooks",
     "chemage.experiments.hooks",
     "chemage.cli.hooks",

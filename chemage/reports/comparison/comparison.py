@@ -44,10 +44,17 @@ class Comparison:
         return differences([one.chemistry() for one in self.results if one.aging is not None])
 
     def other_differences(self) -> list[Difference]:
-        """Find the other fields in which the scenes differ, without options that exist for one kind only."""
+        """Find the other fields in which the scenes differ, without options that exist for one kind only.
+
+        A section that only some of the scenes have appears with its kind.
+        """
         found = differences([one.elsewhere() for one in self.results if one.scene])
         other_kinds = {one.path.removesuffix("kind") for one in found if one.path.endswith(".kind")}
-        return [one for one in found if None not in one.values or not one.path.startswith(tuple(other_kinds))]
+        return [
+            one
+            for one in found
+            if None not in one.values or one.path.endswith(".kind") or not one.path.startswith(tuple(other_kinds))
+        ]
 
     def statement(self) -> str:
         """State in one sentence whether the chemistry is the same."""
