@@ -28,6 +28,7 @@ from chemage.foundation.units import Length as Length
 from chemage.ageing.measurements import Measurements as Measurements
 from chemage.ageing.observables import Observable as Observable
 from chemage.ageing.observables import Observed as Observed
+from chemage.ageing.outputs import Output as Output
 from chemage.foundation.errors import PluginError as PluginError
 from chemage.sweeps.result import Point as Point
 from chemage.foundation.units import Pressure as Pressure

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,11 +11,12 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.checkpoints import hashed, run_with_checkpoints
+from chemage.ageing.measuring import Seen, check_outputs, measure, stacked
 from chemage.ageing.observables import Observable
 from chemage.ageing.seeds import Common, check_common, identity, origin, replica_seeds
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, checked_seed, expect, temperature_value
-from chemage.foundation.errors import InputError, PluginError
+from chemage.foundation.errors import InputError
 from chemage.foundation.threads import available
 from chemage.friction.bonded import Bonded
 from chemage.friction.role import Rupture
@@ -26,9 +27,8 @@ from chemage.kinetics.stage import cannot_give_states, run_kinetics
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.stage import build_lattice
-from chemage.plugins import registry
-from chemage.plugins.participation import Plugins, taking_part
-from chemage.plugins.sources import components_in, providers
+from chemage.plugins.participation import Plugins
+from chemage.plugins.sources import components_in
 
 
 def age(
@@ -80,6 +80,7 @@ def age(
     """
     _check(contact, chemistry, engine, rupture, observe, replicas, seed, threads)
     check_common(common)
+    check_outputs(observe)
     states = wants_states(engine, rupture, observe)
     times, kelvin = check_times(hold_times), temperature_value(temperature)
     run = identity(contact, chemistry, engine, kelvin)
@@ -140,7 +141,7 @@ def _finished(
 ) -> _Replica:
     """Take the friction and the measurements from a finished replica."""
     force = rupture_bonds(Bonded(contact, chemistry, lattice, history), rupture)
-    seen, plugins = _observations(contact, lattice, history, observe)
+    seen = measure(contact, lattice, history, observe)
     return _Replica(
         bonds=history.bonds,
         # the constant of the chemistry follows from the bonds, and is not stored
@@ -150,7 +151,7 @@ def _finished(
         engine=history.engine,
         notes=history.notes,
         seen=seen,
-        plugins=lattice.plugins | history.plugins | force.plugins | plugins,
+        plugins=lattice.plugins | history.plugins | force.plugins | seen.plugins,
     )
 
 
@@ -184,7 +185,8 @@ def _aging(
         engine=done[0].engine,
         notes=done[0].notes,
         contact=contact.summary(),
-        observables=_stacked([one.seen for one in done]),
+        observables=stacked([one.seen.values for one in done]),
+        outputs={name: output.todict() for name, output in done[0].seen.outputs.items()},
         provenance=provenance,
     ).noting(plugins)
 
@@ -223,7 +225,7 @@ class _Replica(NamedTuple):
     sites: int
     engine: str
     notes: tuple[str, ...]
-    seen: dict[str, np.ndarray]
+    seen: Seen
     plugins: Plugins
 
 
@@ -251,29 +253,3 @@ def _in_order(
             yield future.result()
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _observations(
-    contact: ContactSolution, lattice: ReactionLattice, history: BondHistory, observe: Sequence[Observable]
-) -> tuple[dict[str, np.ndarray], Plugins]:
-    answers: list[Mapping[str, Any]] = [one.measure(contact, lattice, history) for one in observe]
-    with taking_part() as plugins:
-        answers += registry.current().manager.hook.chemage_observe(contact=contact, lattice=lattice, history=history)
-    seen: dict[str, np.ndarray] = {}
-    for answer in answers:
-        for name, value in answer.items():
-            if name in seen:
-                raise PluginError(f"two observables give {name!r}; rename one")
-            seen[name] = np.asarray(value)
-    return seen, providers(*observe) | plugins
-
-
-def _stacked(replicas: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    first = {name: value.shape for name, value in replicas[0].items()}
-    for number, seen in enumerate(replicas):
-        if (shapes := {name: value.shape for name, value in seen.items()}) != first:
-            raise PluginError(
-                f"observables differ between replicas: {first} in replica 0, {shapes} in replica {number}; "
-                "give the same names and shapes for every replica"
-            )
-    return {name: np.stack([seen[name] for seen in replicas]) for name in first}

@@ -8,6 +8,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging
+from chemage.ageing.measured import Measured, measured
+from chemage.ageing.outputs import Output
 from chemage.ageing.seeds import COMMON
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Doubles, Indices, Named, Record
@@ -24,7 +26,7 @@ class Aging(Record):
         "events": (("replica",), "", "bonds formed and broken"),
         "rupture_force": (("replica", "hold_times"), "nN", "force that breaks all bonds"),
     }
-    added = ("rupture_force",)
+    added = ("rupture_force", "outputs")
 
     hold_times: Doubles
     """(m,) s"""
@@ -51,6 +53,8 @@ class Aging(Record):
     """the contact's measures, see :meth:`ContactSolution.summary`"""
     observables: Named = {}
     """name -> (replicas, ...)"""
+    outputs: dict[str, dict[str, Any]] = {}
+    """name of an observable's output -> dims, unit and description, as far as they are declared"""
     provenance: dict[str, Any] = {}
 
     @model_validator(mode="after")
@@ -63,7 +67,24 @@ class Aging(Record):
             raise ValueError(f"sites, events: give one number for each of the {self.bonds.shape[0]} replicas")
         if self.rupture_force is not None and self.rupture_force.shape != self.bonds.shape:
             raise ValueError(f"rupture_force: shape {self.rupture_force.shape}; give {self.bonds.shape}, as for bonds")
+        for name, output in self.outputs.items():
+            values = self.observables.get(name)
+            if values is None or values.ndim != 1 + len(output["dims"]):
+                raise ValueError(f"outputs: {name!r} does not belong to an observable with dims {output['dims']}")
         return self
+
+    def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
+        """See :meth:`Record.declared`; of ``observables/...`` what the observable declares."""
+        field, _, key = name.partition("/")
+        if field != "observables" or key not in self.outputs:
+            return super().declared(name)
+        output = Output(**self.outputs[key])
+        return ("replica", *output.dims), output.unit, output.description
+
+    @property
+    def measured(self) -> dict[str, Measured]:
+        """What observables measured, with dimensions and units, by name."""
+        return measured(self.observables, self.outputs)
 
     @property
     def random_numbers(self) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from chemage.ageing.aging import Aging
+from chemage.ageing.outputs import Output
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
 from chemage.kinetics.history import BondHistory
@@ -38,6 +39,9 @@ class Observable(Component, ABC):
     """Role ``observable``: further numbers to take from each replica."""
 
     role = "observable"
+    #: what is measured: name -> :class:`chemage.Output`; may be a property, where it depends on options. Observables
+    #: without it still work: nothing is known then of dimensions and units.
+    outputs: ClassVar[Mapping[str, Output]] = {}
     #: asks for the state of every site at every hold time, ``history.states``, (m, n) bool; the engine must be able to
     #: resume from a history (``restart``)
     states: ClassVar[bool] = False
@@ -48,7 +52,7 @@ class Observable(Component, ABC):
     def measure(
         self, contact: ContactSolution, lattice: ReactionLattice, history: BondHistory
     ) -> Mapping[str, float | np.ndarray]:
-        """Named numbers or arrays, the same names and shapes for every replica."""
+        """Named numbers or arrays, the same names and shapes for every replica: just those of :attr:`outputs`."""
 
     def draw(self, figure: str, axes: Axes, results: Sequence[Observed]) -> None:
         """Draw one of :attr:`figures` into ``axes``: of one result, or of several that are compared.

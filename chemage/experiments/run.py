@@ -107,6 +107,7 @@ class Run:
             "friction_coefficient_drop_half_width": (
                 aging.friction_coefficient_drop_half_width.tolist() if aging else []
             ),
+            "observables": {name: one.summary() for name, one in aging.measured.items()} if aging else {},
             "beta": fit.beta if fit else None,
             "beta_stderr": fit.beta_stderr if fit else None,
             "beta_half_width": fit.beta_half_width if fit else None,

@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, SerializeAsAny, ValidationErr
 from chemage.ageing.age import wants_states
 from chemage.ageing.fitting import FIT_WINDOW
 from chemage.ageing.hold_times import hold_times
+from chemage.ageing.measuring import check_outputs
 from chemage.ageing.observables import Observable
 from chemage.ageing.seeds import Common
 from chemage.contacts.role import ContactSolver
@@ -289,6 +290,11 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
             observe.append(_choice("observable", f"observe.{number}", dict(item), problems))
         else:
             problems.append((f"observe.{number}", f"{item!r} is not a section; write [[observe]] with its kind"))
+    if not problems:
+        try:
+            check_outputs(observe)
+        except PluginError as error:
+            problems.append(("observe", str(error)))
     if engine is not None and not problems:
         try:
             wants_states(engine, made.get("rupture"), observe)

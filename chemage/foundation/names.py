@@ -10,6 +10,7 @@ NAMES = {
     "ageing.hold_times": "hold_times",
     "ageing.measurements": "Measurements read_measurements",
     "ageing.observables": "Observable Observed observable",
+    "ageing.outputs": "Output",
     "contacts.patches": "label_patches",
     "contacts.role": "ContactSolver",
     "contacts.solution": "ContactSolution",

@@ -114,6 +114,10 @@ class Record(BaseModel):
         feed({name: value for name, value in self.todict().items() if not self.is_left_out(name, value)})
         return digest.hexdigest()
 
+    def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
+        """Dimensions, unit and meaning of an array, or of ``field/name`` among named arrays; None: not declared."""
+        return self.arrays.get(name)
+
     def is_left_out(self, name: str, value: Any) -> bool:
         """Whether a field is one of :attr:`added` and empty."""
         return name in self.added and (value is None or (isinstance(value, Mapping) and not value))

@@ -81,8 +81,8 @@ class BondHistory(Record):
             name: np.concatenate([getattr(self, name), getattr(later, name)])
             for name in ("hold_times", "bonds", "formed", "broken")
         }
-        known = self.states is not None and later.states is not None
-        joined["states"] = np.concatenate([self.states, later.states]) if known else None
+        states = [one.states for one in (self, later) if one.states is not None]
+        joined["states"] = np.concatenate(states) if len(states) == 2 else None
         return BondHistory(**{**later.todict(), **joined})
 
     def __repr__(self) -> str:

@@ -11,6 +11,8 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.observables import Observable, Observed
+from chemage.ageing.outputs import Checker, declaration_problems
+from chemage.foundation.errors import PluginError
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.role import Barriers
 from chemage.testing.checks import check_of, require, run_checks, speed_variants
@@ -62,6 +64,34 @@ def _names_are_safe(component: Observable) -> None:
             name and name == name.strip() and name not in (".", "..") and len(name) <= 100,
             f"the name {name!r} cannot be that of a variable in a file; rename it",
         )
+
+
+@check_of("observable")
+def _measures_what_it_declares(component: Observable) -> None:
+    """What is measured are just the ``outputs``, where they are declared: with these dimensions, of which
+    ``hold_times`` is as long as the hold times, with safe names, and units that can be read."""
+    problems = declaration_problems(component.outputs)
+    require(not problems, "; ".join(problems))
+    if not component.outputs:
+        return
+    from chemage.foundation.units import unit_registry as units
+
+    for name, output in component.outputs.items():
+        try:
+            units().parse_units(output.unit)
+        except Exception as error:
+            raise AssertionError(f"output {name!r}: the unit {output.unit!r} cannot be read: {error}") from error
+        require(output.description.strip(), f"output {name!r} has no description")
+    for times in ((0.0, 10.0), (0.0, 0.5, 2.0, 10.0, 10.0), (10.0,)):
+        replica = finished(40, 17, times=times)
+        checker = Checker("it", len(times))
+        found = _numbers(component, replica, f"{len(times)} hold times")
+        try:
+            checker.names(found, component.outputs)
+            for name, values in found.items():
+                checker.values(name, values, component.outputs[name])
+        except PluginError as error:
+            raise AssertionError(f"{len(times)} hold times: {error}") from error
 
 
 @check_of("observable")

@@ -15,6 +15,7 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import FIT_WINDOW, Fit
+from chemage.ageing.measured import Measured
 from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
 from chemage.foundation.errors import InputError
@@ -104,6 +105,11 @@ class Entry:
             return np.full((1, 0), np.nan)
         with np.errstate(invalid="ignore"):
             return self.aging.bonds / self.aging.sites[:, None]
+
+    @cached_property
+    def measured(self) -> Mapping[str, Measured]:
+        """What observables measured, by name."""
+        return self.aging.measured if self.aging is not None else {}
 
     @cached_property
     def fit(self) -> Fit | None:
