@@ -97,7 +97,7 @@ def print_run(result: Run) -> None:
         rows += [
             ("sites", f"{aging.sites.mean():.0f}"),
             ("engine", f"{aging.engine}, {aging.replicas} replicas, {aging.events.sum()} events"),
-            ("rupture law", aging.rupture or "mean force per bond"),
+            ("rupture law", aging.rupture or ("mean force per bond" if aging.rupture_force is None else "a plugin's")),
             ("random numbers", aging.random_numbers or "not recorded"),
             (f"friction drop {last}", mean_text(aging.friction_drop[:, -1], "nN")),
             (f"friction coefficient drop {last}", mean_text(aging.friction_coefficient_drop[:, -1])),
