@@ -28,7 +28,7 @@ from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.stage import build_lattice
 from chemage.plugins.participation import Plugins
-from chemage.plugins.sources import components_in
+from chemage.plugins.sources import approximations, components_in
 
 
 def age(
@@ -152,6 +152,7 @@ def _finished(
         notes=history.notes,
         seen=seen,
         plugins=lattice.plugins | history.plugins | force.plugins | seen.plugins,
+        approximate=[*lattice.approximate, *history.approximate, *force.approximate, *approximations(*observe)],
     )
 
 
@@ -172,6 +173,7 @@ def _aging(
     provenance: dict[str, Any],
 ) -> Aging:
     plugins = {name: source for one in (contact, *done) for name, source in one.plugins.items()}
+    approximate = [entry for one in (contact, *done) for entry in one.approximate]
     return Aging(
         hold_times=hold_times,
         bonds=np.stack([one.bonds for one in done]),
@@ -188,7 +190,7 @@ def _aging(
         observables=stacked([one.seen.values for one in done]),
         outputs={name: output.todict() for name, output in done[0].seen.outputs.items()},
         provenance=provenance,
-    ).noting(plugins)
+    ).noting(plugins, approximate)
 
 
 def _check(
@@ -227,6 +229,7 @@ class _Replica(NamedTuple):
     notes: tuple[str, ...]
     seen: Seen
     plugins: Plugins
+    approximate: list[dict[str, Any]]
 
 
 def _in_order(

@@ -15,6 +15,7 @@ class Rupture(Component, ABC):
     """Role ``rupture``: the force that breaks the bonds of a contact when it starts to slide."""
 
     role = "rupture"
+    error_of: ClassVar[str] = "the force"
     #: asks for the state of every site at every hold time, :attr:`chemage.Bonded.states`; the engine must be able to
     #: resume from a history (``restart``)
     states: ClassVar[bool] = False

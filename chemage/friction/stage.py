@@ -12,7 +12,7 @@ from chemage.friction.bonded import Bonded
 from chemage.friction.force import RuptureForce
 from chemage.friction.role import Rupture
 from chemage.plugins import registry
-from chemage.plugins.sources import providers
+from chemage.plugins.sources import approximations, providers
 
 
 def rupture(kind: str, **options: Any) -> Any:
@@ -46,7 +46,7 @@ def rupture_bonds(bonded: Bonded, rupture: Rupture | None = None) -> RuptureForc
         law="" if rupture is None else rupture.kind,
         provenance={} if rupture is None else {"rupture": rupture.todict()},
     )
-    return made.noting(took_part)
+    return made.noting(took_part, [] if rupture is None else approximations(rupture))
 
 
 def _problem(force: np.ndarray, times: int) -> str:

@@ -83,7 +83,7 @@ class BondHistory(Record):
         }
         states = [one.states for one in (self, later) if one.states is not None]
         joined["states"] = np.concatenate(states) if len(states) == 2 else None
-        return BondHistory(**{**later.todict(), **joined})
+        return BondHistory(**{**later.todict(), **joined}).noting({}, self.approximate)
 
     def __repr__(self) -> str:
         return f"<BondHistory {self.bonds[-1]} bonds at {self.time:g} s after {self.events} events ({self.engine})>"

@@ -14,7 +14,7 @@ from chemage.kinetics.role import Engine
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
 from chemage.plugins.participation import Plugins
-from chemage.plugins.sources import providers
+from chemage.plugins.sources import approximation_of, approximations, providers
 
 
 def engine(kind: str, **options: Any) -> Any:
@@ -55,6 +55,7 @@ def run_kinetics(
     seen: list[np.ndarray] = []
     notes: dict[str, None] = {}
     plugins: Plugins = {}
+    approximate: list[dict[str, Any]] = []
     for number in range(times.size):
         # only the last piece is kept whole: what an engine needs to resume may be large
         start = _answered(engine, hold_times=times[number : number + 1], start=start, **arguments)
@@ -63,10 +64,11 @@ def run_kinetics(
         seen.append(start.state)
         notes |= dict.fromkeys(start.notes)
         plugins |= start.plugins
+        approximate += start.approximate
     assert start is not None
     joined: dict[str, Any] = {name: np.concatenate(parts) for name, parts in counts.items()}
     joined |= {"states": np.stack(seen), "notes": tuple(notes)}
-    return start.model_copy(update=joined).noting(plugins)
+    return start.model_copy(update=joined).noting(plugins, approximate)
 
 
 def cannot_give_states(engine: Engine) -> str:
@@ -79,4 +81,6 @@ def cannot_give_states(engine: Engine) -> str:
 
 def _answered(engine: Engine, **arguments: Any) -> BondHistory:
     history, plugins = registry.current().answer("chemage_run_kinetics", BondHistory, engine=engine, **arguments)
-    return history.noting(providers(engine) | plugins)
+    # an engine that selects another one, and a plugin that answers with one, record which
+    used = approximation_of("engine", history.engine) if history.engine != engine.kind else []
+    return history.noting(providers(engine) | plugins, [*approximations(engine), *used])

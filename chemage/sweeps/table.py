@@ -75,6 +75,8 @@ class Table:
     bonds: np.ndarray
     #: numbers and curves of observables: column -> (unit, meaning, values), (points,) or (points, times)
     observed: dict[str, tuple[str, str, np.ndarray]] = field(default_factory=dict)
+    #: what is approximate about each point, in words; empty if no point is approximate
+    approximate: list[str] = field(default_factory=list)
 
     @classmethod
     def collect(
@@ -82,7 +84,7 @@ class Table:
     ) -> Table:
         """Make the table from the files of the points, read one after the other; None for a missing point."""
         count = len(next(iter(swept.values())))
-        status, error = ["missing"] * count, [""] * count
+        status, error, approximate = ["missing"] * count, [""] * count, [""] * count
         scalars = {name: np.full(count, np.nan) for name in SCALARS}
         rows: dict[int, tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = {}
         observables: dict[int, Mapping[str, Any]] = {}
@@ -95,6 +97,7 @@ class Table:
                 continue
             summary = point["summary"]
             observables[number] = summary.get("observables", {})
+            approximate[number] = summary.get("approximate", "")
             for name, column in scalars.items():
                 if (value := summary.get(name)) is not None:
                     column[number] = value
@@ -111,6 +114,7 @@ class Table:
             scalars=scalars,
             **(padded := _padded(count, rows)),
             observed=_observed(count, padded["curves"], observables),
+            approximate=approximate if any(approximate) else [],
         )
 
     @property
@@ -132,7 +136,8 @@ class Table:
             f"{'last ' * (values.ndim == 2)}{name}{_in(unit)}": _last(values) if values.ndim == 2 else values
             for name, (unit, _, values) in self.observed.items()
         }
-        writer.writerow(["point", "status", *names, *scalars, *lasts, *observed, "error"])
+        marked = ["approximate"] if self.approximate else []
+        writer.writerow(["point", "status", *names, *scalars, *lasts, *observed, *marked, "error"])
         for row in range(self.points):
             done = self.status[row] == "done"
             times = last["hold_time"] if self.hold_times.ndim == 2 else np.broadcast_to(last["hold_time"], self.points)
@@ -145,6 +150,7 @@ class Table:
                     self.status[row],
                     *(_cell(values[row]) for values in self.swept.values()),
                     *(_cell(number) for number in numbers),
+                    *self.approximate[row : row + 1],
                     self.error[row].replace("\n", " "),
                 ]
             )
@@ -179,6 +185,9 @@ class Table:
             "status": (("point",), np.array(self.status, dtype=object), {"long_name": "done, failed or missing"}),
             "error": (("point",), np.array(self.error, dtype=object), {"long_name": "why it failed"}),
         }
+        if self.approximate:
+            marks = np.array(self.approximate, dtype=object)
+            found["approximate"] = (("point",), marks, {"long_name": "what is approximate"})
         times = ("hold_time",) if self.hold_times.ndim == 1 else ("point", "hold_time")
         name = "hold_time" if self.hold_times.ndim == 1 else "hold_times"
         found[name] = (times, self.hold_times, {"units": "s", "long_name": "time since the contact was made"})
@@ -199,7 +208,9 @@ class Table:
         import pandas
 
         observed = {name: values for name, (_, _, values) in self.observed.items() if values.ndim == 1}
-        columns: dict[str, Any] = {"status": self.status, **self.swept, **self.scalars, **observed, "error": self.error}
+        marked = {"approximate": self.approximate} if self.approximate else {}
+        columns: dict[str, Any] = {"status": self.status, **self.swept, **self.scalars, **observed, **marked}
+        columns["error"] = self.error
         return pandas.DataFrame(columns, index=pandas.RangeIndex(self.points, name="point"))
 
     def to_xarray(self) -> xarray.Dataset:
