@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextvars
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from pathlib import Path
@@ -86,15 +87,17 @@ def age(
     run = identity(contact, chemistry, engine, kelvin)
     options = hashed([engine.digest(), chemistry.digest(), times.tolist(), kelvin, origin(seed), common])
 
+    origins = {"contact": contact, "chemistry": chemistry}
+
     def replica(number: int) -> _Replica:
         disorder, noise = replica_seeds(seed, number, common, run)
         lattice = build_lattice(chemistry, contact, disorder)
         if checkpoints is None:
-            history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise, states=states)
+            history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise, states=states, **origins)
         else:
             place = {"path": checkpoints / f"replica-{number:05d}.h5", "before": contact.plugins | lattice.plugins}
             history = run_with_checkpoints(
-                engine, lattice, times, temperature=kelvin, seed=noise, run=options, states=states, **place
+                engine, lattice, times, temperature=kelvin, seed=noise, run=options, states=states, **place, **origins
             )
         return _finished(contact, chemistry, lattice, history, rupture, observe)
 
@@ -244,7 +247,8 @@ def _in_order(
         return
     pool = ThreadPoolExecutor(threads, thread_name_prefix="chemage-replica")
     try:
-        futures = [pool.submit(task, number) for number in range(count)]
+        # options of plugins are context variables, which the threads would not see
+        futures = [pool.submit(contextvars.copy_context().run, task, number) for number in range(count)]
         left = set(futures)
         while left:
             finished, left = wait(left, return_when=FIRST_COMPLETED)

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, expect, temperature_value
 from chemage.foundation.errors import InputError
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
+from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
 from chemage.plugins.participation import Plugins
@@ -31,10 +33,13 @@ def run_kinetics(
     seed: Seed = 0,
     start: BondHistory | None = None,
     states: bool = False,
+    contact: ContactSolution | None = None,
+    chemistry: Chemistry | None = None,
 ) -> BondHistory:
     """One replica, through the hook ``chemage_run_kinetics``.
 
-    The plugins that took part are noted in the history's ``provenance``. With ``states``, the history has the state of
+    ``contact`` and ``chemistry``, from which the lattice was made, are for plugins; the engine does not see them. The
+    plugins that took part are noted in the history's ``provenance``. With ``states``, the history has the state of
     every site at every hold time. The engine then runs from hold time to hold time, which gives the same bytes, because
     a run resumed from a history equals the uninterrupted one.
 
@@ -46,6 +51,7 @@ def run_kinetics(
     expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
     expect("lattice", lattice, ReactionLattice, "make one with chemistry.on(contact), or from arrays")
     arguments: dict[str, Any] = {"lattice": lattice, "temperature": temperature_value(temperature), "seed": seed}
+    arguments |= {"contact": contact, "chemistry": chemistry}
     times = check_times(hold_times)
     if not states:
         return _answered(engine, hold_times=times, start=start, **arguments)
