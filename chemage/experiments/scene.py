@@ -25,8 +25,10 @@ from pydantic import (
     model_validator,
 )
 
+from chemage.ageing.age import wants_states
 from chemage.ageing.fitting import FIT_WINDOW
 from chemage.ageing.hold_times import hold_times
+from chemage.ageing.measuring import check_outputs
 from chemage.ageing.observables import Observable
 from chemage.ageing.seeds import Common
 from chemage.contacts.role import ContactSolver
@@ -37,6 +39,7 @@ from chemage.foundation.errors import ChemageError, InputError, PluginError, Sce
 from chemage.foundation.inputs import check_data
 from chemage.foundation.messages import explain, nearest
 from chemage.foundation.units import Temperature, Time, convert
+from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.plugins import in_use, registry
@@ -131,6 +134,7 @@ class Scene(_Section):
     """nN"""
     chemistry: Chemistry | None = None
     engine: SerializeAsAny[Engine] | None = None
+    rupture: SerializeAsAny[Rupture] | None = None
     hold: Hold | None = None
     fit: FitWindow = FitWindow()
     observe: tuple[SerializeAsAny[Observable], ...] = ()
@@ -158,9 +162,14 @@ class Scene(_Section):
         """Whether the scene goes on after the contact."""
         return self.chemistry is not None and self.hold is not None and self.engine is not None
 
+    @property
+    def keeps_states(self) -> bool:
+        """Whether the rupture law or an observable asks for the state of every site at every hold time."""
+        return self.engine is not None and wants_states(self.engine, self.rupture, self.observe)
+
     def components(self) -> list[Component]:
         """Every component of the scene."""
-        parts: list[Component | None] = [self.surface, self.contact, self.engine, *self.observe]
+        parts: list[Component | None] = [self.surface, self.contact, self.engine, self.rupture, *self.observe]
         if self.chemistry is not None:
             parts += [self.chemistry.forming, self.chemistry.breaking, self.chemistry.interaction]
         return [part for part in parts if part is not None]
@@ -181,6 +190,8 @@ class Scene(_Section):
             data["chemistry"] = {name: getattr(parts, name) for name in _CHEMISTRY_OPTIONS}
         if self.hold is not None and self.engine is not None:
             data["engine"] = options_of(self.engine)
+            if self.rupture is not None:
+                data["rupture"] = options_of(self.rupture)
             data["hold"] = self.hold.model_dump(mode="json", exclude_none=True)
             data["fit"] = self.fit.model_dump(mode="json")
         if self.observe:
@@ -242,7 +253,9 @@ class Scene(_Section):
         surface = key("surface", data["surface"])
         contact = key("contact", surface, data["contact"])
         kinetic = [data.get(name) for name in ("forming", "breaking", "interaction", "chemistry", "engine", "hold")]
-        aging = key("aging", contact, *kinetic, data.get("observe"))
+        # without a rupture law the key is that of scenes written before there were any
+        law = [{"rupture": data["rupture"]}] if "rupture" in data else []
+        aging = key("aging", contact, *kinetic, data.get("observe"), *law)
         return {"surface": surface, "contact": contact, "aging": aging, "result": _hash([aging, data.get("fit")])}
 
     def digest(self) -> str:
@@ -262,6 +275,7 @@ ROLE_OF = {
     "breaking": "barriers",
     "interaction": "interaction",
     "engine": "engine",
+    "rupture": "rupture",
 }
 SECTIONS = ["name", "title", *ROLE_OF, "chemistry", "hold", "fit", "observe", "plugins", "sweep"]
 #: sections that no scene can do without
@@ -353,6 +367,16 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
     prefer, settings = _plugins(data.get("plugins", {}), problems)
     if not problems:
         try:
+            check_outputs(observe)
+        except PluginError as error:
+            problems.append(("observe", str(error)))
+    if engine is not None and not problems:
+        try:
+            wants_states(engine, made.get("rupture"), observe)
+        except InputError as error:
+            problems.take("engine", error)
+    if not problems:
+        try:
             return Scene(
                 name=data.get("name", "scene"),
                 title=data.get("title", ""),
@@ -362,6 +386,7 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
                 load=float(load or 0.0),
                 chemistry=chemistry,
                 engine=engine,
+                rupture=made.get("rupture"),
                 hold=hold,
                 fit=fit,
                 observe=tuple(observe),
@@ -433,7 +458,7 @@ def _section(cls: type[Any], name: str, sections: Mapping[str, Any], problems: _
 
 def _chemistry(sections: Mapping[str, Any], made: Mapping[str, Any], problems: _Problems) -> Chemistry | None:
     if "forming" not in sections:
-        for name in ("breaking", "interaction", "chemistry", "hold"):
+        for name in ("breaking", "interaction", "chemistry", "hold", "rupture"):
             if name in sections:
                 problems.append((name, "needs [forming], the barriers to forming a bond; add it, or leave this out"))
         return None
