@@ -80,12 +80,9 @@ def age(
     checkpoints
         A folder in which every replica is kept while it runs; an interrupted call resumes, with equal results.
     """
-    _check(contact, chemistry, engine, rupture, observe, replicas, seed, threads)
-    check_common(common)
-    check_outputs(observe)
+    _check(contact, chemistry, engine, rupture, observe, common, replicas, seed, threads)
     states = wants_states(engine, rupture, observe)
-    times, kelvin = check_times(hold_times), temperature_value(temperature)
-    _check_run(replicas, times.size, checkpoints, progress)
+    times, kelvin = _check_run(hold_times, temperature, replicas, checkpoints, progress)
     run = identity(contact, chemistry, engine, kelvin)
     options = hashed([engine.digest(), chemistry.digest(), times.tolist(), kelvin, origin(seed), common])
 
@@ -204,6 +201,7 @@ def _check(
     engine: Any,
     rupture: Any,
     observe: Sequence[Any],
+    common: Any,
     replicas: Any,
     seed: Any,
     threads: Any,
@@ -217,6 +215,8 @@ def _check(
         raise InputError.of("observe", observe, "is no list", 'give a list of chemage.observable("barrier-spectrum")')
     for one in observe:
         expect("observe", one, Observable, 'give a list of chemage.observable("barrier-spectrum")')
+    check_common(common)
+    check_outputs(observe)
     checked_count("replicas", replicas)
     if not isinstance(seed, np.random.SeedSequence):
         checked_seed(seed)
@@ -224,13 +224,17 @@ def _check(
         checked_count("threads", threads)
 
 
-def _check_run(replicas: int, hold_times: int, checkpoints: Any, progress: Any) -> None:
+def _check_run(
+    hold_times: Any, temperature: Any, replicas: int, checkpoints: Any, progress: Any
+) -> tuple[np.ndarray, float]:
+    times = check_times(hold_times)
     remedy = "ask for fewer replicas, or for fewer hold times"
-    require(kept_bytes(replicas, hold_times), f"replicas = {replicas}", remedy)
+    require(kept_bytes(replicas, times.size), f"replicas = {replicas}", remedy)
     if checkpoints is not None and not isinstance(checkpoints, Path):
         raise InputError.of("checkpoints", checkpoints, "is no path", "give a pathlib.Path")
     if progress is not None and not callable(progress):
         raise InputError.of("progress", progress, "cannot be called", "give a function, or leave it out")
+    return times, temperature_value(temperature)
 
 
 def kept_bytes(replicas: int, hold_times: int) -> float:

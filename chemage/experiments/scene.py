@@ -320,12 +320,7 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
         Listing everything that is wrong, each with its path in the file.
     """
     problems, made = _Problems(), {}
-    if not isinstance(data, Mapping) or not all(isinstance(name, str) for name in data):
-        raise SceneError(source, [("", f"{shown(data)} is not a table of sections")])
-    try:
-        check_data(dict(data))
-    except InputError as error:
-        raise SceneError(source, error.problems) from None
+    _check_size(data, source)
     for name in data:
         if name not in SECTIONS:
             problems.append((name, f"no such section{nearest(name, SECTIONS)}; the sections are {', '.join(SECTIONS)}"))
@@ -394,9 +389,17 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
                 prefer=prefer,
             )
         except ValidationError as error:
-            renamed = {"surface_seed": "surface.seed"}
-            problems.extend((renamed.get(path, path), message) for path, message in explain(error))
+            problems.extend((path.replace("surface_seed", "surface.seed"), message) for path, message in explain(error))
     raise SceneError(source, problems)
+
+
+def _check_size(data: Any, source: str) -> None:
+    if not isinstance(data, Mapping) or not all(isinstance(name, str) for name in data):
+        raise SceneError(source, [("", f"{shown(data)} is not a table of sections")])
+    try:
+        check_data(dict(data))
+    except InputError as error:
+        raise SceneError(source, error.problems) from None
 
 
 def _plugins(section: Any, problems: _Problems) -> tuple[tuple[str, ...], dict[str, PluginOptions]]:

@@ -77,6 +77,7 @@ def test_every_field_is_part_of_the_digest(make):
         "contact_pixels": "centres",
         "displacement": 0.5,
         "breaking": np.ones(3),
+        "positions": np.array([[0.2, 0.7], [0.7, 0.7], [1.1, 0.7]]),
         "contact": {"load": 1.0},
         "observables": {},
         "provenance": {"kind": "other"},
