@@ -39,6 +39,8 @@ class ContactSolution(Record):
         "gap": (("x", "y"), "nm", "gap between the surfaces, 0 in contact"),
     }
 
+    later = frozenset({"contact_pixels"})
+
     pressure: Reals
     """(nx, ny) GPa, ≥ 0; contact is where it is positive"""
     load: float = Field(ge=0, allow_inf_nan=False)

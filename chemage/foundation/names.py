@@ -20,8 +20,8 @@ NAMES = {
     "experiments.scene_files": "load_scene override scene_data",
     "foundation.checks": "Seed check_times checked_seed force temperature_value",
     "foundation.components": "Component",
-    "foundation.errors": "ChemageError ConvergenceError ExecutorError InputError PluginError SceneError StoreError "
-    "UnitError UnknownKindError WorkerLost",
+    "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PluginError SceneError "
+    "StoreError UnitError UnknownKindError WorkerLost",
     "foundation.files": "fresh_file preflight",
     "foundation.messages": "nearest",
     "foundation.units": "EV_PER_GPA_NM3 Energy Force Frequency KB Length Pressure Temperature Time Unit Volume convert",

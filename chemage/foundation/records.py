@@ -71,6 +71,8 @@ class Record(BaseModel):
     )
     #: field name -> (dimension names, unit, meaning)
     arrays: ClassVar[dict[str, tuple[tuple[str, ...], str, str]]] = {}
+    #: fields that files of chemage 0.1 lack
+    later: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, **fields: Any) -> None:
         try:

@@ -22,6 +22,8 @@ class BondHistory(Record):
         "state": (("sites",), "", "whether each site is bonded at the end"),
     }
 
+    later = frozenset({"notes", "provenance"})
+
     hold_times: Doubles
     """(m,) s"""
     bonds: Indices

@@ -28,6 +28,8 @@ class ReactionLattice(Record):
         "coupling": (("sites", "slot"), "eV", "what a bonded neighbour adds to the forming barrier"),
     }
 
+    later = frozenset({"provenance"})
+
     pixels: tuple[int, int]
     """(nx, ny) of the grid the sites lie on"""
     sites: Indices

@@ -48,11 +48,11 @@ class Point:
 
     @cached_property
     def _content(self) -> dict[str, Any]:
-        return self.result.store.read_point(self.key) or {"status": "missing"}
+        return self.result.store.read_point(self.key)
 
     @property
     def status(self) -> str:
-        """``done``, ``failed`` or ``missing``."""
+        """``done``, ``failed``, ``missing`` or ``damaged``."""
         return self._content["status"]
 
     @property
@@ -99,7 +99,7 @@ class Point:
         Raises
         ------
         StoreError
-            It is not in the folder.
+            It is not in the folder, or it is damaged.
         """
         found = self.result.store.read_contact(self.result.contact_key(self.index))
         if found is None:
@@ -130,7 +130,7 @@ class Point:
 
 
 def _no_counts() -> dict[str, int]:
-    return {"points": 0, "done": 0, "failed": 0, "missing": 0}
+    return {"points": 0, "done": 0, "failed": 0, "missing": 0, "damaged": 0}
 
 
 class SweepResult:
@@ -210,7 +210,7 @@ class SweepResult:
         ]
 
     def states(self) -> list[str]:
-        """The present state of each point: ``done``, ``failed`` or ``missing``."""
+        """The present state of each point: ``done``, ``failed``, ``missing`` or ``damaged``."""
         known: dict[str, str] = {}
         for key in self.keys:
             if key not in known:
@@ -255,7 +255,7 @@ class SweepResult:
         return names
 
     def status(self) -> dict[str, Any]:
-        """Count the points done, failed and missing, in total and for each value of each axis, and list failures."""
+        """Count the points by state, in total and for each value of each axis, and list failures."""
         states = self.states()
         counts = [[_no_counts() for _ in axis.values] for axis in self.axes]
         total = _no_counts()
@@ -280,7 +280,7 @@ class SweepResult:
             "folder": str(self.folder),
             **total,
             "contacts": len(contacts),
-            "contacts_done": sum(self.store.has_contact(key) for key in contacts),
+            "contacts_done": sum(self.store.contact(key).exists() for key in contacts),
             "axes": axes,
             "failures": [
                 {"point": index, "changes": self[index].changes, "error": self[index].error}

@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import math
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.files import fresh_file
+from chemage.foundation.seals import sealed
 from chemage.sweeps.grid import shown
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class Table:
     #: path -> one validated value per point: numbers in internal units, everything else as text
     swept: dict[str, np.ndarray]
     units: dict[str, str]
-    #: ``done``, ``failed`` or ``missing`` for each point
+    #: ``done``, ``failed``, ``missing`` or ``damaged`` for each point
     status: list[str]
     error: list[str]
     #: (points,) each
@@ -68,19 +68,17 @@ class Table:
 
     @classmethod
     def collect(
-        cls, swept: Mapping[str, Sequence[Any]], units: Mapping[str, str], points: Iterable[Mapping[str, Any] | None]
+        cls, swept: Mapping[str, Sequence[Any]], units: Mapping[str, str], points: Iterable[Mapping[str, Any]]
     ) -> Table:
-        """Make the table from the files of the points, read one after the other; None for a missing point."""
+        """Make the table from the files of the points, read one after the other; missing ones have only a status."""
         count = len(next(iter(swept.values())))
         status, error = ["missing"] * count, [""] * count
         scalars = {name: np.full(count, np.nan) for name in SCALARS}
         rows: dict[int, tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = {}
         for number, point in enumerate(points):
-            if point is None:
-                continue
             status[number] = point["status"]
             if point["status"] != "done":
-                error[number] = error_text(point["error"])
+                error[number] = error_text(point.get("error"))
                 continue
             summary = point["summary"]
             for name, column in scalars.items():
@@ -139,7 +137,9 @@ class Table:
         import h5py
 
         text = h5py.string_dtype()
-        with fresh_file(path, force=True) as part, h5netcdf.File(os.fspath(part), "w") as file:
+        # made in memory and written at once: HDF5 crashes the process when the disk fills up under it
+        image = io.BytesIO()
+        with h5netcdf.File(image, "w") as file:
             for name, value in attributes.items():
                 file.attrs[name] = value
             file.dimensions = {
@@ -153,6 +153,8 @@ class Table:
                 variable = file.create_variable(name, dims, kind, data=None if empty else values)
                 for key, note in notes.items():
                     variable.attrs[key] = note
+        with fresh_file(path, force=True, size=image.getbuffer().nbytes) as part, open(part, "wb") as stream:
+            stream.writelines(sealed(image.getbuffer()))
 
     def _variables(self) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]:
         """name -> (dimensions, values, attributes)."""

@@ -18,10 +18,11 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import ExecutorError, InputError, SceneError, StoreError
+from chemage import DamagedError, ExecutorError, InputError, SceneError, StoreError
 from chemage.sweeps import running as sweeps
 from chemage.sweeps.folder import CannotWrite
 from chemage.sweeps.grid import Grid
+from chemage.sweeps.running import SweepWarning
 from chemage.sweeps.tasks import compute
 
 AXES = """
@@ -41,6 +42,7 @@ def contents(folder):
     seen = {}
     for file in sorted(Path(folder).rglob("points/*/*.json")):
         point = json.loads(file.read_text())
+        del point["sha256"]
         if point["status"] == "done":
             del point["summary"]["timings"]
         seen[file.name] = point
@@ -167,14 +169,35 @@ def test_the_folder_of_another_sweep_is_refused(tiny, tmp_path):
     assert contents(tmp_path / "out") == before
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"format": 99, "versions": {"chemage": "9.0"}}'])
-def test_a_damaged_manifest_is_told(tiny, tmp_path, text):
+@pytest.mark.parametrize("text", ["{}", '{"format": 99, "versions": {"chemage": "9.0"}}'])
+def test_a_manifest_of_something_else_is_an_error(tiny, tmp_path, text):
     chemage.sweep(swept(tiny), tmp_path / "out")
     (tmp_path / "out" / "sweep.json").write_text(text)
-    with pytest.raises(StoreError, match=r"cannot be read|does not describe a sweep|was made by chemage 9\.0; update"):
+    for again in (lambda: chemage.load_sweep(tmp_path / "out"), lambda: chemage.sweep(swept(tiny), tmp_path / "out")):
+        with pytest.raises(StoreError, match=r"does not describe a sweep|was made by chemage 9\.0; update"):
+            again()
+
+
+@pytest.mark.parametrize("damage", ["", "{", "[]", "cut", "one digit"])
+def test_a_damaged_manifest_is_written_again(tiny, tmp_path, damage):
+    result = chemage.sweep(swept(tiny), tmp_path / "out")
+    whole = contents(tmp_path / "out")
+    text = result.store.manifest.read_text()
+    damaged = {"cut": text[:-100], "one digit": text.replace('"surface.seed"', '"surface.sead"', 1)}.get(damage, damage)
+    assert damaged != text
+    result.store.manifest.write_text(damaged)
+    with pytest.raises(DamagedError, match=r"sweep\.json is "):
         chemage.load_sweep(tmp_path / "out")
-    with pytest.raises(StoreError, match=r"cannot be read|does not describe a sweep|was made by chemage 9\.0; update"):
+    tiny.forget()
+    with pytest.warns(SweepWarning, match=r"sweep\.json is .* it is written again"):
         chemage.sweep(swept(tiny), tmp_path / "out")
+    assert not tiny.computed("kinetics")
+    assert contents(tmp_path / "out") == whole
+    # of another sweep, it stays as it is
+    result.store.manifest.write_text(damaged)
+    other = AXES.replace("[0, 1, 2]", "[3, 4]").replace("[5.0, 10.0]", "[7.0]")
+    with pytest.raises(DamagedError, match=r"sweep\.json is "):
+        chemage.sweep(swept(tiny, other), tmp_path / "out")
 
 
 def test_no_sweep_there_is_told(tmp_path):
@@ -232,7 +255,7 @@ def test_a_contact_that_fails_fails_its_points_alone(tiny, tmp_path):
 def test_what_is_damaged_is_computed_anew(tiny, tmp_path):
     result = chemage.sweep(swept(tiny), tmp_path / "out")
     whole = contents(tmp_path / "out")
-    for point, size in ((0, 0), (3, 40), (5, -1)):
+    for point, size in ((0, 0), (3, 40), (5, -2)):
         file = result.store.point(result.keys[point])
         file.write_bytes(file.read_bytes()[:size])
     contact = result.store.contact(result.contact_key(3))
@@ -241,9 +264,10 @@ def test_what_is_damaged_is_computed_anew(tiny, tmp_path):
     data = bytearray(middle.read_bytes())
     data[len(data) // 2] ^= 0xFF
     middle.write_bytes(data)
-    assert chemage.load_sweep(tmp_path / "out").states().count("missing") == 3
+    assert chemage.load_sweep(tmp_path / "out").states().count("damaged") == 3
     tiny.forget()
-    chemage.sweep(swept(tiny), tmp_path / "out")
+    with pytest.warns(SweepWarning, match=r"out: 5 files are damaged and are computed again: points/.*contacts/.*npz"):
+        chemage.sweep(swept(tiny), tmp_path / "out")
     assert len(tiny.computed("kinetics")) == 6
     assert contents(tmp_path / "out") == whole
 
@@ -498,8 +522,8 @@ def test_a_worker_that_does_not_see_the_folder_says_which_and_why(tiny, tmp_path
         compute(str(tmp_path / "elsewhere"), result.digest, [0], 1)
     with pytest.raises(ExecutorError, match="finds another sweep"):
         compute(str(tmp_path / "out"), "0" * 32, [0], 1)
-    manifest = tmp_path / "out" / "sweep.json"
-    content = json.loads(manifest.read_text())
-    manifest.write_text(json.dumps({**content, "digest": "1" * 32, "versions": {"chemage": "0.0.1"}}))
+    result.store.clear_parts()
+    content = result.store.read_manifest()
+    result.store.write_manifest({**content, "digest": "1" * 32, "versions": {"chemage": "0.0.1"}})
     with pytest.raises(ExecutorError, match=r"has chemage .*, but the sweep is run by 0\.0\.1"):
         compute(str(tmp_path / "out"), "1" * 32, [0], 1)
