@@ -22,7 +22,7 @@ import numpy as np
 from chemage.foundation.errors import ChemageError, DamagedError, StoreError
 from chemage.foundation.files import fresh_file
 from chemage.foundation.records import Record
-from chemage.foundation.seals import check_seal, has_seal, sealed, unsealed
+from chemage.foundation.seals import check_seal, has_seal, seal, unsealed
 
 #: layout of the file; a reader refuses a newer one. Since 2 files are sealed and name the fields of each record.
 FORMAT = 2
@@ -125,7 +125,7 @@ def _from_base64(items: Mapping[str, Any]) -> dict[str, np.ndarray]:
 # -- npz --------------------------------------------------------------------------------------------------------------
 
 
-def to_npz(record: Record) -> bytes:
+def to_npz(record: Record) -> memoryview:
     """A record as the bytes of a sealed npz file; of an array that is mostly zeros, only what is not zero is kept."""
     values, arrays = encode(record)
     kept: dict[str, np.ndarray] = {}
@@ -141,10 +141,10 @@ def to_npz(record: Record) -> bytes:
     text = json.dumps({"values": _exact(values), "sparse": sparse}, default=plain)
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, record=np.frombuffer(text.encode(), dtype=np.uint8), **kept)
-    return b"".join(sealed(buffer.getbuffer()))
+    return seal(buffer)
 
 
-def from_npz(cls: type[R], content: bytes, path: Path) -> R:
+def from_npz(cls: type[R], content: bytes | memoryview, path: Path) -> R:
     """The inverse of :func:`to_npz`, of what was read from ``path``.
 
     Raises
@@ -204,8 +204,7 @@ def write_records(
                 _write_record(file.create_group(name), record)
                 file.flush()
                 parts.append((name, image.getbuffer().nbytes))
-        with open(part_path, "wb") as stream:
-            stream.writelines(sealed(image.getbuffer(), parts))
+        part_path.write_bytes(seal(image, parts))
 
 
 def _write_record(group: Any, record: Record) -> None:

@@ -25,18 +25,22 @@ _FIELD = re.compile(rb',\s*"sha256": "([0-9a-f]{64})"\s*\}\s*\Z')
 _CHANGED = "not what chemage wrote: it is damaged, or another program changed it"
 
 
-def sealed(content: bytes | memoryview, parts: Sequence[tuple[str, int]] = ()) -> list[bytes | memoryview]:
-    """``content`` and its seal, to be written one after the other.
+def seal(content: io.BytesIO, parts: Sequence[tuple[str, int]] = ()) -> memoryview:
+    """Add a seal to the end of ``content``, and return all of it.
 
     ``parts`` are the names of successive parts and where each ends; the last one reaches to the end of the content.
     """
-    inner, begin, table = memoryview(content), 0, []
-    names = [name for name, _ in parts] or ["content"]
-    for name, end in zip(names, [*(end for _, end in parts[:-1]), len(inner)], strict=True):
-        table.append([name, end - begin, hashlib.sha256(inner[begin:end]).hexdigest()])
-        begin = end
+    table = []
+    with content.getbuffer() as inner:
+        begin, names = 0, [name for name, _ in parts] or ["content"]
+        for name, end in zip(names, [*(end for _, end in parts[:-1]), len(inner)], strict=True):
+            with inner[begin:end] as part:
+                table.append([name, end - begin, hashlib.sha256(part).hexdigest()])
+            begin = end
     text = b"\n" + json.dumps(table).encode()
-    return [content, text + b"\nchemage seal %08d %s\n" % (len(text), _sha256(text))]
+    content.seek(0, io.SEEK_END)
+    content.write(text + b"\nchemage seal %08d %s\n" % (len(text), _sha256(text)))
+    return content.getbuffer()
 
 
 def check_seal(path: Path) -> bool:
@@ -65,7 +69,7 @@ def check_seal(path: Path) -> bool:
     return True
 
 
-def unsealed(content: bytes, path: Path) -> memoryview | None:
+def unsealed(content: bytes | memoryview, path: Path) -> memoryview | None:
     """The content of a sealed file that was read whole, without its seal; None if it has none.
 
     Raises
@@ -73,11 +77,12 @@ def unsealed(content: bytes, path: Path) -> memoryview | None:
     DamagedError
         The seal does not fit.
     """
-    end = _END.search(content, max(0, len(content) - _END_LENGTH))
+    last = len(content) - _END_LENGTH
+    end = _END.search(bytes(content[max(0, last) :]))
     if end is None:
         return None
-    begin = end.start() - int(end[1])
-    table = _table(content[max(0, begin) : end.start()], end[2], path)
+    begin = last - int(end[1])
+    table = _table(bytes(content[max(0, begin) : last]), end[2], path)
     inner = memoryview(content)[:begin]
     _compare(io.BytesIO(inner), table, begin, path)
     return inner
@@ -153,7 +158,7 @@ def check_json_seal(text: bytes, path: Path) -> bool:
     DamagedError
         It does not fit.
     """
-    seal = _FIELD.search(text, max(0, len(text) - 200))
-    if seal is not None and _sha256(text[: seal.start()]) != seal[1]:
+    end = _FIELD.search(text, max(0, len(text) - 200))
+    if end is not None and _sha256(text[: end.start()]) != end[1]:
         raise DamagedError(f"{path} is {_CHANGED}")
-    return seal is not None
+    return end is not None

@@ -41,6 +41,10 @@ RESUME = "completed points are kept; rerun the same command to resume"
 _DONE = b'{"status": "done"'
 
 
+class SweepWarning(UserWarning):
+    """A warning about a sweep, for example about results of different versions."""
+
+
 class CannotWrite(StoreError):
     """The disk is full or read-only, which ends the whole sweep rather than one point."""
 
@@ -124,7 +128,7 @@ class Folder:
         """Write ``sweep.json``."""
         self._place(self.manifest, to_sealed_json(content, indent=1))
 
-    def write_contact(self, key: str, content: bytes) -> None:
+    def write_contact(self, key: str, content: bytes | memoryview) -> None:
         """Write the file of a contact, with the content made by :func:`chemage.foundation.codec.to_npz`."""
         self._place(self.contact(key), content)
 
@@ -155,7 +159,7 @@ class Folder:
         except DamagedError:
             return None
 
-    def _place(self, target: Path, content: bytes) -> None:
+    def _place(self, target: Path, content: bytes | memoryview) -> None:
         part = self.path / ".parts" / f"{target.name}.{process_name()}.{threading.get_ident()}"
         try:
             part.write_bytes(content)

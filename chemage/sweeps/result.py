@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +16,7 @@ from chemage.experiments.run import Run
 from chemage.experiments.scene import Scene
 from chemage.foundation.codec import from_json
 from chemage.foundation.errors import InputError, StoreError
-from chemage.sweeps.folder import FORMAT, Folder
+from chemage.sweeps.folder import FORMAT, Folder, SweepWarning
 from chemage.sweeps.grid import Axis, Grid, shown
 from chemage.sweeps.table import Table, error_text
 
@@ -238,6 +239,13 @@ class SweepResult:
     def write_tables(self) -> tuple[Path, Path]:
         """Write ``results.csv`` and ``results.h5`` into the folder."""
         table = self.table()
+        if len(table.processors) > 1:
+            warnings.warn(
+                f"{self.folder}: points were computed on unlike processors ({'; '.join(table.processors)}); "
+                "equal contacts can differ in the last digits of their pressures",
+                SweepWarning,
+                stacklevel=2,
+            )
         names = self.folder / "results.csv", self.folder / "results.h5"
         table.write_csv(names[0])
         made = self._manifest["versions"]

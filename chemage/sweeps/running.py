@@ -23,7 +23,7 @@ from chemage.foundation.errors import DamagedError, ExecutorError, InputError, S
 from chemage.foundation.threads import restored as threads_restored
 from chemage.sweeps.executors.opening import open_pool
 from chemage.sweeps.executors.pool import Pool
-from chemage.sweeps.folder import FORMAT, RESUME, Folder
+from chemage.sweeps.folder import FORMAT, RESUME, Folder, SweepWarning
 from chemage.sweeps.freshness import Outdated, outdated
 from chemage.sweeps.grid import Grid, Survey, check_base, order_of, survey
 from chemage.sweeps.progress import Report, SweepProgress, reporting
@@ -34,10 +34,6 @@ from chemage.sweeps.tasks import compute, failure, solve
 MANY_POINTS = 100_000
 #: fraction of the free disk space that results may fill without confirmation
 DISK_SHARE = 0.9
-
-
-class SweepWarning(UserWarning):
-    """A warning about a sweep, for example about results of different versions."""
 
 
 #: receives a description of what needs confirmation, and returns whether the sweep may continue

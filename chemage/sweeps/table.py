@@ -15,7 +15,7 @@ import numpy as np
 
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.files import fresh_file
-from chemage.foundation.seals import sealed
+from chemage.foundation.seals import seal
 from chemage.sweeps.grid import shown
 
 if TYPE_CHECKING:
@@ -65,6 +65,8 @@ class Table:
     curves: dict[str, np.ndarray]
     #: (points, replicas, times), -1 where there is none
     bonds: np.ndarray
+    #: on which the points were computed
+    processors: tuple[str, ...] = ()
 
     @classmethod
     def collect(
@@ -75,12 +77,15 @@ class Table:
         status, error = ["missing"] * count, [""] * count
         scalars = {name: np.full(count, np.nan) for name in SCALARS}
         rows: dict[int, tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = {}
+        processors: dict[str, None] = {}
         for number, point in enumerate(points):
             status[number] = point["status"]
             if point["status"] != "done":
                 error[number] = error_text(point.get("error"))
                 continue
             summary = point["summary"]
+            if processor := summary["versions"].get("processor"):
+                processors[processor] = None
             for name, column in scalars.items():
                 if (value := summary.get(name)) is not None:
                     column[number] = value
@@ -95,6 +100,7 @@ class Table:
             status=status,
             error=error,
             scalars=scalars,
+            processors=tuple(processors),
             **_padded(count, rows),
         )
 
@@ -153,8 +159,9 @@ class Table:
                 variable = file.create_variable(name, dims, kind, data=None if empty else values)
                 for key, note in notes.items():
                     variable.attrs[key] = note
-        with fresh_file(path, force=True, size=image.getbuffer().nbytes) as part, open(part, "wb") as stream:
-            stream.writelines(sealed(image.getbuffer()))
+        content = seal(image)
+        with fresh_file(path, force=True, size=content.nbytes) as part:
+            part.write_bytes(content)
 
     def _variables(self) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]:
         """name -> (dimensions, values, attributes)."""

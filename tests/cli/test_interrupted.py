@@ -232,13 +232,26 @@ def test_a_disk_that_fills_up_while_drawing_keeps_the_result(command, small, mon
         Path(target).write_bytes(b"half")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(Figure, "savefig", full)
-    done = command("run", small)
+    with monkeypatch.context() as disk:
+        disk.setattr(Figure, "savefig", full)
+        done = command("run", small)
     assert done.status == 2
     assert "No space left on device" in done.err
     assert "the result itself is in small.h5" in done.err
     assert chemage.read("small.h5").aging.replicas == 3
-    assert not list((small.parent / "small-figures").iterdir())
+    assert names(small.parent) == ["small.h5", "small.toml"]
+    monkeypatch.setattr("chemage.experiments.run.solve_contact", lambda *_: pytest.fail("computed again"))
+    done = command("run", small)
+    assert "small.h5 is complete; only its figures are drawn" in done.err
+    assert sorted(Path("small-figures").iterdir())
+    assert command("run", small).status == 2
+
+
+def test_figures_are_drawn_only_for_a_result_of_this_very_scene(command, small):
+    assert command("run", small, "--no-figures").status == 0
+    done = command("run", small, "--set", "hold.seed=9")
+    assert done.status == 2
+    assert "small.h5 is already there" in done.err
 
 
 def test_a_read_only_folder_is_seen_before_anything_is_computed(command, small, monkeypatch):
