@@ -25,9 +25,11 @@ from chemage.foundation.errors import InputError as InputError
 from chemage.lattices.role import Interaction as Interaction
 from chemage.foundation.units import KB as KB
 from chemage.foundation.units import Length as Length
+from chemage.ageing.plotted import Maps as Maps
 from chemage.ageing.measurements import Measurements as Measurements
 from chemage.ageing.observables import Observable as Observable
-from chemage.ageing.observables import Observed as Observed
+from chemage.ageing.plotted import Observed as Observed
+from chemage.ageing.plotted import PlottedResult as PlottedResult
 from chemage.foundation.errors import PluginError as PluginError
 from chemage.sweeps.result import Point as Point
 from chemage.foundation.units import Pressure as Pressure

@@ -25,7 +25,7 @@ from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.stage import build_lattice
 from chemage.plugins import registry
 from chemage.plugins.participation import Plugins, taking_part
-from chemage.plugins.sources import providers
+from chemage.plugins.sources import approximations, providers
 
 
 def age(
@@ -92,8 +92,7 @@ def age(
                 engine, lattice, times, temperature=kelvin, seed=noise, path=path, run=options, before=before
             )
         seen, plugins = _observations(contact, lattice, history, observe)
-        plugins = lattice.plugins | history.plugins | plugins
-        return _Replica(history.bonds, history.events, lattice.sites.size, history.engine, history.notes, seen, plugins)
+        return _Replica.of(lattice, history, seen, plugins, approximations(*observe))
 
     # threads inside a run take their processors away from the other replicas
     at_once = max(1, min(replicas, (threads or available()) // engine.concurrency()))
@@ -118,6 +117,7 @@ def _aging(
     provenance: dict[str, Any],
 ) -> Aging:
     plugins = {name: source for one in (contact, *done) for name, source in one.plugins.items()}
+    approximate = [entry for one in (contact, *done) for entry in one.approximate]
     return Aging(
         hold_times=hold_times,
         bonds=np.stack([one.bonds for one in done]),
@@ -132,7 +132,7 @@ def _aging(
         contact=contact.summary(),
         observables=_stacked([one.seen for one in done]),
         provenance=provenance,
-    ).noting(plugins)
+    ).noting(plugins, approximate)
 
 
 def _check(
@@ -161,6 +161,28 @@ class _Replica(NamedTuple):
     notes: tuple[str, ...]
     seen: dict[str, np.ndarray]
     plugins: Plugins
+    approximate: list[dict[str, Any]]
+
+    @classmethod
+    def of(
+        cls,
+        lattice: ReactionLattice,
+        history: BondHistory,
+        seen: dict[str, np.ndarray],
+        plugins: Plugins,
+        approximate: list[dict[str, Any]],
+    ) -> _Replica:
+        """What is kept of ``history``, with the plugins and the approximations of all stages of the replica."""
+        return cls(
+            history.bonds,
+            history.events,
+            lattice.sites.size,
+            history.engine,
+            history.notes,
+            seen,
+            lattice.plugins | history.plugins | plugins,
+            [*lattice.approximate, *history.approximate, *approximate],
+        )
 
 
 def _in_order(

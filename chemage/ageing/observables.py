@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from chemage.ageing.aging import Aging
+from chemage.ageing.plotted import Observed as Observed
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
 from chemage.kinetics.history import BondHistory
-from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
 
@@ -21,25 +19,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-@dataclass(frozen=True)
-class Observed:
-    """One result as an observable draws it."""
-
-    #: for the legend
-    label: str
-    aging: Aging
-    #: None where the plugins that made this result are not installed
-    chemistry: Chemistry | None
-    #: a matplotlib colour
-    color: str
-
-
 class Observable(Component, ABC):
     """Role ``observable``: further numbers to take from each replica."""
 
     role = "observable"
-    #: figures that :meth:`draw` can draw: name -> caption
-    figures: ClassVar[Mapping[str, str]] = {}
+    error_of: ClassVar[str] = "what it measures"
 
     @abstractmethod
     def measure(
@@ -48,11 +32,11 @@ class Observable(Component, ABC):
         """Named numbers or arrays, the same names and shapes for every replica."""
 
     def draw(self, figure: str, axes: Axes, results: Sequence[Observed]) -> None:
-        """Draw one of :attr:`figures` into ``axes``: of one result, or of several that are compared.
+        """As for every component.
 
         What was measured is in ``Aging.observables`` of each result, (replicas, ...) by name.
         """
-        raise NotImplementedError(f"observable {self.kind!r} names the figure {figure!r} but does not draw it")
+        super().draw(figure, axes, results)
 
 
 def observable(kind: str, **options: Any) -> Any:

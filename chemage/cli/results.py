@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 def show(file: FileArg, as_json: JsonOpt = False) -> None:
     """Print the content of a result file."""
     from chemage.experiments.run import Run
+    from chemage.foundation.approximations import in_words
     from chemage.foundation.text import jsonable
     from chemage.store.results import read
 
@@ -37,7 +38,10 @@ def show(file: FileArg, as_json: JsonOpt = False) -> None:
     if as_json:
         print(json.dumps({"object": type(thing).__name__, **jsonable(fields)}, default=str))
         return
-    terminal.show_pairs(f"{type(thing).__name__} in {file}", ((name, str(value)) for name, value in fields.items()))
+    rows = [(name, str(value)) for name, value in fields.items()]
+    if approximate := in_words(thing.approximate):
+        rows.insert(0, ("approximate", approximate))
+    terminal.show_pairs(f"{type(thing).__name__} in {file}", rows)
 
 
 def plot(
@@ -97,6 +101,8 @@ def print_run(result: Run) -> None:
         rows.append(("beta", f"{fit.beta_text()} per decade, {fit.points} hold times"))
         rows.append(("cut-off time", fit.cutoff_text()))
         rows.append(("errors", f"95 %, {fit.intervals_text()}; scatter between surfaces is not included"))
+    if result.approximate:
+        rows.append(("approximate", result.approximate))
     rows += [(f"plugin {name}", source) for name, source in result.plugins.items()]
     if result.timings:
         rows.append(("wall time", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in result.timings.items())))

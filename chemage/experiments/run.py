@@ -20,6 +20,7 @@ from chemage.contacts.stage import solve_contact
 from chemage.experiments.provenance import versions
 from chemage.experiments.scene import Scene, parse_scene, with_plugins
 from chemage.experiments.scene_files import load_scene
+from chemage.foundation.approximations import in_words, merged
 from chemage.foundation.errors import ChemageError, InputError, StoreError
 from chemage.foundation.records import Record
 from chemage.foundation.text import html_table, jsonable
@@ -72,6 +73,11 @@ class Run:
         """Plugins that answered or changed a stage on the way to this result: name -> distribution and version."""
         return {**self.contact.plugins, **(self.aging.plugins if self.aging is not None else {})}
 
+    @property
+    def approximate(self) -> str:
+        """What is approximate about this result, in words: the kinds and their declared errors; "" if nothing is."""
+        return in_words(merged(self.contact.approximate, self.aging.approximate if self.aging is not None else ()))
+
     def fit(self) -> Fit | None:
         """Line of Δμ against log t over the scene's fit window; None without ageing or without times in the window."""
         if self.aging is None:
@@ -118,6 +124,7 @@ class Run:
             "plugins": self.plugins,
             "keys": self.keys,
             "cite": list(self.cite),
+            **({"approximate": self.approximate} if self.approximate else {}),
         }
         return jsonable(numbers)
 

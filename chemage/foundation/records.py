@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
+from chemage.foundation import approximations
 from chemage.foundation.errors import InputError, shortened
 from chemage.foundation.messages import explain
 from chemage.foundation.text import html_table
@@ -131,12 +132,21 @@ class Record(BaseModel):
         """The plugins that answered or changed a stage on the way to this record: name -> distribution and version."""
         return getattr(self, "provenance", {}).get("plugins", {})
 
-    def noting(self, plugins: Mapping[str, str]) -> Self:
-        """This record, with the plugins that took part in it (name -> version) added to its ``provenance``."""
-        if not plugins:
-            return self
-        provenance: dict[str, Any] = getattr(self, "provenance", {})
-        return self.model_copy(update={"provenance": {**provenance, "plugins": {**self.plugins, **plugins}}})
+    @property
+    def approximate(self) -> list[dict[str, Any]]:
+        """The approximations on the way to this record, as in :mod:`chemage.foundation.approximations`."""
+        return approximations.merged(getattr(self, "provenance", {}).get("approximate"))
+
+    def noting(self, plugins: Mapping[str, str], approximate: Iterable[Mapping[str, Any]] = ()) -> Self:
+        """This record, with the plugins that took part in it (name -> version), and the approximations on the way to
+        it, added to its ``provenance``."""
+        found = approximations.merged(self.approximate, approximate)
+        provenance: dict[str, Any] = dict(getattr(self, "provenance", {}))
+        if plugins:
+            provenance["plugins"] = {**self.plugins, **plugins}
+        if found:
+            provenance["approximate"] = found
+        return self.model_copy(update={"provenance": provenance}) if plugins or found else self
 
     def __copy__(self) -> Self:
         return self

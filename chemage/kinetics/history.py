@@ -75,7 +75,7 @@ class BondHistory(Record):
             name: np.concatenate([getattr(self, name), getattr(later, name)])
             for name in ("hold_times", "bonds", "formed", "broken")
         }
-        return BondHistory(**{**later.todict(), **joined})
+        return BondHistory(**{**later.todict(), **joined}).noting({}, self.approximate)
 
     def __repr__(self) -> str:
         return f"<BondHistory {self.bonds[-1]} bonds at {self.time:g} s after {self.events} events ({self.engine})>"

@@ -12,7 +12,7 @@ from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
-from chemage.plugins.sources import providers
+from chemage.plugins.sources import approximation_of, approximations, providers
 
 
 def engine(kind: str, **options: Any) -> Any:
@@ -45,4 +45,6 @@ def run_kinetics(
         seed=seed,
         start=start,
     )
-    return history.noting(providers(engine) | plugins)
+    # an engine that selects another one, and a plugin that answers with one, record which
+    used = approximation_of("engine", history.engine) if history.engine != engine.kind else []
+    return history.noting(providers(engine) | plugins, [*approximations(engine), *used])

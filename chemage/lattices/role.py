@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,6 +19,7 @@ class Barriers(Component, ABC):
     """
 
     role = "barriers"
+    error_of: ClassVar[str] = "the barriers"
 
     @abstractmethod
     def quantile(self, uniform: np.ndarray) -> np.ndarray:
@@ -32,6 +34,7 @@ class Interaction(Component, ABC):
     """Role ``interaction``: which sites are coupled, and how strongly."""
 
     role = "interaction"
+    error_of: ClassVar[str] = "the couplings"
 
     @abstractmethod
     def neighbours(self, pixels: tuple[int, int], periodic: bool, sites: np.ndarray) -> np.ndarray:

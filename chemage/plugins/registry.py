@@ -41,6 +41,7 @@ ROOMS = (
     "chemage.kinetics.hooks",
     "chemage.ageing.hooks",
     "chemage.experiments.hooks",
+    "chemage.reports.hooks",
     "chemage.cli.hooks",
 )
 T = TypeVar("T")
@@ -213,6 +214,12 @@ class Registry:
             for implementation in getattr(self.manager.hook, name).get_hookimpls()
         }
         return {one.name: one.source for one in sorted(self.records, key=lambda r: r.name) if _full_name(one) in names}
+
+    def functions(self, hook: str) -> list[tuple[PluginRecord, Any]]:
+        """Each plugin that implements ``hook``, with its function, sorted by the name of the plugin."""
+        found = {one.plugin_name: one.function for one in getattr(self.manager.hook, hook).get_hookimpls()}
+        records = sorted(self.records, key=lambda record: record.name)
+        return [(one, found[name]) for one in records if (name := _full_name(one)) in found]
 
     def implementation(self, name: str) -> Any:
         """The module or object with the hooks of the plugin ``name``."""

@@ -13,6 +13,8 @@ from typing import Any
 
 import pluggy
 
+from chemage.foundation.approximations import merged, of_component
+from chemage.foundation.errors import ChemageError
 from chemage.plugins.hooks import hookimpl
 from chemage.plugins.participation import Plugins, note
 from chemage.plugins.registry import ROOMS, Registry, current, source_version
@@ -45,6 +47,19 @@ def providers(*components: Any) -> Plugins:
         elif record.distribution != "chemage":
             found[record.name] = record.source
     return found
+
+
+def approximations(*components: Any) -> list[dict[str, Any]]:
+    """What is approximate about the components and their parts, as :mod:`chemage.foundation.approximations` has it."""
+    return merged(*(of_component(part) for part in components_in(components)))
+
+
+def approximation_of(role: str, kind: str) -> list[dict[str, Any]]:
+    """The same of an installed kind, such as the engine that a plugin used; empty where it is not known."""
+    try:
+        return of_component(current().component(role, kind))
+    except ChemageError:
+        return []
 
 
 def note_providers(*components: Any) -> None:

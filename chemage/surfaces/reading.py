@@ -17,6 +17,7 @@ class Reader(Component, ABC):
     """Role ``reader``: reads a file format into a Surface or another chemage object."""
 
     role = "reader"
+    error_of: ClassVar[str] = "the heights"
     #: file name endings that this reader accepts, with the dot
     suffixes: ClassVar[tuple[str, ...]] = ()
 

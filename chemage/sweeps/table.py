@@ -7,7 +7,7 @@ import io
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,6 +67,8 @@ class Table:
     bonds: np.ndarray
     #: on which the points were computed
     processors: tuple[str, ...] = ()
+    #: what is approximate about each point, in words; empty if no point is approximate
+    approximate: list[str] = field(default_factory=list)
 
     @classmethod
     def collect(
@@ -74,7 +76,7 @@ class Table:
     ) -> Table:
         """Make the table from the files of the points, read one after the other; missing ones have only a status."""
         count = len(next(iter(swept.values())))
-        status, error = ["missing"] * count, [""] * count
+        status, error, approximate = ["missing"] * count, [""] * count, [""] * count
         scalars = {name: np.full(count, np.nan) for name in SCALARS}
         rows: dict[int, tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = {}
         processors: dict[str, None] = {}
@@ -86,6 +88,7 @@ class Table:
             summary = point["summary"]
             if processor := summary["versions"].get("processor"):
                 processors[processor] = None
+            approximate[number] = summary.get("approximate", "")
             for name, column in scalars.items():
                 if (value := summary.get(name)) is not None:
                     column[number] = value
@@ -102,6 +105,7 @@ class Table:
             scalars=scalars,
             processors=tuple(processors),
             **_padded(count, rows),
+            approximate=approximate if any(approximate) else [],
         )
 
     @property
@@ -119,7 +123,8 @@ class Table:
         scalars = [f"{name} ({unit})" if unit != "1" else name for name, (unit, _) in SCALARS.items()]
         last = {name: _last(values) for name, values in (("hold_time", self.hold_times), *self.curves.items())}
         lasts = ["last hold_time (s)"] + [f"last {name}{_in(unit)}" for name, (unit, _) in CURVES.items()]
-        writer.writerow(["point", "status", *names, *scalars, *lasts, "error"])
+        marked = ["approximate"] if self.approximate else []
+        writer.writerow(["point", "status", *names, *scalars, *lasts, *marked, "error"])
         for row in range(self.points):
             done = self.status[row] == "done"
             times = last["hold_time"] if self.hold_times.ndim == 2 else np.broadcast_to(last["hold_time"], self.points)
@@ -131,6 +136,7 @@ class Table:
                     self.status[row],
                     *(_cell(values[row]) for values in self.swept.values()),
                     *(_cell(number) for number in numbers),
+                    *self.approximate[row : row + 1],
                     self.error[row].replace("\n", " "),
                 ]
             )
@@ -170,6 +176,9 @@ class Table:
             "status": (("point",), np.array(self.status, dtype=object), {"long_name": "done, failed or missing"}),
             "error": (("point",), np.array(self.error, dtype=object), {"long_name": "why it failed"}),
         }
+        if self.approximate:
+            marks = np.array(self.approximate, dtype=object)
+            found["approximate"] = (("point",), marks, {"long_name": "what is approximate"})
         times = ("hold_time",) if self.hold_times.ndim == 1 else ("point", "hold_time")
         name = "hold_time" if self.hold_times.ndim == 1 else "hold_times"
         found[name] = (times, self.hold_times, {"units": "s", "long_name": "time since the contact was made"})
@@ -186,7 +195,8 @@ class Table:
         """A data frame with one row per point, without the curves, which :meth:`to_xarray` includes."""
         import pandas
 
-        columns: dict[str, Any] = {"status": self.status, **self.swept, **self.scalars, "error": self.error}
+        marked = {"approximate": self.approximate} if self.approximate else {}
+        columns: dict[str, Any] = {"status": self.status, **self.swept, **self.scalars, **marked, "error": self.error}
         return pandas.DataFrame(columns, index=pandas.RangeIndex(self.points, name="point"))
 
     def to_xarray(self) -> xarray.Dataset:

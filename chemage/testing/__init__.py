@@ -16,7 +16,7 @@ it with ``pytest_plugins = ["chemage.testing"]``; as a pytest entry point it wou
 on the machine.
 """
 
-from chemage.testing import every_component  # noqa: F401  (declares the checks of every component)
+from chemage.testing import every_component, figures  # noqa: F401  (declare the checks of every component)
 from chemage.testing.barriers import check_barriers
 from chemage.testing.checks import (
     Check,

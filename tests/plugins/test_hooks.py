@@ -196,6 +196,20 @@ def test_observe(installed):
     assert np.isnan(none.observables["pressure_where_bonded"]).all()
 
 
+def test_figures(installed, tmp_path):
+    from chemage.reports.run_figures import figures
+
+    installed.register(as_plugin(example("chemage_figures")), "cut")
+    sphere = {"kind": "sphere", "radius": "30 nm", "pixels": 32, "pixel_size": "0.45 nm"}
+    contact = {"kind": "fft-bem", "modulus": "35.3 GPa", "load": "50 nN"}
+    run = ca.run({"surface": sphere, "contact": contact})
+    axes = figures(run)["cut"].axes[0]
+    row, cut = axes.lines
+    assert run.surface is not None
+    assert np.array_equal(row.get_ydata(), run.surface.heights[:, 16])
+    assert max(row.get_ydata()) == cut.get_ydata()[0] == run.surface.heights.max()
+
+
 def test_scenes(installed, site):
     scene = """
         [surface]

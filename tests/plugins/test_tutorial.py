@@ -126,7 +126,9 @@ from chemage.reports.run_figures import figures
 from chemage.testing import check_component
 
 ca.register(BondRadius)
+ca.register(DrawnWeibull)
 check_component(BondRadius())
+check_component(DrawnWeibull(scale=0.3, shape=3, threshold=0.8))
 check_component(barriers)
 scene = {
     "surface": {"kind": "sphere", "radius": "30 nm", "pixels": 48, "pixel_size": "0.4518 nm"},
@@ -143,6 +145,8 @@ assert any(name.endswith("Exponential") and "source" in version for name, versio
 ca.write("a.h5", result)
 ca.write("b.h5", result)
 assert "bond-radius" in comparison_figures(compare_files(["a.h5", "b.h5"]))
+drawn = {**scene, "forming": {"kind": "drawn-weibull", "scale": 0.3, "shape": 3, "threshold": 0.8}}
+assert len(figures(ca.run(drawn))["weibull"].axes[0].lines) == 1
 ca.unregister(Exponential)
 try:
     ca.barriers("exponential")
@@ -152,7 +156,8 @@ else:
     raise AssertionError("still known")
 """
     file = project / "notebook.py"
-    file.write_text(python_block("class BondRadius") + python_block("@chemage.register") + use)
+    blocks = ("class DrawnWeibull", "class BondRadius", "@chemage.register")
+    file.write_text("".join(python_block(text) for text in blocks) + use)
     run(project, "-W", "error", file.name)
 
 

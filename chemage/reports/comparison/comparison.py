@@ -83,6 +83,8 @@ class Comparison:
             ("β, 95 % interval", lambda one: f.beta_text() if (f := one.fit) else "-"),
             ("cut-off time, 95 % interval", lambda one: f.cutoff_text() if (f := one.fit) else "-"),
         ]
+        if any(one.approximate for one in self.results):
+            rows.append(("approximate", lambda one: one.approximate or "-"))
         if any(one.plugins for one in self.results):
             rows.append(("plugins that took part", lambda one: ", ".join(one.plugins.values()) or "-"))
         return [(label, [text_of(one) for one in self.results]) for label, text_of in rows]
@@ -115,6 +117,7 @@ class Comparison:
             "sites": one.sites,
             "replicas": one.aging.replicas if one.aging else 0,
             "plugins": dict(one.plugins),
+            **({"approximate": one.approximate} if any(each.approximate for each in self.results) else {}),
             "fit_window": list(one.window),
             "beta": fit.beta if fit else None,
             "beta_stderr": fit.beta_stderr if fit else None,
