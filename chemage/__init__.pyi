@@ -31,6 +31,7 @@ from chemage.ageing.observables import Observable as Observable
 from chemage.ageing.plotted import Observed as Observed
 from chemage.ageing.plotted import PlottedResult as PlottedResult
 from chemage.foundation.errors import PluginError as PluginError
+from chemage.plugins.options import PluginOptions as PluginOptions
 from chemage.sweeps.result import Point as Point
 from chemage.foundation.units import Pressure as Pressure
 from chemage.lattices.lattice import ReactionLattice as ReactionLattice
@@ -71,6 +72,8 @@ from chemage.surfaces.stage import make_surface as make_surface
 from chemage.foundation.messages import nearest as nearest
 from chemage.experiments.scene_files import override as override
 from chemage.experiments.scene import parse_scene as parse_scene
+from chemage.plugins.settings import plugin_options as plugin_options
+from chemage.plugins.settings import prefer_plugins as prefer_plugins
 from chemage.foundation.files import preflight as preflight
 from chemage.store.results import read as read
 from chemage.ageing.measurements import read_measurements as read_measurements

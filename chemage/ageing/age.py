@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextvars
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from pathlib import Path
@@ -70,8 +71,7 @@ def age(
     progress
         Called with (replicas done, replicas in all).
     checkpoints
-        A folder in which every replica is kept while it runs; an interrupted call resumes from there, with equal
-        results.
+        A folder in which every replica is kept while it runs; an interrupted call resumes, with equal results.
     """
     _check(contact, chemistry, engine, observe, replicas, seed, threads)
     check_common(common)
@@ -80,16 +80,18 @@ def age(
 
     options = hashed([engine.digest(), chemistry.digest(), times.tolist(), kelvin, origin(seed), common])
 
+    origins = {"contact": contact, "chemistry": chemistry}
+
     def replica(number: int) -> _Replica:
         disorder, noise = replica_seeds(seed, number, common, run)
         lattice = build_lattice(chemistry, contact, disorder)
         if checkpoints is None:
-            history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise)
+            history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise, **origins)
         else:
             path = checkpoints / f"replica-{number:05d}.h5"
             before = contact.plugins | lattice.plugins
             history = run_with_checkpoints(
-                engine, lattice, times, temperature=kelvin, seed=noise, path=path, run=options, before=before
+                engine, lattice, times, temperature=kelvin, seed=noise, path=path, run=options, before=before, **origins
             )
         seen, plugins = _observations(contact, lattice, history, observe)
         return _Replica.of(lattice, history, seen, plugins, approximations(*observe))
@@ -197,7 +199,8 @@ def _in_order(
         return
     pool = ThreadPoolExecutor(threads, thread_name_prefix="chemage-replica")
     try:
-        futures = [pool.submit(task, number) for number in range(count)]
+        # options of plugins are context variables, which the threads would not see
+        futures = [pool.submit(contextvars.copy_context().run, task, number) for number in range(count)]
         left = set(futures)
         while left:
             finished, left = wait(left, return_when=FIRST_COMPLETED)

@@ -86,6 +86,11 @@ def cost(scene: Scene) -> Cost:
     ChemageError
         A surface file cannot be read.
     """
+    with scene.in_use():
+        return _cost(scene)
+
+
+def _cost(scene: Scene) -> Cost:
     try:
         surface: dict[str, float] = dict(scene.surface.expected())
     except ChemageError as error:

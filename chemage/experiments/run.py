@@ -178,6 +178,19 @@ def run(
     """
     if not isinstance(scene, Scene):
         scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
+    scene = scene.completed()
+    with scene.in_use():
+        return _run(scene, progress, threads, surface, contact, checkpoints)
+
+
+def _run(
+    scene: Scene,
+    progress: Progress | None,
+    threads: int | None,
+    surface: Surface | None,
+    contact: ContactSolution | None,
+    checkpoints: Path | None,
+) -> Run:
     report = progress or (lambda stage, done, total: None)
     timings: dict[str, float] = {}
     if contact is None:
@@ -211,7 +224,8 @@ def aged(scene: Scene, contact: ContactSolution, **changes: Any) -> Aging | None
         "common": scene.hold.common,
         "observe": scene.observe,
     }
-    return age(contact, scene.chemistry, **(arguments | changes))
+    with scene.in_use():
+        return age(contact, scene.chemistry, **(arguments | changes))
 
 
 def run_keys(scene: Scene, contact: ContactSolution, aging: Aging | None) -> dict[str, str]:

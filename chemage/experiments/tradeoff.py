@@ -103,7 +103,8 @@ def tradeoff(scene: Scene, *, report: Report | None = None) -> Tradeoff:
 
     Every setting runs once on a small or coarse surface before it is timed, so that compilation is not counted.
     """
-    return _Measurement(scene, report or (lambda _: None)).run()
+    with scene.in_use():
+        return _Measurement(scene, report or (lambda _: None)).run()
 
 
 @dataclass(frozen=True)

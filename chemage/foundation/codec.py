@@ -211,7 +211,8 @@ def _write_record(group: Any, record: Record) -> None:
     group.attrs["chemage_object"] = type(record).__name__
     group.attrs["digest"] = record.digest()
     values, arrays = encode(record)
-    group.attrs["fields"] = json.dumps({name: value is not None for name, value in record.todict().items()})
+    stored = {*values, *(name.partition("/")[0] for name in arrays)}
+    group.attrs["fields"] = json.dumps({name: name in stored for name in type(record).model_fields})
     for name, value in values.items():
         if isinstance(value, dict | tuple):
             group.attrs[name] = json.dumps(value, default=plain)
@@ -396,7 +397,7 @@ def _expected(group: Any, cls: type[Record]) -> set[str]:
     return {
         name
         for name, info in cls.model_fields.items()
-        if name not in cls.later and (info.is_required() or info.default is not None)
+        if name not in cls.later and name not in cls.added and (info.is_required() or info.default is not None)
     }
 
 

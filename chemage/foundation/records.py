@@ -74,6 +74,8 @@ class Record(BaseModel):
     arrays: ClassVar[dict[str, tuple[tuple[str, ...], str, str]]] = {}
     #: fields that files of chemage 0.1 lack
     later: ClassVar[frozenset[str]] = frozenset()
+    #: fields that records stored earlier do not have: where empty, no part of the digest, nor of the file
+    added: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, **fields: Any) -> None:
         try:
@@ -112,8 +114,16 @@ class Record(BaseModel):
             else:
                 digest.update(json.dumps(value, default=str, sort_keys=True).encode())
 
-        feed(self.todict())
+        feed({name: value for name, value in self.todict().items() if not self.is_left_out(name, value)})
         return digest.hexdigest()
+
+    def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
+        """Dimensions, unit and meaning of an array, or of ``field/name`` among named arrays; None: not declared."""
+        return self.arrays.get(name)
+
+    def is_left_out(self, name: str, value: Any) -> bool:
+        """Whether a field is one of :attr:`added` and empty."""
+        return name in self.added and (value is None or (isinstance(value, Mapping) and not value))
 
     def digest(self) -> str:
         """Content hash over every field, arrays included."""

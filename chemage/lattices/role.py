@@ -31,7 +31,12 @@ class Barriers(Component, ABC):
 
 
 class Interaction(Component, ABC):
-    """Role ``interaction``: which sites are coupled, and how strongly."""
+    """Role ``interaction``: which sites are coupled, and how strongly.
+
+    A component may add keyword arguments with defaults to both methods, and chemage then passes them: ``pixel_size``
+    (nm) and ``positions`` ((n, 2) nm, or None where each site is in the centre of its pixel); to ``coupling`` also
+    ``pixels`` and ``periodic``.
+    """
 
     role = "interaction"
     error_of: ClassVar[str] = "the couplings"

@@ -45,7 +45,7 @@ def providers(*components: Any) -> Plugins:
         if record is None:
             found[f"{cls.__module__}.{cls.__qualname__}"] = source_version(cls)
         elif record.distribution != "chemage":
-            found[record.name] = record.source
+            found[record.name] = plugins.source_in_use(record)
     return found
 
 
@@ -68,11 +68,19 @@ def note_providers(*components: Any) -> None:
         note(name, source)
 
 
-def changed(recorded: Plugins) -> dict[str, tuple[str, str]]:
-    """Of the plugins recorded with a result, those that are not in use in that version: name -> (then, now)."""
-    plugins = current()
+def changed(recorded: Plugins, *, options: bool = True) -> dict[str, tuple[str, str]]:
+    """Of the plugins recorded with a result, those that are not in use in that version: name -> (then, now).
+
+    A plugin with other options counts as well, unless ``options`` is False.
+    """
+    plugins, shown = current(), (lambda source: source) if options else without_options
     now = {name: plugins.source(name) or "not installed" for name in recorded}
-    return {name: (source, now[name]) for name, source in recorded.items() if now[name] != source}
+    return {name: (source, now[name]) for name, source in recorded.items() if shown(now[name]) != shown(source)}
+
+
+def without_options(source: str) -> str:
+    """The source of a plugin without the options that were in use."""
+    return source.partition(" [")[0]
 
 
 def implementing(*hook_names: str) -> Plugins:

@@ -190,3 +190,13 @@ def test_a_wrong_engine(name):
 
 def test_an_approximate_engine_that_declares_its_error_passes():
     testing.check_engine(Rounded())
+
+
+def test_the_same_random_numbers_for_all_sites_of_a_pixel():
+    def by_pixel(lattice, *rest):
+        twin = lattice.model_copy()
+        vars(twin)["random_index"] = twin.sites
+        return (twin, *rest)
+
+    name, said = caught_by(passed_on("by-pixel", before=by_pixel, base=type(ca.engine("independent"))))
+    assert name == "sites_of_one_pixel_are_independent", said
