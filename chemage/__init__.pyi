@@ -5,6 +5,7 @@ from typing import Any, Literal, overload
 from chemage.ageing.aging import Aging as Aging
 from chemage.lattices.role import Barriers as Barriers
 from chemage.kinetics.history import BondHistory as BondHistory
+from chemage.friction.bonded import Bonded as Bonded
 from chemage.foundation.errors import ChemageError as ChemageError
 from chemage.lattices.chemistry import Chemistry as Chemistry
 from chemage.plugins.choices import Choice as Choice
@@ -29,6 +30,7 @@ from chemage.ageing.plotted import Maps as Maps
 from chemage.ageing.measurements import Measurements as Measurements
 from chemage.ageing.observables import Observable as Observable
 from chemage.ageing.plotted import Observed as Observed
+from chemage.ageing.outputs import Output as Output
 from chemage.ageing.plotted import PlottedResult as PlottedResult
 from chemage.foundation.errors import PluginError as PluginError
 from chemage.plugins.options import PluginOptions as PluginOptions
@@ -37,6 +39,8 @@ from chemage.foundation.units import Pressure as Pressure
 from chemage.lattices.lattice import ReactionLattice as ReactionLattice
 from chemage.surfaces.reading import Reader as Reader
 from chemage.experiments.run import Run as Run
+from chemage.friction.role import Rupture as Rupture
+from chemage.friction.force import RuptureForce as RuptureForce
 from chemage.experiments.scene import Scene as Scene
 from chemage.foundation.errors import SceneError as SceneError
 from chemage.foundation.checks import Seed as Seed
@@ -81,6 +85,7 @@ from chemage.surfaces.reading import reader_for as reader_for
 from chemage.plugins.registry import register as register
 from chemage.experiments.run import run as run
 from chemage.kinetics.stage import run_kinetics as run_kinetics
+from chemage.friction.stage import rupture_bonds as rupture_bonds
 from chemage.experiments.scene_files import scene_data as scene_data
 from chemage.contacts.stage import solve_contact as solve_contact
 from chemage.sweeps.running import sweep as sweep
@@ -137,6 +142,8 @@ def engine(kind: Literal["independent"], *, threads: int = ...) -> Engine: ...
 def engine(kind: Literal["next-reaction"], *, threads: int = ..., superbasins: bool = ...) -> Engine: ...
 @overload
 def engine(kind: Literal["rejection-free"], *, superbasins: bool = ...) -> Engine: ...
+
+def rupture(kind: Literal["mean-force"], *, bond_force: float | str | None = ..., front_factor: float | None = ...) -> Rupture: ...
 
 @overload
 def observable(kind: Literal["barrier-spectrum"], *, lower: float | str = ..., upper: float | str = ..., bins: int = ...) -> Observable: ...

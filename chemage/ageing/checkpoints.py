@@ -109,13 +109,15 @@ def run_with_checkpoints(
     run: str = "",
     before: Plugins | None = None,
     every: float = 60.0,
+    states: bool = False,
     contact: ContactSolution | None = None,
     chemistry: Chemistry | None = None,
 ) -> BondHistory:
     """One replica, written to ``path`` about every ``every`` seconds and at its end, and resumed if it is there.
 
     ``run`` is a key of the options of the whole run, ``before`` the plugins that took part in the stages before;
-    ``contact`` and ``chemistry`` are for plugins.
+    ``contact`` and ``chemistry`` are for plugins. With ``states`` the history has the state of every site at every hold
+    time; a checkpoint without them is computed again.
 
     Raises
     ------
@@ -133,13 +135,19 @@ def run_with_checkpoints(
     origins = {"contact": contact, "chemistry": chemistry}
     call = {"engine": engine, "lattice": lattice, "hold_times": times, "temperature": kelvin, "seed": seed, **origins}
     done = resumed(path, "history", BondHistory, key, other, run=run, before=plugins, hooks=_HOOKS, **call, start=None)
+    if done is not None and states and done.states is None:
+        problem = "it was kept without the states at every hold time"
+        warnings.warn(f"{path} is computed again: {problem}", CheckpointWarning, stacklevel=2)
+        done = None
+    elif done is not None and not states and done.states is not None:
+        done = done.model_copy(update={"states": None})
     at = 0 if done is None else done.hold_times.size
     piece = 1
     written = time.monotonic()
     while at < times.size:
         begin = time.monotonic()
         history = run_kinetics(
-            engine, lattice, times[at : at + piece], temperature=kelvin, seed=seed, start=done, **origins
+            engine, lattice, times[at : at + piece], temperature=kelvin, seed=seed, start=done, states=states, **origins
         )
         done = history if done is None else done.then(history)
         at += piece

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from chemage.ageing.outputs import Output
 from chemage.ageing.plotted import Observed as Observed
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
@@ -24,12 +25,18 @@ class Observable(Component, ABC):
 
     role = "observable"
     error_of: ClassVar[str] = "what it measures"
+    #: what is measured: name -> :class:`chemage.Output`; may be a property, where it depends on options. Observables
+    #: without it still work: nothing is known then of dimensions and units.
+    outputs: ClassVar[Mapping[str, Output]] = {}
+    #: asks for the state of every site at every hold time, ``history.states``, (m, n) bool; the engine must be able to
+    #: resume from a history (``restart``)
+    states: ClassVar[bool] = False
 
     @abstractmethod
     def measure(
         self, contact: ContactSolution, lattice: ReactionLattice, history: BondHistory
     ) -> Mapping[str, float | np.ndarray]:
-        """Named numbers or arrays, the same names and shapes for every replica."""
+        """Named numbers or arrays, the same names and shapes for every replica: just those of :attr:`outputs`."""
 
     def draw(self, figure: str, axes: Axes, results: Sequence[Observed]) -> None:
         """As for every component.

@@ -94,6 +94,7 @@ class Run:
             "name": self.name,
             "solver": self.scene["contact"]["kind"],
             "engine": aging.engine if aging else None,
+            "rupture": aging.rupture if aging else None,
             **contact.summary(),
             "converged": contact.converged,
             "residual": contact.residual,
@@ -112,6 +113,7 @@ class Run:
             "friction_coefficient_drop_half_width": (
                 aging.friction_coefficient_drop_half_width.tolist() if aging else []
             ),
+            "observables": {name: one.summary() for name, one in aging.measured.items()} if aging else {},
             "beta": fit.beta if fit else None,
             "beta_stderr": fit.beta_stderr if fit else None,
             "beta_half_width": fit.beta_half_width if fit else None,
@@ -222,6 +224,7 @@ def aged(scene: Scene, contact: ContactSolution, **changes: Any) -> Aging | None
         "replicas": scene.hold.replicas,
         "seed": scene.hold.seed,
         "common": scene.hold.common,
+        "rupture": scene.rupture,
         "observe": scene.observe,
     }
     with scene.in_use():

@@ -15,8 +15,10 @@ from typing import Any, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, SerializeAsAny, ValidationError, field_validator, model_validator
 
+from chemage.ageing.age import wants_states
 from chemage.ageing.fitting import FIT_WINDOW
 from chemage.ageing.hold_times import hold_times
+from chemage.ageing.measuring import check_outputs
 from chemage.ageing.observables import Observable
 from chemage.ageing.seeds import Common
 from chemage.contacts.role import ContactSolver
@@ -25,6 +27,7 @@ from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
 from chemage.foundation.messages import explain, nearest
 from chemage.foundation.units import Temperature, Time, convert
+from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.plugins import in_use, registry
@@ -114,6 +117,7 @@ class Scene(_Section):
     """nN"""
     chemistry: Chemistry | None = None
     engine: SerializeAsAny[Engine] | None = None
+    rupture: SerializeAsAny[Rupture] | None = None
     hold: Hold | None = None
     fit: FitWindow = FitWindow()
     observe: tuple[SerializeAsAny[Observable], ...] = ()
@@ -141,9 +145,14 @@ class Scene(_Section):
         """Whether the scene goes on after the contact."""
         return self.chemistry is not None and self.hold is not None and self.engine is not None
 
+    @property
+    def keeps_states(self) -> bool:
+        """Whether the rupture law or an observable asks for the state of every site at every hold time."""
+        return self.engine is not None and wants_states(self.engine, self.rupture, self.observe)
+
     def components(self) -> list[Component]:
         """Every component of the scene."""
-        parts: list[Component | None] = [self.surface, self.contact, self.engine, *self.observe]
+        parts: list[Component | None] = [self.surface, self.contact, self.engine, self.rupture, *self.observe]
         if self.chemistry is not None:
             parts += [self.chemistry.forming, self.chemistry.breaking, self.chemistry.interaction]
         return [part for part in parts if part is not None]
@@ -164,6 +173,8 @@ class Scene(_Section):
             data["chemistry"] = {name: getattr(parts, name) for name in _CHEMISTRY_OPTIONS}
         if self.hold is not None and self.engine is not None:
             data["engine"] = options_of(self.engine)
+            if self.rupture is not None:
+                data["rupture"] = options_of(self.rupture)
             data["hold"] = self.hold.model_dump(mode="json", exclude_none=True)
             data["fit"] = self.fit.model_dump(mode="json")
         if self.observe:
@@ -225,7 +236,9 @@ class Scene(_Section):
         surface = key("surface", data["surface"])
         contact = key("contact", surface, data["contact"])
         kinetic = [data.get(name) for name in ("forming", "breaking", "interaction", "chemistry", "engine", "hold")]
-        aging = key("aging", contact, *kinetic, data.get("observe"))
+        # without a rupture law the key is that of scenes written before there were any
+        law = [{"rupture": data["rupture"]}] if "rupture" in data else []
+        aging = key("aging", contact, *kinetic, data.get("observe"), *law)
         return {"surface": surface, "contact": contact, "aging": aging, "result": _hash([aging, data.get("fit")])}
 
     def digest(self) -> str:
@@ -245,6 +258,7 @@ ROLE_OF = {
     "breaking": "barriers",
     "interaction": "interaction",
     "engine": "engine",
+    "rupture": "rupture",
 }
 SECTIONS = ["name", "title", *ROLE_OF, "chemistry", "hold", "fit", "observe", "plugins", "sweep"]
 #: sections that no scene can do without
@@ -330,6 +344,16 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
     prefer, settings = _plugins(data.get("plugins", {}), problems)
     if not problems:
         try:
+            check_outputs(observe)
+        except PluginError as error:
+            problems.append(("observe", str(error)))
+    if engine is not None and not problems:
+        try:
+            wants_states(engine, made.get("rupture"), observe)
+        except InputError as error:
+            problems.take("engine", error)
+    if not problems:
+        try:
             return Scene(
                 name=data.get("name", "scene"),
                 title=data.get("title", ""),
@@ -339,6 +363,7 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
                 load=float(load or 0.0),
                 chemistry=chemistry,
                 engine=engine,
+                rupture=made.get("rupture"),
                 hold=hold,
                 fit=fit,
                 observe=tuple(observe),
@@ -410,7 +435,7 @@ def _section(cls: type[Any], name: str, sections: Mapping[str, Any], problems: _
 
 def _chemistry(sections: Mapping[str, Any], made: Mapping[str, Any], problems: _Problems) -> Chemistry | None:
     if "forming" not in sections:
-        for name in ("breaking", "interaction", "chemistry", "hold"):
+        for name in ("breaking", "interaction", "chemistry", "hold", "rupture"):
             if name in sections:
                 problems.append((name, "needs [forming], the barriers to forming a bond; add it, or leave this out"))
         return None

@@ -60,6 +60,7 @@ ROOMS = (
     "chemage.contacts.hooks",
     "chemage.lattices.hooks",
     "chemage.kinetics.hooks",
+    "chemage.friction.hooks",
     "chemage.ageing.hooks",
     "chemage.experiments.hooks",
     "chemage.reports.hooks",

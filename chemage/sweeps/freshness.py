@@ -22,7 +22,7 @@ from chemage.sweeps.folder import Folder
 from chemage.sweeps.grid import Survey, order_of
 
 _CONTACT_HOOKS = ("chemage_make_surface", "chemage_solve_contact")
-_AGEING_HOOKS = ("chemage_build_lattice", "chemage_run_kinetics", "chemage_observe")
+_AGEING_HOOKS = ("chemage_build_lattice", "chemage_run_kinetics", "chemage_rupture_bonds", "chemage_observe")
 
 
 @dataclass

@@ -47,6 +47,14 @@ CURVES = {
 }
 
 
+#: what is listed of an output of an observable: suffix of the column -> (key in the summary, meaning)
+PARTS = {
+    "": ("mean", ""),
+    "_stderr": ("stderr", "standard error"),
+    "_half_width": ("half_width", "half the width of the 95 % interval"),
+}
+
+
 @dataclass(frozen=True)
 class Table:
     """Columns of a sweep; missing values are nan, or -1 for bonds."""
@@ -67,6 +75,8 @@ class Table:
     bonds: np.ndarray
     #: on which the points were computed
     processors: tuple[str, ...] = ()
+    #: numbers and curves of observables: column -> (unit, meaning, values), (points,) or (points, times)
+    observed: dict[str, tuple[str, str, np.ndarray]] = field(default_factory=dict)
     #: what is approximate about each point, in words; empty if no point is approximate
     approximate: list[str] = field(default_factory=list)
 
@@ -80,6 +90,7 @@ class Table:
         scalars = {name: np.full(count, np.nan) for name in SCALARS}
         rows: dict[int, tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = {}
         processors: dict[str, None] = {}
+        observables: dict[int, Mapping[str, Any]] = {}
         for number, point in enumerate(points):
             status[number] = point["status"]
             if point["status"] != "done":
@@ -88,6 +99,7 @@ class Table:
             summary = point["summary"]
             if processor := summary["versions"].get("processor"):
                 processors[processor] = None
+            observables[number] = summary.get("observables", {})
             approximate[number] = summary.get("approximate", "")
             for name, column in scalars.items():
                 if (value := summary.get(name)) is not None:
@@ -104,7 +116,8 @@ class Table:
             error=error,
             scalars=scalars,
             processors=tuple(processors),
-            **_padded(count, rows),
+            **(padded := _padded(count, rows)),
+            observed=_observed(count, padded["curves"], observables),
             approximate=approximate if any(approximate) else [],
         )
 
@@ -123,13 +136,18 @@ class Table:
         scalars = [f"{name} ({unit})" if unit != "1" else name for name, (unit, _) in SCALARS.items()]
         last = {name: _last(values) for name, values in (("hold_time", self.hold_times), *self.curves.items())}
         lasts = ["last hold_time (s)"] + [f"last {name}{_in(unit)}" for name, (unit, _) in CURVES.items()]
+        observed = {
+            f"{'last ' * (values.ndim == 2)}{name}{_in(unit)}": _last(values) if values.ndim == 2 else values
+            for name, (unit, _, values) in self.observed.items()
+        }
         marked = ["approximate"] if self.approximate else []
-        writer.writerow(["point", "status", *names, *scalars, *lasts, *marked, "error"])
+        writer.writerow(["point", "status", *names, *scalars, *lasts, *observed, *marked, "error"])
         for row in range(self.points):
             done = self.status[row] == "done"
             times = last["hold_time"] if self.hold_times.ndim == 2 else np.broadcast_to(last["hold_time"], self.points)
             numbers = [values[row] for values in self.scalars.values()]
             numbers += [times[row] if done else math.nan, *(last[name][row] for name in CURVES)]
+            numbers += [values[row] for values in observed.values()]
             writer.writerow(
                 [
                     row,
@@ -188,6 +206,9 @@ class Table:
             for name, (unit, meaning) in group.items():
                 values = self.scalars[name] if group is SCALARS else self.curves[name]
                 found[name] = (dims, values, {"units": unit, "long_name": meaning})
+        for name, (unit, meaning, values) in self.observed.items():
+            dims = ("point", "hold_time")[: values.ndim]
+            found[name] = (dims, values, {"units": unit, "long_name": meaning})
         found["bonds"] = (("point", "replica", "hold_time"), self.bonds, {"units": "1", "long_name": "bonds"})
         return found
 
@@ -195,8 +216,10 @@ class Table:
         """A data frame with one row per point, without the curves, which :meth:`to_xarray` includes."""
         import pandas
 
+        observed = {name: values for name, (_, _, values) in self.observed.items() if values.ndim == 1}
         marked = {"approximate": self.approximate} if self.approximate else {}
-        columns: dict[str, Any] = {"status": self.status, **self.swept, **self.scalars, **marked, "error": self.error}
+        columns: dict[str, Any] = {"status": self.status, **self.swept, **self.scalars, **observed, **marked}
+        columns["error"] = self.error
         return pandas.DataFrame(columns, index=pandas.RangeIndex(self.points, name="point"))
 
     def to_xarray(self) -> xarray.Dataset:
@@ -242,6 +265,27 @@ def _padded(count: int, rows: Mapping[int, tuple[np.ndarray, dict[str, np.ndarra
     elif not known:
         times = times[0]
     return {"hold_times": times, "curves": curves, "bonds": bonds}
+
+
+def _observed(
+    count: int, curves: Mapping[str, np.ndarray], points: Mapping[int, Mapping[str, Any]]
+) -> dict[str, tuple[str, str, np.ndarray]]:
+    """The columns of the numbers and curves that observables measured; ``points`` are their summaries."""
+    longest = next(iter(curves.values())).shape[1]
+    found: dict[str, tuple[str, str, np.ndarray]] = {}
+    for number, outputs in points.items():
+        for name, one in outputs.items():
+            if "mean" not in one:
+                continue
+            shape = (count, longest) if one["shape"] else (count,)
+            for suffix, (part, meaning) in PARTS.items():
+                text = f"{one['description'] or name}{meaning and ': '}{meaning}"
+                new = (one["unit"] or "1", text, np.full(shape, np.nan))
+                values = found.setdefault(f"observable.{name}{suffix}", new)[2]
+                given = np.array(one[part], dtype=np.float64)  # None where nan
+                if values.ndim == 1 + given.ndim:
+                    values[(number, slice(given.size)) if given.ndim else number] = given
+    return found
 
 
 def _last(values: np.ndarray) -> np.ndarray:

@@ -29,6 +29,7 @@ ROOMS = (
     "contacts",
     "lattices",
     "kinetics",
+    "friction",
     "ageing",
     "experiments",
     "store",

@@ -15,6 +15,7 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import FIT_WINDOW, Fit
+from chemage.ageing.measured import Measured
 from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
 from chemage.experiments.sections import components_of
@@ -124,6 +125,11 @@ class Entry:
     def components(self) -> list[tuple[str, Component]]:
         """The components that made the result, as far as they are installed: (path of the section, component)."""
         return components_of(self.scene, self.aging, self.provenance)
+
+    @cached_property
+    def measured(self) -> Mapping[str, Measured]:
+        """What observables measured, by name."""
+        return self.aging.measured if self.aging is not None else {}
 
     @cached_property
     def fit(self) -> Fit | None:
