@@ -35,6 +35,19 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_addoption(parser):
+    parser.addoption("--long", action="store_true", help="run also what is marked long (minutes)")
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("long"):
+        return
+    long = [item for item in items if item.get_closest_marker("long")]
+    if long:
+        config.hook.pytest_deselected(items=long)
+        items[:] = [item for item in items if not item.get_closest_marker("long")]
+
+
 class Site:
     """A folder of installed distributions, as pip would leave it."""
 
