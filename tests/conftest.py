@@ -48,6 +48,22 @@ def pytest_collection_modifyitems(config, items):
         items[:] = [item for item in items if not item.get_closest_marker("long")]
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_setupnodes():
+    # workers share the processors, so that threads of a BLAS library in each would only wait for each other
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop(session):
+    """Before a large run on several workers, each compiles a part of the kernels."""
+    worker, workers = os.environ.get("PYTEST_XDIST_WORKER"), int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    if worker and workers > 1 and len(session.items) > 1000:
+        import compiled
+
+        compiled.share(int(worker.removeprefix("gw")), workers)
+
+
 class Site:
     """A folder of installed distributions, as pip would leave it."""
 
