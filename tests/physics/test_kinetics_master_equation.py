@@ -128,7 +128,7 @@ def case(kind: str, name: str, temperature: float) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "temperature"), itertools.starmap(case, itertools.product(PLAIN, PATCHES, TEMPERATURES))
+    ("kind", "name", "temperature"), [case(*one) for one in itertools.product(PLAIN, PATCHES, TEMPERATURES)]
 )
 def test_all_states_at_five_times_follow_the_master_equation(kind, name, temperature):
     copies = 4000
