@@ -140,7 +140,7 @@ def test_show_reads_other_formats_through_readers(command, small):
     assert "pixel_size" in done.err  # a bare .npy does not say
 
 
-@pytest.mark.parametrize(("suffix", "begins"), [("pdf", PDF), ("svg", b"<?xml")], ids=["pdf", "svg"])
+@pytest.mark.parametrize(("suffix", "begins"), [pytest.param("pdf", PDF, marks=pytest.mark.long), ("svg", b"<?xml")])
 def test_plot_draws_every_figure(command, result, suffix, begins):
     done = command("plot", result, "--format", suffix)
     assert done.status == 0, done.err

@@ -98,7 +98,7 @@ registry.current().register(Endless(), "endless")
 @pytest.mark.parametrize(
     ("hook", "work"),
     [
-        ("solve_contact", "time.sleep(600)"),
+        pytest.param("solve_contact", "time.sleep(600)", marks=pytest.mark.long),
         ("run_kinetics", "time.sleep(0.5)"),
     ],
 )

@@ -204,7 +204,7 @@ def slow(scene, seconds=0.05):
     scene.write_text(SCENE.replace('kind = "tiny-coin"', f'kind = "tiny-coin"\npause = {seconds}'))
 
 
-@pytest.mark.parametrize("executor", ["serial", "processes", "dask"])
+@pytest.mark.parametrize("executor", ["serial", "processes", pytest.param("dask", marks=pytest.mark.long)])
 def test_ctrl_c_keeps_what_is_finished(scene, tiny, executor, command):
     tiny.hold(4, 5)  # two points at least, and then there is time to interrupt
     words = chemage_command("run", scene, "--executor", executor)
@@ -267,21 +267,14 @@ def on_a_terminal(words, answer=""):
     return os.waitstatus_to_exitcode(status), seen.decode()
 
 
-def test_a_terminal_shows_bars(scene):
-    slow(scene, 0.1)
-    status, seen = on_a_terminal(chemage_command("run", scene))
-    assert status == 0
-    assert "contacts" in seen
-    assert "━" in seen
-    assert "s left" in seen
-    assert "6 of 6 points done" in seen
-
-
 @pytest.mark.parametrize(("answer", "status"), [("n\n", 2), ("y\n", 0)])
-def test_a_terminal_is_asked(scene, answer, status):
+def test_a_terminal_is_asked_and_then_shows_bars(scene, answer, status):
+    slow(scene, 0.1)
     limit = "from chemage.cli.app import main; from chemage.sweeps import running; running.MANY_POINTS = 5; main()"
     words = [sys.executable, "-c", limit, "run", str(scene)]
     code, seen = on_a_terminal(words, answer)
     assert "the sweep has 6 points (2 x 3); continue? [y/N]" in seen
     assert code == status
     assert (scene.parent / "study-sweep").exists() == (status == 0)
+    for shown in ("contacts", "━", "s left", "6 of 6 points done"):
+        assert (shown in seen) == (status == 0), shown
