@@ -1,7 +1,7 @@
 """chemage: chemical ageing of frictional contacts.
 
-scene → surface → contact → reaction lattice → kinetics → ageing → store → report. The names below are the public ones,
-for users and for plugins; each is imported when it is first used. Type checkers read ``__init__.pyi``.
+scene → surface → contact → reaction lattice → kinetics → friction → ageing → store → report. The names below are the
+public ones, for users and for plugins; each is imported when it is first used. Type checkers read ``__init__.pyi``.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ from typing import Any, Literal, overload
 from chemage.ageing.aging import Aging as Aging
 from chemage.lattices.role import Barriers as Barriers
 from chemage.kinetics.history import BondHistory as BondHistory
+from chemage.friction.bonded import Bonded as Bonded
 from chemage.foundation.errors import ChemageError as ChemageError
 from chemage.lattices.chemistry import Chemistry as Chemistry
 from chemage.plugins.choices import Choice as Choice
@@ -24,15 +25,21 @@ from chemage.foundation.errors import InputError as InputError
 from chemage.lattices.role import Interaction as Interaction
 from chemage.foundation.units import KB as KB
 from chemage.foundation.units import Length as Length
+from chemage.ageing.plotted import Maps as Maps
 from chemage.ageing.measurements import Measurements as Measurements
 from chemage.ageing.observables import Observable as Observable
-from chemage.ageing.observables import Observed as Observed
+from chemage.ageing.plotted import Observed as Observed
+from chemage.ageing.outputs import Output as Output
+from chemage.ageing.plotted import PlottedResult as PlottedResult
 from chemage.foundation.errors import PluginError as PluginError
+from chemage.plugins.options import PluginOptions as PluginOptions
 from chemage.sweeps.result import Point as Point
 from chemage.foundation.units import Pressure as Pressure
 from chemage.lattices.lattice import ReactionLattice as ReactionLattice
 from chemage.surfaces.reading import Reader as Reader
 from chemage.experiments.run import Run as Run
+from chemage.friction.role import Rupture as Rupture
+from chemage.friction.force import RuptureForce as RuptureForce
 from chemage.experiments.scene import Scene as Scene
 from chemage.foundation.errors import SceneError as SceneError
 from chemage.foundation.checks import Seed as Seed
@@ -68,6 +75,8 @@ from chemage.surfaces.stage import make_surface as make_surface
 from chemage.foundation.messages import nearest as nearest
 from chemage.experiments.scene_files import override as override
 from chemage.experiments.scene import parse_scene as parse_scene
+from chemage.plugins.settings import plugin_options as plugin_options
+from chemage.plugins.settings import prefer_plugins as prefer_plugins
 from chemage.foundation.files import preflight as preflight
 from chemage.store.results import read as read
 from chemage.ageing.measurements import read_measurements as read_measurements
@@ -75,6 +84,7 @@ from chemage.surfaces.reading import reader_for as reader_for
 from chemage.plugins.registry import register as register
 from chemage.experiments.run import run as run
 from chemage.kinetics.stage import run_kinetics as run_kinetics
+from chemage.friction.stage import rupture_bonds as rupture_bonds
 from chemage.experiments.scene_files import scene_data as scene_data
 from chemage.contacts.stage import solve_contact as solve_contact
 from chemage.sweeps.running import sweep as sweep
@@ -131,6 +141,8 @@ def engine(kind: Literal["independent"], *, threads: int = ...) -> Engine: ...
 def engine(kind: Literal["next-reaction"], *, threads: int = ..., superbasins: bool = ...) -> Engine: ...
 @overload
 def engine(kind: Literal["rejection-free"], *, superbasins: bool = ...) -> Engine: ...
+
+def rupture(kind: Literal["mean-force"], *, bond_force: float | str | None = ..., front_factor: float | None = ...) -> Rupture: ...
 
 @overload
 def observable(kind: Literal["barrier-spectrum"], *, lower: float | str = ..., upper: float | str = ..., bins: int = ...) -> Observable: ...

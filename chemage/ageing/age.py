@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import contextvars
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,21 +12,24 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.checkpoints import hashed, run_with_checkpoints
+from chemage.ageing.measuring import Seen, check_outputs, measure, stacked
 from chemage.ageing.observables import Observable
 from chemage.ageing.seeds import Common, check_common, identity, origin, replica_seeds
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, checked_seed, expect, temperature_value
-from chemage.foundation.errors import InputError, PluginError
+from chemage.foundation.errors import InputError
 from chemage.foundation.threads import available
+from chemage.friction.bonded import Bonded
+from chemage.friction.role import Rupture
+from chemage.friction.stage import rupture_bonds
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
-from chemage.kinetics.stage import run_kinetics
+from chemage.kinetics.stage import cannot_give_states, run_kinetics
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.stage import build_lattice
-from chemage.plugins import registry
-from chemage.plugins.participation import Plugins, taking_part
-from chemage.plugins.sources import providers
+from chemage.plugins.participation import Plugins
+from chemage.plugins.sources import approximations, components_in
 
 
 def age(
@@ -38,6 +42,7 @@ def age(
     replicas: int = 10,
     seed: Seed = 0,
     common: Common = "none",
+    rupture: Rupture | None = None,
     observe: Sequence[Observable] = (),
     threads: int | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -63,6 +68,8 @@ def age(
         ``"disorder"``: barriers, couplings and hydroxylation of the pixels that are in contact in both; ``"all"``: the
         kinetic noise as well. With the last two, the difference between two runs has a smaller error, which is that of
         the differences replica by replica.
+    rupture
+        The law that turns bonds into friction; default: the mean force per bond and the front factor of ``chemistry``.
     observe
         Further measurements on each replica, kept in ``Aging.observables``.
     threads
@@ -70,30 +77,29 @@ def age(
     progress
         Called with (replicas done, replicas in all).
     checkpoints
-        A folder in which every replica is kept while it runs; an interrupted call resumes from there, with equal
-        results.
+        A folder in which every replica is kept while it runs; an interrupted call resumes, with equal results.
     """
-    _check(contact, chemistry, engine, observe, replicas, seed, threads)
+    _check(contact, chemistry, engine, rupture, observe, replicas, seed, threads)
     check_common(common)
+    check_outputs(observe)
+    states = wants_states(engine, rupture, observe)
     times, kelvin = check_times(hold_times), temperature_value(temperature)
     run = identity(contact, chemistry, engine, kelvin)
-
     options = hashed([engine.digest(), chemistry.digest(), times.tolist(), kelvin, origin(seed), common])
+
+    origins = {"contact": contact, "chemistry": chemistry}
 
     def replica(number: int) -> _Replica:
         disorder, noise = replica_seeds(seed, number, common, run)
         lattice = build_lattice(chemistry, contact, disorder)
         if checkpoints is None:
-            history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise)
+            history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise, states=states, **origins)
         else:
-            path = checkpoints / f"replica-{number:05d}.h5"
-            before = contact.plugins | lattice.plugins
+            place = {"path": checkpoints / f"replica-{number:05d}.h5", "before": contact.plugins | lattice.plugins}
             history = run_with_checkpoints(
-                engine, lattice, times, temperature=kelvin, seed=noise, path=path, run=options, before=before
+                engine, lattice, times, temperature=kelvin, seed=noise, run=options, states=states, **place, **origins
             )
-        seen, plugins = _observations(contact, lattice, history, observe)
-        plugins = lattice.plugins | history.plugins | plugins
-        return _Replica(history.bonds, history.events, lattice.sites.size, history.engine, history.notes, seen, plugins)
+        return _finished(contact, chemistry, lattice, history, rupture, observe)
 
     # threads inside a run take their processors away from the other replicas
     at_once = max(1, min(replicas, (threads or available()) // engine.concurrency()))
@@ -104,9 +110,61 @@ def age(
         "seed": str(seed),
         "common": common,
         "contact": contact.provenance,
+        **({} if rupture is None else {"rupture": rupture.todict()}),
         **({"observe": [one.todict() for one in observe]} if observe else {}),
     }
     return _aging(contact, chemistry, done, times, kelvin, provenance)
+
+
+def wants_states(engine: Engine, rupture: Rupture | None, observe: Sequence[Observable]) -> bool:
+    """Whether the rupture law or an observable asks for the state of every site at every hold time.
+
+    Raises
+    ------
+    InputError
+        The engine cannot give them; names what asks for them.
+    """
+    asking = [
+        f"{one.role} {one.kind!r}"
+        for one in components_in([rupture, *observe])
+        if isinstance(one, Rupture | Observable) and one.states
+    ]
+    if asking and not engine.restart:
+        raise InputError(f"{', '.join(asking)} asks for the states: {cannot_give_states(engine)}")
+    return bool(asking)
+
+
+def _finished(
+    contact: ContactSolution,
+    chemistry: Chemistry,
+    lattice: ReactionLattice,
+    history: BondHistory,
+    rupture: Rupture | None,
+    observe: Sequence[Observable],
+) -> _Replica:
+    """Take the friction and the measurements from a finished replica."""
+    force = rupture_bonds(Bonded(contact, chemistry, lattice, history), rupture)
+    seen = measure(contact, lattice, history, observe)
+    return _Replica(
+        bonds=history.bonds,
+        # the constant of the chemistry follows from the bonds, and is not stored
+        force=force.force if rupture is not None or force.plugins else None,
+        events=history.events,
+        sites=lattice.sites.size,
+        engine=history.engine,
+        notes=history.notes,
+        seen=seen,
+        plugins=lattice.plugins | history.plugins | force.plugins | seen.plugins,
+        approximate=[*lattice.approximate, *history.approximate, *force.approximate, *approximations(*observe)],
+    )
+
+
+def _forces(chemistry: Chemistry, done: Sequence[_Replica]) -> np.ndarray | None:
+    """(replicas, m) nN where a rupture law or a plugin gave the force of a replica."""
+    if all(one.force is None for one in done):
+        return None
+    mean = chemistry.bond_force * chemistry.front_factor
+    return np.stack([one.bonds * mean if one.force is None else one.force for one in done])
 
 
 def _aging(
@@ -118,6 +176,7 @@ def _aging(
     provenance: dict[str, Any],
 ) -> Aging:
     plugins = {name: source for one in (contact, *done) for name, source in one.plugins.items()}
+    approximate = [entry for one in (contact, *done) for entry in one.approximate]
     return Aging(
         hold_times=hold_times,
         bonds=np.stack([one.bonds for one in done]),
@@ -127,20 +186,31 @@ def _aging(
         temperature=temperature,
         bond_force=chemistry.bond_force,
         front_factor=chemistry.front_factor,
+        rupture_force=_forces(chemistry, done),
         engine=done[0].engine,
         notes=done[0].notes,
         contact=contact.summary(),
-        observables=_stacked([one.seen for one in done]),
+        observables=stacked([one.seen.values for one in done]),
+        outputs={name: output.todict() for name, output in done[0].seen.outputs.items()},
         provenance=provenance,
-    ).noting(plugins)
+    ).noting(plugins, approximate)
 
 
 def _check(
-    contact: Any, chemistry: Any, engine: Any, observe: Sequence[Any], replicas: Any, seed: Any, threads: int | None
+    contact: Any,
+    chemistry: Any,
+    engine: Any,
+    rupture: Any,
+    observe: Sequence[Any],
+    replicas: Any,
+    seed: Any,
+    threads: int | None,
 ) -> None:
     expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
     expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
+    if rupture is not None:
+        expect("rupture", rupture, Rupture, 'make one with chemage.rupture("...")')
     for one in observe:
         expect("observe", one, Observable, 'give a list of chemage.observable("barrier-spectrum")')
     if isinstance(replicas, bool) or not isinstance(replicas, int | np.integer) or replicas < 1:
@@ -155,12 +225,14 @@ class _Replica(NamedTuple):
     """What is kept of a finished replica; its lattice and state are not, because they would fill the memory."""
 
     bonds: np.ndarray
+    force: np.ndarray | None
     events: int
     sites: int
     engine: str
     notes: tuple[str, ...]
-    seen: dict[str, np.ndarray]
+    seen: Seen
     plugins: Plugins
+    approximate: list[dict[str, Any]]
 
 
 def _in_order(
@@ -175,7 +247,8 @@ def _in_order(
         return
     pool = ThreadPoolExecutor(threads, thread_name_prefix="chemage-replica")
     try:
-        futures = [pool.submit(task, number) for number in range(count)]
+        # options of plugins are context variables, which the threads would not see
+        futures = [pool.submit(contextvars.copy_context().run, task, number) for number in range(count)]
         left = set(futures)
         while left:
             finished, left = wait(left, return_when=FIRST_COMPLETED)
@@ -187,29 +260,3 @@ def _in_order(
             yield future.result()
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _observations(
-    contact: ContactSolution, lattice: ReactionLattice, history: BondHistory, observe: Sequence[Observable]
-) -> tuple[dict[str, np.ndarray], Plugins]:
-    answers: list[Mapping[str, Any]] = [one.measure(contact, lattice, history) for one in observe]
-    with taking_part() as plugins:
-        answers += registry.current().manager.hook.chemage_observe(contact=contact, lattice=lattice, history=history)
-    seen: dict[str, np.ndarray] = {}
-    for answer in answers:
-        for name, value in answer.items():
-            if name in seen:
-                raise PluginError(f"two observables give {name!r}; rename one")
-            seen[name] = np.asarray(value)
-    return seen, providers(*observe) | plugins
-
-
-def _stacked(replicas: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    first = {name: value.shape for name, value in replicas[0].items()}
-    for number, seen in enumerate(replicas):
-        if (shapes := {name: value.shape for name, value in seen.items()}) != first:
-            raise PluginError(
-                f"observables differ between replicas: {first} in replica 0, {shapes} in replica {number}; "
-                "give the same names and shapes for every replica"
-            )
-    return {name: np.stack([seen[name] for seen in replicas]) for name in first}

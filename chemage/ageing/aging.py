@@ -8,6 +8,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging
+from chemage.ageing.measured import Measured, measured
+from chemage.ageing.outputs import Output
 from chemage.ageing.seeds import COMMON
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Doubles, Indices, Named, Record
@@ -22,7 +24,9 @@ class Aging(Record):
         "bonds": (("replica", "hold_times"), "", "number of bonds"),
         "sites": (("replica",), "", "number of reactive sites"),
         "events": (("replica",), "", "bonds formed and broken"),
+        "rupture_force": (("replica", "hold_times"), "nN", "force that breaks all bonds"),
     }
+    added = ("rupture_force", "outputs")
 
     hold_times: Doubles
     """(m,) s"""
@@ -40,6 +44,8 @@ class Aging(Record):
     """⟨f⟩, mean force to rupture a bond, nN"""
     front_factor: float = Field(default=1.0, ge=0, allow_inf_nan=False)
     """fraction of the bonds that are loaded at the same time as the detachment front passes"""
+    rupture_force: Doubles | None = None
+    """force that breaks all bonds, nN, (replicas, m); None: bonds × ``bond_force`` × ``front_factor``"""
     engine: str = ""
     notes: tuple[str, ...] = ()
     """notes of the first replica's run"""
@@ -47,6 +53,8 @@ class Aging(Record):
     """the contact's measures, see :meth:`ContactSolution.summary`"""
     observables: Named = {}
     """name -> (replicas, ...)"""
+    outputs: dict[str, dict[str, Any]] = {}
+    """name of an observable's output -> dims, unit and description, as far as they are declared"""
     provenance: dict[str, Any] = {}
 
     @model_validator(mode="after")
@@ -57,7 +65,26 @@ class Aging(Record):
             raise ValueError(f"bonds: shape {self.bonds.shape}; give (replicas, {self.hold_times.size})")
         if not self.sites.shape == self.events.shape == self.bonds.shape[:1]:
             raise ValueError(f"sites, events: give one number for each of the {self.bonds.shape[0]} replicas")
+        if self.rupture_force is not None and self.rupture_force.shape != self.bonds.shape:
+            raise ValueError(f"rupture_force: shape {self.rupture_force.shape}; give {self.bonds.shape}, as for bonds")
+        for name, output in self.outputs.items():
+            values = self.observables.get(name)
+            if values is None or values.ndim != 1 + len(output["dims"]):
+                raise ValueError(f"outputs: {name!r} does not belong to an observable with dims {output['dims']}")
         return self
+
+    def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
+        """See :meth:`Record.declared`; of ``observables/...`` what the observable declares."""
+        field, _, key = name.partition("/")
+        if field != "observables" or key not in self.outputs:
+            return super().declared(name)
+        output = Output(**self.outputs[key])
+        return ("replica", *output.dims), output.unit, output.description
+
+    @property
+    def measured(self) -> dict[str, Measured]:
+        """What observables measured, with dimensions and units, by name."""
+        return measured(self.observables, self.outputs)
 
     @property
     def random_numbers(self) -> str:
@@ -72,8 +99,15 @@ class Aging(Record):
         return self.bonds.shape[0]
 
     @property
+    def rupture(self) -> str | None:
+        """Kind of the rupture law; None where the force per bond is that of the chemistry."""
+        return self.provenance.get("rupture", {}).get("kind")
+
+    @property
     def friction_drop(self) -> np.ndarray:
-        """ΔF = N ⟨f⟩ × front factor, nN, (replicas, m)."""
+        """ΔF, nN, (replicas, m): the force of the rupture law; without one, N ⟨f⟩ × front factor."""
+        if self.rupture_force is not None:
+            return self.rupture_force
         return self.bonds * (self.bond_force * self.front_factor)
 
     @property

@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from chemage.ageing.seeds import origin
+from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, temperature_value
 from chemage.foundation.codec import read_records, write_records
 from chemage.foundation.errors import InputError, StoreError
@@ -24,6 +25,7 @@ from chemage.foundation.records import Record
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
 from chemage.kinetics.stage import run_kinetics
+from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins.participation import Plugins
 from chemage.plugins.sources import changed, implementing, would_change
@@ -103,10 +105,15 @@ def run_with_checkpoints(
     run: str = "",
     before: Plugins | None = None,
     every: float = 60.0,
+    states: bool = False,
+    contact: ContactSolution | None = None,
+    chemistry: Chemistry | None = None,
 ) -> BondHistory:
     """One replica, written to ``path`` about every ``every`` seconds and at its end, and resumed if it is there.
 
-    ``run`` is a key of the options of the whole run, ``before`` the plugins that took part in the stages before.
+    ``run`` is a key of the options of the whole run, ``before`` the plugins that took part in the stages before;
+    ``contact`` and ``chemistry`` are for plugins. With ``states`` the history has the state of every site at every hold
+    time; a checkpoint without them is computed again.
 
     Raises
     ------
@@ -121,14 +128,23 @@ def run_with_checkpoints(
     key = _key(engine, lattice, times, kelvin, seed)
     other = f"{path} is the checkpoint of another run; remove it, or choose another folder"
     plugins = before or {}
-    call = {"engine": engine, "lattice": lattice, "hold_times": times, "temperature": kelvin, "seed": seed}
+    origins = {"contact": contact, "chemistry": chemistry}
+    call = {"engine": engine, "lattice": lattice, "hold_times": times, "temperature": kelvin, "seed": seed, **origins}
     done = resumed(path, "history", BondHistory, key, other, run=run, before=plugins, hooks=_HOOKS, **call, start=None)
+    if done is not None and states and done.states is None:
+        problem = "it was kept without the states at every hold time"
+        warnings.warn(f"{path} is computed again: {problem}", CheckpointWarning, stacklevel=2)
+        done = None
+    elif done is not None and not states and done.states is not None:
+        done = done.model_copy(update={"states": None})
     at = 0 if done is None else done.hold_times.size
     piece = 1
     written = time.monotonic()
     while at < times.size:
         begin = time.monotonic()
-        history = run_kinetics(engine, lattice, times[at : at + piece], temperature=kelvin, seed=seed, start=done)
+        history = run_kinetics(
+            engine, lattice, times[at : at + piece], temperature=kelvin, seed=seed, start=done, states=states, **origins
+        )
         done = history if done is None else done.then(history)
         at += piece
         now = time.monotonic()

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from chemage.cli import experiments, plugins, results
+from chemage.plugins.in_use import PREFER, preference
 
 app = typer.Typer(
     name="chemage",
@@ -57,21 +58,32 @@ def _options(
         list[str] | None,
         typer.Option(metavar="PLUGIN", help="leave out an installed plugin, see `chemage plugins list`; repeatable"),
     ] = None,
+    prefer: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PLUGIN",
+            help="let this plugin come first where several answer a stage or read a file; repeatable, the first comes "
+            "first",
+        ),
+    ] = None,
 ) -> None:
     pass
 
 
-def _leave_out(words: list[str]) -> None:
-    """Apply ``--without``, before plugins are found; processes that are started inherit it."""
+def _choose_plugins(words: list[str]) -> None:
+    """Apply ``--without`` and ``--prefer``, before plugins are found; processes that are started inherit them."""
+    given: dict[str, list[str]] = {"--without": [], "--prefer": []}
     for at, word in enumerate(words):
         name, _, value = word.partition("=")
-        if name == "--without":
-            plugin = value or (words[at + 1] if at + 1 < len(words) else "")
-            os.environ["CHEMAGE_PLUGINS"] = ",".join(
-                filter(None, [os.environ.get("CHEMAGE_PLUGINS", ""), f"-{plugin}"])
-            )
-        elif not word.startswith("-") and (at == 0 or words[at - 1] != "--without"):
-            return
+        if name in given:
+            given[name].append(value or (words[at + 1] if at + 1 < len(words) else ""))
+        elif not word.startswith("-") and (at == 0 or words[at - 1] not in given):
+            break
+    if given["--without"]:
+        before = filter(None, [os.environ.get("CHEMAGE_PLUGINS", "")])
+        os.environ["CHEMAGE_PLUGINS"] = ",".join([*before, *(f"-{name}" for name in given["--without"])])
+    if given["--prefer"]:
+        os.environ[PREFER] = ",".join(given["--prefer"])
 
 
 def _add_plugin_commands() -> None:
@@ -80,6 +92,7 @@ def _add_plugin_commands() -> None:
 
     from chemage.plugins import registry
 
+    registry.current().check_preference(preference(), PREFER)
     known = set(typer.main.get_group(app).commands)
     for hook in registry.current().manager.hook.chemage_cli.get_hookimpls():
         try:
@@ -111,7 +124,7 @@ def main() -> None:
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="backslashreplace")  # for terminals that cannot show µ or Δ
         _plain_warnings()
-        _leave_out(sys.argv[1:])
+        _choose_plugins(sys.argv[1:])
         _add_plugin_commands()
         commands = typer.main.get_command(app)
         # typer's own main catches the KeyboardInterrupt

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -200,6 +201,7 @@ def tradeoff(
     The settings that affect both are changed one at a time, and cost and error of each are listed.
     """
     from chemage.experiments.scene_files import load_scene
+    from chemage.experiments.settings import planned
     from chemage.experiments.tradeoff import tradeoff as measure
     from chemage.foundation.files import fresh_file, preflight
     from chemage.reports.tradeoff_figure import figure
@@ -207,6 +209,7 @@ def tradeoff(
     one = load_scene(scene, changed_fields(changes))
     if out is not None:
         preflight(out, force=force)
+    print(f"{one.name}: {planned(one)}", file=sys.stderr)
     with progress_bars() as report:
         found = measure(one, report=lambda what: report(what, 0, 0))
     if out is not None:

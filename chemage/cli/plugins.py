@@ -19,15 +19,21 @@ plugins_app = typer.Typer(no_args_is_help=True, help="List, explain, check and c
 
 @plugins_app.command("list")
 def plugins_list(as_json: JsonOpt = False) -> None:
-    """List installed components, scenes and hooks.
+    """List installed components, scenes, hooks and options of plugins.
 
-    Each is listed with its role and the package from which it comes.
+    Each is listed with its role, the name of its plugin, and the package from which it comes.
     """
     from chemage.plugins import registry
 
     plugins = registry.current()
     rows = [
-        {"role": role, "kind": kind, "from": record.source, "target": record.kinds[role][kind]}
+        {
+            "role": role,
+            "kind": kind,
+            "plugin": record.name,
+            "from": record.source,
+            "target": record.kinds[role][kind],
+        }
         for role in plugins.roles
         for kind in plugins.kinds(role)
         for record in plugins.offers(role, kind)
@@ -37,19 +43,23 @@ def plugins_list(as_json: JsonOpt = False) -> None:
         for record in plugins.records
         if (names := _stage_hooks(plugins, record))
     ]
+    options = [record.name for record in plugins.records if record.options]
     broken = [{"plugin": r.name, "from": r.source, "error": r.error} for r in plugins.records if r.error]
     if as_json:
-        print(json.dumps({"components": rows, "scenes": plugins.scenes(), "hooks": hooks, "broken": broken}))
+        found = {"components": rows, "scenes": plugins.scenes(), "hooks": hooks, "options": options, "broken": broken}
+        print(json.dumps(found))
         return
-    table = terminal.table("", ("role", "kind", "from"))
+    table = terminal.table("", ("role", "kind", "plugin", "from"))
     for row in rows:
-        table.add_row(row["role"], row["kind"], row["from"])
+        table.add_row(row["role"], row["kind"], row["plugin"], row["from"])
     for record in plugins.records:
         for name in record.scenes:
-            table.add_row("scene", name, record.source)
+            table.add_row("scene", name, record.name, record.source)
     for item in hooks:
         for name in item["hooks"]:
-            table.add_row("hook", name, item["from"])
+            table.add_row("hook", name, item["plugin"], item["from"])
+    for name in options:
+        table.add_row("options", f"[plugins.{name}]", name, plugins.source(name) or "")
     terminal.show(table)
     for item in broken:
         print(f"skipped: {item['plugin']} ({item['from']}): {item['error']}")
@@ -64,15 +74,16 @@ def _stage_hooks(plugins: Registry, record: PluginRecord) -> list[str]:
 
 @plugins_app.command("show")
 def plugins_show(
-    kind: Annotated[str, typer.Argument(help="a kind, such as fft-bem")],
+    kind: Annotated[str, typer.Argument(metavar="NAME", help="a kind, such as fft-bem, or the name of a plugin")],
     role: Annotated[
         str | None, typer.Option(help="role of the component; default: every role that has this kind")
     ] = None,
     as_json: JsonOpt = False,
 ) -> None:
-    """Explain a component.
+    """Explain a component or a plugin.
 
-    Prints what it computes, its options with units and defaults, and its references.
+    Prints what a component computes, its options with units and defaults, and its references; of a plugin, its hooks
+    and the options that a scene sets in [plugins.NAME].
     """
     from chemage.experiments.schema import options_of
     from chemage.foundation.messages import nearest
@@ -80,10 +91,15 @@ def plugins_show(
 
     plugins = registry.current()
     roles = [name for name in plugins.roles if kind in plugins.kinds(name) and role in (None, name)]
-    if not roles:
+    plugin = next((one for one in plugins.records if one.name == kind and role is None and not one.error), None)
+    if not roles and plugin is None:
         known = sorted({k for name in plugins.roles if role in (None, name) for k in plugins.kinds(name)})
-        raise user_error(f"no kind {kind!r}{nearest(kind, known)}; installed: {', '.join(known)}")
-    shown = []
+        names = sorted(one.name for one in plugins.records if role is None)
+        raise user_error(
+            f"no kind {kind!r}{nearest(kind, [*known, *names])}; installed: {', '.join(known)}"
+            + (f"; plugins: {', '.join(names)}" if names else "")
+        )
+    shown = [_about_plugin(plugins, plugin)] if plugin is not None else []
     for name in roles:
         cls: Any = plugins.component(name, kind)
         source = plugins.offers(name, kind)[0].source
@@ -104,6 +120,8 @@ def plugins_show(
 
     for one in shown:
         print(f"{one['role']} {one['kind']}  ({one['from']})\n\n{inspect.cleandoc(one['about'])}\n")
+        for hook in one.get("hooks", ()):
+            print(f"hook: {hook}")
         table = terminal.table("", ("option", "unit", "default", "meaning"))
         for option in one["options"]:
             table.add_row(option["name"], option["unit"], option["default"], option["meaning"])
@@ -111,6 +129,25 @@ def plugins_show(
             terminal.show(table)
         for text in one["cite"]:
             print(f"cite: {text}")
+
+
+def _about_plugin(plugins: Registry, record: PluginRecord) -> dict[str, Any]:
+    """What ``plugins show`` prints of a plugin, in the form of a component."""
+    from chemage.experiments.schema import options_of
+
+    cls: Any = plugins.options_class(record.name) if record.options else None
+    module = plugins.implementation(record.name)
+    return {
+        "role": "plugin",
+        "kind": record.name,
+        "from": record.source,
+        "about": (getattr(module, "__doc__", None) or "").strip(),
+        "section": f"plugins.{record.name}" if cls is not None else None,
+        "hooks": _stage_hooks(plugins, record),
+        "components": {role: sorted(kinds) for role, kinds in record.kinds.items()},
+        "options": options_of(cls) if cls is not None else [],
+        "cite": list(cls.cite) if cls is not None else [],
+    }
 
 
 @plugins_app.command("new")
@@ -153,14 +190,18 @@ def plugins_stubs(
 def plugins_check() -> None:
     """Import all components, report problems.
 
-    The exit status is 1 if there are problems.
+    Notes say which plugins answer the same stage or read the same files and which of them comes first, and which are
+    slow to import. The exit status is 1 if there are problems.
     """
     from chemage.plugins import registry
+    from chemage.surfaces.reading import shared_endings
 
     plugins = registry.current()
     problems = plugins.check()
     for problem in problems:
         print(problem)
+    for note in [*plugins.notes(), *shared_endings()]:
+        print(f"note: {note}")
     count = sum(len(kinds) for record in plugins.records for kinds in record.kinds.values())
     print(f"{len(plugins.records)} plugins, {count} components, {len(problems)} problems")
     if problems:

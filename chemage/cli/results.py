@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,13 +13,16 @@ from chemage.cli.options import FileArg, ForceOpt, FormatOpt, JsonOpt, MeasuredO
 from chemage.foundation.progress import progress_bars, reported
 
 if TYPE_CHECKING:
+    from chemage.ageing.aging import Aging
     from chemage.experiments.run import Run
     from chemage.reports.comparison.comparison import Comparison
 
 
 def show(file: FileArg, as_json: JsonOpt = False) -> None:
     """Print the content of a result file."""
+    from chemage.ageing.aging import Aging
     from chemage.experiments.run import Run
+    from chemage.foundation.approximations import in_words
     from chemage.foundation.text import jsonable
     from chemage.store.results import read
 
@@ -30,14 +33,23 @@ def show(file: FileArg, as_json: JsonOpt = False) -> None:
         else:
             print_run(thing)
         return
-    fields = {
+    fields: dict[str, Any] = {
         name: f"array {value.shape} {value.dtype}" if hasattr(value, "shape") else value
         for name, value in thing.todict().items()
     }
+    if isinstance(thing, Aging):
+        del fields["observables"], fields["outputs"]
+        if as_json:
+            fields["observables"] = {name: one.summary() for name, one in thing.measured.items()}
+        else:
+            fields |= {f"observables.{name}": text for name, text in measured_rows(thing)}
     if as_json:
         print(json.dumps({"object": type(thing).__name__, **jsonable(fields)}, default=str))
         return
-    terminal.show_pairs(f"{type(thing).__name__} in {file}", ((name, str(value)) for name, value in fields.items()))
+    rows = [(name, str(value)) for name, value in fields.items()]
+    if approximate := in_words(thing.approximate):
+        rows.insert(0, ("approximate", approximate))
+    terminal.show_pairs(f"{type(thing).__name__} in {file}", rows)
 
 
 def plot(
@@ -89,20 +101,30 @@ def print_run(result: Run) -> None:
         rows += [
             ("sites", f"{aging.sites.mean():.0f}"),
             ("engine", f"{aging.engine}, {aging.replicas} replicas, {aging.events.sum()} events"),
+            ("rupture law", aging.rupture or ("mean force per bond" if aging.rupture_force is None else "a plugin's")),
             ("random numbers", aging.random_numbers or "not recorded"),
             (f"friction drop {last}", mean_text(aging.friction_drop[:, -1], "nN")),
             (f"friction coefficient drop {last}", mean_text(aging.friction_coefficient_drop[:, -1])),
         ]
+        rows += measured_rows(aging)
     if fit is not None:
         rows.append(("beta", f"{fit.beta_text()} per decade, {fit.points} hold times"))
         rows.append(("cut-off time", fit.cutoff_text()))
         rows.append(("errors", f"95 %, {fit.intervals_text()}; scatter between surfaces is not included"))
+    if result.approximate:
+        rows.append(("approximate", result.approximate))
     rows += [(f"plugin {name}", source) for name, source in result.plugins.items()]
     if result.timings:
         rows.append(("wall time", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in result.timings.items())))
     terminal.show_pairs(result.scene.get("title") or result.name, rows)
     for note in result.notes:
         print(f"note: {note}")
+
+
+def measured_rows(aging: Aging) -> list[tuple[str, str]]:
+    """What observables measured: (name, text)."""
+    last = f" at {aging.hold_times[-1]:g} s"
+    return [(f"{name}{last if one.is_curve else ''}", one.text()) for name, one in aging.measured.items()]
 
 
 def compare(

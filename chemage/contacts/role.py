@@ -21,6 +21,7 @@ class ContactSolver(Component, ABC):
     #: of a solver for an elastic half-space, the largest relative error (L2 norm) of its pressure; the checks compare
     #: it with closed forms to within this. None: another model, or no claim
     declared_error: ClassVar[float | None] = None
+    error_of: ClassVar[str] = "the pressure"
 
     @abstractmethod
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
@@ -40,7 +41,7 @@ class ContactSolver(Component, ABC):
         that; otherwise the error of the most accurate setting is not known, unless the solver estimates it
         (``ContactSolution.convergence["pressure_error"]``).
         """
-        return self.replace(**{option: values[-1] for option, values in self.trade.items()})
+        return super().reference()
 
     def solve(self, surface: Surface, load: float | str, *, start: ContactSolution | None = None) -> ContactSolution:
         """The contact of ``surface`` under ``load`` (nN, or a string with its unit).

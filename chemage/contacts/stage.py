@@ -8,7 +8,7 @@ from chemage.contacts.role import ContactSolver
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import expect, force
 from chemage.plugins import registry
-from chemage.plugins.sources import providers
+from chemage.plugins.sources import approximation_of, approximations, providers
 from chemage.surfaces.surface import Surface
 
 
@@ -29,4 +29,8 @@ def solve_contact(
     solution, plugins = registry.current().answer(
         "chemage_solve_contact", ContactSolution, solver=solver, surface=surface, load=force(load), start=start
     )
-    return solution.noting(surface.plugins | providers(solver) | plugins)
+    # a plugin that answers with another solver may record which
+    kind = solution.provenance.get("kind")
+    used = approximation_of("contact", kind) if isinstance(kind, str) and kind != solver.kind else []
+    approximate = [*surface.approximate, *approximations(solver), *used]
+    return solution.noting(surface.plugins | providers(solver) | plugins, approximate)

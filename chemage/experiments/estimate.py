@@ -86,6 +86,11 @@ def cost(scene: Scene) -> Cost:
     ChemageError
         A surface file cannot be read.
     """
+    with scene.in_use():
+        return _cost(scene)
+
+
+def _cost(scene: Scene) -> Cost:
     try:
         surface: dict[str, float] = dict(scene.surface.expected())
     except ChemageError as error:
@@ -101,6 +106,9 @@ def cost(scene: Scene) -> Cost:
     if scene.engine is not None and scene.chemistry is not None and sites is not None:
         replica = scene.engine.expected(sites, scene.chemistry.interaction is not None)
     seconds = replica.get("cpu_seconds") if reacting else 0.0
+    replica_bytes = replica.get("bytes") if reacting else 0.0
+    if replica_bytes is not None and sites is not None and scene.hold is not None and scene.keeps_states:
+        replica_bytes += sites * scene.hold.hold_times.size
     return Cost(
         surface,
         fraction,
@@ -108,7 +116,7 @@ def cost(scene: Scene) -> Cost:
         solve.get("cpu_seconds"),
         None if seconds is None else seconds * (scene.hold.replicas if scene.hold else 1),
         solve.get("bytes"),
-        replica.get("bytes") if reacting else 0.0,
+        replica_bytes,
         gap,
         12 * pixels * (1.0 if fraction is None else fraction) + gap,
     )
@@ -157,6 +165,8 @@ def _stages(scene: Scene, known: Mapping[str, float]) -> dict[str, str]:
         f"{engine.kind}, {hold.temperature:g} K, {times.size} hold times from {times[0]:g} to {times[-1]:g} s, "
         f"{hold.replicas} replicas, seed {hold.seed}"
     )
+    mean = f"mean force of {chemistry.bond_force:g} nN per bond, front factor {chemistry.front_factor:g}"
+    stages["rupture"] = scene.rupture.kind if scene.rupture is not None else mean
     return stages
 
 

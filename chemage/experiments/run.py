@@ -20,6 +20,7 @@ from chemage.contacts.stage import solve_contact
 from chemage.experiments.provenance import versions
 from chemage.experiments.scene import Scene, parse_scene, with_plugins
 from chemage.experiments.scene_files import load_scene
+from chemage.foundation.approximations import in_words, merged
 from chemage.foundation.errors import ChemageError, InputError, StoreError
 from chemage.foundation.records import Record
 from chemage.foundation.text import html_table, jsonable
@@ -72,6 +73,11 @@ class Run:
         """Plugins that answered or changed a stage on the way to this result: name -> distribution and version."""
         return {**self.contact.plugins, **(self.aging.plugins if self.aging is not None else {})}
 
+    @property
+    def approximate(self) -> str:
+        """What is approximate about this result, in words: the kinds and their declared errors; "" if nothing is."""
+        return in_words(merged(self.contact.approximate, self.aging.approximate if self.aging is not None else ()))
+
     def fit(self) -> Fit | None:
         """Line of Δμ against log t over the scene's fit window; None without ageing or without times in the window."""
         if self.aging is None:
@@ -88,6 +94,7 @@ class Run:
             "name": self.name,
             "solver": self.scene["contact"]["kind"],
             "engine": aging.engine if aging else None,
+            "rupture": aging.rupture if aging else None,
             **contact.summary(),
             "converged": contact.converged,
             "residual": contact.residual,
@@ -106,6 +113,7 @@ class Run:
             "friction_coefficient_drop_half_width": (
                 aging.friction_coefficient_drop_half_width.tolist() if aging else []
             ),
+            "observables": {name: one.summary() for name, one in aging.measured.items()} if aging else {},
             "beta": fit.beta if fit else None,
             "beta_stderr": fit.beta_stderr if fit else None,
             "beta_half_width": fit.beta_half_width if fit else None,
@@ -118,6 +126,7 @@ class Run:
             "plugins": self.plugins,
             "keys": self.keys,
             "cite": list(self.cite),
+            **({"approximate": self.approximate} if self.approximate else {}),
         }
         return jsonable(numbers)
 
@@ -171,6 +180,19 @@ def run(
     """
     if not isinstance(scene, Scene):
         scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
+    scene = scene.completed()
+    with scene.in_use():
+        return _run(scene, progress, threads, surface, contact, checkpoints)
+
+
+def _run(
+    scene: Scene,
+    progress: Progress | None,
+    threads: int | None,
+    surface: Surface | None,
+    contact: ContactSolution | None,
+    checkpoints: Path | None,
+) -> Run:
     report = progress or (lambda stage, done, total: None)
     timings: dict[str, float] = {}
     if contact is None:
@@ -202,9 +224,11 @@ def aged(scene: Scene, contact: ContactSolution, **changes: Any) -> Aging | None
         "replicas": scene.hold.replicas,
         "seed": scene.hold.seed,
         "common": scene.hold.common,
+        "rupture": scene.rupture,
         "observe": scene.observe,
     }
-    return age(contact, scene.chemistry, **(arguments | changes))
+    with scene.in_use():
+        return age(contact, scene.chemistry, **(arguments | changes))
 
 
 def run_keys(scene: Scene, contact: ContactSolution, aging: Aging | None) -> dict[str, str]:

@@ -9,13 +9,16 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from typing import Any, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, SerializeAsAny, ValidationError, field_validator, model_validator
 
+from chemage.ageing.age import wants_states
 from chemage.ageing.fitting import FIT_WINDOW
 from chemage.ageing.hold_times import hold_times
+from chemage.ageing.measuring import check_outputs
 from chemage.ageing.observables import Observable
 from chemage.ageing.seeds import Common
 from chemage.contacts.role import ContactSolver
@@ -24,9 +27,13 @@ from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
 from chemage.foundation.messages import explain, nearest
 from chemage.foundation.units import Temperature, Time, convert
+from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
-from chemage.plugins import registry
+from chemage.plugins import in_use, registry
+from chemage.plugins.options import PluginOptions
+from chemage.plugins.settings import joined, options_for
+from chemage.plugins.sources import implementing, providers, stage_hooks
 from chemage.surfaces.role import SurfaceMaker
 
 
@@ -110,9 +117,14 @@ class Scene(_Section):
     """nN"""
     chemistry: Chemistry | None = None
     engine: SerializeAsAny[Engine] | None = None
+    rupture: SerializeAsAny[Rupture] | None = None
     hold: Hold | None = None
     fit: FitWindow = FitWindow()
     observe: tuple[SerializeAsAny[Observable], ...] = ()
+    plugins: Mapping[str, SerializeAsAny[PluginOptions]] = {}
+    """options of plugins, by the name of the plugin"""
+    prefer: tuple[str, ...] = ()
+    """names of the plugins that come first where several answer a stage or read a file"""
 
     @field_validator("name")
     @classmethod
@@ -133,9 +145,14 @@ class Scene(_Section):
         """Whether the scene goes on after the contact."""
         return self.chemistry is not None and self.hold is not None and self.engine is not None
 
+    @property
+    def keeps_states(self) -> bool:
+        """Whether the rupture law or an observable asks for the state of every site at every hold time."""
+        return self.engine is not None and wants_states(self.engine, self.rupture, self.observe)
+
     def components(self) -> list[Component]:
         """Every component of the scene."""
-        parts: list[Component | None] = [self.surface, self.contact, self.engine, *self.observe]
+        parts: list[Component | None] = [self.surface, self.contact, self.engine, self.rupture, *self.observe]
         if self.chemistry is not None:
             parts += [self.chemistry.forming, self.chemistry.breaking, self.chemistry.interaction]
         return [part for part in parts if part is not None]
@@ -156,25 +173,72 @@ class Scene(_Section):
             data["chemistry"] = {name: getattr(parts, name) for name in _CHEMISTRY_OPTIONS}
         if self.hold is not None and self.engine is not None:
             data["engine"] = options_of(self.engine)
+            if self.rupture is not None:
+                data["rupture"] = options_of(self.rupture)
             data["hold"] = self.hold.model_dump(mode="json", exclude_none=True)
             data["fit"] = self.fit.model_dump(mode="json")
         if self.observe:
             data["observe"] = [options_of(one) for one in self.observe]
+        if self.plugins or self.prefer:
+            prefer = {"prefer": list(self.prefer)} if self.prefer else {}
+            data["plugins"] = prefer | {name: options_of(options) for name, options in self.plugins.items()}
         return _without_none(data)
+
+    def in_use(self) -> AbstractContextManager[None]:
+        """A block in which plugins have the options that this scene sets, and come in its order."""
+        return in_use.applied(self.plugins, self.prefer or None)
+
+    def completed(self) -> Self:
+        """This scene with the options of plugins that a block (:func:`chemage.plugin_options`) sets and it does not."""
+        if not in_use.options():
+            return self
+        return self.model_copy(update={"plugins": joined(in_use.options(), self.plugins)})
 
     def keys(self) -> dict[str, str]:
         """Content hash of each stage: of its own options, of the stages it rests on, and of nothing else.
 
-        The plugins that take part are known only when the stage has run; a finished run's keys contain them.
+        The plugins that take part are known only when the stage has run; a finished run's keys contain them, with their
+        options.
 
         ``surface``, ``contact``, ``aging``, and ``result``, which is ageing and the fit to it. Options that only change
         the speed, and the scene's name, are in none of them.
         """
+        return self._keys({})
+
+    def task_keys(self) -> dict[str, str]:
+        """Like :meth:`keys`, and also of what the scene sets for plugins that may take part in the stage.
+
+        By these keys a sweep finds out which of its points share a contact.
+        """
+        if not (self.plugins or self.prefer):
+            return self.keys()
+        hooks = {"surface": ["chemage_make_surface"], "contact": ["chemage_solve_contact"]}
+        hooks["aging"] = sorted({*stage_hooks()} - {*hooks["surface"], *hooks["contact"]})
+        parts = {"surface": [self.surface], "contact": [self.contact]}
+        parts["aging"] = [one for one in self.components() if one is not self.surface and one is not self.contact]
+        extra: dict[str, Any] = {}
+        for stage, components in parts.items():
+            names = {*implementing(*hooks[stage]), *providers(*components)}
+            extra[stage] = {
+                name: changed for name in names & set(self.plugins) if (changed := self.plugins[name].changed())
+            }
+        if self.prefer:
+            extra["surface"]["prefer"] = self.prefer
+        return self._keys(extra)
+
+    def _keys(self, extra: Mapping[str, Any]) -> dict[str, str]:
         data = self._sections(lambda component: component.identity())
-        surface = _hash(data["surface"])
-        contact = _hash([surface, data["contact"]])
+
+        def key(stage: str, *parts: Any) -> str:
+            more = [extra[stage]] if extra.get(stage) else []
+            return _hash([*parts, *more] if len(parts) + len(more) > 1 else parts[0])
+
+        surface = key("surface", data["surface"])
+        contact = key("contact", surface, data["contact"])
         kinetic = [data.get(name) for name in ("forming", "breaking", "interaction", "chemistry", "engine", "hold")]
-        aging = _hash([contact, *kinetic, data.get("observe")])
+        # without a rupture law the key is that of scenes written before there were any
+        law = [{"rupture": data["rupture"]}] if "rupture" in data else []
+        aging = key("aging", contact, *kinetic, data.get("observe"), *law)
         return {"surface": surface, "contact": contact, "aging": aging, "result": _hash([aging, data.get("fit")])}
 
     def digest(self) -> str:
@@ -194,8 +258,9 @@ ROLE_OF = {
     "breaking": "barriers",
     "interaction": "interaction",
     "engine": "engine",
+    "rupture": "rupture",
 }
-SECTIONS = ["name", "title", *ROLE_OF, "chemistry", "hold", "fit", "observe", "sweep"]
+SECTIONS = ["name", "title", *ROLE_OF, "chemistry", "hold", "fit", "observe", "plugins", "sweep"]
 #: sections that no scene can do without
 REQUIRED = ("surface", "contact")
 
@@ -276,6 +341,17 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
             observe.append(_choice("observable", f"observe.{number}", dict(item), problems))
         else:
             problems.append((f"observe.{number}", f"{item!r} is not a section; write [[observe]] with its kind"))
+    prefer, settings = _plugins(data.get("plugins", {}), problems)
+    if not problems:
+        try:
+            check_outputs(observe)
+        except PluginError as error:
+            problems.append(("observe", str(error)))
+    if engine is not None and not problems:
+        try:
+            wants_states(engine, made.get("rupture"), observe)
+        except InputError as error:
+            problems.take("engine", error)
     if not problems:
         try:
             return Scene(
@@ -287,14 +363,43 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
                 load=float(load or 0.0),
                 chemistry=chemistry,
                 engine=engine,
+                rupture=made.get("rupture"),
                 hold=hold,
                 fit=fit,
                 observe=tuple(observe),
+                plugins=settings,
+                prefer=prefer,
             )
         except ValidationError as error:
             renamed = {"surface_seed": "surface.seed"}
             problems.extend((renamed.get(path, path), message) for path, message in explain(error))
     raise SceneError(source, problems)
+
+
+def _plugins(section: Any, problems: _Problems) -> tuple[tuple[str, ...], dict[str, PluginOptions]]:
+    if not isinstance(section, Mapping):
+        problems.append(("plugins", f"{section!r} is not a section; write [plugins.NAME] with options below it"))
+        return (), {}
+    prefer, made = section.get("prefer", []), {}
+    if not isinstance(prefer, list | tuple) or not all(isinstance(name, str) for name in prefer):
+        problems.append(("plugins.prefer", f'{prefer!r}: give a list of names of plugins, such as ["my-plugin"]'))
+    else:
+        try:
+            registry.current().check_preference(prefer, "it")
+        except InputError as error:
+            problems.append(("plugins.prefer", str(error)))
+    for name, options in section.items():
+        if name == "prefer":
+            continue
+        path = f"plugins.{name}"
+        if not isinstance(options, Mapping):
+            problems.append((path, f"{options!r} is not a section; write [{path}] with options below it"))
+            continue
+        try:
+            made[name] = options_for(name, options)
+        except InputError as error:
+            problems.take(path, error)
+    return tuple(prefer), made
 
 
 def _choice(role: str, path: str, options: dict[str, Any], problems: _Problems) -> Any:
@@ -330,7 +435,7 @@ def _section(cls: type[Any], name: str, sections: Mapping[str, Any], problems: _
 
 def _chemistry(sections: Mapping[str, Any], made: Mapping[str, Any], problems: _Problems) -> Chemistry | None:
     if "forming" not in sections:
-        for name in ("breaking", "interaction", "chemistry", "hold"):
+        for name in ("breaking", "interaction", "chemistry", "hold", "rupture"):
             if name in sections:
                 problems.append((name, "needs [forming], the barriers to forming a bond; add it, or leave this out"))
         return None

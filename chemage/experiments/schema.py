@@ -56,6 +56,7 @@ def scene_schema() -> dict[str, Any]:
     properties["chemistry"] = _chemistry_section()
     properties["hold"] = refs[Hold, "validation"]
     properties["fit"] = refs[FitWindow, "validation"]
+    properties["plugins"] = _plugins_section(plugins, definitions)
     properties["observe"] = {"type": "array", "items": by_role.get("observable", {"type": "object"})}
     definitions |= _SWEEP
     properties["sweep"] = {"$ref": "#/$defs/Sweep"}
@@ -99,6 +100,34 @@ _CONTACT_EXTRA = {
         "unit": "nN",
     }
 }
+
+
+def _plugins_section(plugins: registry.Registry, definitions: dict[str, Any]) -> dict[str, Any]:
+    """What a scene sets for plugins; adds the definitions of their options."""
+    installed = sorted(record.name for record in plugins.records if not record.error)
+    prefer = {
+        "type": "array",
+        "items": {"enum": installed},
+        "description": "plugins that come first where several answer a stage or read a file",
+    }
+    properties: dict[str, Any] = {"prefer": prefer}
+    for name, cls in plugins_with_options(plugins).items():
+        part = cls.model_json_schema(mode="validation", ref_template="#/$defs/{model}")
+        definitions |= part.pop("$defs", {})
+        properties[name] = {"description": f"options of the plugin {name}", **part}
+    return {"type": "object", "additionalProperties": False, "properties": properties}
+
+
+def plugins_with_options(plugins: registry.Registry) -> dict[str, Any]:
+    """Name of each plugin with options -> the class of its options; one that cannot be imported is left out."""
+    found: dict[str, Any] = {}
+    for record in plugins.records:
+        if record.options:
+            try:
+                found[record.name] = plugins.options_class(record.name)
+            except PluginError as error:
+                warnings.warn(f"not in the schema: {error}", registry.PluginWarning, stacklevel=2)
+    return found
 
 
 def _chemistry_section() -> dict[str, Any]:

@@ -1,10 +1,11 @@
 """Speed against accuracy, measured on a user's own scene.
 
-Each option that a component declares for it (``Component.trade``: option -> values from fast to accurate) is varied on
-its own, everything else as in the scene, and the result is compared with a reference contact that is more accurate than
-all of them (``ContactSolver.reference``). Replicas keep their disorder and their kinetic noise, so that the difference
-in β is due to the option; its standard error is that of the paired difference. A surface that can be sampled more
-coarsely is, every installed engine that can treat the lattice runs it, and replicas are traded against the error of β.
+Each option that a component of any section declares for it (``Component.trade``: option -> values from fast to
+accurate) is varied on its own, everything else as in the scene, and the result is compared with that of a reference
+which is more accurate than all of them (``Component.reference``). Replicas keep their disorder and their kinetic noise,
+so that the difference in β is due to the option; its standard error is that of the paired difference. A surface that
+can be sampled more coarsely is, every installed engine that can treat the lattice runs it, and replicas are traded
+against the error of β.
 
 All errors of the area are errors of :attr:`ContactSolution.corrected_area`, which depends least on the pixels.
 """
@@ -21,22 +22,26 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.paired import paired_difference
-from chemage.contacts.role import ContactSolver
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
 from chemage.experiments.extrapolation import vanishing_pixels
 from chemage.experiments.run import aged
 from chemage.experiments.scene import Scene
-from chemage.foundation.errors import ConvergenceError, InputError
+from chemage.experiments.sections import sections
+from chemage.experiments.settings import COARSER, REPLICAS, Setting, planned, settings, with_section
+from chemage.experiments.settings import reference as best_of
+from chemage.foundation.approximations import in_words
+from chemage.foundation.components import Component
+from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.text import jsonable
 from chemage.plugins import registry
+from chemage.plugins.sources import approximations
 from chemage.surfaces.stage import make_surface
 from chemage.surfaces.surface import Surface
 
 T = TypeVar("T")
 #: called with what is being measured
 Report = Callable[[str], None]
-_COARSER = (4, 2)
 #: A difference from the reference is the error of a setting if it is so many times the error of the reference.
 _RESOLVED = 10.0
 #: standard errors on either side that hold the truth in 95 % of cases, where the error is a normal one
@@ -69,7 +74,7 @@ class Row:
     #: standard error over replicas, and half the width of Student's 95 % interval
     beta_stderr: float = math.nan
     beta_half_width: float = math.nan
-    #: β less that of the reference contact, or of the engine of the scene
+    #: β less that of the reference, or of the engine of the scene
     beta_difference: float = math.nan
     #: of the paired difference over replicas, as for ``beta``
     beta_difference_stderr: float = math.nan
@@ -98,14 +103,15 @@ def tradeoff(scene: Scene, *, report: Report | None = None) -> Tradeoff:
 
     Every setting runs once on a small or coarse surface before it is timed, so that compilation is not counted.
     """
-    return _Measurement(scene, report or (lambda _: None)).run()
+    with scene.in_use():
+        return _Measurement(scene, report or (lambda _: None)).run()
 
 
 @dataclass(frozen=True)
 class _Reference:
-    """The contact that others are compared with."""
+    """The result that others are compared with, and the component of the section with which it was made."""
 
-    solver: ContactSolver
+    component: Component
     contact: ContactSolution
     aging: Aging | None
 
@@ -114,12 +120,12 @@ class _Reference:
         """Its relative error of the pressure, as its solver estimates it; nan if it does not."""
         return estimated_error(self.contact)
 
-    def resolves(self, option: str, value: Any, difference: float) -> bool:
-        """Whether ``difference`` from this contact is the error of a contact with ``option`` = ``value``."""
-        if not math.isnan(self.error):
+    def resolves(self, setting: Setting, value: Any, difference: float) -> bool:
+        """Whether ``difference`` from this result is the error of one with the option of ``setting`` at ``value``."""
+        if setting.section == "contact" and not math.isnan(self.error):
             return difference >= _RESOLVED * self.error
-        # nothing shows that the reference is better than a contact with the same value
-        return getattr(self.solver, option) != value
+        # nothing shows that the reference is better than a result with the same value
+        return setting.of(self.component) != value
 
 
 class _Measurement:
@@ -128,86 +134,138 @@ class _Measurement:
         self.found = Tradeoff(scene.name)
 
     def run(self) -> Tradeoff:
-        self.report("the scene as it is, to compile")
+        self.report(f"the scene as it is, to compile; then {planned(self.scene)}")
         surface = make_surface(self.scene.surface, self.scene.surface_seed)
         contact = solve_contact(self.scene.contact, surface, self.scene.load)
-        if self.scene.contact.trade:
-            reference = self._reference(surface)
-            for option, values in self.scene.contact.trade.items():
-                self._contact_option(surface, reference, option, values)
+        by_section: dict[str, list[Setting]] = {}
+        for setting in settings(self.scene):
+            by_section.setdefault(setting.section, []).append(setting)
+            if len(setting.values) < setting.named:
+                self.found.notes.append(f"{setting.name}: {len(setting.values)} of {setting.named} values are tried")
+        # the contact first, whose references and errors are known best
+        for section in sorted(by_section, key=lambda name: name != "contact"):
+            self._section(section, by_section[section], surface, contact)
         self._pixels(contact)
         if self.scene.chemistry is not None:
             self._engines(contact)
             self._replicas(contact)
         return self.found
 
-    def _reference(self, surface: Surface) -> _Reference | None:
-        """The reference contact; None if it cannot be computed."""
-        self.report("reference contact")
-        solver = self.scene.contact.reference()
-        options = ", ".join(f"{option} = {getattr(solver, option)}" for option in solver.trade)
-        try:
-            contact = solve_contact(solver, surface, self.scene.load)
-        except (InputError, ConvergenceError) as error:
-            self.found.notes.append(f"contact: no reference ({options}), so errors are not measured: {error}")
-            return None
-        found = _Reference(solver, contact, self._aged(contact, common="all"))
-        known = "not known" if math.isnan(found.error) else f"estimated as {found.error:.1e}"
-        self.found.notes.append(
-            f"contact: errors are differences from a reference ({options}); its own error of the pressure is {known}"
-        )
-        return found
-
-    def _contact_option(
-        self, surface: Surface, reference: _Reference | None, option: str, values: tuple[Any, ...]
-    ) -> None:
-        solver = self.scene.contact
-        small = self._small(surface)
-        for value in values:
-            self.report(f"contact.{option} = {value}")
-            try:
-                turned = solver.replace(**{option: value})
-                solve_contact(turned, small, self.scene.load * small.nominal_area / surface.nominal_area)
-                contact, cpu, wall = measured(lambda turned=turned: solve_contact(turned, surface, self.scene.load))
-            except (InputError, ConvergenceError) as error:
-                self._add(f"contact.{option}", value, remark=str(error))
-                continue
-            aging = self._aged(contact, common="all")
-            self._add(
-                f"contact.{option}",
-                value,
-                (cpu, wall),
-                **areas(contact),
-                **self._contact_errors(contact, reference, option, value),
-                pressure_estimate=estimated_error(contact),
-                **self._beta(aging),
-                **self._difference(aging, reference.aging if reference else None),
-                own=turned == solver,
-                remark=f"{contact.iterations} iterations",
+    def _section(self, section: str, found: list[Setting], surface: Surface, contact: ContactSolution) -> None:
+        """Every setting of the component of a section, with the stage that it belongs to."""
+        names = ", ".join(setting.name for setting in found)
+        if section.startswith("observe"):
+            self.found.notes.append(
+                f"{names}: not tried, because an option of an observable changes what is measured, and not β"
             )
+            return
+        if section not in ("surface", "contact") and not self.scene.ages:
+            self.found.notes.append(f"{names}: not tried, because the scene stops at the contact")
+            return
+        own = sections(self.scene)[section]
+
+        def computed(component: Component) -> tuple[ContactSolution, Aging | None, tuple[float, float]]:
+            return self._computed(section, component, surface, contact)
+
+        reference = self._reference(section, own, found, computed)
+        for setting in found:
+            for value in setting.values:
+                self.report(f"{setting.name} = {value}")
+                try:
+                    turned = setting.turned(own, value)
+                    if section == "contact":
+                        self._warm(turned, surface)
+                    solution, aging, seconds = computed(turned)
+                except ChemageError as error:
+                    self._add(setting.name, value, remark=str(error))
+                    continue
+                comparable = reference if reference and _same_grid(solution, reference.contact) else None
+                self._add(
+                    setting.name,
+                    value,
+                    seconds,
+                    **areas(solution),
+                    **self._errors(solution, reference, setting, value),
+                    pressure_estimate=estimated_error(solution) if section == "contact" else math.nan,
+                    **self._beta(aging),
+                    **self._difference(aging, comparable.aging if comparable else None),
+                    own=turned == own,
+                    remark="; ".join(
+                        filter(
+                            None, [f"{solution.iterations} iterations" if section == "contact" else "", _marked(turned)]
+                        )
+                    ),
+                )
+
+    def _computed(
+        self, section: str, component: Any, surface: Surface, contact: ContactSolution
+    ) -> tuple[ContactSolution, Aging | None, tuple[float, float]]:
+        """Contact and ageing with another component in a section, and the CPU and wall seconds of its stage."""
+        if section == "surface":
+            made, *seconds = measured(lambda: make_surface(component, self.scene.surface_seed))
+            solution = solve_contact(self.scene.contact, made, self.scene.load)
+            return solution, self._aged(solution, common="all"), (seconds[0], seconds[1])
+        if section == "contact":
+            solution, *seconds = measured(lambda: solve_contact(component, surface, self.scene.load))
+            return solution, self._aged(solution, common="all"), (seconds[0], seconds[1])
+        scene = with_section(self.scene, section, component)
+        aged(scene, contact, observe=(), common="all", replicas=1)  # to compile
+        aging, *seconds = measured(lambda: aged(scene, contact, observe=(), common="all"))
+        return contact, aging, (seconds[0], seconds[1])
+
+    def _reference(
+        self, section: str, own: Component, found: list[Setting], computed: Callable[[Component], Any]
+    ) -> _Reference | None:
+        """The reference of a section; None if it cannot be computed."""
+        self.report(f"reference {section}")
+        options = ""
+        try:
+            best = best_of(own)
+            prefix = f"{section}."
+            options = ", ".join(f"{one.name.removeprefix(prefix)} = {one.of(best)}" for one in found)
+            contact, aging, _ = computed(best)
+        except ChemageError as error:
+            self.found.notes.append(f"{section}: no reference ({options}), so errors are not measured: {error}")
+            return None
+        made = _Reference(best, contact, aging)
+        if section == "contact":
+            known = "not known" if math.isnan(made.error) else f"estimated as {made.error:.1e}"
+            what = f"errors are differences from a reference ({options}); its own error of the pressure is {known}"
+        else:
+            what = f"differences are those from a reference ({options}), whose own error is not known"
+        self.found.notes.append(f"{section}: {what}")
+        return made
+
+    def _warm(self, solver: Any, surface: Surface) -> None:
+        """Solve a smaller contact, so that compilation is not counted."""
+        small = self._small(surface)
+        solve_contact(solver, small, self.scene.load * small.nominal_area / surface.nominal_area)
 
     @staticmethod
-    def _contact_errors(
-        contact: ContactSolution, reference: _Reference | None, option: str, value: Any
+    def _errors(
+        contact: ContactSolution, reference: _Reference | None, setting: Setting, value: Any
     ) -> dict[str, float]:
-        if reference is None:
+        """Errors of area and pressure, of settings of which these depend."""
+        if reference is None or setting.section not in ("surface", "contact"):
             return {}
-        difference = l2_error(contact.pressure, reference.contact.pressure)
-        if not reference.resolves(option, value, difference):
+        pressure = math.nan
+        if _same_grid(contact, reference.contact):
+            pressure = l2_error(contact.pressure, reference.contact.pressure)
+        if not reference.resolves(setting, value, pressure):
             return {}
         return {
             "area_error": relative(contact.corrected_area, reference.contact.corrected_area),
-            "pressure_error": difference,
+            "pressure_error": pressure,
         }
 
     def _small(self, surface: Surface) -> Surface:
-        maker = self.scene.surface.coarser(_COARSER[0])
+        maker = self.scene.surface.coarser(COARSER[0])
         return surface if maker is None else make_surface(maker, self.scene.surface_seed)
 
     def _pixels(self, fine: ContactSolution) -> None:
         """The same surface on coarser pixels: area and contour, but not β, because a pixel is a site."""
         found: list[tuple[ContactSolution, float, float]] = []
-        for factor in (*_COARSER, 1):
+        for factor in (*COARSER, 1):
             maker = self.scene.surface.coarser(factor) if factor > 1 else self.scene.surface
             if maker is None:
                 continue
@@ -266,12 +324,12 @@ class _Measurement:
                 **self._beta(aging),
                 **difference,
                 own=same,
-                remark=away(**difference) if difference else "",
+                remark="; ".join(filter(None, [away(**difference) if difference else "", _marked(engine)])),
             )
 
     def _replicas(self, contact: ContactSolution) -> None:
         assert self.scene.hold is not None
-        for replicas in sorted({2, 5, 10, 20, self.scene.hold.replicas}):
+        for replicas in sorted({*REPLICAS, self.scene.hold.replicas}):
             self.report(f"{replicas} replicas")
             aging, cpu, wall = measured(lambda replicas=replicas: self._aged(contact, replicas=replicas))
             self._add(
@@ -313,6 +371,17 @@ class _Measurement:
         self, option: str, setting: Any, seconds: tuple[float, float] = (math.nan, math.nan), **found: Any
     ) -> None:
         self.found.rows.append(Row(option, str(setting), *seconds, **found))
+
+
+def _same_grid(one: ContactSolution, other: ContactSolution) -> bool:
+    """Whether pixels, which are sites, are the same, so that β can be compared."""
+    return one.shape == other.shape and one.pixel_size == other.pixel_size
+
+
+def _marked(component: Component) -> str:
+    """What is approximate about a component, for the remark of its row."""
+    text = in_words(approximations(component))
+    return f"approximate: {text}" if text else ""
 
 
 def measured(task: Callable[[], T]) -> tuple[T, float, float]:

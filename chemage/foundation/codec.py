@@ -37,6 +37,8 @@ def encode(record: Record) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     values: dict[str, Any] = {}
     arrays: dict[str, np.ndarray] = {}
     for name, value in record.todict().items():
+        if record.is_left_out(name, value):
+            continue
         if isinstance(value, np.ndarray):
             arrays[name] = value
         elif isinstance(value, dict) and value and all(isinstance(item, np.ndarray) for item in value.values()):
@@ -213,17 +215,26 @@ def _write_record(group: Any, record: Record) -> None:
             group.attrs[name] = int(value) if isinstance(value, bool) else value
     for name, array in arrays.items():
         field, slash, key = name.partition("/")
+        folder = group
         if slash:
             folder = group[field] if field in group.groups else group.create_group(field)
+        declared = record.declared(name)
+        if declared is None:
             _write_array(folder, key, array, tuple(f"{key}_{axis}" for axis in range(array.ndim)), {})
         else:
-            dims, unit, meaning = record.arrays[name]
-            _write_array(group, name, array, dims, {"units": unit or "1", "long_name": meaning})
+            dims, unit, meaning = declared
+            attributes = {"units": unit or "1", **({"long_name": meaning} if meaning else {})}
+            _write_array(folder, key if slash else name, array, dims, attributes)
     for name, centres in record.coordinates().items():
         _write_array(group, name, centres, (name,), {"units": "nm", "long_name": "pixel centre"})
 
 
 def _write_array(group: Any, name: str, values: np.ndarray, dims: tuple[str, ...], attributes: dict[str, str]) -> None:
+    # of two arrays with dimensions of one name and different lengths, the second has its length in the name
+    dims = tuple(
+        dim if dim not in group.dimensions or group.dimensions[dim].size == length else f"{dim}_{length}"
+        for dim, length in zip(dims, values.shape, strict=True)
+    )
     for dim, length in zip(dims, values.shape, strict=True):
         if dim not in group.dimensions:
             group.dimensions[dim] = length

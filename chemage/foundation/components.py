@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from pydantic import (
     BaseModel,
@@ -24,6 +24,9 @@ from pydantic import (
 from chemage.foundation.errors import InputError
 from chemage.foundation.messages import explain, nearest
 from chemage.foundation.text import html_table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _IDENTITY = {"chemage": "identity"}
 
@@ -43,6 +46,14 @@ class Component(BaseModel):
     speed_only: ClassVar[tuple[str, ...]] = ()
     #: option -> values from fast to accurate, which ``chemage tradeoff`` tries
     trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {}
+    #: whether the answer is free of approximations; a result in which an approximate component took part says so
+    exact: ClassVar[bool] = True
+    #: of an approximate component, the largest relative error of :attr:`error_of`; None: not known
+    declared_error: ClassVar[float | None] = None
+    #: what :attr:`declared_error` is the error of, in words
+    error_of: ClassVar[str] = "what it computes"
+    #: figures that :meth:`draw` can draw: name -> caption
+    figures: ClassVar[Mapping[str, str]] = {}
 
     def __init__(self, /, **options: Any) -> None:
         try:
@@ -107,3 +118,18 @@ class Component(BaseModel):
         """A copy with some options changed, validated again."""
         options = {name: getattr(self, name) for name in self.model_fields_set}
         return type(self)(**{**options, **changes})
+
+    def reference(self) -> Self:
+        """The component with which ``chemage tradeoff`` compares the values in :attr:`trade`.
+
+        Here each of these options has its last, most accurate value. Override it where the class can do better.
+        """
+        return self.replace(**{option: values[-1] for option, values in self.trade.items()}) if self.trade else self
+
+    def draw(self, figure: str, axes: Axes, results: Sequence[Any]) -> None:
+        """Draw one of :attr:`figures` into ``axes``: of one result, or of several that are compared.
+
+        ``results`` are those in which a component of this kind took part, each a :class:`chemage.PlottedResult`: its
+        ``component`` is the component of that result, whose options may differ from those of this one.
+        """
+        raise NotImplementedError(f"{self.role} {self.kind!r} names the figure {figure!r} but does not draw it")

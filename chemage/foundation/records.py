@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
+from chemage.foundation import approximations
 from chemage.foundation.errors import InputError, shortened
 from chemage.foundation.messages import explain
 from chemage.foundation.text import html_table
@@ -71,6 +72,8 @@ class Record(BaseModel):
     )
     #: field name -> (dimension names, unit, meaning)
     arrays: ClassVar[dict[str, tuple[tuple[str, ...], str, str]]] = {}
+    #: fields that records stored earlier do not have: where empty, no part of the digest, nor of the file
+    added: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, **fields: Any) -> None:
         try:
@@ -109,8 +112,16 @@ class Record(BaseModel):
             else:
                 digest.update(json.dumps(value, default=str, sort_keys=True).encode())
 
-        feed(self.todict())
+        feed({name: value for name, value in self.todict().items() if not self.is_left_out(name, value)})
         return digest.hexdigest()
+
+    def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
+        """Dimensions, unit and meaning of an array, or of ``field/name`` among named arrays; None: not declared."""
+        return self.arrays.get(name)
+
+    def is_left_out(self, name: str, value: Any) -> bool:
+        """Whether a field is one of :attr:`added` and empty."""
+        return name in self.added and (value is None or (isinstance(value, Mapping) and not value))
 
     def digest(self) -> str:
         """Content hash over every field, arrays included."""
@@ -129,12 +140,21 @@ class Record(BaseModel):
         """The plugins that answered or changed a stage on the way to this record: name -> distribution and version."""
         return getattr(self, "provenance", {}).get("plugins", {})
 
-    def noting(self, plugins: Mapping[str, str]) -> Self:
-        """This record, with the plugins that took part in it (name -> version) added to its ``provenance``."""
-        if not plugins:
-            return self
-        provenance: dict[str, Any] = getattr(self, "provenance", {})
-        return self.model_copy(update={"provenance": {**provenance, "plugins": {**self.plugins, **plugins}}})
+    @property
+    def approximate(self) -> list[dict[str, Any]]:
+        """The approximations on the way to this record, as in :mod:`chemage.foundation.approximations`."""
+        return approximations.merged(getattr(self, "provenance", {}).get("approximate"))
+
+    def noting(self, plugins: Mapping[str, str], approximate: Iterable[Mapping[str, Any]] = ()) -> Self:
+        """This record, with the plugins that took part in it (name -> version), and the approximations on the way to
+        it, added to its ``provenance``."""
+        found = approximations.merged(self.approximate, approximate)
+        provenance: dict[str, Any] = dict(getattr(self, "provenance", {}))
+        if plugins:
+            provenance["plugins"] = {**self.plugins, **plugins}
+        if found:
+            provenance["approximate"] = found
+        return self.model_copy(update={"provenance": provenance}) if plugins or found else self
 
     def __copy__(self) -> Self:
         return self

@@ -10,10 +10,11 @@ import math
 import re
 from decimal import Decimal
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import ase.units
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.fields import FieldInfo
 from pydantic_core import core_schema
 
 from chemage.foundation.errors import UnitError
@@ -136,6 +137,13 @@ class Unit:
 
     def __repr__(self) -> str:
         return f"Unit({self.unit!r})"
+
+
+def unit_of(field: FieldInfo) -> str:
+    """The unit of a field of a model; empty where it is no quantity."""
+    # the unit of an optional field is one level deeper
+    places = [field.metadata, *(getattr(part, "__metadata__", ()) for part in get_args(field.annotation))]
+    return next((mark.unit for place in places for mark in place if isinstance(mark, Unit)), "")
 
 
 Length = Annotated[float, Unit("nm", gt=0)]

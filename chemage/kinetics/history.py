@@ -20,7 +20,9 @@ class BondHistory(Record):
         "formed": (("hold_times",), "", "bonds formed so far"),
         "broken": (("hold_times",), "", "bonds broken so far"),
         "state": (("sites",), "", "whether each site is bonded at the end"),
+        "states": (("hold_times", "sites"), "", "whether each site is bonded at each hold time"),
     }
+    added = ("states",)
 
     hold_times: Doubles
     """(m,) s"""
@@ -32,6 +34,8 @@ class BondHistory(Record):
     """(m,) bonds broken since the start"""
     state: Flags
     """(n,) bool at the last hold time"""
+    states: Flags | None = None
+    """(m, n) bool at each hold time; None where nothing asked for them"""
     time: float = Field(ge=0, allow_inf_nan=False)
     """the last hold time, s"""
     temperature: float = Field(gt=0, allow_inf_nan=False)
@@ -52,6 +56,10 @@ class BondHistory(Record):
         shape = self.hold_times.shape
         if self.hold_times.ndim != 1 or not (self.bonds.shape == self.formed.shape == self.broken.shape == shape):
             raise ValueError("hold_times, bonds, formed, broken: must be one-dimensional and of equal length")
+        if self.states is not None and self.states.shape != (*shape, *self.state.shape):
+            raise ValueError(f"states: shape {self.states.shape}; give ({shape[0]}, {self.state.size})")
+        if self.states is not None and shape[0] and not np.array_equal(self.states[-1], self.state):
+            raise ValueError("states: the last of them is not the state at the end")
         return self
 
     @property
@@ -69,11 +77,13 @@ class BondHistory(Record):
         """
         if later.state.size != self.state.size or later.hold_times[0] < self.time:
             raise InputError.of("later", repr(later), "was not resumed from this history", "pass what start=... gave")
-        joined = {
+        joined: dict[str, Any] = {
             name: np.concatenate([getattr(self, name), getattr(later, name)])
             for name in ("hold_times", "bonds", "formed", "broken")
         }
-        return BondHistory(**{**later.todict(), **joined})
+        states = [one.states for one in (self, later) if one.states is not None]
+        joined["states"] = np.concatenate(states) if len(states) == 2 else None
+        return BondHistory(**{**later.todict(), **joined}).noting({}, self.approximate)
 
     def __repr__(self) -> str:
         return f"<BondHistory {self.bonds[-1]} bonds at {self.time:g} s after {self.events} events ({self.engine})>"

@@ -9,9 +9,11 @@ from chemage.plugins.hooks import hookimpl, hookspec
 if TYPE_CHECKING:
     import numpy as np
 
+    from chemage.contacts.solution import ContactSolution
     from chemage.foundation.checks import Seed
     from chemage.kinetics.history import BondHistory
     from chemage.kinetics.role import Engine
+    from chemage.lattices.chemistry import Chemistry
     from chemage.lattices.lattice import ReactionLattice
 
 ROLES = {"engine": "chemage.kinetics.role:Engine"}
@@ -25,9 +27,12 @@ def chemage_run_kinetics(
     temperature: float,
     seed: Seed,
     start: BondHistory | None,
+    contact: ContactSolution | None,
+    chemistry: Chemistry | None,
 ) -> BondHistory | None:
     """Run one replica. Return None to leave it to the next plugin; chemage itself answers last.
 
+    ``contact`` and ``chemistry`` are what the lattice was made from, None where an engine is run on a lattice by hand.
     Called once per replica (once per piece where checkpoints are kept; ``start`` is then the piece before), never per
     event.
     """

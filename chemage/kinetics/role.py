@@ -27,6 +27,7 @@ class Engine(Component, ABC):
     exact: ClassVar[bool] = True
     #: of an approximate engine, the largest relative error of the mean number of bonds; the checks hold it to that
     declared_error: ClassVar[float | None] = None
+    error_of: ClassVar[str] = "the mean number of bonds"
 
     def concurrency(self) -> int:
         """Threads that one run with these options uses; concurrent replicas share what is left."""

@@ -13,7 +13,7 @@ from chemage.foundation.checks import Seed
 from chemage.foundation.components import Component
 from chemage.foundation.units import EV_PER_GPA_NM3, Force, Frequency, Volume
 from chemage.lattices.lattice import ReactionLattice
-from chemage.lattices.neighbours import neighbours_of
+from chemage.lattices.neighbours import coupling_of, graph_of, neighbours_of
 from chemage.lattices.role import Barriers, Interaction
 from chemage.plugins.choices import Choice
 
@@ -59,7 +59,7 @@ class Chemistry(Component):
         if self.hydroxylation < 1:
             sites = sites[random.uniforms(seed, random.HYDROXYLATION, sites) < self.hydroxylation]
             if self.interaction is not None:
-                graph = self.interaction.neighbours(contact.shape, contact.periodic, sites)
+                graph = graph_of(contact, self.interaction, sites)
         elif self.interaction is not None:
             graph = neighbours_of(contact, self.interaction)
         fields: dict[str, Any] = {
@@ -76,7 +76,7 @@ class Chemistry(Component):
         if self.breaking is not None:
             fields["breaking"] = self.breaking.quantile(random.uniforms(seed, random.BREAKING, sites))
         if self.interaction is not None and graph is not None:
-            fields |= {"neighbours": graph, "coupling": self.interaction.coupling(sites, graph, seed)}
+            fields |= {"neighbours": graph, "coupling": coupling_of(contact, self.interaction, sites, graph, seed)}
         return ReactionLattice(**fields)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -16,22 +17,28 @@ if TYPE_CHECKING:
 class ReactionLattice(Record):
     """A graph of the sites that can react, and nothing else.
 
-    A site forms a bond at the rate ν exp(−E/k_B T) with E = ``forming`` + Σ ``coupling`` over its bonded neighbours,
-    and breaks it with E = ``breaking``; a barrier at or below zero means the rate ν. Can be built from plain arrays.
+    There is one site in a pixel, or none; with ``positions`` there may be several. A site forms a bond at the rate
+    ν exp(−E/k_B T) with E = ``forming`` + Σ ``coupling`` over its bonded neighbours, and breaks it with E =
+    ``breaking``; a barrier at or below zero means the rate ν. Can be built from plain arrays.
     """
 
     arrays = {
         "sites": (("sites",), "", "flat pixel index"),
+        "positions": (("sites", "xy"), "nm", "position of the site"),
         "forming": (("sites",), "eV", "barrier to forming a bond with no neighbour bonded"),
         "breaking": (("sites",), "eV", "barrier to breaking the bond"),
         "neighbours": (("sites", "slot"), "", "position of the neighbour in the list of sites, -1 = none"),
         "coupling": (("sites", "slot"), "eV", "what a bonded neighbour adds to the forming barrier"),
     }
 
+    added = ("positions",)
+
     pixels: tuple[int, int]
     """(nx, ny) of the grid the sites lie on"""
     sites: Indices
-    """(n,) int64 flat pixel index, ascending, no site twice"""
+    """(n,) int64 flat index of the pixel of each site, ascending; without ``positions`` no pixel twice"""
+    positions: Doubles | None = None
+    """(n, 2) x and y in nm, from the corner of the grid; None: one site in the centre of each pixel in ``sites``"""
     forming: Doubles
     """(n,) eV"""
     breaking: Doubles | None = None
@@ -43,7 +50,7 @@ class ReactionLattice(Record):
     attempt_frequency: float = Field(default=1e13, gt=0, allow_inf_nan=False)
     """ν, Hz"""
     pixel_size: float = Field(default=1.0, gt=0, allow_inf_nan=False)
-    """nm, for viewing only"""
+    """nm; for viewing, and to place ``positions`` in their pixels"""
     provenance: dict[str, Any] = {}
     """how it was made: plain JSON values"""
 
@@ -58,9 +65,9 @@ class ReactionLattice(Record):
             if self.sites[0] < 0 or self.sites[-1] >= self.pixels[0] * self.pixels[1]:
                 raise ValueError(f"sites: from {self.sites[0]} to {self.sites[-1]}, outside the grid of {self.pixels}")
             steps = np.diff(self.sites)
-            if np.any(steps == 0):
+            if self.positions is None and np.any(steps == 0):
                 twice = int(self.sites[1:][steps == 0][0])
-                raise ValueError(f"sites: pixel {twice} is listed twice; list each once")
+                raise ValueError(f"sites: pixel {twice} is listed twice; list each once, or give positions as well")
             if np.any(steps < 0):
                 raise ValueError("sites: not in ascending order; sort them (and what goes with them)")
         for name in ("forming", "breaking"):
@@ -70,8 +77,26 @@ class ReactionLattice(Record):
             if values.shape != (n,):
                 raise ValueError(f"{name}: shape {values.shape}, but there are {n} sites; give one value per site")
             require_finite(name, values, "give barriers in eV")
+        if self.positions is not None:
+            self._check_positions(self.positions, n)
         self._check_graph(n)
         return self
+
+    def _check_positions(self, positions: np.ndarray, n: int) -> None:
+        if positions.shape != (n, 2):
+            raise ValueError(f"positions: shape {positions.shape}, but there are {n} sites; give x and y of each in nm")
+        require_finite("positions", positions, "give x and y in nm")
+        centres = np.stack(np.divmod(self.sites, self.pixels[1]), axis=1) + 0.5
+        # a site on the edge of two pixels may be counted to either, whatever the rounding
+        outside = np.abs(positions / self.pixel_size - centres).max(axis=1, initial=0) > 0.5 + 1e-6
+        if outside.any():
+            site = int(np.argmax(outside))
+            raise ValueError(
+                f"positions[{site}]: ({positions[site, 0]:g}, {positions[site, 1]:g}) nm is outside pixel "
+                f"{int(self.sites[site])}, whose centre is at ({centres[site, 0] * self.pixel_size:g}, "
+                f"{centres[site, 1] * self.pixel_size:g}) nm with pixels of {self.pixel_size:g} nm; "
+                "give the pixel of each site in sites, positions in nm, and pixel_size"
+            )
 
     def _check_graph(self, n: int) -> None:
         neighbours, coupling = self.neighbours, self.coupling
@@ -104,6 +129,27 @@ class ReactionLattice(Record):
         """Whether any two sites are coupled."""
         return self.neighbours is not None
 
+    @cached_property
+    def random_index(self) -> np.ndarray:
+        """(n,) int64: what the random numbers of each site belong to, in :mod:`chemage.random` and in engines.
+
+        The pixel of the site; for the second site of a pixel and further ones, that plus once, twice, … the number of
+        pixels. Two sites of one pixel have independent random numbers by this.
+        """
+        if self.positions is None:
+            return self.sites
+        new = np.append(True, np.diff(self.sites) > 0)[: self.sites.size]
+        order = np.arange(self.sites.size)
+        rank = order - np.maximum.accumulate(np.where(new, order, 0))
+        index = self.sites + rank * (self.pixels[0] * self.pixels[1])
+        index.setflags(write=False)
+        return index
+
+    def per_pixel(self, values: np.ndarray) -> np.ndarray:
+        """The sum of ``values`` (n,) over the sites of each pixel: (nx, ny) float64, 0 where there is no site."""
+        sums = np.bincount(self.sites, weights=values, minlength=self.pixels[0] * self.pixels[1])
+        return sums.reshape(self.pixels)
+
     def to_atoms(self, state: np.ndarray | None = None) -> Atoms:
         """The sites as ASE atoms for viewing: O where bonded, H elsewhere; barriers in ``arrays``. Å as in ASE."""
         from ase import Atoms
@@ -112,9 +158,12 @@ class ReactionLattice(Record):
         bonded = np.zeros(n, dtype=bool) if state is None else np.asarray(state, dtype=bool)
         step = 10.0 * self.pixel_size
         x, y = np.divmod(self.sites, self.pixels[1])
+        plane = np.stack([(x + 0.5) * step, (y + 0.5) * step], axis=1)
+        if self.positions is not None:
+            plane = 10.0 * self.positions
         atoms = Atoms(
             numbers=np.where(bonded, 8, 1),
-            positions=np.stack([(x + 0.5) * step, (y + 0.5) * step, np.zeros(n)], axis=1),
+            positions=np.column_stack([plane, np.zeros(n)]),
             cell=[self.pixels[0] * step, self.pixels[1] * step, 10.0],
             pbc=False,
         )

@@ -8,6 +8,8 @@ import weakref
 import numpy as np
 
 from chemage.contacts.solution import ContactSolution
+from chemage.foundation.calls import call_with
+from chemage.foundation.checks import Seed
 from chemage.foundation.records import frozen
 from chemage.lattices.role import Interaction
 
@@ -25,6 +27,33 @@ def neighbours_of(contact: ContactSolution, interaction: Interaction) -> np.ndar
             known = _graphs[id(contact)] = {}
             weakref.finalize(contact, _graphs.pop, id(contact), None)
         if interaction not in known:
-            graph = interaction.neighbours(contact.shape, contact.periodic, contact.sites)
-            known[interaction] = frozen(graph, np.int32)
+            known[interaction] = frozen(graph_of(contact, interaction, contact.sites), np.int32)
         return known[interaction]
+
+
+def graph_of(contact: ContactSolution, interaction: Interaction, sites: np.ndarray) -> np.ndarray:
+    """Which of ``sites``, pixels in contact, are neighbours under ``interaction``: (n, k) int32, -1 = none."""
+    return call_with(
+        interaction.neighbours,
+        contact.shape,
+        contact.periodic,
+        sites,
+        pixel_size=contact.pixel_size,
+        positions=None,
+    )
+
+
+def coupling_of(
+    contact: ContactSolution, interaction: Interaction, sites: np.ndarray, neighbours: np.ndarray, seed: Seed
+) -> np.ndarray:
+    """What a bonded neighbour adds to the forming barrier of each of ``sites``: (n, k) eV."""
+    return call_with(
+        interaction.coupling,
+        sites,
+        neighbours,
+        seed,
+        pixel_size=contact.pixel_size,
+        positions=None,
+        pixels=contact.shape,
+        periodic=contact.periodic,
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,6 +19,7 @@ class Barriers(Component, ABC):
     """
 
     role = "barriers"
+    error_of: ClassVar[str] = "the barriers"
 
     @abstractmethod
     def quantile(self, uniform: np.ndarray) -> np.ndarray:
@@ -29,9 +31,15 @@ class Barriers(Component, ABC):
 
 
 class Interaction(Component, ABC):
-    """Role ``interaction``: which sites are coupled, and how strongly."""
+    """Role ``interaction``: which sites are coupled, and how strongly.
+
+    A component may add keyword arguments with defaults to both methods, and chemage then passes them: ``pixel_size``
+    (nm) and ``positions`` ((n, 2) nm, or None where each site is in the centre of its pixel); to ``coupling`` also
+    ``pixels`` and ``periodic``.
+    """
 
     role = "interaction"
+    error_of: ClassVar[str] = "the couplings"
 
     @abstractmethod
     def neighbours(self, pixels: tuple[int, int], periodic: bool, sites: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from chemage.foundation.checks import Seed, expect
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
-from chemage.plugins.sources import providers
+from chemage.plugins.sources import approximations, providers
 
 
 def barriers(kind: str, **options: Any) -> Any:
@@ -32,4 +32,4 @@ def build_lattice(chemistry: Chemistry, contact: ContactSolution, seed: Seed = 0
     lattice, plugins = registry.current().answer(
         "chemage_build_lattice", ReactionLattice, chemistry=chemistry, contact=contact, seed=seed
     )
-    return lattice.noting(providers(chemistry) | plugins)
+    return lattice.noting(providers(chemistry) | plugins, approximations(chemistry))

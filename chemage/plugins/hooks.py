@@ -13,6 +13,8 @@ import pluggy
 
 #: A plugin module may set ``CHEMAGE_API = 1``; one made for another version is reported and skipped.
 API_VERSION = 1
+#: versions whose modules are still loaded
+SUPPORTED_API_VERSIONS = (1,)
 
 hookspec = pluggy.HookspecMarker("chemage")
 hookimpl = pluggy.HookimplMarker("chemage")

@@ -6,12 +6,12 @@ returns the very object it received, has changed nothing and is not noted.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
-#: name of a plugin -> its distribution and version
+#: name of a plugin -> its distribution and version, and in square brackets its options, where it has some
 Plugins = dict[str, str]
 
 _noted: ContextVar[Plugins | None] = ContextVar("chemage_plugins_taking_part", default=None)
@@ -39,17 +39,18 @@ def note(name: str, source: str) -> None:
         plugins[name] = source
 
 
-def record_participation(implementation: Any, name: str, source: str, *, many: bool) -> None:
+def record_participation(implementation: Any, name: str, source: Callable[[], str], *, many: bool) -> None:
     """Wrap a hook implementation (pluggy's ``HookImpl``) so that its part in an answer is noted.
 
-    ``many`` is for hooks that collect all answers: an empty one adds nothing.
+    ``source`` is asked at that moment, because it contains the options then in use. ``many`` is for hooks that collect
+    all answers: an empty one adds nothing.
     """
     function = implementation.function
 
     def plain(*arguments: Any) -> Any:
         answer = function(*arguments)
         if answer is not None and not (many and not answer):
-            note(name, source)
+            note(name, source())
         return answer
 
     def wrapper(*arguments: Any) -> Generator[None, Any, Any]:
@@ -61,14 +62,14 @@ def record_participation(implementation: Any, name: str, source: str, *, many: b
             try:
                 steps.throw(error)
             except StopIteration as end:
-                note(name, source)
+                note(name, source())
                 return end.value
         else:
             try:
                 steps.send(received)
             except StopIteration as end:
                 if end.value is not received:
-                    note(name, source)
+                    note(name, source())
                 return end.value
         steps.close()
         raise RuntimeError(f"hook wrapper of plugin {name!r} yields twice")
@@ -87,7 +88,7 @@ def record_participation(implementation: Any, name: str, source: str, *, many: b
             raise RuntimeError(f"hook wrapper of plugin {name!r} yields twice")
         after = (outcome.exception, None if outcome.exception else outcome.get_result())
         if before[0] is not after[0] or before[1] is not after[1]:
-            note(name, source)
+            note(name, source())
 
     if implementation.wrapper:
         implementation.function = wrapper

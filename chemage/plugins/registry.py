@@ -7,29 +7,50 @@ just these besides chemage's own. ``CHEMAGE_TRACE=1`` prints every hook call to 
 
 The rooms of chemage declare their roles and hooks in modules that are found by name, as the modules of plugins are:
 the registry knows no stage.
+
+Several plugins that implement the hook of a stage are asked in this order, and as wrappers the first has the last
+word: those that the scene, a block or ``CHEMAGE_PREFER`` prefers; those registered by hand, the latest first; installed
+ones by name; chemage itself.
 """
 
 from __future__ import annotations
 
 import hashlib
 import importlib
-import inspect
 import os
-import sys
 import threading
+import time
 import warnings
-import weakref
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from functools import partial
 from importlib import metadata
 from typing import Any, TypeVar
 
-import pluggy
-
 from chemage.foundation.errors import InputError, PluginError, UnknownKindError
-from chemage.plugins import hooks
+from chemage.plugins import hooks, in_use
+from chemage.plugins.loading import (
+    Hooks,
+    PluginRecord,
+    PluginWarning,
+    check_hook_names,
+    check_signatures,
+    checked_options,
+    checked_targets,
+    clash,
+    full_name,
+    imported,
+    is_stage,
+    scene_text,
+    selected,
+    source_version,
+    trace_after,
+    trace_before,
+    versions,
+)
 from chemage.plugins.participation import Plugins, record_participation, taking_part
+
+__all__ = ["PluginRecord", "PluginWarning", "Registry", "scene_text", "source_version"]
 
 GROUP = "chemage"
 #: modules in which the rooms of chemage declare roles (``ROLES``), hooks, and their own answers (``Default``)
@@ -39,39 +60,15 @@ ROOMS = (
     "chemage.contacts.hooks",
     "chemage.lattices.hooks",
     "chemage.kinetics.hooks",
+    "chemage.friction.hooks",
     "chemage.ageing.hooks",
     "chemage.experiments.hooks",
+    "chemage.reports.hooks",
     "chemage.cli.hooks",
 )
+#: time of import from which a module is called slow, s
+SLOW = 0.5
 T = TypeVar("T")
-
-
-class PluginWarning(UserWarning):
-    """A plugin was skipped because it is broken."""
-
-
-@dataclass
-class PluginRecord:
-    """What is known of one plugin."""
-
-    name: str
-    distribution: str
-    version: str
-    module: str
-    kinds: dict[str, dict[str, str]] = field(default_factory=dict)
-    scenes: dict[str, str] = field(default_factory=dict)
-    #: why it was skipped, in words; empty when it works
-    error: str = ""
-    #: the class, where it was registered by hand
-    component: Any = None
-    #: libraries that it names as its basis (``CHEMAGE_LIBRARIES``) -> version
-    libraries: dict[str, str] = field(default_factory=dict)
-
-    @property
-    def source(self) -> str:
-        """``distribution version (library version, ...)``, or the module where there is no distribution."""
-        libraries = ", ".join(f"{name} {version}" for name, version in self.libraries.items())
-        return f"{self.distribution or self.module} {self.version} {f'({libraries})' if libraries else ''}".strip()
 
 
 class Registry:
@@ -81,38 +78,45 @@ class Registry:
         self, entry_points: Iterable[metadata.EntryPoint] | None = None, *, strict: bool | None = None
     ) -> None:
         self.strict = os.environ.get("CHEMAGE_STRICT", "") not in ("", "0") if strict is None else strict
-        self.manager = pluggy.PluginManager("chemage")
+        self.manager = Hooks()
+        #: the same hooks in another order, by the names of the plugins that come first
+        self._preferring: dict[tuple[str, ...], Hooks] = {}
         self.records: list[PluginRecord] = []
         #: role -> "module:Class" of its abstract class
         self.roles: dict[str, str] = {}
         self._classes: dict[tuple[str, str], type] = {}
-        if os.environ.get("CHEMAGE_TRACE", "") not in ("", "0"):
-            self.manager.add_hookcall_monitoring(_trace_before, _trace_after)
-        for name in ROOMS:
-            self._add_room(importlib.import_module(name))
-        found = _selected(metadata.entry_points(group=GROUP)) if entry_points is None else entry_points
-        # chemage's own first, the rest by name: the order never depends on the file system
-        for point in sorted(found, key=lambda p: (not (p.dist is not None and p.dist.name == "chemage"), p.name)):
+        self._add_rooms(self.manager)
+        found = selected(metadata.entry_points(group=GROUP)) if entry_points is None else entry_points
+        # by name: the order never depends on the file system; pluggy asks those first that were registered last
+        for point in sorted(found, key=lambda p: (_is_own(p), p.name), reverse=True):
             self._load(point)
+        self.records.sort(key=lambda one: (one.distribution != "chemage", one.name, one.distribution))
         for record in self.records:
             if record.error:
                 warnings.warn(
                     f"plugin {record.name!r} ({record.source}) was skipped: {record.error}", PluginWarning, stacklevel=2
                 )
 
-    def _add_room(self, room: Any) -> None:
-        self.manager.add_hookspecs(room)
-        self.roles |= getattr(room, "ROLES", {})
-        default = getattr(room, "Default", None)
-        if default is not None:
-            self.manager.register(default(), room.__name__.removesuffix(".hooks"))
+    def _add_rooms(self, manager: Hooks) -> None:
+        if os.environ.get("CHEMAGE_TRACE", "") not in ("", "0"):
+            manager.add_hookcall_monitoring(trace_before, trace_after)
+        for name in ROOMS:
+            room = importlib.import_module(name)
+            manager.add_hookspecs(room)
+            self.roles |= getattr(room, "ROLES", {})
+            default = getattr(room, "Default", None)
+            if default is not None:
+                manager.register(default(), name.removesuffix(".hooks"))
 
     def _load(self, point: metadata.EntryPoint) -> None:
         dist = point.dist
         record = PluginRecord(point.name, dist.name if dist else "", dist.version if dist else "", point.value)
         self.records.append(record)
         try:
-            self._register(point.load(), record)
+            begin = time.perf_counter()
+            plugin = point.load()
+            record.seconds = time.perf_counter() - begin
+            self._register(plugin, record)
         except (Exception, SystemExit) as error:  # a plugin that exits when imported must not end the program
             if self.strict:
                 raise PluginError(
@@ -146,7 +150,7 @@ class Registry:
         self._classes.pop((role, kind), None)
         record = PluginRecord(name, "", source_version(cls), cls.__module__, {role: {kind: name}}, component=cls)
         if others := self.offers(role, kind):
-            raise PluginError(_clash(role, kind, [*others, record]))
+            raise PluginError(clash(role, kind, [*others, record]))
         self._classes[role, kind] = self._checked(cls, role, kind, record)
         self.records.append(record)
         return record
@@ -158,31 +162,38 @@ class Registry:
 
     def _register(self, plugin: Any, record: PluginRecord) -> None:
         api = getattr(plugin, "CHEMAGE_API", hooks.API_VERSION)
-        if api != hooks.API_VERSION:
+        if api not in hooks.SUPPORTED_API_VERSIONS:
             raise PluginError(f"made for plugin interface {api}, this chemage has {hooks.API_VERSION}")
-        record.libraries = _versions(getattr(plugin, "CHEMAGE_LIBRARIES", ()))
-        name = _full_name(record)
+        record.libraries = versions(getattr(plugin, "CHEMAGE_LIBRARIES", ()))
+        record.options = checked_options(getattr(plugin, "CHEMAGE_OPTIONS", ""), record)
+        name = full_name(record)
         if self.manager.has_plugin(name) or self.manager.is_registered(plugin):
             raise PluginError(f"{record.module} is registered twice")
-        _check_hook_names(plugin, self._hook_names())
+        check_hook_names(plugin, self._hook_names())
+        self._preferring.clear()
         try:
-            self.manager.register(plugin, name)
+            self._attach(self.manager, plugin, record)
             for hook in self.manager.get_hookcallers(plugin) or ():
-                for impl in hook.get_hookimpls():
-                    if impl.plugin is not plugin:
-                        continue
-                    if hook.name == "chemage_register":
-                        record.kinds = self._checked_kinds(impl.function())
-                    elif hook.name == "chemage_scenes":
-                        record.scenes = _checked_targets("chemage_scenes", impl.function())
-                    else:
-                        record_participation(impl, record.name, record.source, many=not _is_stage(hook))
+                if hook.name == "chemage_register":
+                    record.kinds = self._checked_kinds(_called(hook, plugin))
+                elif hook.name == "chemage_scenes":
+                    record.scenes = checked_targets("chemage_scenes", _called(hook, plugin))
         except (Exception, SystemExit):
             # older pluggy keeps the hooks that come before the one at fault
             if self.manager.is_registered(plugin):
                 self.manager.unregister(plugin)
-            record.kinds, record.scenes = {}, {}
+            record.kinds, record.scenes, record.options = {}, {}, ""
             raise
+
+    def _attach(self, manager: Hooks, plugin: Any, record: PluginRecord) -> None:
+        """Add the hooks of a plugin to ``manager``, so that their part in an answer is noted."""
+        manager.register(plugin, full_name(record))
+        source = partial(self.source_in_use, record)
+        for hook in manager.get_hookcallers(plugin) or ():
+            if hook.name not in ("chemage_register", "chemage_scenes"):
+                for impl in hook.get_hookimpls():
+                    if impl.plugin is plugin:
+                        record_participation(impl, record.name, source, many=not is_stage(hook))
 
     def _hook_names(self) -> list[str]:
         return [name for name in dir(self.manager.hook) if name.startswith("chemage_")]
@@ -198,12 +209,43 @@ class Registry:
             A plugin answered with something else than ``expected``.
         """
         with taking_part() as plugins:
-            result = getattr(self.manager.hook, hook)(**arguments)
+            result = getattr(self._in_order(in_use.preference()).hook, hook)(**arguments)
         if not isinstance(result, expected):
             raise PluginError(
                 f"a plugin answered {hook} with {type(result).__name__}; expected {expected.__name__} or None"
             )
         return result, dict(plugins)
+
+    def check_preference(self, names: Iterable[str], where: str) -> None:
+        """Raise an InputError if one of these plugins, named in ``where``, is not in use."""
+        known = [record.name for record in self.records if not record.error]
+        if unknown := [name for name in names if name not in known]:
+            from chemage.foundation.messages import nearest
+
+            hint = nearest(unknown[0], known) if len(unknown) == 1 else ""
+            raise InputError(
+                f"{where} names {', '.join(map(repr, unknown))}, which is not installed{hint}; "
+                f"the plugins are {', '.join(sorted(known))}"
+            )
+
+    def _in_order(self, prefer: tuple[str, ...]) -> Hooks:
+        """The hooks, with the plugins ``prefer`` first."""
+        if not prefer:
+            return self.manager
+        if prefer not in self._preferring:
+            self.check_preference(prefer, f"the preference {', '.join(prefer)}")
+            records = {full_name(record): record for record in self.records}
+            first = {name: record for name, record in records.items() if record.name in prefer}
+            manager = Hooks([self.manager.get_plugin(name) for name in first])
+            self._add_rooms(manager)
+            rest = [name for name, _ in self.manager.list_name_plugin() if name in records and name not in first]
+            preferred = sorted(first, key=lambda name: prefer.index(first[name].name), reverse=True)
+            for name in [*rest, *preferred]:
+                plugin = self.manager.get_plugin(name)
+                if plugin is not None:  # a class that was registered has no hooks
+                    self._attach(manager, plugin, records[name])
+            self._preferring[prefer] = manager
+        return self._preferring[prefer]
 
     def implementing(self, *hook_names: str) -> Plugins:
         """The plugins, other than chemage's own rooms, that implement any of these hooks: name -> source, sorted."""
@@ -212,11 +254,18 @@ class Registry:
             for name in hook_names
             for implementation in getattr(self.manager.hook, name).get_hookimpls()
         }
-        return {one.name: one.source for one in sorted(self.records, key=lambda r: r.name) if _full_name(one) in names}
+        found = [one for one in sorted(self.records, key=lambda r: r.name) if full_name(one) in names]
+        return {one.name: self.source_in_use(one) for one in found}
+
+    def functions(self, hook: str) -> list[tuple[PluginRecord, Any]]:
+        """Each plugin that implements ``hook``, with its function, sorted by the name of the plugin."""
+        found = {one.plugin_name: one.function for one in getattr(self.manager.hook, hook).get_hookimpls()}
+        records = sorted(self.records, key=lambda record: record.name)
+        return [(one, found[name]) for one in records if (name := full_name(one)) in found]
 
     def implementation(self, name: str) -> Any:
         """The module or object with the hooks of the plugin ``name``."""
-        return self.manager.get_plugin(next(_full_name(one) for one in self.records if one.name == name))
+        return self.manager.get_plugin(next(full_name(one) for one in self.records if one.name == name))
 
     def state(self) -> str:
         """A hash of all plugins with their versions."""
@@ -224,8 +273,54 @@ class Registry:
         return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
 
     def source(self, name: str) -> str | None:
-        """The source, with its version, of the plugin ``name``; None if it is not in use."""
-        return next((one.source for one in self.records if one.name == name and not one.error), None)
+        """The source of the plugin ``name``, with its version and the options in use; None if it is not in use."""
+        found = next((one for one in self.records if one.name == name and not one.error), None)
+        return None if found is None else self.source_in_use(found)
+
+    def source_in_use(self, record: PluginRecord) -> str:
+        """The source of a plugin with its version and, in square brackets, its options in use."""
+        if not record.options:
+            return record.source
+        try:
+            options = in_use.options().get(record.name) or self.options_class(record.name)()
+        except (PluginError, InputError):
+            return record.source  # a hook that reads them raises this error
+        return f"{record.source} [{options.text()}]"
+
+    def options_class(self, name: str) -> Any:
+        """The class of the options of the plugin ``name``.
+
+        Raises
+        ------
+        InputError
+            There is no such plugin, or it has no options.
+        PluginError
+            The class cannot be imported, or is not as it must be.
+        """
+        record = next((one for one in self.records if one.name == name), None)
+        if record is None or record.error or not record.options:
+            from chemage.foundation.messages import nearest
+
+            known = [one.name for one in self.records if one.options]
+            hint = f"; plugins with options: {', '.join(known) or 'none'}"
+            if record is None:
+                raise InputError(f"no plugin {name!r}{nearest(name, known)} is installed{hint}")
+            problem = f"was skipped: {record.error}" if record.error else f"has no options{hint}"
+            raise InputError(f"plugin {name!r} {problem}")
+        where = f"the options of plugin {record.name!r} ({record.source})"
+        try:
+            cls = imported(record.options)
+        except Exception as error:
+            raise PluginError(
+                f"{where}: {record.options} cannot be imported: {type(error).__name__}: {error}"
+            ) from error
+        from chemage.plugins.options import PluginOptions
+
+        if not (isinstance(cls, type) and issubclass(cls, PluginOptions)):
+            raise PluginError(f"{where}: {record.options} is not a chemage.PluginOptions")
+        if required := [option for option, info in cls.model_fields.items() if info.is_required()]:
+            raise PluginError(f"{where}: {', '.join(required)} must have a default, for scenes that do not set it")
+        return cls
 
     def provider(self, cls: type) -> PluginRecord | None:
         """The plugin whose component ``cls`` is; None for a class that is not registered."""
@@ -238,7 +333,7 @@ class Registry:
 
     def stage_hooks(self) -> list[str]:
         """The hooks of which one answer is used: those of the stages."""
-        return [name for name in self._hook_names() if _is_stage(getattr(self.manager.hook, name))]
+        return [name for name in self._hook_names() if is_stage(getattr(self.manager.hook, name))]
 
     # -- components ---------------------------------------------------------------------------------------------------
 
@@ -251,13 +346,12 @@ class Registry:
         return [record for record in self.records if kind in record.kinds.get(role, ())]
 
     def clashes(self) -> list[str]:
-        """A sentence for each kind claimed more than once."""
-        return [
-            _clash(role, kind, offers)
-            for role in self.roles
-            for kind in self.kinds(role)
-            if len(offers := self.offers(role, kind)) > 1
-        ]
+        """A sentence for each kind, scene and name of a plugin that is claimed more than once."""
+        kinds = [(role, kind, self.offers(role, kind)) for role in self.roles for kind in self.kinds(role)]
+        scenes = [("scene", name, [one for one in self.records if name in one.scenes]) for name in self.scenes()]
+        called = {record.name: [one for one in self.records if one.name == record.name] for record in self.records}
+        names = [("the name", name, records) for name, records in called.items()]
+        return [clash(*claimed) for claimed in (*kinds, *scenes, *names) if len(claimed[2]) > 1]
 
     def component(self, role: str, kind: str) -> Any:
         """The class behind ``kind``.
@@ -283,7 +377,7 @@ class Registry:
                 + (f" (skipped because broken: {', '.join(broken)})" if broken else "")
             )
         if len(offers) > 1:
-            raise PluginError(_clash(role, kind, offers))
+            raise PluginError(clash(role, kind, offers))
         self._classes[role, kind] = cls = self._import(role, kind, offers[0])
         return cls
 
@@ -297,7 +391,7 @@ class Registry:
         """
         if name not in self.roles:
             raise InputError(f"no such role {name!r}; the roles are {', '.join(self.roles)}")
-        return _imported(self.roles[name])
+        return imported(self.roles[name])
 
     def make(self, role: str, kind: str, options: Mapping[str, Any]) -> Any:
         """The component ``kind`` with ``options``."""
@@ -318,14 +412,19 @@ class Registry:
         """Where the scene ``name`` is; two plugins that ship one name are an error."""
         holders = [record for record in self.records if name in record.scenes]
         if len(holders) > 1:
-            raise PluginError(_clash("scene", name, holders))
+            raise PluginError(clash("scene", name, holders))
         return holders[0].scenes[name]
 
     def check(self) -> list[str]:
-        """Everything that is wrong, a sentence each: broken plugins, clashes, targets that cannot be imported."""
+        """Everything that is wrong, a sentence each: broken plugins, clashes, what cannot be imported or called."""
         problems = [f"plugin {r.name!r} ({r.source}): {r.error}" for r in self.records if r.error]
         problems += self.clashes()
         for record in self.records:
+            if record.options:
+                try:
+                    self.options_class(record.name)
+                except PluginError as error:
+                    problems.append(str(error))
             for role, kinds in record.kinds.items():
                 for kind in kinds:
                     try:
@@ -339,6 +438,26 @@ class Registry:
                     problems.append(f"scene {name!r} of plugin {record.name!r}: {target}: {error}")
         return problems
 
+    def notes(self) -> list[str]:
+        """What to know although nothing is wrong, a sentence each: slow imports, stages that plugins share."""
+        said = [
+            f"plugin {record.name!r} ({record.source}): its module {record.module} takes {record.seconds:.1f} s to "
+            "import, which every command waits for; import what is slow inside functions, or in the modules that the "
+            "registered strings name"
+            for record in self.records
+            if record.seconds > SLOW
+        ]
+        for name in self.stage_hooks():
+            implementations = getattr(self._in_order(in_use.preference()).hook, name).get_hookimpls()
+            for wraps, verb, wins in ((False, "answer", "is asked first"), (True, "wrap", "has the last word")):
+                order = [one.plugin_name for one in reversed(implementations) if _wraps(one) == wraps]
+                sharing = [record for full in order for record in self.records if full_name(record) == full]
+                if len(sharing) > 1:
+                    listed = " and ".join(f"{one.name!r} ({one.source})" for one in sharing)
+                    how = prefer_another(sharing[1].name)
+                    said.append(f"{listed} {verb} {name}; {sharing[0].name!r} {wins}; to change this, {how}")
+        return said
+
     def _checked_kinds(self, offer: Any) -> dict[str, dict[str, str]]:
         kinds: dict[str, dict[str, str]] = {}
         if not isinstance(offer, Mapping):
@@ -346,7 +465,7 @@ class Registry:
         for role, targets in offer.items():
             if role not in self.roles:
                 raise PluginError(f"chemage_register names the role {role!r}; the roles are {', '.join(self.roles)}")
-            kinds[role] = _checked_targets(f"chemage_register: {role}", targets)
+            kinds[role] = checked_targets(f"chemage_register: {role}", targets)
         return kinds
 
     def _import(self, role: str, kind: str, record: PluginRecord) -> Any:
@@ -354,7 +473,7 @@ class Registry:
             return record.component
         target = record.kinds[role][kind]
         try:
-            cls = _imported(target)
+            cls = imported(target)
         except Exception as error:
             where = f"{role} {kind!r} of plugin {record.name!r} ({record.source})"
             raise PluginError(f"{where}: {target} cannot be imported: {type(error).__name__}: {error}") from error
@@ -370,117 +489,25 @@ class Registry:
             raise PluginError(f"{where}: the class calls itself {cls.kind!r}; set kind = {kind!r}")
         if abstract := getattr(cls, "__abstractmethods__", None):
             raise PluginError(f"{where}: {target} does not define {', '.join(sorted(abstract))}")
+        check_signatures(cls, expected, where)
         return cls
 
 
-def _selected(found: Iterable[metadata.EntryPoint]) -> list[metadata.EntryPoint]:
-    """The entry points that ``CHEMAGE_PLUGINS`` allows: names besides chemage's own, or ``-name`` to leave out."""
-    points = list(found)
-    words = [word.strip() for word in os.environ.get("CHEMAGE_PLUGINS", "").split(",") if word.strip()]
-    without = {word[1:] for word in words if word.startswith("-")}
-    only = {word for word in words if not word.startswith("-")}
-    if unknown := (without | only) - {point.name for point in points}:
-        installed = ", ".join(sorted(point.name for point in points))
-        raise InputError(
-            f"CHEMAGE_PLUGINS names {', '.join(sorted(unknown))}, which is not installed; the plugins are {installed}"
-        )
-
-    def wanted(point: metadata.EntryPoint) -> bool:
-        own = point.dist is not None and point.dist.name == "chemage"
-        return point.name not in without and (own or not only or point.name in only)
-
-    return [point for point in points if wanted(point)]
+def prefer_another(name: str) -> str:
+    """How a user changes the order of plugins."""
+    return f'write prefer = ["{name}"] below [plugins] in the scene, or set {in_use.PREFER}={name}'
 
 
-_reading = threading.Lock()
-_sources: weakref.WeakKeyDictionary[type, str] = weakref.WeakKeyDictionary()
+def _is_own(point: metadata.EntryPoint) -> bool:
+    return point.dist is not None and point.dist.name == "chemage"
 
 
-def source_version(cls: type) -> str:
-    """What stands for the version of a class that is not packaged: a hash of its source, which is read once."""
-    with _reading:  # Python 3.11 cannot parse in two threads at once
-        if cls not in _sources:
-            try:
-                text = inspect.getsource(cls)
-            except (OSError, TypeError):
-                _sources[cls] = "(source unknown)"
-            else:
-                _sources[cls] = f"(source {hashlib.blake2b(text.encode(), digest_size=4).hexdigest()})"
-        return _sources[cls]
+def _called(hook: Any, plugin: Any) -> Any:
+    return next(impl.function() for impl in hook.get_hookimpls() if impl.plugin is plugin)
 
 
-def _full_name(record: PluginRecord) -> str:
-    return f"{record.name} ({record.source})"
-
-
-def _versions(libraries: Any) -> dict[str, str]:
-    """The versions of the distributions that a plugin names as its basis."""
-    if isinstance(libraries, str) or not all(isinstance(name, str) for name in libraries):
-        raise PluginError(f"CHEMAGE_LIBRARIES = {libraries!r}: give a tuple of names of distributions")
-    return {name: metadata.version(name) for name in libraries}
-
-
-def _is_stage(hook: Any) -> bool:
-    return hook.spec is not None and bool(hook.spec.opts["firstresult"])
-
-
-def _check_hook_names(plugin: Any, known: list[str]) -> None:
-    """Refuse what pluggy would silently ignore: a misspelled hook, a hook without ``@chemage.hookimpl``, no hook."""
-    from chemage.foundation.messages import nearest
-
-    found = 0
-    for name in dir(plugin):
-        function = getattr(plugin, name)
-        marked = getattr(function, "chemage_impl", None)
-        if not callable(function) or (marked is None and not name.startswith("chemage_")):
-            continue
-        hook = (marked or {}).get("specname") or name
-        if hook not in known:
-            raise PluginError(
-                f"implements {hook}, which is not a hook{nearest(hook, known)}; the hooks are {', '.join(known)}"
-            )
-        if marked is None:
-            raise PluginError(f"{name} is not marked as a hook; write @chemage.hookimpl above it")
-        found += 1
-    if not found:
-        raise PluginError(f"implements no hook; the hooks are {', '.join(known)}")
-
-
-def _clash(role: str, kind: str, offers: list[PluginRecord]) -> str:
-    return (
-        f"{role} {kind!r} is claimed by {' and by '.join(f'{r.name!r} ({r.source})' for r in offers)}; "
-        "uninstall one of them"
-    )
-
-
-def _checked_targets(where: str, targets: Any) -> dict[str, str]:
-    if not isinstance(targets, Mapping):
-        raise PluginError(f"{where}: expected {{name: 'module:thing'}}, got {targets!r}")
-    for name, target in targets.items():
-        if not isinstance(name, str) or not isinstance(target, str) or target.count(":") != 1:
-            raise PluginError(f"{where} {name!r}: expected 'module:thing', got {target!r}")
-    return dict(targets)
-
-
-def _imported(target: str) -> Any:
-    module, _, name = target.partition(":")
-    return getattr(importlib.import_module(module), name)
-
-
-def scene_text(target: str) -> str:
-    """The text of a shipped scene, ``"package:file.toml"``."""
-    from importlib import resources
-
-    package, _, name = target.partition(":")
-    return resources.files(package).joinpath(name).read_text(encoding="utf-8")
-
-
-def _trace_before(hook_name: str, methods: Any, kwargs: Mapping[str, Any]) -> None:
-    print(f"chemage hook {hook_name}({', '.join(kwargs)}) -> {[m.plugin_name for m in methods]}", file=sys.stderr)
-
-
-def _trace_after(outcome: Any, hook_name: str, methods: Any, kwargs: Mapping[str, Any]) -> None:
-    print(f"chemage hook {hook_name} done", file=sys.stderr)
+def _wraps(implementation: Any) -> bool:
+    return implementation.wrapper or implementation.hookwrapper
 
 
 _current: Registry | None = None

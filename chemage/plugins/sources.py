@@ -13,6 +13,8 @@ from typing import Any
 
 import pluggy
 
+from chemage.foundation.approximations import merged, of_component
+from chemage.foundation.errors import ChemageError
 from chemage.plugins.hooks import hookimpl
 from chemage.plugins.participation import Plugins, note
 from chemage.plugins.registry import ROOMS, Registry, current, source_version
@@ -43,8 +45,21 @@ def providers(*components: Any) -> Plugins:
         if record is None:
             found[f"{cls.__module__}.{cls.__qualname__}"] = source_version(cls)
         elif record.distribution != "chemage":
-            found[record.name] = record.source
+            found[record.name] = plugins.source_in_use(record)
     return found
+
+
+def approximations(*components: Any) -> list[dict[str, Any]]:
+    """What is approximate about the components and their parts, as :mod:`chemage.foundation.approximations` has it."""
+    return merged(*(of_component(part) for part in components_in(components)))
+
+
+def approximation_of(role: str, kind: str) -> list[dict[str, Any]]:
+    """The same of an installed kind, such as the engine that a plugin used; empty where it is not known."""
+    try:
+        return of_component(current().component(role, kind))
+    except ChemageError:
+        return []
 
 
 def note_providers(*components: Any) -> None:
@@ -53,11 +68,19 @@ def note_providers(*components: Any) -> None:
         note(name, source)
 
 
-def changed(recorded: Plugins) -> dict[str, tuple[str, str]]:
-    """Of the plugins recorded with a result, those that are not in use in that version: name -> (then, now)."""
-    plugins = current()
+def changed(recorded: Plugins, *, options: bool = True) -> dict[str, tuple[str, str]]:
+    """Of the plugins recorded with a result, those that are not in use in that version: name -> (then, now).
+
+    A plugin with other options counts as well, unless ``options`` is False.
+    """
+    plugins, shown = current(), (lambda source: source) if options else without_options
     now = {name: plugins.source(name) or "not installed" for name in recorded}
-    return {name: (source, now[name]) for name, source in recorded.items() if now[name] != source}
+    return {name: (source, now[name]) for name, source in recorded.items() if shown(now[name]) != shown(source)}
+
+
+def without_options(source: str) -> str:
+    """The source of a plugin without the options that were in use."""
+    return source.partition(" [")[0]
 
 
 def implementing(*hook_names: str) -> Plugins:

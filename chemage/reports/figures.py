@@ -21,6 +21,12 @@ BLACK = "#000000"
 #: colours of curves, in order
 PALETTE = (BLUE, ORANGE, GREEN, PURPLE, GREY, "#E69F00", "#56B4E9", "#8C564B")
 _MAP_PIXELS = 900
+#: names of chemage's own figures, in the folder of a run, in comparisons and in reports
+CORE = (
+    *("surface", "pressure", "friction"),
+    *("heights", "patch"),
+    *("friction-drop", "friction-coefficient-drop", "bonds-per-area", "pressures"),
+)
 
 
 def panels(

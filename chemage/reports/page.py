@@ -25,10 +25,11 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.files import fresh_file, preflight
 from chemage.foundation.text import mean_text
 from chemage.foundation.version import __version__
-from chemage.reports.comparison import Comparison, Entry, compare_files, comparison_figures
+from chemage.reports.comparison import Comparison, Entry, compare_files
 from chemage.reports.comparison.differences import Difference
-from chemage.reports.observables import captions, observables_of
-from chemage.reports.run_figures import map_figures, observed_figures
+from chemage.reports.comparison.figures import comparison_brought, core_figures
+from chemage.reports.plugin_figures import Brought
+from chemage.reports.run_figures import brought_figures, map_figures
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -198,7 +199,7 @@ def _comparison(made: Comparison, name: str) -> Section:
         rows = [(name, fit.describe(), fit.beta_text(), fit.cutoff_text()) for name, fit in fits]
         columns = ["data", "model", "β per decade", "cut-off time t_c"]
         part.tables.append(Table("Equal fits to measurements and results", columns, rows, wide=True))
-    part.figures = _pictures(comparison_figures(made), made, "c")
+    part.figures = _pictures(core_figures(made), comparison_brought(made.results), made, "c")
     section.parts.append(part)
     return section
 
@@ -215,16 +216,15 @@ def _result(one: Entry, key: str, name: str) -> tuple[Section, list[str]]:
     contact = run.contact if run is not None else (thing if isinstance(thing, ContactSolution) else None)
     alone = Comparison([one])
     rows = [(label, texts[0]) for label, texts in alone.table()]
-    parts = [
-        Part("Key numbers", tables=[Table("", ["quantity", "value"], rows, wide=True)], notes=_notes(run, contact))
-    ]
+    notes = [f"approximate: {one.approximate}"] if one.approximate else []
+    notes += _notes(run, contact)
+    parts = [Part("Key numbers", tables=[Table("", ["quantity", "value"], rows, wide=True)], notes=notes)]
     figures: dict[str, Figure] = {}
     if contact is not None:
         figures |= map_figures(contact, run.surface if run is not None else None)
-    figures |= comparison_figures(alone)
-    if run is not None:
-        figures |= observed_figures(run)
-    parts.append(Part("Figures", figures=_pictures(figures, alone, key)))
+    figures |= core_figures(alone)
+    brought = brought_figures(run) if run is not None else comparison_brought(alone.results)
+    parts.append(Part("Figures", figures=_pictures(figures, brought, alone, key)))
     if one.aging is not None:
         parts.append(Part("Friction against hold time", tables=[_curves_table(one)]))
     if one.scene:
@@ -295,18 +295,27 @@ def scene_toml(scene: Mapping[str, Any]) -> str:
 # -- figures ----------------------------------------------------------------------------------------------------------
 
 
-def _pictures(figures: Mapping[str, Figure], made: Comparison, key: str) -> list[Picture]:
-    named = dict(_CAPTIONS)
-    for one in made.results:
-        if one.aging is not None:
-            named |= captions(observables_of(one.aging, one.scene))
+def _pictures(
+    figures: Mapping[str, Figure], brought: Mapping[str, Brought], made: Comparison, key: str
+) -> list[Picture]:
     maps = _map_alts(made.results[0])
+    approximate = "".join(
+        f" {_of(one, made)}approximate: {one.approximate}." for one in made.results if one.approximate
+    )
     found = []
     for name, figure in figures.items():
-        alt = maps[name] if name in _MAPS else _curve_alt(made, name, named[name])
+        alt = maps[name] if name in _MAPS else _curve_alt(made, name, _CAPTIONS[name])
         picture = _png(figure, alt) if name in _MAPS else _svg(figure, alt, f"{key}-{name}")
-        found.append(Picture(_markup(picture), named[name]))
+        found.append(Picture(_markup(picture), _CAPTIONS[name] + approximate))
+    for name, one in brought.items():
+        anchor = re.sub(r"[^\w-]", "-", f"{key}-{name}")
+        picture = _svg(one.figure, _curve_alt(made, name, one.caption), anchor)
+        found.append(Picture(_markup(picture), one.caption + approximate))
     return found
+
+
+def _of(one: Entry, made: Comparison) -> str:
+    return f"{one.name} is " if len(made.results) > 1 else "The result is "
 
 
 def _map_alts(one: Entry) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Figures of a run: the surface, the pressure and its patches, the observables, friction against hold time."""
+"""Figures of a run: the surface, the pressure and its patches, those of plugins, friction against hold time."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from chemage.ageing.plotted import Maps, PlottedResult
 from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
+from chemage.experiments.sections import components_of
 from chemage.reports.figures import BLUE, GREEN, GREY, ORANGE, blank, draw_map, panels, pooled, save_figures
-from chemage.reports.observables import observable_figures, observables_of, observed_in
+from chemage.reports.plugin_figures import Brought, Source, chemistry_of, plugin_figures
 from chemage.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -155,7 +157,7 @@ def friction_figure(run: Run) -> Figure | None:
         one.set_ylim(bottom=0)
     figure.suptitle(
         f"{run.scene.get('title') or run.name}: {_count(aging.replicas, 'replica', 'replicas')}, "
-        f"{aging.temperature:g} K",
+        f"{aging.temperature:g} K" + (f"\napproximate: {run.approximate}" if run.approximate else ""),
         fontsize=10,
         parse_math=False,  # a dollar sign in a title is not a formula
     )
@@ -170,12 +172,14 @@ def _with_errors(axes: Axes, t: np.ndarray, mean: np.ndarray, error: np.ndarray,
     axes.errorbar(t, mean, yerr=np.nan_to_num(error), color=colour, marker="o", ms=3.5, lw=1, capsize=2)
 
 
-def observed_figures(run: Run) -> dict[str, Figure]:
-    """Draw the figures of the observables of a run: name -> figure."""
-    if run.aging is None:
-        return {}
-    observed = observed_in(run.name, run.aging, BLUE)
-    return observable_figures([(observed, observables_of(run.aging, run.scene))])
+def brought_figures(run: Run) -> dict[str, Brought]:
+    """Draw the figures that plugins bring to a run: name -> figure and caption."""
+    aging = run.aging
+    chemistry = chemistry_of(aging.provenance) if aging is not None else None
+    maps = Maps(run.contact, run.surface)
+    label = f"{run.name} (approximate)" if run.approximate else run.name
+    result = PlottedResult(label, aging, chemistry, BLUE, scene=run.scene, load_maps=lambda: maps)
+    return plugin_figures([Source(result, components_of(run.scene, aging), run.plugins)])
 
 
 def figures(run: Run) -> dict[str, Figure]:
@@ -183,7 +187,7 @@ def figures(run: Run) -> dict[str, Figure]:
     made = {
         "surface": surface_figure(run.surface) if run.surface is not None else None,
         "pressure": pressure_figure(run.contact),
-        **observed_figures(run),
+        **{name: brought.figure for name, brought in brought_figures(run).items()},
         "friction": friction_figure(run),
     }
     return {name: figure for name, figure in made.items() if figure is not None}

@@ -11,13 +11,19 @@ from chemage.reports.figures import BLUE, panels
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: panels side by side
+_COLUMNS = 4
+
 
 def figure(found: Tradeoff) -> Figure:
     """Draw the error against the CPU time, with a panel for each option whose error was measured."""
     named = dict.fromkeys(row.option for row in found.rows if row.option != "engine")  # engines are exact
     options = [option for option in named if _errors(found, option)]
-    columns = max(len(options), 1)
-    drawn, plots = panels(4.6 * columns, 3.9, columns, dpi=130)
+    columns = min(max(len(options), 1), _COLUMNS)
+    rows = max(-(-len(options) // columns), 1)
+    drawn, plots = panels(4.6 * columns, 3.9 * rows, columns, rows, dpi=130)
+    for axes in plots[max(len(options), 1) :]:
+        axes.remove()
     for option, axes in zip(options, plots, strict=False):
         label, points = _errors(found, option)
         seconds, errors = [point.seconds for point in points], [point.error for point in points]
@@ -70,15 +76,19 @@ def _errors(found: Tradeoff, option: str) -> Any:
     kinds = {
         "pressure_error": ("relative error of the pressure", ""),
         "area_error": ("relative error of the corrected area", "area_error_half_width"),
+        "beta_difference": ("|difference of β|", "beta_difference_half_width"),
         "beta_stderr": ("standard error of β", ""),
     }
     for name, (label, uncertainty) in kinds.items():
         points = [
             _Point(
-                row.cpu_seconds, getattr(row, name), getattr(row, uncertainty) if uncertainty else math.nan, row.setting
+                row.cpu_seconds,
+                abs(getattr(row, name)),
+                getattr(row, uncertainty) if uncertainty else math.nan,
+                row.setting,
             )
             for row in rows
-            if row.cpu_seconds > 0 and getattr(row, name) > 0
+            if row.cpu_seconds > 0 and abs(getattr(row, name)) > 0
         ]
         if points:
             return label, points

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import keyword
 import re
+import warnings
 from importlib import resources
 from pathlib import Path
 
 from chemage.foundation.errors import InputError, StoreError
 from chemage.foundation.messages import nearest
+from chemage.foundation.version import __version__
 from chemage.plugins import registry
+from chemage.plugins.hooks import API_VERSION
 
 
 def new(name: str, role: str, folder: Path) -> list[Path]:
@@ -42,8 +45,11 @@ def new(name: str, role: str, folder: Path) -> list[Path]:
         "module": module,
         "package": package,
         "distribution": f"chemage-{name}",
+        "api": API_VERSION,
+        "versions": version_range(),
         "cls": "".join(part.capitalize() for part in name.split("-")),
     }
+    _warn_if_taken(name, role, package)
     contents = {
         Path("pyproject.toml"): "pyproject.toml",
         Path("README.md"): "README.md",
@@ -64,6 +70,24 @@ def new(name: str, role: str, folder: Path) -> list[Path]:
     except OSError as error:
         raise StoreError(f"cannot write {target}: {error.strerror}") from error
     return [target / path for path in contents]
+
+
+def version_range() -> str:
+    """The versions of chemage that a plugin written now works with: from this one to before the next major one."""
+    major, minor, *_ = __version__.split(".")
+    return f">={major}.{minor},<{int(major) + 1}"
+
+
+def _warn_if_taken(name: str, role: str, package: str) -> None:
+    plugins = registry.current()
+    taken = [f"{role} {name!r} comes with {one.name!r} ({one.source})" for one in plugins.offers(role, name)]
+    taken += [f"a plugin {package!r} is there: {one.source}" for one in plugins.records if one.name == package]
+    if taken:
+        warnings.warn(
+            f"{'; '.join(taken)}; the new plugin cannot be used beside it, so choose another name",
+            registry.PluginWarning,
+            stacklevel=3,
+        )
 
 
 def _template(name: str) -> str:

@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, PluginError, StoreError
-from chemage.plugins import registry
+from chemage.plugins import in_use, registry
+from chemage.plugins.loading import PluginRecord
 from chemage.plugins.sources import note_providers
 
 
@@ -17,6 +18,7 @@ class Reader(Component, ABC):
     """Role ``reader``: reads a file format into a Surface or another chemage object."""
 
     role = "reader"
+    error_of: ClassVar[str] = "the heights"
     #: file name endings that this reader accepts, with the dot
     suffixes: ClassVar[tuple[str, ...]] = ()
 
@@ -28,36 +30,74 @@ class Reader(Component, ABC):
 def reader_for(path: str | PathLike[str]) -> Reader:
     """The installed reader for the ending of ``path``, with its default options.
 
-    A reader that cannot be imported is left out: ``chemage plugins check`` reports it, and it must not stop the readers
-    that work.
+    Of several, that of a preferred plugin (``[plugins] prefer``) is taken, else chemage's own, so that no
+    result changes when a plugin is installed. A reader that cannot be imported is left out:
+    ``chemage plugins check`` reports it.
 
     Raises
     ------
     StoreError
         No installed reader accepts the ending.
     InputError
-        Several do.
+        Several do, and none comes first.
     """
-    plugins, ending = registry.current(), Path(path).suffix.lower()
-    answering: dict[str, Any] = {}
-    known: set[str] = set()
-    for kind in plugins.kinds("reader"):
-        try:
-            cls = plugins.component("reader", kind)
-        except PluginError:
-            continue
-        known |= set(cls.suffixes)
-        if ending in cls.suffixes:
-            answering[kind] = cls
-    if not answering:
-        known_endings = ", ".join(sorted(known)) or "nothing"
+    ending = Path(path).suffix.lower()
+    readers = _readers()
+    if ending not in readers:
+        known_endings = ", ".join(sorted(readers)) or "nothing"
         what = f"files ending in {ending!r}" if ending else "a file without ending"
         raise StoreError(
             f"path = {str(path)!r}: no reader for {what} (there are readers for {known_endings}); "
             "name one with reader = ..."
         )
-    if len(answering) > 1:
-        raise InputError(f"path = {str(path)!r}: readers {', '.join(sorted(answering))} all answer; give reader = ...")
-    reader = next(iter(answering.values()))()
+    kinds, _ = _first(readers[ending])
+    if len(kinds) > 1:
+        raise InputError(
+            f"path = {str(path)!r}: the readers {', '.join(sorted(kinds))} all read {ending}; give reader = ..., or "
+            f"prefer the plugin of one of them ({', '.join(sorted({kinds[kind].name for kind in kinds}))})"
+        )
+    reader = registry.current().component("reader", next(iter(kinds)))()
     note_providers(reader)
     return reader
+
+
+def _readers() -> dict[str, dict[str, PluginRecord]]:
+    """Ending -> kind of each reader that accepts it -> the plugin it is from."""
+    plugins = registry.current()
+    found: dict[str, dict[str, PluginRecord]] = {}
+    for kind in plugins.kinds("reader"):
+        try:
+            cls = plugins.component("reader", kind)
+        except PluginError:
+            continue
+        for ending in cls.suffixes:
+            found.setdefault(ending, {})[kind] = plugins.offers("reader", kind)[0]
+    return found
+
+
+def _first(kinds: dict[str, PluginRecord]) -> tuple[dict[str, PluginRecord], str]:
+    """Those of the readers ``kinds`` that come first, and why."""
+    preferred = in_use.preference()
+    registry.current().check_preference(preferred, "the preference of plugins")
+    for name in preferred:
+        if found := {kind: record for kind, record in kinds.items() if record.name == name}:
+            return found, "its plugin is preferred"
+    own = {kind: record for kind, record in kinds.items() if record.distribution == "chemage"}
+    return (own, "it comes with chemage") if own else (kinds, "")
+
+
+def shared_endings() -> list[str]:
+    """A sentence for each file ending that several readers accept: which is used, and how to change that."""
+    said = []
+    for ending, kinds in sorted(_readers().items()):
+        if len(kinds) < 2:
+            continue
+        first, why = _first(kinds)
+        listed = " and ".join(f"{kind!r} ({record.source})" for kind, record in sorted(kinds.items()))
+        wins = f"{next(iter(first))!r} is used, because {why}" if len(first) == 1 else "none is used by default"
+        other = next(iter({kind: one for kind, one in kinds.items() if kind not in first} or kinds))
+        said.append(
+            f"the readers {listed} all read {ending}; {wins}; to change this, write reader = "
+            f'"{other}" where the file is named, or {registry.prefer_another(kinds[other].name)}'
+        )
+    return said

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Self
+from typing import ClassVar, Self
 
 from chemage.foundation.checks import Seed
 from chemage.foundation.components import Component
@@ -14,6 +14,7 @@ class SurfaceMaker(Component, ABC):
     """Role ``surface``: makes the rough body."""
 
     role = "surface"
+    error_of: ClassVar[str] = "the heights"
 
     @abstractmethod
     def make(self, seed: Seed = 0) -> Surface:

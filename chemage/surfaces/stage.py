@@ -6,7 +6,7 @@ from typing import Any
 
 from chemage.foundation.checks import Seed, expect
 from chemage.plugins import registry
-from chemage.plugins.sources import providers
+from chemage.plugins.sources import approximations, providers
 from chemage.surfaces.role import SurfaceMaker
 from chemage.surfaces.surface import Surface
 
@@ -23,4 +23,4 @@ def make_surface(maker: SurfaceMaker, seed: Seed = 0) -> Surface:
     """
     expect("maker", maker, SurfaceMaker, 'make one with chemage.surface("sphere", ...)')
     made, plugins = registry.current().answer("chemage_make_surface", Surface, maker=maker, seed=seed)
-    return made.noting(providers(maker) | plugins)
+    return made.noting(providers(maker) | plugins, approximations(maker))

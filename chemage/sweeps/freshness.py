@@ -22,7 +22,7 @@ from chemage.sweeps.folder import Folder
 from chemage.sweeps.grid import Survey, order_of
 
 _CONTACT_HOOKS = ("chemage_make_surface", "chemage_solve_contact")
-_AGEING_HOOKS = ("chemage_build_lattice", "chemage_run_kinetics", "chemage_observe")
+_AGEING_HOOKS = ("chemage_build_lattice", "chemage_run_kinetics", "chemage_rupture_bonds", "chemage_observe")
 
 
 @dataclass
@@ -95,7 +95,8 @@ class _Check:
                 self.result.points.add(key)
 
     def _changed(self, recorded: Plugins) -> bool:
-        changes = changed(recorded)
+        # options of plugins are in the keys of the points
+        changes = changed(recorded, options=False)
         for name, (then, now) in changes.items():
             self.result.reasons[name] = f"{name} was {then} and is {now}"
         return bool(changes)
@@ -103,20 +104,21 @@ class _Check:
     def _contact_would_change(self, scene: Scene, key: str, solution: ContactSolution) -> bool:
         if not self.new_in_contact:
             return False
-        if self._surface is None or self._surface[0] != key:
-            self._surface = key, make_surface(scene.surface, scene.surface_seed)
-        surface = self._surface[1]
-        took_part = [name for name in self.new_in_contact if name in surface.plugins]
-        if not took_part and would_change(
-            self.new_in_contact,
-            "chemage_solve_contact",
-            solution,
-            solver=scene.contact,
-            surface=surface,
-            load=scene.load,
-            start=None,
-        ):
-            took_part = self.new_in_contact
+        with scene.in_use():
+            if self._surface is None or self._surface[0] != key:
+                self._surface = key, make_surface(scene.surface, scene.surface_seed)
+            surface = self._surface[1]
+            took_part = [name for name in self.new_in_contact if name in surface.plugins]
+            if not took_part and would_change(
+                self.new_in_contact,
+                "chemage_solve_contact",
+                solution,
+                solver=scene.contact,
+                surface=surface,
+                load=scene.load,
+                start=None,
+            ):
+                took_part = self.new_in_contact
         return self._joined(took_part)
 
     def _ageing_would_change(self, scene: Scene, solution: ContactSolution) -> bool:

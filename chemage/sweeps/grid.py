@@ -12,7 +12,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +21,9 @@ from chemage.experiments.scene import REQUIRED, SECTIONS, Scene, parse_scene
 from chemage.experiments.scene_files import override
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
 from chemage.foundation.messages import nearest
-from chemage.foundation.units import Unit
+from chemage.foundation.units import unit_of
 from chemage.plugins.sources import implementing, stage_hooks
+from chemage.sweeps.by_hand import registered_classes
 
 
 @dataclass(frozen=True)
@@ -226,6 +227,8 @@ class Survey:
     units: dict[str, str] = field(default_factory=dict)
     #: plugins that implement hooks of the stages: name -> source
     hooks: dict[str, str] = field(default_factory=dict)
+    #: classes of components that are registered by hand
+    classes: set[type] = field(default_factory=set)
     digest: str = ""
 
     @property
@@ -304,7 +307,8 @@ def shown(value: Any) -> str:
 
 
 def _add(result: Survey, point: int, scene: Scene, known: dict[str, int]) -> None:
-    keys, costs = scene.keys(), cost(scene)
+    keys, costs = scene.task_keys(), cost(scene)
+    result.classes |= registered_classes(scene.components())
     result.keys.append(keys["result"])
     result.agings.append(keys["aging"])
     if keys["contact"] not in known:
@@ -350,12 +354,11 @@ def _unit(path: str, scene: Scene) -> str:
     owner: Any = getattr(scene, section, None)
     if section in ("forming", "breaking", "interaction") and scene.chemistry is not None:
         owner = getattr(scene.chemistry, section)
+    if section == "plugins":
+        plugin, _, name = name.rpartition(".")
+        owner = scene.plugins.get(plugin)
     info = type(owner).model_fields.get(name) if owner is not None else None
-    if info is None:
-        return ""
-    # the unit of an optional field is one level deeper
-    places = [info.metadata, *(getattr(part, "__metadata__", ()) for part in get_args(info.annotation))]
-    return next((mark.unit for place in places for mark in place if isinstance(mark, Unit)), "")
+    return unit_of(info) if info is not None else ""
 
 
 def order_of(contacts: list[Contact]) -> list[int]:

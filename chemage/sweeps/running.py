@@ -21,6 +21,8 @@ from chemage.experiments.provenance import versions
 from chemage.experiments.scene_files import located, override, scene_data
 from chemage.foundation.errors import ExecutorError, InputError, SceneError, StoreError, WorkerLost
 from chemage.foundation.threads import restored as threads_restored
+from chemage.plugins.settings import completed
+from chemage.sweeps.by_hand import Known, for_workers
 from chemage.sweeps.executors.opening import open_pool
 from chemage.sweeps.executors.pool import Pool
 from chemage.sweeps.folder import FORMAT, RESUME, Folder
@@ -56,7 +58,7 @@ def read_grid(scene: str | Path | Mapping[str, Any], changes: Mapping[str, Any] 
         ``[sweep]`` is missing or not valid.
     """
     data, source = (dict(scene), "the scene") if isinstance(scene, Mapping) else scene_data(scene)
-    data = override(data, changes or {})
+    data = completed(override(data, changes or {}))
     if "sweep" not in data:
         raise SceneError(source, [("sweep", "is missing: this scene is one point; use chemage.run")])
     return Grid.read(check_base(located(data, Path.cwd()), source), source)
@@ -239,7 +241,8 @@ def sweep(
     SceneError
         A point is not valid; all points are validated before the first is computed.
     InputError
-        The sweep needs confirmation, or ``executor``, ``workers`` or ``threads`` is not valid.
+        The sweep needs confirmation; ``executor``, ``workers`` or ``threads`` is not valid; or a component was
+        registered by hand in a place that worker processes cannot import.
     StoreError
         ``out`` holds something else, or cannot be written.
     ExecutorError
@@ -251,6 +254,7 @@ def sweep(
         report = stack.enter_context(reporting(progress))
         stack.enter_context(threads_restored())  # tasks that run in this process set their own
         found = survey_of(read_grid(scene, changes), progress=report, confirm=confirmed)
+        known = for_workers(executor, found.classes)
         folder = Folder(Path(out).absolute())
         _check_folder(folder, found, force)
         _check_room(found, folder.path, confirmed)
@@ -268,7 +272,7 @@ def sweep(
         _describe(folder, found)
         todo = _Todo(folder, found)
         if todo.left and pool is not None:
-            _run_tasks(todo, pool, report, begin)
+            _run_tasks(todo, pool, report, begin, known)
         result = SweepResult(folder.path)
         result.write_tables()
         shutil.rmtree(folder.path / ".parts", ignore_errors=True)
@@ -420,7 +424,7 @@ class _Clock:
         return total / max(1, width)
 
 
-def _run_tasks(todo: _Todo, pool: Pool, report: Report | None, begin: float) -> None:
+def _run_tasks(todo: _Todo, pool: Pool, report: Report | None, begin: float, known: Known) -> None:
     running: dict[Future[dict[str, Any]], _Task] = {}
     suspects: deque[_Task] = deque()
     clock, last_report = _Clock(), 0.0
@@ -429,8 +433,8 @@ def _run_tasks(todo: _Todo, pool: Pool, report: Report | None, begin: float) -> 
     def submit(task: _Task) -> Future[dict[str, Any]]:
         if task.solves:
             contact = todo.found.contacts[task.contact]
-            return pool.executor.submit(solve, path, digest, contact.point, contact.key, pool.threads)
-        return pool.executor.submit(compute, path, digest, task.points, pool.threads)
+            return pool.executor.submit(solve, path, digest, contact.point, contact.key, pool.threads, known)
+        return pool.executor.submit(compute, path, digest, task.points, pool.threads, known)
 
     def report_now(now: float) -> None:
         if report is None:

@@ -8,7 +8,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +47,14 @@ CURVES = {
 }
 
 
+#: what is listed of an output of an observable: suffix of the column -> (key in the summary, meaning)
+PARTS = {
+    "": ("mean", ""),
+    "_stderr": ("stderr", "standard error"),
+    "_half_width": ("half_width", "half the width of the 95 % interval"),
+}
+
+
 @dataclass(frozen=True)
 class Table:
     """Columns of a sweep; missing values are nan, or -1 for bonds."""
@@ -65,6 +73,10 @@ class Table:
     curves: dict[str, np.ndarray]
     #: (points, replicas, times), -1 where there is none
     bonds: np.ndarray
+    #: numbers and curves of observables: column -> (unit, meaning, values), (points,) or (points, times)
+    observed: dict[str, tuple[str, str, np.ndarray]] = field(default_factory=dict)
+    #: what is approximate about each point, in words; empty if no point is approximate
+    approximate: list[str] = field(default_factory=list)
 
     @classmethod
     def collect(
@@ -72,9 +84,10 @@ class Table:
     ) -> Table:
         """Make the table from the files of the points, read one after the other; None for a missing point."""
         count = len(next(iter(swept.values())))
-        status, error = ["missing"] * count, [""] * count
+        status, error, approximate = ["missing"] * count, [""] * count, [""] * count
         scalars = {name: np.full(count, np.nan) for name in SCALARS}
         rows: dict[int, tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = {}
+        observables: dict[int, Mapping[str, Any]] = {}
         for number, point in enumerate(points):
             if point is None:
                 continue
@@ -83,6 +96,8 @@ class Table:
                 error[number] = error_text(point["error"])
                 continue
             summary = point["summary"]
+            observables[number] = summary.get("observables", {})
+            approximate[number] = summary.get("approximate", "")
             for name, column in scalars.items():
                 if (value := summary.get(name)) is not None:
                     column[number] = value
@@ -97,7 +112,9 @@ class Table:
             status=status,
             error=error,
             scalars=scalars,
-            **_padded(count, rows),
+            **(padded := _padded(count, rows)),
+            observed=_observed(count, padded["curves"], observables),
+            approximate=approximate if any(approximate) else [],
         )
 
     @property
@@ -115,18 +132,25 @@ class Table:
         scalars = [f"{name} ({unit})" if unit != "1" else name for name, (unit, _) in SCALARS.items()]
         last = {name: _last(values) for name, values in (("hold_time", self.hold_times), *self.curves.items())}
         lasts = ["last hold_time (s)"] + [f"last {name}{_in(unit)}" for name, (unit, _) in CURVES.items()]
-        writer.writerow(["point", "status", *names, *scalars, *lasts, "error"])
+        observed = {
+            f"{'last ' * (values.ndim == 2)}{name}{_in(unit)}": _last(values) if values.ndim == 2 else values
+            for name, (unit, _, values) in self.observed.items()
+        }
+        marked = ["approximate"] if self.approximate else []
+        writer.writerow(["point", "status", *names, *scalars, *lasts, *observed, *marked, "error"])
         for row in range(self.points):
             done = self.status[row] == "done"
             times = last["hold_time"] if self.hold_times.ndim == 2 else np.broadcast_to(last["hold_time"], self.points)
             numbers = [values[row] for values in self.scalars.values()]
             numbers += [times[row] if done else math.nan, *(last[name][row] for name in CURVES)]
+            numbers += [values[row] for values in observed.values()]
             writer.writerow(
                 [
                     row,
                     self.status[row],
                     *(_cell(values[row]) for values in self.swept.values()),
                     *(_cell(number) for number in numbers),
+                    *self.approximate[row : row + 1],
                     self.error[row].replace("\n", " "),
                 ]
             )
@@ -161,6 +185,9 @@ class Table:
             "status": (("point",), np.array(self.status, dtype=object), {"long_name": "done, failed or missing"}),
             "error": (("point",), np.array(self.error, dtype=object), {"long_name": "why it failed"}),
         }
+        if self.approximate:
+            marks = np.array(self.approximate, dtype=object)
+            found["approximate"] = (("point",), marks, {"long_name": "what is approximate"})
         times = ("hold_time",) if self.hold_times.ndim == 1 else ("point", "hold_time")
         name = "hold_time" if self.hold_times.ndim == 1 else "hold_times"
         found[name] = (times, self.hold_times, {"units": "s", "long_name": "time since the contact was made"})
@@ -170,6 +197,9 @@ class Table:
             for name, (unit, meaning) in group.items():
                 values = self.scalars[name] if group is SCALARS else self.curves[name]
                 found[name] = (dims, values, {"units": unit, "long_name": meaning})
+        for name, (unit, meaning, values) in self.observed.items():
+            dims = ("point", "hold_time")[: values.ndim]
+            found[name] = (dims, values, {"units": unit, "long_name": meaning})
         found["bonds"] = (("point", "replica", "hold_time"), self.bonds, {"units": "1", "long_name": "bonds"})
         return found
 
@@ -177,7 +207,10 @@ class Table:
         """A data frame with one row per point, without the curves, which :meth:`to_xarray` includes."""
         import pandas
 
-        columns: dict[str, Any] = {"status": self.status, **self.swept, **self.scalars, "error": self.error}
+        observed = {name: values for name, (_, _, values) in self.observed.items() if values.ndim == 1}
+        marked = {"approximate": self.approximate} if self.approximate else {}
+        columns: dict[str, Any] = {"status": self.status, **self.swept, **self.scalars, **observed, **marked}
+        columns["error"] = self.error
         return pandas.DataFrame(columns, index=pandas.RangeIndex(self.points, name="point"))
 
     def to_xarray(self) -> xarray.Dataset:
@@ -223,6 +256,27 @@ def _padded(count: int, rows: Mapping[int, tuple[np.ndarray, dict[str, np.ndarra
     elif not known:
         times = times[0]
     return {"hold_times": times, "curves": curves, "bonds": bonds}
+
+
+def _observed(
+    count: int, curves: Mapping[str, np.ndarray], points: Mapping[int, Mapping[str, Any]]
+) -> dict[str, tuple[str, str, np.ndarray]]:
+    """The columns of the numbers and curves that observables measured; ``points`` are their summaries."""
+    longest = next(iter(curves.values())).shape[1]
+    found: dict[str, tuple[str, str, np.ndarray]] = {}
+    for number, outputs in points.items():
+        for name, one in outputs.items():
+            if "mean" not in one:
+                continue
+            shape = (count, longest) if one["shape"] else (count,)
+            for suffix, (part, meaning) in PARTS.items():
+                text = f"{one['description'] or name}{meaning and ': '}{meaning}"
+                new = (one["unit"] or "1", text, np.full(shape, np.nan))
+                values = found.setdefault(f"observable.{name}{suffix}", new)[2]
+                given = np.array(one[part], dtype=np.float64)  # None where nan
+                if values.ndim == 1 + given.ndim:
+                    values[(number, slice(given.size)) if given.ndim else number] = given
+    return found
 
 
 def _last(values: np.ndarray) -> np.ndarray:

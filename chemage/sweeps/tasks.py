@@ -28,6 +28,7 @@ from chemage.foundation.version import __version__
 from chemage.plugins import registry
 from chemage.surfaces.stage import make_surface
 from chemage.surfaces.surface import Surface
+from chemage.sweeps.by_hand import Known, learn
 from chemage.sweeps.folder import CannotWrite, Folder, process_name
 from chemage.sweeps.grid import Grid
 
@@ -82,8 +83,10 @@ def _owner(path: str, digest: str) -> str:
     return f"{path} {digest} {registry.current().state()}"
 
 
-def solve(path: str, digest: str, point: int, key: str, threads: int) -> dict[str, Any]:
+def solve(path: str, digest: str, point: int, key: str, threads: int, known: Known = ()) -> dict[str, Any]:
     """Task: solve the contact of ``point`` and write it to the folder under ``key``.
+
+    ``known`` are components and plugins that are registered by hand.
 
     Returns
     -------
@@ -92,6 +95,7 @@ def solve(path: str, digest: str, point: int, key: str, threads: int) -> dict[st
     """
     begin = time.perf_counter()
     thread_budget.limit(threads)
+    learn(known)
     folder, grid, _ = _opened(path, digest)
     try:
         solution = _solution(grid.scene(point), _owner(path, digest))
@@ -103,12 +107,13 @@ def solve(path: str, digest: str, point: int, key: str, threads: int) -> dict[st
 
 def _solution(scene: Scene, owner: str) -> ContactSolution:
     # the cache key contains the sweep: in another sweep other plugins may change the surface of the same options
-    name = f"{owner} {scene.keys()['surface']}"
+    name = f"{owner} {scene.task_keys()['surface']}"
     surface = _surfaces.get(name)
-    if surface is None:
-        surface = make_surface(scene.surface, scene.surface_seed)
-        _surfaces.put(name, surface)
-    return solve_contact(scene.contact, surface, scene.load)
+    with scene.in_use():
+        if surface is None:
+            surface = make_surface(scene.surface, scene.surface_seed)
+            _surfaces.put(name, surface)
+        return solve_contact(scene.contact, surface, scene.load)
 
 
 def _keep(folder: Folder, key: str, solution: ContactSolution, owner: str) -> ContactSolution:
@@ -120,7 +125,7 @@ def _keep(folder: Folder, key: str, solution: ContactSolution, owner: str) -> Co
     return kept
 
 
-def compute(path: str, digest: str, points: Sequence[int], threads: int) -> dict[str, Any]:
+def compute(path: str, digest: str, points: Sequence[int], threads: int, known: Known = ()) -> dict[str, Any]:
     """Task: compute ``points``, which differ in their fit only, and write them to the folder.
 
     Returns
@@ -130,6 +135,7 @@ def compute(path: str, digest: str, points: Sequence[int], threads: int) -> dict
     """
     begin = time.perf_counter()
     thread_budget.limit(threads)
+    learn(known)
     folder, grid, manifest = _opened(path, digest)
     first, stage, owner = points[0], "contact", _owner(path, digest)
     contact_key = manifest["contacts"][manifest["contact_of"][first]]

@@ -16,7 +16,7 @@ it with ``pytest_plugins = ["chemage.testing"]``; as a pytest entry point it wou
 on the machine.
 """
 
-from chemage.testing import every_component  # noqa: F401  (declares the checks of every component)
+from chemage.testing import every_component, figures  # noqa: F401  (declare the checks of every component)
 from chemage.testing.barriers import check_barriers
 from chemage.testing.checks import (
     Check,
@@ -32,6 +32,7 @@ from chemage.testing.engines import check_engine
 from chemage.testing.interactions import check_interaction
 from chemage.testing.observables import check_observable
 from chemage.testing.readers import check_reader
+from chemage.testing.ruptures import check_rupture
 from chemage.testing.surfaces import check_surface_maker
 
 __all__ = [
@@ -45,6 +46,7 @@ __all__ = [
     "check_interaction",
     "check_observable",
     "check_reader",
+    "check_rupture",
     "check_surface_maker",
     "checks_for",
     "isolated_registry",

@@ -523,6 +523,24 @@ def _in_pieces(interacting: bool) -> list[ReactionLattice]:
 
 
 @check_of("engine")
+def _sites_of_one_pixel_are_independent(component: Engine) -> None:
+    """Two sites in one pixel, which do not interact, form their bonds independently of each other."""
+    pixels, rate = 2000, 1e13 * math.exp(-0.8 / (KB * 300))
+    sites = np.repeat(np.arange(pixels), 2)
+    x = np.stack([sites + np.tile([0.25, 0.75], pixels), np.full(sites.size, 0.5)], axis=1)
+    lattice = ReactionLattice(pixels=(pixels, 1), sites=sites, positions=x, forming=np.full(sites.size, 0.8))
+    state = component.run(lattice, [math.log(2) / rate], temperature=300, seed=4).state.reshape(pixels, 2)
+    both = int(np.count_nonzero(state[:, 0] & state[:, 1]))
+    expected = np.count_nonzero(state[:, 0]) * np.count_nonzero(state[:, 1]) / pixels
+    # within five standard deviations; with the same random numbers for both sites it would be 45 of them
+    require(
+        abs(both - expected) < 5 * math.sqrt(pixels / 16),
+        f"{pixels} pixels with two sites each, half of which are bonded: both are in {both} pixels, expected about "
+        f"{expected:.0f}; take random numbers by lattice.random_index, not by the pixel",
+    )
+
+
+@check_of("engine")
 def _speed_does_not_change_the_run(component: Engine) -> None:
     """Options in ``speed_only``, such as the number of threads, do not change any bond."""
     for lattice in _in_pieces(component.interacting):

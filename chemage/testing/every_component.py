@@ -90,6 +90,25 @@ def _accepted(component: Component, name: str, value: Any) -> Any:
 
 
 @check_of("")
+def _approximations_are_declared(component: Component) -> None:
+    """``exact`` is True or False, an exact component declares no error (a contact solver may, see its role), and
+    ``error_of`` says in words what the declared error is the error of."""
+    require(isinstance(component.exact, bool), f"exact = {component.exact!r}; give True or False")
+    require(
+        isinstance(component.error_of, str) and component.error_of.strip(),
+        f"error_of = {component.error_of!r}; say what the declared error is the error of, such as 'the pressure'",
+    )
+    if component.role in ("engine", "contact") or component.declared_error is None:
+        return  # these roles have checks of their own
+    error = component.declared_error
+    require(not component.exact, f"declared_error = {error!r}, but exact is True; set exact = False")
+    require(
+        isinstance(error, int | float) and not isinstance(error, bool) and 0 < error < math.inf,
+        f"declared_error = {error!r}; give the largest relative error of {component.error_of}, above 0",
+    )
+
+
+@check_of("")
 def _digest_tells_options_apart(component: Component) -> None:
     """The digest changes with every option except those of ``speed_only``, so that no stored result is mistaken for
     another's."""

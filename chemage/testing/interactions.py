@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from chemage.foundation.calls import call_with
 from chemage.foundation.errors import InputError
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Interaction
@@ -19,6 +20,19 @@ def check_interaction(component: Interaction, *, all: bool = False) -> None:
     run_checks(component, Interaction, {}, all)
 
 
+def _neighbours(component: Interaction, grid: tuple[int, int], periodic: bool, sites: np.ndarray) -> np.ndarray:
+    return call_with(component.neighbours, grid, periodic, sites, pixel_size=_PIXEL, positions=None)
+
+
+def _coupling(
+    component: Interaction, grid: tuple[int, int], periodic: bool, sites: np.ndarray, neighbours: np.ndarray, seed: Any
+) -> np.ndarray:
+    where = {"pixel_size": _PIXEL, "positions": None, "pixels": grid, "periodic": periodic}
+    return call_with(component.coupling, sites, neighbours, seed, **where)
+
+
+#: edge of a pixel, nm
+_PIXEL = 0.4518
 _GRIDS = ((1, 1), (1, 2), (2, 2), (1, 7), (2, 5), (3, 3), (7, 5), (13, 11))
 
 
@@ -38,10 +52,10 @@ def _graph_is_sound(component: Interaction) -> None:
         for periodic in (True, False):
             for sites in _patches_of_sites(grid):
                 where = f"{grid[0]}x{grid[1]} grid, periodic={periodic}, {sites.size} sites"
-                neighbours = component.neighbours(grid, periodic, sites)
+                neighbours = _neighbours(component, grid, periodic, sites)
                 require(neighbours.dtype == np.int32, f"{where}: neighbours are {neighbours.dtype}, not int32")
                 require(neighbours.ndim == 2 and neighbours.shape[0] == sites.size, f"{where}: {neighbours.shape}")
-                coupling = component.coupling(sites, neighbours, 0)
+                coupling = _coupling(component, grid, periodic, sites, neighbours, 0)
                 require(coupling.shape == neighbours.shape, f"{where}: coupling {coupling.shape}")
                 require((coupling[neighbours < 0] == 0).all(), f"{where}: energy without a neighbour")
                 try:
@@ -58,14 +72,14 @@ def _graph_is_sound(component: Interaction) -> None:
 
 def _edges(component: Interaction, grid: tuple[int, int], periodic: bool, sites: np.ndarray) -> set[tuple[int, int]]:
     """Pairs of neighbours as pixels, each from both ends."""
-    neighbours = component.neighbours(grid, periodic, sites)
+    neighbours = _neighbours(component, grid, periodic, sites)
     i, s = np.nonzero(neighbours >= 0)
     return set(zip(sites[i].tolist(), sites[neighbours[i, s]].tolist(), strict=True))
 
 
 def _pairs(component: Interaction, grid: tuple[int, int], sites: np.ndarray, seed: Any) -> dict[tuple[int, int], float]:
-    neighbours = component.neighbours(grid, True, sites)
-    coupling = component.coupling(sites, neighbours, seed)
+    neighbours = _neighbours(component, grid, True, sites)
+    coupling = _coupling(component, grid, True, sites, neighbours, seed)
     i, s = np.nonzero(neighbours >= 0)
     return {
         (int(sites[a]), int(sites[b])): float(energy)
@@ -82,10 +96,10 @@ def _calls_do_not_interfere(component: Interaction) -> None:
 
     def found(number: int) -> tuple[bytes, bytes]:
         sites = every[number]
-        neighbours = component.neighbours(grids[number], True, sites)
+        neighbours = _neighbours(component, grids[number], True, sites)
         given = np.array(neighbours)
         given.setflags(write=False)
-        return neighbours.tobytes(), component.coupling(sites, given, 4).tobytes()
+        return neighbours.tobytes(), _coupling(component, grids[number], True, sites, given, 4).tobytes()
 
     first = [found(number) for number in range(3)]
     require([found(number) for number in range(3)] == first, "a call, repeated after others, gave another result")

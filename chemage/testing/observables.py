@@ -5,18 +5,18 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.observables import Observable, Observed
-from chemage.contacts.solution import ContactSolution
-from chemage.kinetics.history import BondHistory
+from chemage.ageing.outputs import Checker, declaration_problems
+from chemage.foundation.errors import PluginError
 from chemage.lattices.chemistry import Chemistry
-from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers
 from chemage.testing.checks import check_of, require, run_checks, speed_variants
+from chemage.testing.replicas import Replica, finished, with_states
 
 
 def check_observable(component: Observable, *, all: bool = False) -> None:
@@ -24,61 +24,10 @@ def check_observable(component: Observable, *, all: bool = False) -> None:
     run_checks(component, Observable, {}, all)
 
 
-class Replica(NamedTuple):
-    """What an observable receives."""
-
-    contact: ContactSolution
-    lattice: ReactionLattice
-    history: BondHistory
-
-
-def _replica(
-    n: int,
-    bonded: int,
-    *,
-    grid: tuple[int, int] = (8, 8),
-    times: Sequence[float] = (0.0, 10.0),
-    breaking: bool = True,
-    interacting: bool = True,
-) -> Replica:
-    """A finished replica: ``n`` sites scattered over the grid, ``bonded`` of them with a bond at the end."""
-    rng = np.random.default_rng(n + 100 * grid[0])
-    pixels = grid[0] * grid[1]
-    touching = np.sort(rng.permutation(pixels)[: min(n + 3 * (n > 1), pixels)])
-    if 1 < touching.size < pixels:
-        touching[-1] = pixels - 1
-    pressure = np.zeros(pixels)
-    pressure[touching] = rng.uniform(0.3, 3.0, touching.size)
-    contact = ContactSolution(
-        pressure=pressure.reshape(grid), load=float(pressure.sum()) * 0.25, pixel_size=0.5, modulus=35.3, rms_slope=0.1
-    )
-    sites = touching[touching.size - n :]
-    fields: dict[str, Any] = {"breaking": np.full(n, 1.1)} if breaking else {}
-    if interacting:
-        k = np.arange(n)
-        near = np.stack([np.where(k + 1 < n, k + 1, -1), k - 1], axis=1) if n else np.empty((0, 2), int)
-        fields |= {"neighbours": near.astype(np.int32), "coupling": np.where(near >= 0, 0.05, 0.0)}
-    forming = np.sort(rng.uniform(0.8, 1.4, n))
-    lattice = ReactionLattice(pixels=grid, sites=sites, forming=forming, pixel_size=0.5, **fields)
-    counts = np.linspace(0 if len(times) > 1 else bonded, bonded, len(times)).astype(np.int64)
-    history = BondHistory(
-        hold_times=np.array(times),
-        bonds=counts,
-        formed=counts,
-        broken=np.zeros(len(times), np.int64),
-        state=np.arange(n) < bonded,
-        time=times[-1],
-        temperature=300.0,
-        engine="by-hand",
-        lattice_hash=lattice.digest(),
-    )
-    return Replica(contact, lattice, history)
-
-
 def _numbers(component: Observable, replica: Replica, what: str) -> dict[str, np.ndarray]:
     """What the observable measures, which must be named numbers."""
     try:
-        found = component.measure(*replica)
+        found = component.measure(*(with_states(replica) if component.states else replica))
     except Exception as error:
         raise AssertionError(f"{what}: measure() raised {type(error).__name__}: {error}") from error
     require(isinstance(found, Mapping) and found, f"{what}: measure() returned {found!r}; expected names with numbers")
@@ -94,7 +43,7 @@ def _observes_numbers(component: Observable) -> None:
     """Names and shapes are the same for all replicas of a contact, with or without bonds and sites."""
     shapes = {}
     for n, bonded in ((40, 0), (40, 17), (40, 40), (1, 1), (0, 0)):
-        values = _numbers(component, _replica(n, bonded), f"{bonded} of {n} sites bonded")
+        values = _numbers(component, finished(n, bonded), f"{bonded} of {n} sites bonded")
         shapes[n, bonded] = {name: value.shape for name, value in values.items()}
         if bonded == 17:
             lost = [name for name, value in values.items() if value.size and not np.isfinite(value).any()]
@@ -108,7 +57,7 @@ def _observes_numbers(component: Observable) -> None:
 def _names_are_safe(component: Observable) -> None:
     """Names can be those of a variable in a file and of a column in a table: no slash, no control character, no blank
     at either end."""
-    for name in _numbers(component, _replica(40, 17), "17 of 40 sites bonded"):
+    for name in _numbers(component, finished(40, 17), "17 of 40 sites bonded"):
         bad = [character for character in name if character in "/\\" or unicodedata.category(character)[0] == "C"]
         require(not bad, f"the name {name!r} contains {bad[:1]!r}, which a file or a table cannot hold; rename it")
         require(
@@ -118,22 +67,50 @@ def _names_are_safe(component: Observable) -> None:
 
 
 @check_of("observable")
+def _measures_what_it_declares(component: Observable) -> None:
+    """What is measured are just the ``outputs``, where they are declared: with these dimensions, of which
+    ``hold_times`` is as long as the hold times, with safe names, and units that can be read."""
+    problems = declaration_problems(component.outputs)
+    require(not problems, "; ".join(problems))
+    if not component.outputs:
+        return
+    from chemage.foundation.units import unit_registry as units
+
+    for name, output in component.outputs.items():
+        try:
+            units().parse_units(output.unit)
+        except Exception as error:
+            raise AssertionError(f"output {name!r}: the unit {output.unit!r} cannot be read: {error}") from error
+        require(output.description.strip(), f"output {name!r} has no description")
+    for times in ((0.0, 10.0), (0.0, 0.5, 2.0, 10.0, 10.0), (10.0,)):
+        replica = finished(40, 17, times=times)
+        checker = Checker("it", len(times))
+        found = _numbers(component, replica, f"{len(times)} hold times")
+        try:
+            checker.names(found, component.outputs)
+            for name, values in found.items():
+                checker.values(name, values, component.outputs[name])
+        except PluginError as error:
+            raise AssertionError(f"{len(times)} hold times: {error}") from error
+
+
+@check_of("observable")
 def _parts_may_be_absent(component: Observable) -> None:
     """Lattices without breaking barriers or without interaction, and a single hold time, are measured too."""
     for breaking, interacting in ((False, True), (True, False), (False, False)):
-        replica = _replica(40, 17, breaking=breaking, interacting=interacting)
+        replica = finished(40, 17, breaking=breaking, interacting=interacting)
         lack = [word for word, there in (("breaking", breaking), ("interaction", interacting)) if not there]
         _numbers(component, replica, f"a lattice without {' and '.join(lack)}")
     for times in ((10.0,), (0.0,), (1.0, 1.0, 10.0)):
-        _numbers(component, _replica(40, 17, times=times), f"hold times of {', '.join(f'{t:g}' for t in times)} s")
+        _numbers(component, finished(40, 17, times=times), f"hold times of {', '.join(f'{t:g}' for t in times)} s")
 
 
 @check_of("observable")
 def _grids_need_not_be_square(component: Observable) -> None:
     """Contacts whose grid is not square are measured, with the same names; maps are (nx, ny)."""
-    names = set(_numbers(component, _replica(40, 17), "an 8x8 grid"))
+    names = set(_numbers(component, finished(40, 17), "an 8x8 grid"))
     for grid in ((13, 5), (5, 13)):
-        values = _numbers(component, _replica(40, 17, grid=grid), f"a grid of {grid[0]}x{grid[1]} pixels")
+        values = _numbers(component, finished(40, 17, grid=grid), f"a grid of {grid[0]}x{grid[1]} pixels")
         require(set(values) == names, f"a grid of {grid} pixels has other names: {sorted(set(values) ^ names)}")
         swapped = [name for name, value in values.items() if value.shape[-2:] == grid[::-1]]
         require(not swapped, f"a grid of {grid} pixels (nx, ny): {', '.join(swapped)} has the shape {grid[::-1]}")
@@ -143,11 +120,11 @@ def _grids_need_not_be_square(component: Observable) -> None:
 def _measure_disturbs_nothing(component: Observable) -> None:
     """A replica is measured the same way every time, whatever was measured before or at the same time, and stays as it
     was."""
-    replicas = [_replica(40, 17), _replica(40, 40), _replica(30, 5)]
+    replicas = [finished(40, 17), finished(40, 40), finished(30, 5)]
     parts = [array.tobytes() for contact, lattice, history in replicas for array in _arrays(contact, lattice, history)]
 
     def found(replica: Replica) -> dict[str, bytes]:
-        return {name: np.asarray(value).tobytes() for name, value in component.measure(*replica).items()}
+        return {name: value.tobytes() for name, value in _numbers(component, replica, "a replica").items()}
 
     first = [found(replica) for replica in replicas]
     require([found(replica) for replica in replicas] == first, "a second call gave another result")
@@ -199,7 +176,7 @@ def _figures_are_drawn(component: Observable) -> None:
     require(isinstance(figures, Mapping), f"figures = {figures!r}; give a mapping from names to captions")
     if not figures:
         return
-    few, many, some = _replica(40, 3), _replica(40, 40), _replica(40, 17)
+    few, many, some = finished(40, 3), finished(40, 40), finished(40, 17)
     one, other = _aging(component, [some, few, few]), _aging(component, [some, many, many])
     chemistry = Chemistry(forming=_Even(), activation_volume=0.04)
     same = all(np.array_equal(one.observables[name], other.observables[name]) for name in one.observables)
@@ -231,7 +208,7 @@ def _drawn(component: Observable, figure: str, results: Sequence[Observed]) -> b
 @check_of("observable")
 def _speed_does_not_change_the_numbers(component: Observable) -> None:
     """Options in ``speed_only`` do not change a bit of what is measured."""
-    replica = _replica(40, 17)
+    replica = finished(40, 17)
     plain = {name: value.tobytes() for name, value in _numbers(component, replica, "a replica").items()}
     for what, variant in speed_variants(component):
         found = {name: value.tobytes() for name, value in _numbers(variant, replica, what).items()}

@@ -3,7 +3,8 @@
 Three kinds of fenced block are replaced:
 
 - ``names``: public names of ``chemage``. Each becomes an entry made from its docstring, wherever the object is defined.
-- ``components``: roles. Each becomes the list of installed components of that role, with a table of their options.
+- ``components``: roles. Each becomes the list of installed components of that role, with a table of their options;
+  ``plugin``, the list of plugins with options.
 - ``commands``: commands of ``chemage``. Each becomes its help text and a table of its options.
 
 What is installed but named in no block is appended to its page, so that nothing goes missing.
@@ -124,10 +125,14 @@ def _about(name: str, value: Any) -> str:
 
 def components() -> tuple[list[str], Callable[[str], str]]:
     """The roles that have components, and the Markdown of one role."""
-    installed = _called("plugins", "list", "--json")["components"]
-    roles = list(dict.fromkeys(row["role"] for row in installed))
+    found = _called("plugins", "list", "--json")
+    installed = found["components"]
+    roles = [*dict.fromkeys(row["role"] for row in installed), "plugin"]
 
     def role(name: str) -> str:
+        if name == "plugin":
+            named = [_component(name, plugin) for plugin in found["options"]]
+            return "\n".join(named) or "None of the installed plugins has options."
         kinds = dict.fromkeys(row["kind"] for row in installed if row["role"] == name)
         return "\n".join(_component(name, kind) for kind in kinds)
 

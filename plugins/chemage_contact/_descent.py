@@ -54,10 +54,12 @@ NOISE_SHARE = 0.1
 ROUNDING_LIMIT = 10.0
 #: The gap is evaluated in the precision of the state if the error is below this part of the approach or of the rms
 #: height.
-REFINE_BELOW = 1e-5
-#: Steps of the estimate of the pressure error at most; fewer if a step increases neither norm by more than this factor.
+REFINE_BELOW = 3e-6
+#: Steps of the estimate of the pressure error at most; fewer if a step increases neither norm by more than this factor,
+#: or if the first one reduces the residual to less than this part.
 MOST_ESTIMATES = 8
 SETTLED = 2.5
+REDUCED = 0.3
 #: The increase by further steps is extrapolated as a geometric series, whose ratio is at most this.
 LARGEST_RATIO = 0.5
 #: From this iteration on the best pressure is kept, in case the solve fails.
@@ -95,6 +97,7 @@ class Standing:
     residual_sum: float = 0.0
     norm: float = 0.0
     """L2 norm of the pressure"""
+    residual_squares: float = 0.0
 
     @property
     def error(self) -> float:
@@ -222,10 +225,10 @@ class Descent:
         if grid.offset_fixed is None:
             offset = -total / count if count else -float(self.state.r.min())
         grid.run(kernels.residual, scope, self.state, offset, self.search.v, grid.residual_part)
-        squares, _, pixels, residual_sum, norm = (float(x) for x in grid.residual_part.sum(axis=0))
+        squares, _, pixels, residual_sum, norm, through = (float(x) for x in grid.residual_part.sum(axis=0))
         rms = math.sqrt(squares / count) if count else 0.0
         deepest = float(grid.residual_part[:, 1].max())
-        self.standing = Standing(offset, rms, deepest, pixels, residual_sum, math.sqrt(norm))
+        self.standing = Standing(offset, rms, deepest, pixels, residual_sum, math.sqrt(norm), squares + through)
         del grid.history[self.iteration :]
         grid.history.append((rms, deepest))
         if self.evaluated or not self.split:
@@ -319,18 +322,20 @@ class Descent:
         """Estimate of the error of the pressure: relative L2 norm, largest relative to the largest pressure.
 
         The linear equations for the correction on the present working set are solved by a few steps of conjugate
-        gradients, until a further step changes the estimate little. The pressure is not changed, but the residual and
-        the direction are.
+        gradients, often only one, until a further step would change the estimate little. The pressure is not changed,
+        but the residual and the direction are.
         """
         grid, s = self.grid, self.standing
+        if not s.norm:
+            return 0.0, 0.0
         correction = np.zeros_like(self.search.v)
-        floor = float(np.finfo(grid.state).eps)
         highest = float(self.state.p.max())
         before = norms = (0.0, 0.0)
+        rest = math.inf
         self.steepest, self.since_evaluation = True, 1
         for count in range(1, MOST_ESTIMATES + 1):
             slope, length = self._find_direction(self.iteration == 0 and count == 1)
-            if length == 0.0 or not s.norm:
+            if length == 0.0:
                 break
             curvature = self._image()
             if not curvature > 0.0:
@@ -338,16 +343,28 @@ class Descent:
             step = slope / curvature
             args = self.search, correction, step, step * grid.stiffness
             grid.run(kernels.correct, self.active, *args, grid.part)
-            before, norms = norms, (math.sqrt(float(grid.part[:, 0].sum())), float(grid.part[:, 1].max()))
-            self.standing = replace(s, residual_sum=float(grid.part[:, 2].sum()))
+            largest = float(grid.part[:, 1].max())
+            squares, _, residual_sum, residual_squares = grid.sums(4)
+            before, norms = norms, (math.sqrt(squares), largest)
+            self.standing = replace(s, residual_sum=residual_sum, residual_squares=residual_squares)
             self.steepest, self.since_evaluation = False, self.since_evaluation + 1
-            if count > 1 and all(new < SETTLED * old for old, new in zip(before, norms, strict=True)):
+            rest = math.sqrt(self._spread(self.standing) / self._spread(s)) if self._spread(s) > 0.0 else math.inf
+            if (count == 1 and rest < REDUCED) or (
+                count > 1 and all(new < SETTLED * old for old, new in zip(before, norms, strict=True))
+            ):
                 break
         self.standing = s
-        if not s.norm:
-            return 0.0, 0.0
-        total = [_extrapolated(old, new) for old, new in zip(before, norms, strict=True)]
+        if before == (0.0, 0.0):
+            total = [(1.0 + rest) * norm if rest < REDUCED else norm for norm in norms]
+        else:
+            total = [_extrapolated(old, new) for old, new in zip(before, norms, strict=True)]
+        floor = float(np.finfo(grid.state).eps)
         return math.hypot(total[0] / s.norm, floor), math.hypot(total[1] / highest, floor)
+
+    def _spread(self, s: Standing) -> float:
+        """Sum of the squared residual over the working set, without its mean where the offset is unknown."""
+        mean = s.residual_sum / s.pixels if self.grid.floating and s.pixels else 0.0
+        return s.residual_squares - mean * s.residual_sum
 
     # -- direction and step -------------------------------------------------------------------------------------------
 

@@ -82,7 +82,7 @@ class Grid:
         #: sums of the last kernel, block by block
         self.part = np.zeros((blocks, 7))
         #: sums of ``kernels.residual``, which outlast those of other kernels
-        self.residual_part = np.zeros((blocks, 5))
+        self.residual_part = np.zeros((blocks, 6))
         self.everywhere = self.active(np.ones(blocks, np.bool_))
         self.history: list[tuple[float, float]] = []
 
@@ -128,8 +128,11 @@ class Grid:
         """Blocks with a pixel of the working set in them or up to ``reach`` rows away."""
         here = (self.residual_part[:, 2] > 0.0).reshape(-1, self.per_row)
         near = here.copy()
-        for shift in range(1, reach + 1):
-            near |= np.roll(here, shift, axis=0) | np.roll(here, -shift, axis=0)
+        for shift in range(1, min(reach, len(here) - 1) + 1):
+            near[shift:] |= here[:-shift]
+            near[:-shift] |= here[shift:]
+            near[:shift] |= here[-shift:]
+            near[-shift:] |= here[:shift]
         return self.active(near.ravel())
 
 

@@ -29,6 +29,10 @@ WIDTH = 512
 RATIO = 4
 #: reach of the stencil of ``local`` in pixels
 REACH = 4
+#: distance between the beginnings of neighbouring lines of sums in ``local``, in numbers: a block with its halo fits,
+#: and no two of the five lines begin at nearly the same address modulo 4096, where loads would wait for stores
+LINE = 576
+_U = np.uint64
 # Reassociation lets sums use vector registers; infinities and NaN keep their meaning.
 _OPTIONS = {"cache": True, "nogil": True, "fastmath": {"reassoc", "nsz", "contract"}, "error_model": "numpy"}
 
@@ -118,8 +122,9 @@ def advance(lo, hi, blocks, state, y, factor, part):
 def residual(lo, hi, blocks, state, offset, v, part):
     """Residual on the working set {p > 0} ∪ {gap < 0}: v = -gap there, 0 elsewhere.
 
-    part[b] = (Σ gap² over p > 0, largest penetration where p = 0, pixels in the working set, Σ v, Σ p²). Reads p, r;
-    writes v. A gap of exactly zero inside the set is written as a negligible number, because v ≠ 0 marks the set.
+    part[b] = (Σ gap² over p > 0, largest penetration where p = 0, pixels in the working set, Σ v, Σ p², Σ gap² where
+    p = 0 and gap < 0). Reads p, r; writes v. A gap of exactly zero inside the set is written as a negligible number,
+    because v ≠ 0 marks the set.
     """
     p, r = state.p, state.r
     for b in range(lo, hi):
@@ -154,6 +159,7 @@ def residual(lo, hi, blocks, state, offset, v, part):
         part[b, 2] = count
         part[b, 3] = total
         part[b, 4] = pressures
+        part[b, 5] = through
 
 
 @njit(**_OPTIONS)
@@ -289,12 +295,13 @@ def move(lo, hi, blocks, p, d, step, shift, scale, part):
 @njit(**_OPTIONS)
 def correct(lo, hi, blocks, search, e, step, factor, part):
     """A step of the linear correction on the working set: e += step·d, v -= factor·y. part[b] = (Σ e², largest |e|,
-    Σ v). Reads d, y; updates e, v. The working set stays marked by v ≠ 0."""
+    Σ v, Σ v²). Reads d, y; updates e, v. The working set stays marked by v ≠ 0."""
     v, d, y = search.v, search.d, search.y
     for b in range(lo, hi):
         squares = 0.0
         largest = 0.0
         total = 0.0
+        rest = 0.0
         if blocks.active[b]:
             row, start, stop = _block(blocks, b, v.shape[1])
             vb, db, yb, eb = v[row, start:stop], d[row, start:stop], y[row, start:stop], e[row, start:stop]
@@ -304,6 +311,7 @@ def correct(lo, hi, blocks, search, e, step, factor, part):
                 new = new if vb[i] != 0 else 0.0
                 vb[i] = new
                 total += new
+                rest += float(new) * float(new)
                 change = eb[i] + step * db[i]
                 eb[i] = change
                 squares += change * change
@@ -312,6 +320,7 @@ def correct(lo, hi, blocks, search, e, step, factor, part):
         part[b, 0] = squares
         part[b, 1] = largest
         part[b, 2] = total
+        part[b, 3] = rest
 
 
 @njit(**_OPTIONS)
@@ -546,106 +555,120 @@ def restrict(lo, hi, blocks, x, coarse):
             out[k] = total
 
 
+# The helpers of ``local`` take their indices as unsigned integers: a signed one might count from the end of an array,
+# and the test for that keeps a loop out of vector registers. They take whole arrays, because every slice that ``local``
+# would make of one costs an atomic reference count.
+
+
 @njit(**_OPTIONS)
-def _interpolate(coarse, first, out):
-    """Linear interpolation of coarse[first …] to ``RATIO`` values each. Its own function so that it vectorises."""
-    scale = out.dtype.type(1.0 / RATIO)
-    for k in range(out.size // RATIO):
-        value = coarse[first + k]
-        slope = (coarse[first + k + 1] - value) * scale
+def _interpolate(coarse, row, first, count, fine, s, f):
+    """fine[s, f] = ``RATIO`` values for each of the coarse pixels first … first + count of a row; linear, periodic."""
+    scale = fine.dtype.type(1.0 / RATIO)
+    size = _U(coarse.shape[1])
+    within = min(count, size - _U(1) - first)
+    for k in range(within):
+        value = coarse[row, first + k]
+        slope = (coarse[row, first + k + _U(1)] - value) * scale
         for a in range(RATIO):
-            out[k * RATIO + a] = value + out.dtype.type(a) * slope
+            fine[s, f, k * _U(RATIO) + _U(a)] = value + fine.dtype.type(a) * slope
+    if within < count:
+        value = coarse[row, size - _U(1)]
+        slope = (coarse[row, _U(0)] - value) * scale
+        for a in range(RATIO):
+            fine[s, f, within * _U(RATIO) + _U(a)] = value + fine.dtype.type(a) * slope
 
 
 @njit(**_OPTIONS)
-def _add_rows(above, below, weight, out):
-    """out = weight·(above + below)."""
-    for j in range(out.size):
-        out[j] = weight * (above[j] + below[j])
+def _pair_rows(x, above, below, first, count, sums, to):
+    """sums[to …] = x[above] + x[below], ``count`` columns from ``first`` on."""
+    for j in range(count):
+        sums[to + j] = x[above, first + j] + x[below, first + j]
 
 
 @njit(**_OPTIONS)
-def _stencil_row(x0, x1, x2, x3, x4, weights, out):
-    """out += the stencil along one row; x0 … x4 are sums of rows 0 … 4 away, eight longer than out. Corners are
-    zero."""
-    a0, a1, a2, a3, a4 = weights[0, 0], weights[0, 1], weights[0, 2], weights[0, 3], weights[0, 4]
+def _stencil_columns(sums, weights, count):
+    """The stencil along columns. Lines 0 … 4 of ``sums``, each ``LINE`` long, are the sums of two rows 0 … 4 away
+    before, and the sums over the rows of the stencil for columns 0 … 4 away afterwards. Weights more than ``REACH`` +
+    0.3 away are zero."""
+    half = weights.dtype.type(0.5)  # row 0 was added to itself
+    a0, a1, a2, a3, a4 = (
+        half * weights[0, 0],
+        half * weights[0, 1],
+        half * weights[0, 2],
+        half * weights[0, 3],
+        half * weights[0, 4],
+    )
     b0, b1, b2, b3, b4 = weights[1, 0], weights[1, 1], weights[1, 2], weights[1, 3], weights[1, 4]
     c0, c1, c2, c3 = weights[2, 0], weights[2, 1], weights[2, 2], weights[2, 3]
     d0, d1, d2, d3 = weights[3, 0], weights[3, 1], weights[3, 2], weights[3, 3]
     e0, e1 = weights[4, 0], weights[4, 1]
-    for j in range(out.size):
-        out[j] += (
-            a0 * x0[j + 4]
-            + a1 * (x0[j + 3] + x0[j + 5])
-            + a2 * (x0[j + 2] + x0[j + 6])
-            + a3 * (x0[j + 1] + x0[j + 7])
-            + a4 * (x0[j] + x0[j + 8])
-            + b0 * x1[j + 4]
-            + b1 * (x1[j + 3] + x1[j + 5])
-            + b2 * (x1[j + 2] + x1[j + 6])
-            + b3 * (x1[j + 1] + x1[j + 7])
-            + b4 * (x1[j] + x1[j + 8])
-            + c0 * x2[j + 4]
-            + c1 * (x2[j + 3] + x2[j + 5])
-            + c2 * (x2[j + 2] + x2[j + 6])
-            + c3 * (x2[j + 1] + x2[j + 7])
-            + d0 * x3[j + 4]
-            + d1 * (x3[j + 3] + x3[j + 5])
-            + d2 * (x3[j + 2] + x3[j + 6])
-            + d3 * (x3[j + 1] + x3[j + 7])
-            + e0 * x4[j + 4]
-            + e1 * (x4[j + 3] + x4[j + 5])
+    for j in range(count):
+        x0, x1, x2 = sums[j], sums[_U(LINE) + j], sums[_U(2 * LINE) + j]
+        x3, x4 = sums[_U(3 * LINE) + j], sums[_U(4 * LINE) + j]
+        sums[j] = a0 * x0 + b0 * x1 + c0 * x2 + d0 * x3 + e0 * x4
+        sums[_U(LINE) + j] = a1 * x0 + b1 * x1 + c1 * x2 + d1 * x3 + e1 * x4
+        sums[_U(2 * LINE) + j] = a2 * x0 + b2 * x1 + c2 * x2 + d2 * x3
+        sums[_U(3 * LINE) + j] = a3 * x0 + b3 * x1 + c3 * x2 + d3 * x3
+        sums[_U(4 * LINE) + j] = a4 * x0 + b4 * x1
+
+
+@njit(**_OPTIONS)
+def _stencil_rows(sums, fine, s, weight, x, out, row, first, count):
+    """out = the stencil along rows, from the lines of ``sums``, plus the two rows fine[s] interpolated. Returns
+    Σ x·out."""
+    for j in range(count):
+        value = fine[s, _U(0), j]
+        value += weight * (fine[s, _U(1), j] - value)
+        out[row, first + j] = value + (
+            sums[_U(4) + j]
+            + (sums[_U(LINE + 3) + j] + sums[_U(LINE + 5) + j])
+            + (sums[_U(2 * LINE + 2) + j] + sums[_U(2 * LINE + 6) + j])
+            + (sums[_U(3 * LINE + 1) + j] + sums[_U(3 * LINE + 7) + j])
+            + (sums[_U(4 * LINE) + j] + sums[_U(4 * LINE + 8) + j])
         )
+    product = 0.0  # a loop of its own: sums in double precision would halve the vectors of the one above
+    for j in range(count):
+        product += float(x[row, first + j]) * float(out[row, first + j])
+    return product
 
 
 @njit(**_OPTIONS)
 def local(lo, hi, blocks, x, stencil, coarse, out, part):
     """out = stencil * x + interpolated coarse, in active blocks of rows lo … hi; periodic. part[b] = Σ x·out.
 
-    ``stencil[a, b]`` weighs the up to four neighbours at distances (a, b) ≤ REACH. x must be zero in blocks that are
-    not active. ``width`` and the number of columns are multiples of ``RATIO``. Reads 2·REACH + 1 rows of x, which stay
-    in cache; writes out once.
+    ``stencil[a, b]`` is the weight of the up to four neighbours at distances (a, b) ≤ REACH. x must be zero in blocks
+    that are not active. The width of the blocks and the number of columns are multiples of ``RATIO``. Reads
+    2·REACH + 1 rows of x, which stay in cache; writes out once. Sums along columns are made first and then added along
+    rows, which needs a third of the loads of one pass over all pixels of the stencil.
     """
     nx, ny = x.shape
-    width, per_row, active = blocks.width, blocks.per_row, blocks.active
-    pairs = np.zeros((REACH + 1, width + 2 * REACH), x.dtype)
-    between = np.zeros(ny // RATIO + 1, x.dtype)
-    one = x.dtype.type(1)
+    per_row = blocks.per_row
+    sums = np.zeros((REACH + 1) * LINE, x.dtype)
+    fine = np.zeros((per_row, 2, blocks.width), x.dtype)
+    ready = np.full(per_row, -1)  # coarse row that ``fine`` was interpolated from, block by block
     for row in range(lo, hi):
-        ready = False
         base = row // RATIO
         weight = x.dtype.type((row - base * RATIO) / RATIO)
-        upper, lower = coarse[base], coarse[(base + 1) % coarse.shape[0]]
         for s in range(per_row):
-            part[row * per_row + s, 0] = 0.0
-            if not active[row * per_row + s]:
+            b = row * per_row + s
+            part[b, 0] = 0.0
+            if not blocks.active[b]:
                 continue
-            if not ready:
-                for k in range(upper.size):
-                    between[k] = (one - weight) * upper[k] + weight * lower[k]
-                between[upper.size] = between[0]
-                ready = True
-            start = s * width
-            stop = min(ny, start + width)
-            out_block = out[row, start:stop]
-            _interpolate(between, start // RATIO, out_block)
+            _, start, stop = _block(blocks, b, ny)
             n = stop - start
+            if ready[s] != base:
+                ready[s] = base
+                for f in range(2):
+                    source = _U((base + f) % coarse.shape[0])
+                    _interpolate(coarse, source, _U(start // RATIO), _U(n // RATIO), fine, _U(s), _U(f))
+            left = REACH if start > 0 else 0
+            right = REACH if stop < ny else 0
             for a in range(REACH + 1):
-                above, below = x[(row - a) % nx], x[(row + a) % nx]
-                half = x.dtype.type(0.5) if a == 0 else one
-                pair = pairs[a]
-                if start >= REACH and stop + REACH <= ny:
-                    wide = slice(start - REACH, stop + REACH)
-                    _add_rows(above[wide], below[wide], half, pair[: n + 2 * REACH])
-                else:
-                    _add_rows(above[start:stop], below[start:stop], half, pair[REACH : REACH + n])
-                    for j in range(REACH):
-                        left, right = (start - REACH + j) % ny, (stop + j) % ny
-                        pair[j] = half * (above[left] + below[left])
-                        pair[REACH + n + j] = half * (above[right] + below[right])
-            _stencil_row(pairs[0], pairs[1], pairs[2], pairs[3], pairs[4], stencil, out_block)
-            product = 0.0
-            x_block = x[row, start:stop]
-            for j in range(n):
-                product += float(x_block[j]) * float(out_block[j])
-            part[row * per_row + s, 0] = product
+                above, below, line = _U((row - a) % nx), _U((row + a) % nx), a * LINE
+                _pair_rows(x, above, below, _U(start - left), _U(left + n + right), sums, _U(line + REACH - left))
+                if left == 0:
+                    _pair_rows(x, above, below, _U(ny - REACH), _U(REACH), sums, _U(line))
+                if right == 0:
+                    _pair_rows(x, above, below, _U(0), _U(REACH), sums, _U(line + REACH + n))
+            _stencil_columns(sums, stencil, _U(n + 2 * REACH))
+            part[b, 0] = _stencil_rows(sums, fine, _U(s), weight, x, out, _U(row), _U(start), _U(n))

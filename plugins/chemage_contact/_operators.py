@@ -56,7 +56,8 @@ class Substrate(Protocol):
         ...
 
     def window(self, shape: tuple[int, int]) -> Self:
-        """The same body with the same pixels on another extent."""
+        """The same body with the same pixels on another extent; all lengths in units of the root of the area of a
+        pixel. Equal windows have equal symbols and equal hashes."""
         ...
 
 
@@ -105,7 +106,7 @@ class PeriodicHalfSpace:
         return replace(self, shape=shape, pixel=_rescaled(self.shape, self.pixel, shape))
 
     def window(self, shape: tuple[int, int]) -> Self:
-        return replace(self, shape=shape)
+        return replace(self, shape=shape, pixel=_without_unit(self.pixel)[0])
 
 
 @dataclass(frozen=True)
@@ -150,7 +151,8 @@ class PeriodicLayer:
         return replace(self, shape=shape, pixel=_rescaled(self.shape, self.pixel, shape))
 
     def window(self, shape: tuple[int, int]) -> Self:
-        return replace(self, shape=shape)
+        pixel, unit = _without_unit(self.pixel)
+        return replace(self, shape=shape, pixel=pixel, thickness=self.thickness / unit)
 
 
 @dataclass(frozen=True)
@@ -188,7 +190,7 @@ class FreeHalfSpace:
         return replace(self, shape=shape, pixel=_rescaled(self.shape, self.pixel, shape))
 
     def window(self, shape: tuple[int, int]) -> Self:
-        return replace(self, shape=shape)
+        return replace(self, shape=shape, pixel=_without_unit(self.pixel)[0])
 
 
 def _sinh_less_x(x: Floats, sech: Floats) -> Floats:
@@ -203,6 +205,12 @@ def _sinh_less_x(x: Floats, sech: Floats) -> Floats:
 
 def _rescaled(shape: tuple[int, int], pixel: tuple[float, float], new: tuple[int, int]) -> tuple[float, float]:
     return pixel[0] * shape[0] / new[0], pixel[1] * shape[1] / new[1]
+
+
+def _without_unit(pixel: tuple[float, float]) -> tuple[tuple[float, float], float]:
+    """Edge lengths in units of the root of their product, and that unit. A square pixel is 1 by 1 exactly."""
+    unit = pixel[0] if pixel[0] == pixel[1] else math.sqrt(pixel[0] * pixel[1])
+    return (pixel[0] / unit, pixel[1] / unit), unit
 
 
 def _cosine(half: Floats, n: int, axis: int) -> Floats:

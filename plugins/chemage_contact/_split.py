@@ -11,6 +11,8 @@ compute corrections to one.
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,20 +47,13 @@ class Split:
         self._run = team.run
         coarse = (body.shape[0] // RATIO, body.shape[1] // RATIO)
         self._transforms = Transforms(coarse, coarse, library, team.threads)
-        unit = float(np.sqrt(body.pixel[0] * body.pixel[1]))
-
-        def symbol(b: Substrate) -> Floats:
-            return b.inverse() * unit if inverse else b.symbol() / unit
-
-        far = symbol(body.regrid(coarse)) * _far(coarse)
+        far = _pixel_symbol(body.regrid(coarse), body, inverse) * _far(coarse)
         #: of the inverse operator for a uniform displacement
         self.stiffness = float(far[0, 0])
         if floating:
             far[0, 0] = 0.0
         self._far = _whole(far / RATIO**2, coarse[0]).astype(dtype)
-        sample = body.window((SAMPLE, SAMPLE))
-        small = (SAMPLE // RATIO, SAMPLE // RATIO)
-        self._stencil = _fitted(symbol(sample), symbol(sample.regrid(small)) * _far(small)).astype(dtype)
+        self._stencil = _stencil(body.window((SAMPLE, SAMPLE)), inverse).astype(dtype)
         self._coarse = np.empty(coarse, dtype)
 
     def apply(self, x: Array, active: Active, out: Array, part: Array) -> Array:
@@ -72,6 +67,20 @@ class Split:
         far = self._transforms.backward(spectrum)
         self._run(kernels.local, active.row_edges, active.blocks, x, self._stencil, far, out, part)
         return out
+
+
+def _pixel_symbol(body: Substrate, fine: Substrate, inverse: bool) -> Floats:
+    """The symbol or its inverse in units of the pixels of ``fine``."""
+    unit = math.sqrt(fine.pixel[0] * fine.pixel[1])
+    return body.inverse() * unit if inverse else body.symbol() / unit
+
+
+@lru_cache(maxsize=64)
+def _stencil(window: Substrate, inverse: bool) -> Floats:
+    """The stencil of a body. That of a half-space is the same on all grids."""
+    small = (SAMPLE // RATIO, SAMPLE // RATIO)
+    coarse = _pixel_symbol(window.regrid(small), window, inverse)
+    return _fitted(_pixel_symbol(window, window, inverse), coarse * _far(small))
 
 
 def _whole(quarter: Array, rows: int) -> Array:

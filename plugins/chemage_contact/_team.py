@@ -43,6 +43,9 @@ class Team:
     def run(self, kernel: Callable[..., None], share: int | Sequence[int], *args: Any) -> None:
         """Call ``kernel(lo, hi, *args)`` so that the ranges cover 0 … ``share``, or between the edges given."""
         edges = self.even(share) if isinstance(share, int) else share
+        if len(edges) == 2:
+            kernel(edges[0], edges[1], *args)
+            return
         first, *others = pairwise(edges)
         jobs = [self._pool.submit(kernel, *part, *args) for part in others] if self._pool is not None else []
         kernel(*first, *args)
@@ -68,6 +71,10 @@ class Active:
         self.blocks = kernels.Blocks(width, per_row, mask)
         rows = mask.size // per_row
         shares = 1 if np.count_nonzero(mask) < FEW else threads
+        self.block_edges, self.row_edges = [0, mask.size], [0, rows]
+        self.coarse_edges = [0, rows // kernels.RATIO]
+        if shares == 1:
+            return
         done = np.concatenate([[0], np.cumsum(1 + ACTIVE_COST * mask.astype(np.int64))])
         goals = done[-1] * np.arange(1, shares) // shares
         self.block_edges = [0, *(int(b) for b in np.searchsorted(done, goals)), mask.size]

@@ -31,7 +31,7 @@ class Sites(NamedTuple):
 
     key: Key
     pixels: np.ndarray
-    """(n,) int64"""
+    """(n,) int64: index of each site's random numbers, the pixel where no other site is in it"""
     forming: np.ndarray
     """(n,) eV"""
     breaking: np.ndarray

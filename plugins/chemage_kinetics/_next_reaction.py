@@ -55,7 +55,7 @@ class Sites(NamedTuple):
     key: Key
     model: Model
     pixels: np.ndarray
-    """(n,) int64"""
+    """(n,) int64: index of each site's random numbers, the pixel where no other site is in it"""
     words: np.ndarray
     """(n,) int64, see `_common`"""
     draws: np.ndarray

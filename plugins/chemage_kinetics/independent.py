@@ -54,7 +54,7 @@ class Independent(ThreadedEngine):
         model = job.model
         sites = kernel.Sites(
             key=job.key,
-            pixels=lattice.sites,
+            pixels=lattice.random_index,
             forming=lattice.forming,
             breaking=model.breaking,
             nu=model.nu,

@@ -54,7 +54,7 @@ class NextReaction(ThreadedEngine):
             times, draws = np.array(job.resume["times"]), np.array(job.resume["draws"])
         else:
             times, draws = np.empty((n, 2)), job.carried_array("draws", np.zeros(n, np.int64))
-        sites = kernel.Sites(job.key, job.model, lattice.sites, words, draws)
+        sites = kernel.Sites(job.key, job.model, lattice.random_index, words, draws)
         if job.resume is None:
             kernel.draw_times(sites, job.time, times)
         largest = int(np.diff(starts).max(initial=0))

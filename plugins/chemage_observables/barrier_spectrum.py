@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage import BondHistory, Chemistry, ContactSolution, Energy, Observable, Observed, ReactionLattice
+from chemage import BondHistory, Chemistry, ContactSolution, Energy, Observable, Observed, Output, ReactionLattice
 from chemage.reports.figures import BLUE, GREEN, GREY, ORANGE
 
 if TYPE_CHECKING:
@@ -26,6 +26,13 @@ class BarrierSpectrum(Observable):
     figures: ClassVar[Mapping[str, str]] = {
         "barriers": "Distributions of the forming barrier: before any bond has formed, and of the sites that are still "
         "unbonded at the last hold time."
+    }
+
+    outputs: ClassVar[Mapping[str, Output]] = {
+        "barrier_edges": Output(("barrier_edge",), "eV", "edges of the bins of the barrier"),
+        "barriers_start": Output(("barrier",), "1/eV", "density per site before any bond has formed"),
+        "barriers_open": Output(("barrier",), "1/eV", "density per site of the sites unbonded at the end"),
+        "barriers_bonded": Output(("barrier",), "1/eV", "density per site of the initial barriers of bonded sites"),
     }
 
     lower: Energy = 0.0

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from chemage import BondHistory, ContactSolution, Observable, Pressure, ReactionLattice
+from chemage import BondHistory, ContactSolution, Observable, Output, Pressure, ReactionLattice
 
 
 class PressureSpectrum(Observable):
@@ -17,6 +18,12 @@ class PressureSpectrum(Observable):
     """
 
     kind = "pressure-spectrum"
+
+    outputs: ClassVar[Mapping[str, Output]] = {
+        "pressure_edges": Output(("pressure_edge",), "GPa", "edges of the bins of the pressure"),
+        "pressures": Output(("pressure",), "1/GPa", "density per site of all sites"),
+        "pressures_bonded": Output(("pressure",), "1/GPa", "density per site of the sites bonded at the end"),
+    }
 
     upper: Pressure = 20.0
     """upper edge of the histogram, GPa; the lower edge is 0"""

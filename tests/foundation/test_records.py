@@ -80,6 +80,9 @@ def test_every_field_is_part_of_the_digest(make):
         "contact": {"load": 1.0},
         "observables": {},
         "provenance": {"kind": "other"},
+        "states": np.array([[False, False, True], [True, False, True]]),
+        "rupture_force": np.ones((2, 3)),
+        "outputs": {"x": {"dims": ["bin"], "unit": "nm", "description": ""}},
     }
     for name in type(record).model_fields:
         value = getattr(record, name)

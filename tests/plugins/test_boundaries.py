@@ -29,6 +29,7 @@ ROOMS = (
     "contacts",
     "lattices",
     "kinetics",
+    "friction",
     "ageing",
     "experiments",
     "store",
@@ -330,6 +331,7 @@ SAYS = {
     ("chemage/reports/comparison/figures.py", "pressures"): "the figure of the pressures in several contacts",
     ("chemage/reports/figures.py", "auto"): "matplotlib's aspect",
     ("chemage/reports/figures.py", "text"): "an argument",
+    ("chemage/reports/figures.py", "pressures"): "the name of that figure",
     ("chemage/reports/page.py", "pressures"): "the caption of that figure",
 }
 
@@ -339,17 +341,30 @@ def own_records() -> list[registry.PluginRecord]:
 
 
 def outputs_and_figures(examples) -> set[str]:
-    """The names that the built-in observables give to what they measure and draw."""
+    """The names that the built-in observables give to what they measure, and those of all figures of plugins."""
     contact = examples.contact()
     silica = ca.chemistry(forming=ca.barriers("uniform", lower=0.8, upper=1.4))
     lattice = ca.build_lattice(silica, contact, 1)
     history = examples.history(state=np.ones(lattice.sites.size, bool))
     found = set()
     for record in own_records():
+        for role, kinds in record.kinds.items():
+            for kind in kinds:
+                found |= {*registry.current().component(role, kind).figures}
         for kind in record.kinds.get("observable", ()):
-            observable = ca.observable(kind)
-            found |= {*observable.figures, *observable.measure(contact, lattice, history)}
+            found |= {*ca.observable(kind).measure(contact, lattice, history)}
+    own = {record.name for record in own_records()}
+    for record, function in registry.current().functions("chemage_figures"):
+        found |= {*function()} if record.name in own else set()
     return found
+
+
+def test_figures_of_chemage_itself_are_not_those_of_plugins(examples):
+    from chemage.reports.figures import CORE
+
+    assert "barriers" in outputs_and_figures(examples)
+    # "pressures" is also an output of an observable, which is no figure
+    assert outputs_and_figures(examples) & {*CORE} <= {"pressures"}
 
 
 def test_the_framework_names_no_kind_output_or_figure_of_a_plugin(examples):

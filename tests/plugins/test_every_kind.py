@@ -54,6 +54,7 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ("engine", "next-reaction"): [{}],
     ("engine", "independent"): [{}],
     ("engine", "auto"): [{}],
+    ("rupture", "mean-force"): [{}, {"bond_force": "100 pN", "front_factor": 0.15}],
     ("observable", "barrier-spectrum"): [{}, {"lower": "0.9 eV", "upper": 1.2, "bins": 7}],
     ("observable", "pressure-spectrum"): [{}, {"upper": "1 GPa", "bins": 7}],
     ("reader", "npy"): [{"pixel_size": 0.5}],

@@ -184,6 +184,22 @@ def test_run_kinetics(installed):
     assert {(kind, sites) for kind, sites, _, _ in plugin.TIMES} == {("rejection-free", aging.sites[0])}
 
 
+def test_rupture_bonds(installed):
+    def aged(load):
+        options = {"engine": ca.engine("rejection-free"), "hold_times": [1e-6, 1e5], "temperature": 300, "replicas": 2}
+        return ca.age(pressed(load), silica(), **options)
+
+    plain = aged(50.0)
+    assert plain.rupture_force is None
+    installed.register(as_plugin(example("chemage_rupture_bonds")), "substrate")
+    weak = aged(50.0)
+    limit = 1.0 * pressed().area
+    assert plain.friction_drop[:, 0].max() < limit < plain.friction_drop[:, 1].min()
+    assert np.array_equal(weak.friction_drop, np.minimum(plain.friction_drop, limit))
+    assert weak.plugins == {"substrate": "example"}
+    assert np.array_equal(weak.bonds, plain.bonds)
+
+
 def test_observe(installed):
     installed.register(as_plugin(example("chemage_observe")), "pressure")
     contact, options = pressed(), {"temperature": 300, "replicas": 3}
@@ -194,6 +210,20 @@ def test_observe(installed):
     assert np.allclose(seen, contact.pressure[contact.contact].mean())
     none = ca.age(pressed(0), silica(), engine=ca.engine("rejection-free"), hold_times=[1], **options)
     assert np.isnan(none.observables["pressure_where_bonded"]).all()
+
+
+def test_figures(installed, tmp_path):
+    from chemage.reports.run_figures import figures
+
+    installed.register(as_plugin(example("chemage_figures")), "cut")
+    sphere = {"kind": "sphere", "radius": "30 nm", "pixels": 32, "pixel_size": "0.45 nm"}
+    contact = {"kind": "fft-bem", "modulus": "35.3 GPa", "load": "50 nN"}
+    run = ca.run({"surface": sphere, "contact": contact})
+    axes = figures(run)["cut"].axes[0]
+    row, cut = axes.lines
+    assert run.surface is not None
+    assert np.array_equal(row.get_ydata(), run.surface.heights[:, 16])
+    assert max(row.get_ydata()) == cut.get_ydata()[0] == run.surface.heights.max()
 
 
 def test_scenes(installed, site):
@@ -243,6 +273,9 @@ ANSWERS = {
     "chemage_solve_contact": lambda: pressed(),
     "chemage_build_lattice": lambda: ca.build_lattice(silica(), pressed()),
     "chemage_run_kinetics": lambda: ca.age(
+        pressed(), silica(), engine=ca.engine("rejection-free"), hold_times=[1], temperature=300, replicas=2
+    ),
+    "chemage_rupture_bonds": lambda: ca.age(
         pressed(), silica(), engine=ca.engine("rejection-free"), hold_times=[1], temperature=300, replicas=2
     ),
 }

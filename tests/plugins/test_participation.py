@@ -35,6 +35,7 @@ STAGES = {
     "chemage_solve_contact": ("notes", ("changed",)),
     "chemage_build_lattice": ("provenance", {"by": "a test"}),
     "chemage_run_kinetics": ("notes", ("changed",)),
+    "chemage_rupture_bonds": ("", None),
 }
 every_stage = pytest.mark.parametrize("hook", STAGES)
 
@@ -52,6 +53,8 @@ def plugin(source: str, **words: str) -> ModuleType:
 
 def changed(hook: str) -> str:
     field, value = STAGES[hook]
+    if not field:
+        return "2.0 * found"
     return f"found.model_copy(update={{{field!r}: {value!r}}})"
 
 
@@ -98,6 +101,7 @@ ANSWERS = {
         "engine, lattice, hold_times, temperature, seed",
         "engine.run(lattice, hold_times, temperature=temperature, seed=seed)",
     ),
+    "chemage_rupture_bonds": ("bonded", "3.0 * bonded.bonds"),
 }
 
 

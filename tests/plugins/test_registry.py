@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
+from textwrap import dedent
 from types import ModuleType
 
 import pytest
@@ -216,6 +217,56 @@ def test_a_scene_that_is_not_there_is_found(fine):
     fine.install("scenes", {"scenes.py": source}, {"scenes": "scenes"})
     (said,) = fine.registry().check()
     assert said.startswith("scene 'x' of plugin 'scenes': levels:x.toml: ")
+
+
+SIGNATURES = {
+    "lacks an argument": (
+        "def quantile(self):",
+        "Level.quantile(self) cannot be called as quantile(uniform): too many",
+    ),
+    "needs one more": (
+        "def quantile(self, uniform, scale):",
+        "Level.quantile(self, uniform, scale) cannot be called as quantile(uniform): missing a required argument",
+    ),
+    "names it otherwise": ("def quantile(self, u, /, *more):", ""),
+    "has one more with a default": ("def quantile(self, uniform, scale=1.0):", ""),
+}
+
+
+@pytest.mark.parametrize("case", SIGNATURES)
+def test_a_method_that_chemage_cannot_call_is_found(site, case):
+    signature, problem = SIGNATURES[case]
+    levels = LEVELS.replace("def quantile(self, uniform):", signature).replace("np.ones(uniform.shape)", "None")
+    site.install("fine", {"fine.py": FINE, "levels.py": levels}, {"fine": "fine"})
+    found = site.registry()
+    if not problem:
+        assert found.check() == []
+        return
+    (said,) = found.check()
+    assert said.startswith("barriers 'level' of plugin 'fine' (fine 1.0): ")
+    assert problem in said
+    with pytest.raises(PluginError) as caught:
+        found.make("barriers", "level", {})
+    assert str(caught.value) == said
+
+
+def test_a_module_that_is_slow_to_import_is_reported(fine):
+    fine.install(
+        "slow-plugin",
+        {"slow.py": "import time\ntime.sleep(0.6)\n" + dedent(FINE).replace("level", "x")},
+        {"slow": "slow"},
+    )
+    found = fine.registry()
+    (said,) = [note for note in found.notes() if "'slow'" in note]
+    assert said.startswith("plugin 'slow' (slow-plugin 1.0): its module slow takes 0.")
+    assert "import, which every command waits for" in said
+
+
+def test_two_plugins_of_one_name_are_both_named(fine):
+    fine.install("other-dist", {"other.py": FINE.replace('"level"', '"other"')}, {"fine": "other"})
+    assert "the name 'fine' is claimed by 'fine' (fine 1.0) and by 'fine' (other-dist 1.0); uninstall one of them" in (
+        fine.registry().check()
+    )
 
 
 # -- who claims what --------------------------------------------------------------------------------------------------

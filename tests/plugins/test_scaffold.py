@@ -3,12 +3,15 @@
 import re
 import subprocess
 import sys
+import tomllib
 from importlib import resources
 from pathlib import Path
 
 import pytest
 
+import chemage
 from chemage import InputError, StoreError, registry
+from chemage.plugins.hooks import API_VERSION
 from chemage.scaffold import new as scaffold
 
 #: one process for the plugins of all roles, because it takes longer to start than most of their tests to run
@@ -63,3 +66,22 @@ def test_every_role_has_a_template():
     names = {path.name for path in resources.files("chemage.scaffold").joinpath("templates").iterdir()}
     roles = {found[1] for name in names if (found := re.fullmatch(r"role_(\w+)\.py\.in", name))}
     assert roles == set(registry.current().roles)
+
+
+def test_a_new_plugin_states_its_interface_and_the_versions_that_it_works_with(tmp_path: Path):
+    files = scaffold.new("mine", "barriers", tmp_path)
+    major, minor, *_ = chemage.__version__.split(".")
+    project = tomllib.loads(files[0].read_text())["project"]
+    assert project["dependencies"] == [f"chemage>={major}.{minor},<{int(major) + 1}"]
+    assert f"CHEMAGE_API = {API_VERSION}\n" in (files[0].parent / "chemage_mine" / "__init__.py").read_text()
+
+
+def test_a_kind_or_a_name_that_is_taken_is_reported(tmp_path: Path, site):
+    with pytest.warns(
+        registry.PluginWarning, match=r"barriers 'gaussian' comes with 'barriers' \(chemage .*choose anoth"
+    ):
+        scaffold.new("gaussian", "barriers", tmp_path)
+    source = "import chemage\n@chemage.hookimpl\ndef chemage_register():\n    return {}"
+    site.install("chemage-mine", {"chemage_mine.py": source}, {"chemage_mine": "chemage_mine"})
+    with registry.using(registry.Registry()), pytest.warns(registry.PluginWarning, match="a plugin 'chemage_mine' is"):
+        scaffold.new("mine", "barriers", tmp_path)

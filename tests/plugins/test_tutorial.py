@@ -135,7 +135,9 @@ from chemage.reports.run_figures import figures
 from chemage.testing import check_component
 
 ca.register(BondRadius)
+ca.register(DrawnWeibull)
 check_component(BondRadius())
+check_component(DrawnWeibull(scale=0.3, shape=3, threshold=0.8))
 check_component(barriers)
 scene = {
     "surface": {"kind": "sphere", "radius": "30 nm", "pixels": 48, "pixel_size": "0.4518 nm"},
@@ -152,6 +154,8 @@ assert any(name.endswith("Exponential") and "source" in version for name, versio
 ca.write("a.h5", result)
 ca.write("b.h5", result)
 assert "bond-radius" in comparison_figures(compare_files(["a.h5", "b.h5"]))
+drawn = {**scene, "forming": {"kind": "drawn-weibull", "scale": 0.3, "shape": 3, "threshold": 0.8}}
+assert len(figures(ca.run(drawn))["weibull"].axes[0].lines) == 1
 ca.unregister(Exponential)
 try:
     ca.barriers("exponential")
@@ -161,7 +165,54 @@ else:
     raise AssertionError("still known")
 """
     file = project / "notebook.py"
-    file.write_text(python_block("class BondRadius") + python_block("@chemage.register") + use)
+    blocks = ("class DrawnWeibull", "class BondRadius", "@chemage.register")
+    file.write_text("".join(python_block(text) for text in blocks) + use)
+    run(project, "-W", "error", file.name)
+
+
+def test_the_law_for_friction_and_the_map_meet_their_roles_and_reach_results(project):
+    blocks = [python_block("class BellEvans"), python_block("class BondMap")]
+    assert all(len(block.splitlines()) < 60 for block in blocks)
+    use = """
+import chemage as ca
+from chemage.reports.run_figures import figures
+from chemage.reports.comparison import compare_files, comparison_figures
+from chemage.testing import check_component
+
+for cls in (BellEvans, BondMap):
+    check_component(ca.register(cls)())
+scene = {
+    "surface": {"kind": "sphere", "radius": "30 nm", "pixels": 48, "pixel_size": "0.4518 nm"},
+    "contact": {"kind": "hertz", "modulus": "35.3 GPa", "load": "50 nN"},
+    "forming": {"kind": "gaussian", "mean": "1 eV", "std": "0.1 eV"},
+    "breaking": {"kind": "gaussian", "mean": "1.1 eV", "std": 0},
+    "engine": {"kind": "rejection-free"},
+    "rupture": {"kind": "bell-evans", "loading_rate": "4 uN/s"},
+    "observe": [{"kind": "bond-map"}],
+    "hold": {"start": "1 ms", "stop": "1e5 s", "replicas": 4},
+}
+result = ca.run(scene)
+aging, kt = result.aging, ca.KB * 300.0
+# one barrier: the number of bonds times f* = (k_BT/x) ln(r x / (k0 k_BT)), k0 = nu exp(-E/k_BT)
+k0 = 1e13 * np.exp(-1.1 / kt)
+force = kt / 0.1 * NN_NM * np.log(4e3 * 0.1 / (k0 * kt * NN_NM))
+assert 0.9 < force < 1.1
+np.testing.assert_allclose(aging.friction_drop, aging.bonds * force, rtol=1e-9)
+plain = ca.run({**scene, "rupture": {"kind": "mean-force"}, "observe": []})
+np.testing.assert_array_equal(aging.bonds, plain.aging.bonds)
+bonds = aging.observables["bond_map"].sum(axis=(2, 3)) * (3 * 0.4518) ** 2
+np.testing.assert_allclose(bonds, aging.bonds, rtol=1e-9)
+assert aging.measured["bond_map"].output.dims == ("hold_times", "cell_x", "cell_y")
+assert "fullest_cell" in result.summary()["observables"]
+assert "bond-map" in figures(result)
+ca.write("bell-a.h5", result)
+ca.write("bell-b.h5", result)
+made = compare_files(["bell-a.h5", "bell-b.h5"])
+assert "bond-map" in comparison_figures(made)
+assert "fullest_cell at the last hold time" in dict(made.table())
+"""
+    file = project / "friction.py"
+    file.write_text("".join(blocks) + use)
     run(project, "-W", "error", file.name)
 
 

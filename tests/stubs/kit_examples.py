@@ -18,6 +18,7 @@ from chemage import (
     Observable,
     Pressure,
     Reader,
+    Rupture,
     StoreError,
     Surface,
     SurfaceMaker,
@@ -152,6 +153,18 @@ class Count(Observable):
 
     def measure(self, contact, lattice, history):
         return {"bonded": float(history.bonds[-1])}
+
+
+class Breaking(Rupture):
+    """Each bond breaks at a force proportional to its own breaking barrier."""
+
+    kind = "breaking"
+    states = True
+
+    def force(self, bonded):
+        lattice = bonded.lattice
+        barriers = lattice.forming if lattice.breaking is None else lattice.breaking
+        return bonded.states @ (barriers * 0.1602176634 / 0.1)
 
 
 class Csv(Reader):

@@ -19,19 +19,32 @@ class Rival:
         return {"reader": {"rival": "rival_reader:Rival", "gone": "no_such_module_xyz:Gone"}}
 
 
+class Third:
+    """Another plugin, whose reader accepts what the rival's does."""
+
+    @staticmethod
+    @hookimpl
+    def chemage_register():
+        return {"reader": {"third": "rival_reader:Third"}}
+
+
 @pytest.fixture
 def rival(tmp_path, monkeypatch):
     (tmp_path / "rival_reader.py").write_text(
         "from chemage import Reader, Surface\n"
         "class Rival(Reader):\n"
         "    kind = 'rival'\n"
-        "    suffixes = ('.npy', '.riv')\n"
+        "    suffixes = ('.npy', '.riv', '.both')\n"
         "    def read(self, path):\n"
         "        return Surface(heights=[[1.0, 2.0]], pixel_size=1.0)\n"
+        "class Third(Rival):\n"
+        "    kind = 'third'\n"
+        "    suffixes = ('.both',)\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     with registry.using(registry.Registry()) as mine:
         mine.register(Rival(), "rival")
+        mine.register(Third(), "third-party")
         yield mine
 
 
@@ -46,7 +59,7 @@ def both(path):
     return (lambda: chemage.read(path)), chemage.surface("from-file", path=str(path)).make
 
 
-@pytest.mark.parametrize(("name", "error"), [("map.sur", StoreError), ("map", StoreError), ("map.npy", InputError)])
+@pytest.mark.parametrize(("name", "error"), [("map.sur", StoreError), ("map", StoreError), ("map.both", InputError)])
 def test_both_ways_give_the_same_error(rival, tmp_path, name, error):
     np.save(tmp_path / "x.npy", np.ones((2, 2)))
     (tmp_path / "x.npy").rename(tmp_path / name)
@@ -73,3 +86,39 @@ def test_a_reader_that_cannot_be_imported_does_not_stop_the_others(rival, tmp_pa
         registry.current().component("reader", "gone")
     assert reader_for("map.txt").kind == "text"
     assert [problem for problem in registry.current().check() if "no_such_module_xyz" in problem]
+
+
+def test_a_reader_of_a_plugin_does_not_replace_chemages_own_unless_it_is_preferred(rival, tmp_path, monkeypatch):
+    np.save(tmp_path / "map.npy", np.ones((3, 3)))
+    maker = chemage.surface("from-file", path=str(tmp_path / "map.npy"), pixel_size=1.0)
+    assert chemage.make_surface(maker).shape == (3, 3)
+    assert chemage.make_surface(maker).plugins == {}
+    assert reader_for("map.npy").kind == "npy"
+    with chemage.prefer_plugins("rival"):
+        assert reader_for("map.npy").kind == "rival"
+        preferred = chemage.make_surface(maker)
+    assert preferred.shape == (1, 2)
+    assert list(preferred.plugins) == ["rival"]
+    monkeypatch.setenv("CHEMAGE_PREFER", "rival")
+    assert reader_for("map.npy").kind == "rival"
+
+
+def test_of_two_plugins_for_one_ending_none_comes_first_unless_one_is_preferred(rival):
+    said = refusal(lambda: reader_for("map.both"), InputError)
+    assert "the readers rival, third all read .both; give reader = ..." in said
+    assert "prefer the plugin of one of them (rival, third-party)" in said
+    with chemage.prefer_plugins("third-party", "rival"):
+        assert reader_for("map.both").kind == "third"
+    with chemage.prefer_plugins("rival", "third-party"):
+        assert reader_for("map.both").kind == "rival"
+
+
+def test_shared_endings_are_reported_with_what_is_used_and_how_to_change_it(rival):
+    from chemage.surfaces.reading import shared_endings
+
+    none, own = shared_endings()
+    assert none.startswith("the readers 'rival' (Rival) and 'third' (Third) all read .both; none is used by default")
+    assert "all read .npy; 'npy' is used, because it comes with chemage" in own
+    assert 'write reader = "rival" where the file is named, or write prefer = ["rival"] below [plugins]' in own
+    with chemage.prefer_plugins("rival"):
+        assert all("'rival' is used, because its plugin is preferred" in said for said in shared_endings())

@@ -40,9 +40,21 @@ def chemage_solve_contact(solver, surface, load, start):
 def chemage_run_kinetics():
     return (yield)
 
+@chemage.hookimpl(wrapper=True)
+def chemage_rupture_bonds():
+    return (yield)
+
 @chemage.hookimpl
 def chemage_observe(contact, lattice, history):
     return {}
+"""
+RUPTURE_HOOK = """
+import chemage
+
+@chemage.hookimpl(wrapper=True)
+def chemage_rupture_bonds(bonded):
+    found = yield
+    return found if bonded.contact.load < {above} else {factor} * found
 """
 ENGINE_HOOK = """
 import chemage
@@ -100,6 +112,25 @@ def test_a_plugin_that_answers_nothing_changes_nothing(lab):
     assert lab.sweep()[1:] == (0, 0, [])  # and asked once
     lab.remove("idle")
     assert lab.sweep()[1:] == (0, 0, [])
+
+
+def test_a_plugin_that_changes_the_friction_of_some_points_computes_just_those(lab):
+    plain = [point.aging() for point in lab.sweep()[0]]
+    lab.plugin("weak", RUPTURE_HOOK.format(above=15, factor=0.5))
+    again, contacts, _, said = lab.sweep()
+    assert contacts == 0
+    assert "2 points and 0 contacts are computed again" in said[0]
+    for point, before, factor in zip(again, plain, (1, 1, 0.5, 0.5), strict=True):
+        assert point.summary["plugins"].get("weak") == (None if factor == 1 else "chemage-weak 1.0")
+        assert (point.aging().bonds == before.bonds).all()
+        assert (point.aging().friction_drop == factor * before.friction_drop).all()
+    lab.plugin("weak", RUPTURE_HOOK.format(above=15, factor=0.25), "1.1")
+    again, contacts, replicas, _ = lab.sweep()
+    # two replicas of each of two points, and one of each of the others, with which the new version is asked
+    assert (contacts, replicas) == (0, 6)
+    assert (again[3].aging().friction_drop == 0.25 * plain[3].friction_drop).all()
+    lab.remove("weak")
+    assert [point.aging() == before for point, before in zip(lab.sweep()[0], plain, strict=True)] == [True] * 4
 
 
 def test_a_wrapper_is_in_the_points_that_it_changes_and_a_new_version_computes_just_those(lab):

@@ -12,12 +12,14 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from chemage.ageing.fitting import Fit, Model, Quantity, fit_aging
+from chemage.ageing.measured import Measured
 from chemage.ageing.measurements import Measurements, read_measurements
 from chemage.foundation.errors import InputError
 from chemage.foundation.statistics import half_width, standard_error
@@ -44,10 +46,17 @@ class Comparison:
         return differences([one.chemistry() for one in self.results if one.aging is not None])
 
     def other_differences(self) -> list[Difference]:
-        """Find the other fields in which the scenes differ, without options that exist for one kind only."""
+        """Find the other fields in which the scenes differ, without options that exist for one kind only.
+
+        A section that only some of the scenes have appears with its kind.
+        """
         found = differences([one.elsewhere() for one in self.results if one.scene])
         other_kinds = {one.path.removesuffix("kind") for one in found if one.path.endswith(".kind")}
-        return [one for one in found if None not in one.values or not one.path.startswith(tuple(other_kinds))]
+        return [
+            one
+            for one in found
+            if None not in one.values or one.path.endswith(".kind") or not one.path.startswith(tuple(other_kinds))
+        ]
 
     def statement(self) -> str:
         """State in one sentence whether the chemistry is the same."""
@@ -77,15 +86,39 @@ class Comparison:
             for time in self.times:
                 rows.append((f"{label} at {time:g} s", _row_at(curves, unit, time)))
             rows.append((f"{label} at the last hold time", _row_at(curves, unit, None)))
+        rows += self._measured_rows()
         rows += [
             ("last hold time", lambda one: _text(one.last(), "s")),
             ("fit window", lambda one: f"{one.window[0]:g} to {one.window[1]:g} s" if one.aging else "-"),
             ("β, 95 % interval", lambda one: f.beta_text() if (f := one.fit) else "-"),
             ("cut-off time, 95 % interval", lambda one: f.cutoff_text() if (f := one.fit) else "-"),
         ]
+        if any(one.approximate for one in self.results):
+            rows.append(("approximate", lambda one: one.approximate or "-"))
         if any(one.plugins for one in self.results):
             rows.append(("plugins that took part", lambda one: ", ".join(one.plugins.values()) or "-"))
         return [(label, [text_of(one) for one in self.results]) for label, text_of in rows]
+
+    def _measured_rows(self) -> list[tuple[str, Callable[[Entry], str]]]:
+        """Rows of the outputs of observables that are numbers, or curves against hold time."""
+        rows: list[tuple[str, Callable[[Entry], str]]] = []
+        for name, first in self.outputs().items():
+            if first.is_number:
+                rows.append((name, partial(_measured_text, name=name)))
+                continue
+            for time in self.times:
+                rows.append((f"{name} at {time:g} s", partial(_measured_text, name=name, time=time)))
+            rows.append((f"{name} at the last hold time", partial(_measured_text, name=name)))
+        return rows
+
+    def outputs(self) -> dict[str, Measured]:
+        """The outputs of observables that can be compared, by name: the first result that has each."""
+        found: dict[str, Measured] = {}
+        for one in self.results:
+            for name, part in one.measured.items():
+                if part.is_number or part.is_curve:
+                    found.setdefault(name, part)
+        return found
 
     def numbers(self) -> list[dict[str, Any]]:
         """The results as plain JSON values, one object each."""
@@ -97,10 +130,15 @@ class Comparison:
         for time in (*self.times, one.last()):
             entry: dict[str, Any] = {"time": time}
             for name, (_, _, curves) in zip(_CURVE_NAMES, _CURVES, strict=True):
-                values = one.at(curves(one), time)
-                entry[name], entry[f"{name}_stderr"] = float(values.mean()), float(standard_error(values))
-                entry[f"{name}_half_width"] = float(half_width(values))
+                entry |= _with_errors(name, one.at(curves(one), time))
+            for name, first in self.outputs().items():
+                if first.is_curve:
+                    entry |= _with_errors(f"observable.{name}", _values_at(one, name, time))
             at.append(entry)
+        numbers: dict[str, Any] = {}
+        for name, first in self.outputs().items():
+            if first.is_number:
+                numbers |= _with_errors(f"observable.{name}", _values_at(one, name, None))
         return {
             "name": one.name,
             "file": one.source,
@@ -115,6 +153,7 @@ class Comparison:
             "sites": one.sites,
             "replicas": one.aging.replicas if one.aging else 0,
             "plugins": dict(one.plugins),
+            **({"approximate": one.approximate} if any(each.approximate for each in self.results) else {}),
             "fit_window": list(one.window),
             "beta": fit.beta if fit else None,
             "beta_stderr": fit.beta_stderr if fit else None,
@@ -122,6 +161,7 @@ class Comparison:
             "cutoff_time": fit.cutoff_time if fit else None,
             "cutoff_time_stderr": fit.cutoff_time_stderr if fit else None,
             "cutoff_time_interval": [fit.cutoff_interval.low, fit.cutoff_interval.high] if fit else None,
+            **numbers,
             "at": at,
         }
 
@@ -144,6 +184,7 @@ class Comparison:
         """The comparison as CSV with one line per result and units in the header."""
         units = {"load": "nN", "area": "nm^2", "perimeter_to_area": "1/nm", "mean_contact_pressure": "GPa"}
         units |= {"cutoff_time": "s", "cutoff_time_stderr": "s", "cutoff_time_low": "s", "cutoff_time_high": "s"}
+        units |= {f"observable.{name}": one.unit for name, one in self.outputs().items() if one.unit}
         units |= {"friction_drop": "nN", "bonds_per_area": "1/nm^2", "fit_start": "s", "fit_stop": "s", "last": "s"}
         lines = []
         for numbers in self.numbers():
@@ -155,10 +196,11 @@ class Comparison:
                 numbers |= {f"{name}_low": low, f"{name}_high": high}
             numbers |= {"fit_start": window[0], "fit_stop": window[1], "last": at[-1]["time"]}
             for name, value in numbers.items():
-                line[f"{name} ({units[name]})" if name in units else name] = value
+                unit = units.get(_without_error(name))
+                line[f"{name} ({unit})" if unit else name] = value
             for entry, label in zip(at, (*(f"{time:g} s" for time in self.times), "last"), strict=True):
                 for name in (key for key in entry if key != "time"):
-                    unit = units.get(name.removesuffix("_stderr").removesuffix("_half_width"))
+                    unit = units.get(_without_error(name))
                     line[f"{name} at {label}" + (f" ({unit})" if unit else "")] = entry[name]
             lines.append(line)
         text = io.StringIO()
@@ -264,6 +306,31 @@ def _row_at(curves: Curves, unit: str, time: float | None) -> Callable[[Entry], 
         return mean_text(values, unit)
 
     return text_of
+
+
+def _without_error(name: str) -> str:
+    return name.removesuffix("_stderr").removesuffix("_half_width")
+
+
+def _values_at(one: Entry, name: str, time: float | None) -> np.ndarray:
+    """(replicas,) of an output of an observable, of a curve at ``time`` or the last hold time; nan without it."""
+    part = one.measured.get(name)
+    if part is None or part.numbers is None:
+        return np.full(1, np.nan)
+    return part.numbers if time is None or part.is_number else one.at(part.values, time)
+
+
+def _measured_text(one: Entry, name: str, time: float | None = None) -> str:
+    part = one.measured.get(name)
+    return mean_text(_values_at(one, name, time), part.unit) if part is not None else "-"
+
+
+def _with_errors(name: str, values: np.ndarray) -> dict[str, float]:
+    return {
+        name: float(values.mean()),
+        f"{name}_stderr": float(standard_error(values)),
+        f"{name}_half_width": float(half_width(values)),
+    }
 
 
 def friction(one: Entry) -> np.ndarray:

@@ -15,9 +15,14 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import FIT_WINDOW, Fit
+from chemage.ageing.measured import Measured
 from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
+from chemage.experiments.sections import components_of
+from chemage.foundation.approximations import in_words
+from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
+from chemage.reports.figures import plain
 from chemage.store.results import read
 from chemage.sweeps.result import load_sweep
 
@@ -40,8 +45,12 @@ class Entry:
     pressure: tuple[np.ndarray, np.ndarray] | None = None
     #: plugins that took part: name -> source
     plugins: Mapping[str, str] = field(default_factory=dict)
+    #: what is approximate about the result, in words
+    approximate: str = ""
     #: first and last hold time of the fit, s
     window: tuple[float, float] = FIT_WINDOW
+    #: of the contact, where the file holds no scene
+    provenance: Mapping[str, Any] = field(default_factory=dict)
     #: reads the result again, maps included
     whole: Callable[[], Any] | None = field(default=None, compare=False, repr=False)
 
@@ -64,16 +73,24 @@ class Entry:
                 thing.aging,
                 _pressures(thing.contact),
                 thing.plugins,
+                thing.approximate,
                 thing.window,
             )
         if isinstance(thing, Aging):
-            return cls(name, source, "", {}, thing.contact, thing, None, thing.plugins)
+            approximate = in_words(thing.approximate)
+            return cls(name, source, "", {}, thing.contact, thing, None, thing.plugins, approximate)
         if isinstance(thing, ContactSolution):
-            return cls(name, source, "", {}, thing.summary(), None, _pressures(thing), thing.plugins)
+            own = thing.summary(), None, _pressures(thing), thing.plugins, in_words(thing.approximate)
+            return cls(name, source, "", {}, *own, provenance=thing.provenance)
         raise InputError(
             f"{source or name} holds a {type(thing).__name__}; a comparison takes runs, ageing curves or "
             "contacts, such as `chemage run` writes"
         )
+
+    @property
+    def legend(self) -> str:
+        """The name, marked where the result is approximate, as a matplotlib label."""
+        return plain(f"{self.name} (approximate)" if self.approximate else self.name)
 
     @property
     def load(self) -> float:
@@ -104,6 +121,15 @@ class Entry:
             return np.full((1, 0), np.nan)
         with np.errstate(invalid="ignore"):
             return self.aging.bonds / self.aging.sites[:, None]
+
+    def components(self) -> list[tuple[str, Component]]:
+        """The components that made the result, as far as they are installed: (path of the section, component)."""
+        return components_of(self.scene, self.aging, self.provenance)
+
+    @cached_property
+    def measured(self) -> Mapping[str, Measured]:
+        """What observables measured, by name."""
+        return self.aging.measured if self.aging is not None else {}
 
     @cached_property
     def fit(self) -> Fit | None:

@@ -1,19 +1,23 @@
-"""Figures of a comparison: friction, bonds per area, pressures, and the observables of several results."""
+"""Figures of a comparison: friction, bonds per area, pressures, and the figures of plugins, of several results."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from chemage.ageing.fitting import SYMBOL, Quantity
+from chemage.ageing.plotted import Maps, PlottedResult
+from chemage.contacts.solution import ContactSolution
+from chemage.experiments.run import Run
 from chemage.foundation.statistics import half_width
 from chemage.reports.comparison.comparison import Comparison, Curves, coefficient, friction
 from chemage.reports.comparison.entries import Entry
 from chemage.reports.figures import BLACK, GREY, PALETTE, blank, plain
-from chemage.reports.observables import observable_figures, observables_of, observed_in
+from chemage.reports.plugin_figures import Brought, Source, chemistry_of, plugin_figures
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,7 +43,7 @@ def _drawn(axes: Axes, results: Sequence[Entry], curves: Curves) -> list[float]:
         t, mean = one.aging.hold_times, values.mean(axis=0)
         error = np.nan_to_num(half_width(values))
         shown = t > 0
-        axes.errorbar(t[shown], mean[shown], yerr=error[shown], ms=3.5, lw=1, capsize=2, label=plain(one.name), **style)
+        axes.errorbar(t[shown], mean[shown], yerr=error[shown], ms=3.5, lw=1, capsize=2, label=one.legend, **style)
         last.append(float(mean[-1]))
     return last
 
@@ -105,13 +109,18 @@ def _fitted_line(axes: Axes, one: Entry) -> None:
 
 
 def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
-    """Draw every figure for which there are data: name -> figure."""
+    """Draw every figure for which there are data, those of plugins last: name -> figure."""
+    brought = comparison_brought(comparison.results)
+    return {**core_figures(comparison), **{name: one.figure for name, one in brought.items()}}
+
+
+def core_figures(comparison: Comparison) -> dict[str, Figure]:
+    """Draw chemage's own figures for which there are data: name -> figure."""
     made = {
         "friction-drop": friction_drop_figure(comparison),
         "friction-coefficient-drop": friction_coefficient_figure(comparison),
         "bonds-per-area": bonds_figure(comparison.results),
         "pressures": pressures_figure(comparison.results),
-        **observables_figures(comparison.results),
     }
     return {name: figure for name, figure in made.items() if figure is not None}
 
@@ -154,7 +163,7 @@ def pressures_figure(results: Sequence[Entry]) -> Figure | None:
     for one, style in shown:
         assert one.pressure is not None
         edges, density = one.pressure
-        axes.stairs(density, edges, color=style["color"], lw=1.4, label=plain(one.name))
+        axes.stairs(density, edges, color=style["color"], lw=1.4, label=one.legend)
         axes.plot(
             0.5 * (edges[1:] + edges[:-1]), density, ls="none", markevery=max(1, density.size // 8), ms=3.5, **style
         )
@@ -163,11 +172,22 @@ def pressures_figure(results: Sequence[Entry]) -> Figure | None:
     return figure
 
 
-def observables_figures(results: Sequence[Entry]) -> dict[str, Figure]:
-    """Draw the figures of the observables of several results: name -> figure."""
-    labelled = [
-        (observed_in(plain(one.name), one.aging, style["color"]), observables_of(one.aging, one.scene))
-        for one, style in zip(results, _styles(len(results)), strict=True)
-        if one.aging is not None
-    ]
-    return observable_figures(labelled, size=_SIZE)
+def comparison_brought(results: Sequence[Entry]) -> dict[str, Brought]:
+    """Draw the figures that plugins bring to several results: name -> figure and caption."""
+
+    @lru_cache(maxsize=1)  # the maps of a large contact take 100 MB
+    def maps(number: int) -> Maps:
+        whole = results[number].whole
+        thing = whole() if whole is not None else None
+        if isinstance(thing, Run):
+            return Maps(thing.contact, thing.surface)
+        return Maps(thing) if isinstance(thing, ContactSolution) else Maps()
+
+    sources = []
+    for number, (one, style) in enumerate(zip(results, _styles(len(results)), strict=True)):
+        chemistry = chemistry_of(one.aging.provenance) if one.aging is not None else None
+        result = PlottedResult(
+            one.legend, one.aging, chemistry, style["color"], scene=one.scene, load_maps=partial(maps, number)
+        )
+        sources.append(Source(result, one.components(), one.plugins))
+    return plugin_figures(sources, size=_SIZE)

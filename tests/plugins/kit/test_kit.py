@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kit_examples import Bed, Chain, Count, Csv, Flat, Shell, White, mutant
+from kit_examples import Bed, Breaking, Chain, Count, Csv, Flat, Shell, White, mutant
 
 import chemage as ca
 from chemage import Component, InputError, registry, testing
 from chemage.testing.checks import CHECKS
 
-REFERENCES: list[Component] = [Flat(), White(), Chain(), Shell(), Count(), Csv(), Bed()]
+REFERENCES: list[Component] = [Flat(), White(), Chain(), Shell(), Breaking(), Count(), Csv(), Bed()]
 
 
 @pytest.fixture
@@ -33,6 +33,7 @@ def test_the_whole_role_at_once(csv):
     testing.check_barriers(Flat())
     testing.check_surface_maker(White())
     testing.check_interaction(Chain())
+    testing.check_rupture(Breaking())
     testing.check_observable(Count())
     testing.check_reader(Csv(), path=csv)
     testing.check_contact_solver(Bed(), force_tolerance=1e-9)

@@ -186,3 +186,14 @@ def test_a_wrong_engine(name, caught):
     _kept.clear()
     found, said = caught(make(), check)
     assert found == check, said
+
+
+def test_the_same_random_numbers_for_all_sites_of_a_pixel(caught):
+    def by_pixel(lattice, *rest):
+        twin = lattice.model_copy()
+        vars(twin)["random_index"] = twin.sites
+        return (twin, *rest)
+
+    wrong = passed_on("by-pixel", before=by_pixel, base=type(ca.engine("independent")))
+    name, said = caught(wrong, "sites_of_one_pixel_are_independent")
+    assert name == "sites_of_one_pixel_are_independent", said

@@ -9,7 +9,7 @@ import pytest
 from kit_examples import Count, Flat, caught_by, mutant
 from pydantic import Field
 
-from chemage import Barriers, Energy, Observable, testing
+from chemage import Barriers, Energy, Observable, Output, testing
 
 
 class Map(Observable):
@@ -35,6 +35,38 @@ class Map(Observable):
 
 def test_a_right_observable_passes():
     testing.check_observable(Map())
+
+
+class Declared(Map):
+    """Declares what it measures."""
+
+    outputs: ClassVar[Any] = {
+        "bond_map": Output(("x", "y"), "", "number of bonds"),
+        "bonds_at": Output("hold_times", "", "number of bonds"),
+        "pressure_of_bonds": Output((), "GPa", "mean pressure where there is a bond"),
+    }
+
+
+class Early(Observable):
+    """When half of the bonds had formed, from the states at every hold time."""
+
+    kind = "early"
+    states = True
+    outputs: ClassVar[Any] = {"half": Output((), "s", "first hold time with half of the bonds")}
+
+    def measure(self, contact, lattice, history):
+        return {"half": history.hold_times[np.argmax(2 * history.states.sum(axis=1) >= history.bonds[-1])]}
+
+
+def test_observables_that_declare_and_ask_for_states_pass():
+    testing.check_observable(Declared())
+    testing.check_observable(Early(), all=True)
+
+
+def declaring(name: str, **outputs: Any) -> Any:
+    """An observable that measures what ``Declared`` does, with other declarations; None takes one away."""
+    changed = {**Declared.outputs, **outputs}
+    return mutant(Declared, name, outputs={key: output for key, output in changed.items() if output is not None})()
 
 
 def measuring(name: str, measure: Any) -> Any:
@@ -135,6 +167,28 @@ OBSERVABLES: dict[str, tuple[Any, str]] = {
         "observes_numbers",
     ),
     "never a number": (lambda: measuring("nan", lambda con, lat, his: {"mean": np.nan}), "observes_numbers"),
+    "an output that is not declared": (
+        lambda: declaring("undeclared", bonds_at=None),
+        "measures_what_it_declares",
+    ),
+    "an output that is not measured": (
+        lambda: declaring("unmeasured", more=Output((), "", "more")),
+        "measures_what_it_declares",
+    ),
+    "one dimension too many": (
+        lambda: declaring("dims", pressure_of_bonds=Output("x", "GPa", "pressure")),
+        "measures_what_it_declares",
+    ),
+    "a number per hold time that is not": (
+        lambda: declaring("times", bond_map=Output(("hold_times", "y"), "", "bonds")),
+        "measures_what_it_declares",
+    ),
+    "a unit that cannot be read": (
+        lambda: declaring("unit", pressure_of_bonds=Output((), "gigapascals/", "pressure")),
+        "measures_what_it_declares",
+    ),
+    "no description": (lambda: declaring("text", bonds_at=Output("hold_times")), "measures_what_it_declares"),
+    "states it did not ask for": (lambda: mutant(Early, "unasked", states=False)(), "observes_numbers"),
     "a total over replicas": (lambda: measuring("running", _running), "measure_disturbs_nothing"),
     "writes into the lattice": (lambda: measuring("writes", _written), "measure_disturbs_nothing"),
     "draws the first replica": (lambda: drawing("first", _first_only), "figures_are_drawn"),

@@ -1,4 +1,4 @@
-"""Components that are unusual and right: the kit passes them. (Several sites per pixel are not possible yet.)"""
+"""Components that are unusual and right: the kit passes them."""
 
 from __future__ import annotations
 

@@ -1,0 +1,33 @@
+"""What can be plugged into this stage: rupture laws, and the hook that gives the force that breaks the bonds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from chemage.plugins.hooks import hookimpl, hookspec
+
+if TYPE_CHECKING:
+    from chemage.friction.bonded import Bonded
+    from chemage.friction.role import Rupture
+
+ROLES = {"rupture": "chemage.friction.role:Rupture"}
+
+
+@hookspec(firstresult=True)
+def chemage_rupture_bonds(rupture: Rupture | None, bonded: Bonded) -> np.ndarray | None:
+    """Give the force in nN that breaks the bonds after each hold time, (m,), finite and not negative.
+
+    Return None to leave it to the next plugin; chemage itself answers last. Called once per replica.
+    """
+
+
+class Default:
+    """The law's own method; without a law, the mean force per bond and the front factor of the chemistry."""
+
+    @hookimpl(trylast=True)
+    def chemage_rupture_bonds(self, rupture: Rupture | None, bonded: Bonded) -> np.ndarray:
+        if rupture is not None:
+            return np.asarray(rupture.force(bonded))
+        return bonded.bonds * (bonded.chemistry.bond_force * bonded.chemistry.front_factor)

@@ -1,0 +1,212 @@
+"""What the registry needs to load one plugin: its record, its module's declarations, and its hooks in order."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import inspect
+import os
+import sys
+import threading
+import weakref
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import metadata
+from typing import Any
+
+import pluggy
+
+from chemage.foundation.errors import InputError, PluginError
+
+
+class PluginWarning(UserWarning):
+    """A plugin was skipped because it is broken."""
+
+
+@dataclass
+class PluginRecord:
+    """What is known of one plugin."""
+
+    name: str
+    distribution: str
+    version: str
+    module: str
+    kinds: dict[str, dict[str, str]] = field(default_factory=dict)
+    scenes: dict[str, str] = field(default_factory=dict)
+    #: why it was skipped, in words; empty when it works
+    error: str = ""
+    #: the class, where it was registered by hand
+    component: Any = None
+    #: ``"module:Class"`` of its options (``CHEMAGE_OPTIONS``)
+    options: str = ""
+    #: time its module took to import, s
+    seconds: float = 0.0
+    #: libraries that it names as its basis (``CHEMAGE_LIBRARIES``) -> version
+    libraries: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def source(self) -> str:
+        """``distribution version (library version, ...)``, or the module where there is no distribution."""
+        libraries = ", ".join(f"{name} {version}" for name, version in self.libraries.items())
+        return f"{self.distribution or self.module} {self.version} {f'({libraries})' if libraries else ''}".strip()
+
+
+class Hooks(pluggy.PluginManager):
+    """Hooks, of which those of the plugins ``first`` come before all others, whatever these ask for."""
+
+    def __init__(self, first: Sequence[Any] = ()) -> None:
+        super().__init__("chemage")
+        self._first = first
+
+    def parse_hookimpl_opts(self, plugin: Any, name: str) -> Any:
+        """The options of a hook implementation, as its marker gave them."""
+        options = super().parse_hookimpl_opts(plugin, name)
+        if options is not None and any(plugin is one for one in self._first):
+            return {**options, "tryfirst": True, "trylast": False}
+        return options
+
+
+def selected(found: Iterable[metadata.EntryPoint]) -> list[metadata.EntryPoint]:
+    """The entry points that ``CHEMAGE_PLUGINS`` allows: names besides chemage's own, or ``-name`` to leave out."""
+    points = list(found)
+    words = [word.strip() for word in os.environ.get("CHEMAGE_PLUGINS", "").split(",") if word.strip()]
+    without = {word[1:] for word in words if word.startswith("-")}
+    only = {word for word in words if not word.startswith("-")}
+    if unknown := (without | only) - {point.name for point in points}:
+        installed = ", ".join(sorted(point.name for point in points))
+        raise InputError(
+            f"CHEMAGE_PLUGINS names {', '.join(sorted(unknown))}, which is not installed; the plugins are {installed}"
+        )
+
+    def wanted(point: metadata.EntryPoint) -> bool:
+        own = point.dist is not None and point.dist.name == "chemage"
+        return point.name not in without and (own or not only or point.name in only)
+
+    return [point for point in points if wanted(point)]
+
+
+_reading = threading.Lock()
+_sources: weakref.WeakKeyDictionary[type, str] = weakref.WeakKeyDictionary()
+
+
+def source_version(cls: type) -> str:
+    """What stands for the version of a class that is not packaged: a hash of its source, which is read once."""
+    with _reading:  # Python 3.11 cannot parse in two threads at once
+        if cls not in _sources:
+            try:
+                text = inspect.getsource(cls)
+            except (OSError, TypeError):
+                _sources[cls] = "(source unknown)"
+            else:
+                _sources[cls] = f"(source {hashlib.blake2b(text.encode(), digest_size=4).hexdigest()})"
+        return _sources[cls]
+
+
+def full_name(record: PluginRecord) -> str:
+    return f"{record.name} ({record.source})"
+
+
+def versions(libraries: Any) -> dict[str, str]:
+    """The versions of the distributions that a plugin names as its basis."""
+    if isinstance(libraries, str) or not all(isinstance(name, str) for name in libraries):
+        raise PluginError(f"CHEMAGE_LIBRARIES = {libraries!r}: give a tuple of names of distributions")
+    return {name: metadata.version(name) for name in libraries}
+
+
+def is_stage(hook: Any) -> bool:
+    return hook.spec is not None and bool(hook.spec.opts["firstresult"])
+
+
+def check_hook_names(plugin: Any, known: list[str]) -> None:
+    """Refuse what pluggy would silently ignore: a misspelled hook, a hook without ``@chemage.hookimpl``, no hook."""
+    from chemage.foundation.messages import nearest
+
+    found = 0
+    for name in dir(plugin):
+        function = getattr(plugin, name)
+        marked = getattr(function, "chemage_impl", None)
+        if not callable(function) or (marked is None and not name.startswith("chemage_")):
+            continue
+        hook = (marked or {}).get("specname") or name
+        if hook not in known:
+            raise PluginError(
+                f"implements {hook}, which is not a hook{nearest(hook, known)}; the hooks are {', '.join(known)}"
+            )
+        if marked is None:
+            raise PluginError(f"{name} is not marked as a hook; write @chemage.hookimpl above it")
+        found += 1
+    if not found:
+        raise PluginError(f"implements no hook; the hooks are {', '.join(known)}")
+
+
+def clash(role: str, kind: str, offers: list[PluginRecord]) -> str:
+    return (
+        f"{role} {kind!r} is claimed by {' and by '.join(f'{r.name!r} ({r.source})' for r in offers)}; "
+        "uninstall one of them"
+    )
+
+
+def checked_targets(where: str, targets: Any) -> dict[str, str]:
+    if not isinstance(targets, Mapping):
+        raise PluginError(f"{where}: expected {{name: 'module:thing'}}, got {targets!r}")
+    for name, target in targets.items():
+        if not isinstance(name, str) or not isinstance(target, str) or target.count(":") != 1:
+            raise PluginError(f"{where} {name!r}: expected 'module:thing', got {target!r}")
+    return dict(targets)
+
+
+def imported(target: str) -> Any:
+    module, _, name = target.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def scene_text(target: str) -> str:
+    """The text of a shipped scene, ``"package:file.toml"``."""
+    from importlib import resources
+
+    package, _, name = target.partition(":")
+    return resources.files(package).joinpath(name).read_text(encoding="utf-8")
+
+
+def trace_before(hook_name: str, methods: Any, kwargs: Mapping[str, Any]) -> None:
+    print(f"chemage hook {hook_name}({', '.join(kwargs)}) -> {[m.plugin_name for m in methods]}", file=sys.stderr)
+
+
+def trace_after(outcome: Any, hook_name: str, methods: Any, kwargs: Mapping[str, Any]) -> None:
+    print(f"chemage hook {hook_name} done", file=sys.stderr)
+
+
+def checked_options(target: Any, record: PluginRecord) -> str:
+    """What a module gives as ``CHEMAGE_OPTIONS``."""
+    if not target:
+        return ""
+    if record.name == "prefer":
+        raise PluginError("a plugin with options cannot be called 'prefer', which is an entry of [plugins]")
+    return checked_targets("CHEMAGE_OPTIONS", {"": target})[""]
+
+
+def check_signatures(cls: type, role: type, where: str) -> None:
+    """Raise a PluginError if chemage cannot call a method of ``cls`` as it calls that of its ``role``.
+
+    The arguments that a role's method takes by position are passed to all components, those it takes by name only to
+    components that name them.
+    """
+    for base in role.__mro__:
+        if base.__module__.startswith("chemage.foundation") or not base.__module__.startswith("chemage."):
+            continue
+        for name, expected in vars(base).items():
+            found = inspect.getattr_static(cls, name, expected)
+            if name.startswith("__") or found is expected or not inspect.isfunction(expected):
+                continue
+            if not inspect.isfunction(found):
+                continue
+            parameters = list(inspect.signature(expected).parameters.values())
+            needed = [one for one in parameters if one.kind in (one.POSITIONAL_ONLY, one.POSITIONAL_OR_KEYWORD)]
+            try:
+                inspect.signature(found).bind(*needed)
+            except TypeError as error:
+                call = ", ".join(one.name for one in needed[1:])
+                raise PluginError(
+                    f"{where}: {cls.__name__}.{name}{inspect.signature(found)} cannot be called as "
+                    f"{name}({call}): {error}"
+                ) from None
