@@ -98,7 +98,7 @@ registry.current().register(Endless(), "endless")
 @pytest.mark.parametrize(
     ("hook", "work"),
     [
-        ("solve_contact", "time.sleep(600)"),
+        pytest.param("solve_contact", "time.sleep(600)", marks=pytest.mark.long),
         ("run_kinetics", "time.sleep(0.5)"),
     ],
 )
@@ -139,7 +139,15 @@ def test_ctrl_c_while_drawing_keeps_the_result_and_says_so(command, small, monke
 # -- kill -9 ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("moment", ["making pressure", "halfway", "placing", "placed"])
+@pytest.mark.parametrize(
+    "moment",
+    [
+        pytest.param("making pressure", marks=pytest.mark.long),
+        "halfway",
+        pytest.param("placing", marks=pytest.mark.long),
+        "placed",
+    ],
+)
 def test_kill_9_leaves_no_file_or_a_complete_one(command, small, moment):
     process = start(f"MOMENT = {moment!r}" + SLOW_WRITES, small.parent)
     wait_for(process, moment)
@@ -274,7 +282,7 @@ def test_a_read_only_folder_is_seen_before_anything_is_computed(command, small, 
 
 
 def test_a_standard_output_that_is_full_or_closed(small):
-    program = [sys.executable, "-m", "chemage.cli", "check", "small.toml"]
+    program = [sys.executable, "-m", "chemage.cli", "plugins", "list"]
     with open("/dev/full", "w") as full:
         done = subprocess.run(program, cwd=small.parent, stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 2
