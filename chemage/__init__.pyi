@@ -13,6 +13,7 @@ from chemage.foundation.components import Component as Component
 from chemage.contacts.solution import ContactSolution as ContactSolution
 from chemage.contacts.role import ContactSolver as ContactSolver
 from chemage.foundation.errors import ConvergenceError as ConvergenceError
+from chemage.foundation.errors import DamagedError as DamagedError
 from chemage.foundation.units import EV_PER_GPA_NM3 as EV_PER_GPA_NM3
 from chemage.foundation.units import Energy as Energy
 from chemage.kinetics.role import Engine as Engine

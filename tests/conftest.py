@@ -35,6 +35,35 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_addoption(parser):
+    parser.addoption("--long", action="store_true", help="run also what is marked long (minutes)")
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("long"):
+        return
+    long = [item for item in items if item.get_closest_marker("long")]
+    if long:
+        config.hook.pytest_deselected(items=long)
+        items[:] = [item for item in items if not item.get_closest_marker("long")]
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_setupnodes():
+    # workers share the processors, so that threads of a BLAS library in each would only wait for each other
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop(session):
+    """Before a large run on several workers, each compiles a part of the kernels."""
+    worker, workers = os.environ.get("PYTEST_XDIST_WORKER"), int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    if worker and workers > 1 and len(session.items) > 1000:
+        import compiled
+
+        compiled.share(int(worker.removeprefix("gw")), workers)
+
+
 class Site:
     """A folder of installed distributions, as pip would leave it."""
 

@@ -86,18 +86,16 @@ def age(
     run = identity(contact, chemistry, engine, kelvin)
     options = hashed([engine.digest(), chemistry.digest(), times.tolist(), kelvin, origin(seed), common])
 
-    origins = {"contact": contact, "chemistry": chemistry}
-
     def replica(number: int) -> _Replica:
         disorder, noise = replica_seeds(seed, number, common, run)
         lattice = build_lattice(chemistry, contact, disorder)
+        call: dict[str, Any] = {"temperature": kelvin, "seed": noise, "states": states}
+        call |= {"contact": contact, "chemistry": chemistry}
         if checkpoints is None:
-            history = run_kinetics(engine, lattice, times, temperature=kelvin, seed=noise, states=states, **origins)
+            history = run_kinetics(engine, lattice, times, **call)
         else:
             place = {"path": checkpoints / f"replica-{number:05d}.h5", "before": contact.plugins | lattice.plugins}
-            history = run_with_checkpoints(
-                engine, lattice, times, temperature=kelvin, seed=noise, run=options, states=states, **place, **origins
-            )
+            history = run_with_checkpoints(engine, lattice, times, run=options, **place, **call)
         return _finished(contact, chemistry, lattice, history, rupture, observe)
 
     # threads inside a run take their processors away from the other replicas

@@ -20,7 +20,7 @@ from chemage.ageing.seeds import origin
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, temperature_value
 from chemage.foundation.codec import read_records, write_records
-from chemage.foundation.errors import InputError, StoreError
+from chemage.foundation.errors import DamagedError, InputError, StoreError
 from chemage.foundation.records import Record
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
@@ -64,7 +64,11 @@ def resumed(
     """
     if not path.exists():
         return None
-    records, attributes = read_records(path, {name: kind})
+    try:
+        records, attributes = read_records(path, {name: kind})
+    except DamagedError as error:
+        warnings.warn(f"{error}; it is computed again", CheckpointWarning, stacklevel=2)
+        return None
     found = records.get(name)
     earlier = json.loads(attributes.get("before", "{}"))
     of_this_run = attributes.get("run") == run and (earlier != before or attributes.get("checkpoint") == key)

@@ -30,6 +30,7 @@ from chemage.cli.results import print_run
 from chemage.foundation.progress import progress_bars, reported
 
 if TYPE_CHECKING:
+    from chemage.experiments.run import Run
     from chemage.experiments.scene import Scene
 
 
@@ -102,21 +103,22 @@ def _run_one(
     from chemage.experiments import run as experiments
     from chemage.experiments.estimate import plan
     from chemage.foundation.files import preflight
-    from chemage.reports import run_figures
     from chemage.store.results import write
 
-    preflight(path, force=force, size=plan(one).numbers.get("file", 0))
-    folder = path.with_name(f"{path.stem}-figures")
-    if figures:
-        _preflight_folder(folder, force)
+    result = _without_figures(one, path) if figures and not force else None
+    if result is None:
+        preflight(path, force=force, size=plan(one).numbers.get("file", 0))
+        if figures:
+            _preflight_folder(_figures_of(path), force)
     pictures: list[Path] = []
     with progress_bars() as report:
-        result = experiments.run(one, progress=report, threads=threads, checkpoints=checkpoints)
-        with reported(report, "writing"):
-            write(path, result, force=force)
+        if result is None:
+            result = experiments.run(one, progress=report, threads=threads, checkpoints=checkpoints)
+            with reported(report, "writing"):
+                write(path, result, force=force)
         if figures:
             with _result_written(path), reported(report, "drawing"):
-                pictures = run_figures.save(result, folder, force=True)
+                pictures = _drawn(result, _figures_of(path))
     if as_json:
         print(json.dumps({**result.summary(), "file": str(path), "figures": [str(p) for p in pictures]}))
         return
@@ -124,6 +126,49 @@ def _run_one(
     terminal.say(f"\nresult   {path}")
     for picture in pictures:
         terminal.say(f"figure   {picture}")
+
+
+def _figures_of(path: Path) -> Path:
+    return path.with_name(f"{path.stem}-figures")
+
+
+def _without_figures(one: Scene, path: Path) -> Run | None:
+    """The result of this very scene, of a run that was interrupted while its figures were drawn."""
+    from chemage.experiments.provenance import versions
+    from chemage.experiments.run import Run
+    from chemage.foundation.errors import ChemageError
+    from chemage.store.results import read
+
+    if not path.is_file() or _figures_of(path).exists():
+        return None
+    try:
+        found = read(path)
+    except ChemageError:
+        return None
+    if not isinstance(found, Run) or found.scene != one.todict():
+        return None
+    if found.versions != versions(one, (found.contact, found.aging)):
+        return None
+    print(f"{path} is complete; only its figures are drawn", file=sys.stderr)
+    return found
+
+
+def _drawn(result: Run, folder: Path) -> list[Path]:
+    """Draw the figures; a new folder gets its name when all of them are in it."""
+    import shutil
+
+    from chemage.reports import run_figures
+
+    if folder.exists():
+        return run_figures.save(result, folder, force=True)
+    part = folder.with_name(f".{folder.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    try:
+        pictures = run_figures.save(result, part)
+        part.rename(folder)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return [folder / picture.name for picture in pictures]
 
 
 def _protect_inputs(path: Path, source: str, one: Scene) -> None:

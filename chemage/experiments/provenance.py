@@ -7,6 +7,7 @@ from functools import lru_cache
 from importlib import metadata
 
 from chemage.experiments.scene import Scene
+from chemage.foundation.processor import processor
 from chemage.foundation.records import Record
 from chemage.foundation.version import __version__
 from chemage.plugins import registry
@@ -17,12 +18,12 @@ LIBRARIES = ("numpy", "scipy", "numba", "h5py")
 
 
 def versions(scene: Scene | None = None, results: tuple[Record | None, ...] = ()) -> dict[str, str]:
-    """Versions of chemage, of the libraries below it, and of the plugins that took part.
+    """Versions of chemage, of the libraries below it, and of the plugins that took part; and the processor.
 
     Those are the plugins that provide the components of ``scene``, and those that took part in ``results``; and the
     libraries that they name as their basis.
     """
-    found = {"chemage": __version__, "python": platform.python_version()}
+    found = {"chemage": __version__, "python": platform.python_version(), "processor": processor()}
     for name in LIBRARIES:
         found[name] = _version(name)
     taking_part = providers(*scene.components()) if scene is not None else {}

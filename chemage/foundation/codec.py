@@ -19,12 +19,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from chemage.foundation.errors import StoreError
+from chemage.foundation.errors import ChemageError, DamagedError, StoreError
 from chemage.foundation.files import fresh_file
 from chemage.foundation.records import Record
+from chemage.foundation.seals import check_seal, has_seal, seal, unsealed
 
-#: layout of the file; a reader refuses a newer one
-FORMAT = 1
+#: layout of the file; a reader refuses a newer one. Since 2 files are sealed and name the fields of each record.
+FORMAT = 2
 R = TypeVar("R", bound=Record)
 _FLOAT = "$float"
 
@@ -127,7 +128,7 @@ def _from_base64(items: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 
 def to_npz(record: Record) -> memoryview:
-    """A record as the bytes of an npz file; of an array that is mostly zeros, only what is not zero is kept."""
+    """A record as the bytes of a sealed npz file; of an array that is mostly zeros, only what is not zero is kept."""
     values, arrays = encode(record)
     kept: dict[str, np.ndarray] = {}
     sparse: dict[str, list[int]] = {}
@@ -142,20 +143,21 @@ def to_npz(record: Record) -> memoryview:
     text = json.dumps({"values": _exact(values), "sparse": sparse}, default=plain)
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, record=np.frombuffer(text.encode(), dtype=np.uint8), **kept)
-    return buffer.getbuffer()
+    return seal(buffer)
 
 
-def from_npz(cls: type[R], source: Any) -> R:
-    """The inverse of :func:`to_npz`; ``source`` is a path, a stream, or an npz file that is open.
+def from_npz(cls: type[R], content: bytes | memoryview, path: Path) -> R:
+    """The inverse of :func:`to_npz`, of what was read from ``path``.
 
     Raises
     ------
-    OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile
-        The file is missing, damaged, or of another layout.
+    DamagedError
+        It is not what was written.
     """
-    with contextlib.ExitStack() as stack:
-        opened = isinstance(source, np.lib.npyio.NpzFile)
-        file = source if opened else stack.enter_context(np.load(source, allow_pickle=False))
+    inner = unsealed(content, path)
+    if inner is None:
+        raise DamagedError(f"{path} is damaged: its checksum is missing")
+    with np.load(io.BytesIO(inner), allow_pickle=False) as file:
         stored = json.loads(bytes(file["record"]))
         arrays: dict[str, np.ndarray] = {}
         for name, shape in stored["sparse"].items():
@@ -199,15 +201,20 @@ def write_records(
             file.attrs["Conventions"] = "CF-1.8"
             for name, value in attributes.items():
                 file.attrs[name] = value
+            parts = []
             for name, record in records.items():
                 _write_record(file.create_group(name), record)
-        part_path.write_bytes(image.getbuffer())
+                file.flush()
+                parts.append((name, image.getbuffer().nbytes))
+        part_path.write_bytes(seal(image, parts))
 
 
 def _write_record(group: Any, record: Record) -> None:
     group.attrs["chemage_object"] = type(record).__name__
     group.attrs["digest"] = record.digest()
     values, arrays = encode(record)
+    stored = {*values, *(name.partition("/")[0] for name in arrays)}
+    group.attrs["fields"] = json.dumps({name: name in stored for name in type(record).model_fields})
     for name, value in values.items():
         if isinstance(value, dict | tuple):
             group.attrs[name] = json.dumps(value, default=plain)
@@ -264,6 +271,8 @@ def is_ours(path: Path) -> bool:
                 return False
     except OSError as error:
         raise StoreError(f"{path} cannot be read: {error.strerror}") from error
+    if has_seal(path):
+        return True
     with _opened(path) as file:
         return "chemage_format" in file.attrs
 
@@ -276,7 +285,15 @@ def _damaged(path: Path) -> Iterator[None]:
     except StoreError:
         raise
     except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
-        raise StoreError(f"{path} is damaged: {' '.join(str(error).split())}") from error
+        raise DamagedError(f"{path} is damaged: {' '.join(str(error).split())}") from error
+
+
+def _begins_as_hdf5(path: Path) -> bool:
+    try:
+        with open(path, "rb") as stream:
+            return stream.read(8) in (b"\x89HDF\r\n\x1a\n", b"")
+    except OSError:
+        return False
 
 
 @contextlib.contextmanager
@@ -286,7 +303,8 @@ def _opened(path: Path) -> Iterator[Any]:
     try:
         file = h5py.File(path, "r")
     except (OSError, KeyError) as error:
-        raise StoreError(f"{path} cannot be read: it is damaged or was cut short ({error})") from error
+        kind = DamagedError if _begins_as_hdf5(path) else StoreError
+        raise kind(f"{path} cannot be read: it is damaged or was cut short ({error})") from error
     with _damaged(path), file:
         yield file
 
@@ -299,19 +317,56 @@ def read_records(
     Raises
     ------
     StoreError
-        The file is missing, damaged, not one of chemage's, or newer than this chemage.
+        The file is missing, not one of chemage's, or newer than this chemage.
+    DamagedError
+        What it holds is not what was written.
     """
     source = Path(path)
     if not source.exists():
         raise StoreError(f"{source} does not exist")
+    try:
+        verified = check_seal(source)
+    except DamagedError:
+        raise
+    except OSError as error:
+        raise StoreError(f"{source} cannot be read: {error.strerror}") from error
     with _opened(source) as file:
         if "chemage_format" not in file.attrs:
             raise StoreError(f"{source} is an HDF5 file, but not one of chemage's")
         attributes = {name: _scalar(value) for name, value in file.attrs.items() if not name.startswith("_")}
         if int(attributes["chemage_format"]) > FORMAT:
             raise StoreError(f"{source} was written by chemage {attributes.get('chemage')}; update chemage to read it")
-        records = {name: _read_record(file[name], cls) for name, cls in classes.items() if name in file}
+        records = {}
+        for name, cls in classes.items():
+            if name in file:
+                records[name] = _record_in(source, file, name, cls, verified)
     return records, attributes
+
+
+def _record_in(path: Path, file: Any, name: str, cls: type[R], verified: bool) -> R:
+    try:
+        record = _read_record(file[name], cls)
+        # a file without a seal, because something shortened it or because another program wrote to it
+        if verified or is_intact(file[name], record):
+            return record
+        problem = "it is not what chemage wrote"
+    except DamagedError as error:
+        problem = str(error)
+    except (ChemageError, OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        problem = " ".join(str(error).split())
+    raise DamagedError(f"{path}: {name} is damaged: {problem}")
+
+
+def is_intact(group: Any, record: Record) -> bool:
+    """Whether a record read from ``group`` is what was written there; True where that was not noted (chemage 0.1)."""
+    if "fields" not in group.attrs or _fields(group).keys() != type(record).model_fields.keys():
+        return True  # written by a version with other fields
+    return _scalar(group.attrs["digest"]) == record.digest()
+
+
+def _fields(group: Any) -> dict[str, bool]:
+    """The fields of the record when it was written, and whether each is in the file (it is not if it was None)."""
+    return json.loads(_scalar(group.attrs["fields"]))
 
 
 def _scalar(value: Any) -> Any:
@@ -327,6 +382,9 @@ def _read_record(group: Any, cls: type[R]) -> R:
 
     values: dict[str, Any] = {}
     arrays: dict[str, np.ndarray] = {}
+    for name in _expected(group, cls):
+        if name not in group and name not in group.attrs:
+            raise DamagedError(f"it has no {name}")
     for name, info in cls.model_fields.items():
         if name in group:
             item = group[name]
@@ -340,6 +398,18 @@ def _read_record(group: Any, cls: type[R]) -> R:
                 value = json.loads(value)
             values[name] = value
     return decode(cls, values, arrays)
+
+
+def _expected(group: Any, cls: type[Record]) -> set[str]:
+    """The fields that must be there."""
+    if "fields" in group.attrs:
+        return {name for name, stored in _fields(group).items() if stored}
+    # chemage 0.1 left out what was None, and the fields that came later
+    return {
+        name
+        for name, info in cls.model_fields.items()
+        if name not in cls.later and name not in cls.added and (info.is_required() or info.default is not None)
+    }
 
 
 def _is_variable(dataset: Any) -> bool:

@@ -7,7 +7,8 @@ ChemageError
 │   └── SceneError       a scene file is wrong; carries the path of the field in the file
 ├── PluginError          a plugin is broken, or two plugins claim one kind
 ├── ConvergenceError     a contact solver stopped short of its tolerance; carries the residual history
-├── StoreError           a file is missing, truncated, foreign, or already there
+├── StoreError           a file is missing, foreign, or already there
+│   └── DamagedError     what a file holds is not what was written
 └── ExecutorError        the workers of a sweep cannot be started, or do not answer
     └── WorkerLost       a worker died with a task, again and again
 """
@@ -93,7 +94,11 @@ class ConvergenceError(ChemageError):
 
 
 class StoreError(ChemageError, OSError):
-    """A file is missing, truncated, not one of ours, or already there."""
+    """A file is missing, not one of ours, or already there."""
+
+
+class DamagedError(StoreError):
+    """What a file holds is not what was written to it."""
 
 
 class ExecutorError(ChemageError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import itertools
 import os
 import shutil
@@ -84,13 +85,30 @@ def fresh_file(path: str | os.PathLike[str], *, force: bool = False, size: float
     try:
         _remove_stale(target)
         yield part
+        on_disk(part)
         _place(part, target, force)
+        on_disk(target.parent)
     except StoreError:
         raise
     except OSError as error:
         raise StoreError(f"cannot write {target}: {error.strerror or error}; nothing was kept") from error
     finally:
         part.unlink(missing_ok=True)
+
+
+def on_disk(path: Path) -> None:
+    """Return when the content of a file, or the names in a folder, would survive a power failure."""
+    try:
+        handle = os.open(path, os.O_RDONLY)
+    except OSError:  # systems on which folders cannot be opened
+        return
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.EBADF):
+            raise
+    finally:
+        os.close(handle)
 
 
 def _alive(pid: int) -> bool:

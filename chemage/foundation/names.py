@@ -22,8 +22,8 @@ NAMES = {
     "experiments.scene_files": "load_scene override scene_data",
     "foundation.checks": "Seed check_times checked_count checked_seed checked_states force temperature_value",
     "foundation.components": "Component",
-    "foundation.errors": "ChemageError ConvergenceError ExecutorError InputError PluginError SceneError StoreError "
-    "UnitError UnknownKindError WorkerLost",
+    "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PluginError SceneError "
+    "StoreError UnitError UnknownKindError WorkerLost",
     "foundation.files": "fresh_file preflight",
     "foundation.inputs": "regular_file",
     "foundation.messages": "nearest",

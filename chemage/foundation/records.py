@@ -131,6 +131,8 @@ class Record(BaseModel):
     )
     #: field name -> (dimension names, unit, meaning)
     arrays: ClassVar[dict[str, tuple[tuple[str, ...], str, str]]] = {}
+    #: fields that files of chemage 0.1 lack
+    later: ClassVar[frozenset[str]] = frozenset()
     #: fields that records stored earlier do not have: where empty, no part of the digest, nor of the file
     added: ClassVar[tuple[str, ...]] = ()
 

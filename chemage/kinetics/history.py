@@ -28,6 +28,8 @@ class BondHistory(Record):
     }
     added = ("states",)
 
+    later = frozenset({"notes", "provenance"})
+
     hold_times: Doubles
     """(m,) s"""
     bonds: Indices

@@ -40,6 +40,7 @@ class ReactionLattice(Record):
         "coupling": (("sites", "slot"), "eV", "what a bonded neighbour adds to the forming barrier"),
     }
 
+    later = frozenset({"provenance"})
     added = ("positions",)
 
     pixels: tuple[int, int]

@@ -6,37 +6,44 @@
                                 error
 ``results.csv``, ``results.h5`` the table, written at the end
 
-Every file is written under a temporary name in ``.parts`` and then renamed, so that it is either complete or absent.
+Every file is written under a temporary name in ``.parts``, to the disk itself, and then renamed, so that it is either
+complete or absent, after a power failure as well. Every file carries a checksum, which is compared when it is read.
 """
 
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import shutil
 import socket
 import threading
+import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.codec import from_npz
-from chemage.foundation.errors import StoreError
+from chemage.foundation.errors import DamagedError, InputError, StoreError
+from chemage.foundation.files import on_disk
 from chemage.foundation.inputs import LARGEST_DESCRIPTION, regular_file
-from chemage.sweeps.manifest import checked_manifest
+from chemage.foundation.seals import check_json_seal, from_sealed_json, to_sealed_json
 
-#: version of the layout; newer layouts are refused
-FORMAT = 1
+#: version of the layout; newer layouts are refused. Since 2 every file carries a checksum.
+FORMAT = 2
 #: the remedy in every message of a sweep that ended early
 RESUME = "completed points are kept; rerun the same command to resume"
-_DONE, _END = b'{"status": "done"', b"}\n"
-T = TypeVar("T")
+_DONE = b'{"status": "done"'
+
+
+class SweepWarning(UserWarning):
+    """A warning about a sweep, for example about results of different versions."""
 
 
 class CannotWrite(StoreError):
@@ -73,78 +80,99 @@ class Folder:
         if self.manifest.exists():
             regular_file(self.manifest, LARGEST_DESCRIPTION)
         try:
-            data = json.loads(self.manifest.read_bytes())
+            data, is_sealed = from_sealed_json(self.manifest.read_bytes(), self.manifest)
         except FileNotFoundError:
             raise StoreError(f"{self.path} is not the folder of a sweep: it has no sweep.json") from None
-        except (OSError, ValueError, RecursionError) as error:
-            raise StoreError(f"{self.manifest} cannot be read: {error}") from None
-        if not isinstance(data, dict) or "format" not in data:
+        except DamagedError:
+            raise
+        except OSError as error:
+            raise StoreError(f"{self.manifest} cannot be read: {error.strerror}") from None
+        if not isinstance(data.get("format"), int):
             raise StoreError(f"{self.manifest} does not describe a sweep")
         if data["format"] > FORMAT:
             raise StoreError(
                 f"{self.path} was made by chemage {data['versions']['chemage']}; update chemage to read it"
             )
-        return checked_manifest(data, self.manifest)
+        if not is_sealed and data["format"] >= 2:
+            raise DamagedError(f"{self.manifest} is damaged: its checksum is missing")
+        return data
 
     def state(self, key: str) -> str:
-        """Find whether a point is ``done``, ``failed`` or ``missing``; an incomplete file counts as missing."""
+        """Find whether a point is ``done``, ``failed``, ``missing`` or ``damaged``."""
+        path = self.point(key)
         try:
-            text = self.point(key).read_bytes()
-        except OSError:
-            return "missing"
-        if not text.endswith(_END):
-            return "missing"
-        return "done" if text.startswith(_DONE) else "failed"
+            text = path.read_bytes()
+            # only the beginning is needed of a file that is as it was written
+            if check_json_seal(text, path):
+                return "done" if text.startswith(_DONE) else "failed"
+        except (DamagedError, OSError):
+            pass
+        return self.read_point(key)["status"]
 
-    def read_point(self, key: str) -> dict[str, Any] | None:
-        """Read the file of a point; None if it is missing or damaged."""
+    def read_point(self, key: str) -> dict[str, Any]:
+        """Read the file of a point; of one that is missing or damaged, only its ``status``."""
+        path = self.point(key)
         try:
-            return json.loads(self.point(key).read_bytes())
-        except (OSError, ValueError):
-            return None
+            content, is_sealed = from_sealed_json(path.read_bytes(), path)
+        except DamagedError:
+            return {"status": "damaged"}
+        except OSError:
+            return {"status": "missing"}
+        if not is_sealed and not _is_of_0_1(content):
+            return {"status": "damaged"}
+        return content
 
     def write_point(self, key: str, content: Mapping[str, Any]) -> None:
         """Write the file of a point."""
-        # not indented, and with the status first: `state` reads the begin and the end only
-        self._place(self.point(key), json.dumps(content).encode() + b"\n")
+        # with the status first: `state` reads no more of it
+        self._place(self.point(key), to_sealed_json({"status": content["status"], **content}))
 
     def write_manifest(self, content: Mapping[str, Any]) -> None:
         """Write ``sweep.json``."""
-        # the rest of the folder is useless without it, so it must survive a power failure
-        self._place(self.manifest, json.dumps(content, indent=1).encode() + b"\n", durable=True)
+        self._place(self.manifest, to_sealed_json(content, indent=1))
 
-    def has_contact(self, key: str) -> bool:
-        """Whether the file of a contact exists and is complete."""
-        import zipfile
-
-        return zipfile.is_zipfile(self.contact(key))
-
-    def write_contact(self, key: str, content: memoryview) -> None:
+    def write_contact(self, key: str, content: bytes | memoryview) -> None:
         """Write the file of a contact, with the content made by :func:`chemage.foundation.codec.to_npz`."""
         self._place(self.contact(key), content)
 
     def read_contact(self, key: str) -> ContactSolution | None:
-        """Read a contact; None if it is missing or damaged."""
-        import zipfile
+        """Read a contact; None if it is missing.
 
+        Raises
+        ------
+        DamagedError
+            It is not what was written.
+        """
+        path = self.contact(key)
         try:
-            with np.load(self.contact(key), allow_pickle=False) as file:
-                return _of_0_1(file) if "told" in file.files else from_npz(ContactSolution, file)
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            content = path.read_bytes()
+        except OSError:
+            return None
+        try:
+            return from_npz(ContactSolution, content, path)
+        except DamagedError:
+            if (old := _of_0_1(content)) is None:
+                raise
+            return old
+
+    def intact_contact(self, key: str) -> ContactSolution | None:
+        """Read a contact; None if it is missing or damaged."""
+        try:
+            return self.read_contact(key)
+        except DamagedError:
             return None
 
-    def _place(self, target: Path, content: bytes | memoryview, durable: bool = False) -> None:
+    def _place(self, target: Path, content: bytes | memoryview) -> None:
         part = self.path / ".parts" / f"{target.name}.{process_name()}.{threading.get_ident()}"
         try:
             part.write_bytes(content)
-            if durable:
-                with open(part, "rb") as stream:
-                    os.fsync(stream.fileno())
+            on_disk(part)
             try:
                 os.replace(part, target)
             except FileNotFoundError:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 os.replace(part, target)
+            on_disk(target.parent)
         except OSError as error:
             with contextlib.suppress(OSError):
                 part.unlink(missing_ok=True)
@@ -188,11 +216,23 @@ def process_name() -> str:
     return f"{_host()}.{os.getpid()}"
 
 
-def _of_0_1(file: Mapping[str, np.ndarray]) -> ContactSolution:
+def _is_of_0_1(content: Mapping[str, Any]) -> bool:
+    """Whether a point was computed by chemage 0.1, which wrote no checksums."""
+    try:
+        return str(content["summary"]["versions"]["chemage"]).startswith("0.1.")
+    except (KeyError, TypeError):
+        return False
+
+
+def _of_0_1(content: bytes) -> ContactSolution | None:
     """A contact as chemage 0.1 kept it: its sites, the pressures there, and the rest as a line of JSON."""
-    rest = json.loads(bytes(file["told"]))
-    pressure = np.zeros(tuple(rest["shape"]), dtype=file["pressure"].dtype)
-    pressure.ravel()[file["sites"]] = file["pressure"]
-    gap = file.get("gap")
-    others = {name: rest[name] for name in ("convergence", "provenance")}
-    return ContactSolution(pressure=pressure, gap=gap, notes=tuple(rest["notes"]), **others, **rest["fields"])
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            rest = json.loads(bytes(file["told"]))
+            pressure = np.zeros(tuple(rest["shape"]), dtype=file["pressure"].dtype)
+            pressure.ravel()[file["sites"]] = file["pressure"]
+            gap = file["gap"] if "gap" in file.files else None
+            others = {name: rest[name] for name in ("convergence", "provenance")}
+            return ContactSolution(pressure=pressure, gap=gap, notes=tuple(rest["notes"]), **others, **rest["fields"])
+    except (OSError, ValueError, LookupError, EOFError, TypeError, InputError, zipfile.BadZipFile):
+        return None

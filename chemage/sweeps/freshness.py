@@ -74,14 +74,12 @@ class _Check:
 
     def contact(self, number: int, points: list[int]) -> None:
         keys = {self.found.keys[point]: point for point in points}
-        done = {
-            key: content for key in keys if (content := self.folder.read_point(key)) and content["status"] == "done"
-        }
+        done = {key: content for key in keys if (content := self.folder.read_point(key))["status"] == "done"}
         touched = {key: self._changed(content.get("plugins", {})) for key, content in done.items()}
         contact = self.found.contacts[number]
         if not (any(touched.values()) or self.new_in_contact or self.new_in_ageing or not done):
             return
-        solution = self.folder.read_contact(contact.key) if self.folder.has_contact(contact.key) else None
+        solution = self.folder.intact_contact(contact.key)
         if solution is None:
             self.result.points |= {key for key, changes in touched.items() if changes}
             return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +16,7 @@ from chemage.experiments.run import Run
 from chemage.experiments.scene import Scene
 from chemage.foundation.codec import from_json
 from chemage.foundation.errors import InputError, StoreError
-from chemage.sweeps.folder import FORMAT, Folder
+from chemage.sweeps.folder import FORMAT, Folder, SweepWarning
 from chemage.sweeps.grid import Axis, Grid, shown
 from chemage.sweeps.table import Table, error_text
 
@@ -48,11 +49,11 @@ class Point:
 
     @cached_property
     def _content(self) -> dict[str, Any]:
-        return self.result.store.read_point(self.key) or {"status": "missing"}
+        return self.result.store.read_point(self.key)
 
     @property
     def status(self) -> str:
-        """``done``, ``failed`` or ``missing``."""
+        """``done``, ``failed``, ``missing`` or ``damaged``."""
         return self._content["status"]
 
     @property
@@ -99,7 +100,7 @@ class Point:
         Raises
         ------
         StoreError
-            It is not in the folder.
+            It is not in the folder, or it is damaged.
         """
         found = self.result.store.read_contact(self.result.contact_key(self.index))
         if found is None:
@@ -130,7 +131,7 @@ class Point:
 
 
 def _no_counts() -> dict[str, int]:
-    return {"points": 0, "done": 0, "failed": 0, "missing": 0}
+    return {"points": 0, "done": 0, "failed": 0, "missing": 0, "damaged": 0}
 
 
 class SweepResult:
@@ -210,7 +211,7 @@ class SweepResult:
         ]
 
     def states(self) -> list[str]:
-        """The present state of each point: ``done``, ``failed`` or ``missing``."""
+        """The present state of each point: ``done``, ``failed``, ``missing`` or ``damaged``."""
         known: dict[str, str] = {}
         for key in self.keys:
             if key not in known:
@@ -238,6 +239,13 @@ class SweepResult:
     def write_tables(self) -> tuple[Path, Path]:
         """Write ``results.csv`` and ``results.h5`` into the folder."""
         table = self.table()
+        if len(table.processors) > 1:
+            warnings.warn(
+                f"{self.folder}: points were computed on unlike processors ({'; '.join(table.processors)}); "
+                "equal contacts can differ in the last digits of their pressures",
+                SweepWarning,
+                stacklevel=2,
+            )
         names = self.folder / "results.csv", self.folder / "results.h5"
         table.write_csv(names[0])
         made = self._manifest["versions"]
@@ -255,7 +263,7 @@ class SweepResult:
         return names
 
     def status(self) -> dict[str, Any]:
-        """Count the points done, failed and missing, in total and for each value of each axis, and list failures."""
+        """Count the points by state, in total and for each value of each axis, and list failures."""
         states = self.states()
         counts = [[_no_counts() for _ in axis.values] for axis in self.axes]
         total = _no_counts()
@@ -280,7 +288,7 @@ class SweepResult:
             "folder": str(self.folder),
             **total,
             "contacts": len(contacts),
-            "contacts_done": sum(self.store.has_contact(key) for key in contacts),
+            "contacts_done": sum(self.store.contact(key).exists() for key in contacts),
             "axes": axes,
             "failures": [
                 {"point": index, "changes": self[index].changes, "error": self[index].error}

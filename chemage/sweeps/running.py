@@ -19,13 +19,13 @@ from typing import Any
 
 from chemage.experiments.provenance import versions
 from chemage.experiments.scene_files import located, override, scene_data
-from chemage.foundation.errors import ExecutorError, InputError, SceneError, StoreError, WorkerLost
+from chemage.foundation.errors import DamagedError, ExecutorError, InputError, SceneError, StoreError, WorkerLost
 from chemage.foundation.threads import restored as threads_restored
 from chemage.plugins.settings import completed
 from chemage.sweeps.by_hand import Known, for_workers
 from chemage.sweeps.executors.opening import open_pool
 from chemage.sweeps.executors.pool import Pool
-from chemage.sweeps.folder import FORMAT, RESUME, Folder
+from chemage.sweeps.folder import FORMAT, RESUME, Folder, SweepWarning
 from chemage.sweeps.freshness import Outdated, outdated
 from chemage.sweeps.grid import Grid, Survey, check_base, order_of, survey
 from chemage.sweeps.manifest import refuse_links
@@ -37,10 +37,6 @@ from chemage.sweeps.tasks import compute, failure, solve
 MANY_POINTS = 100_000
 #: fraction of the free disk space that results may fill without confirmation
 DISK_SHARE = 0.9
-
-
-class SweepWarning(UserWarning):
-    """A warning about a sweep, for example about results of different versions."""
 
 
 #: receives a description of what needs confirmation, and returns whether the sweep may continue
@@ -134,7 +130,7 @@ def _check_folder(folder: Folder, found: Survey, force: bool) -> None:
         raise StoreError(f"{path} is not empty and holds no sweep; choose another folder")
     if force:
         return
-    there = folder.read_manifest()
+    there = _manifest_of(folder, found)
     if there["digest"] != found.digest:
         raise StoreError(f"{path} holds another sweep ({_difference(there, found)}); choose another folder")
     now, then = versions(), there["versions"]
@@ -145,6 +141,17 @@ def _check_folder(folder: Folder, found: Survey, force: bool) -> None:
             SweepWarning,
             stacklevel=3,
         )
+
+
+def _manifest_of(folder: Folder, found: Survey) -> Mapping[str, Any]:
+    """The manifest; one that is damaged is made anew, if the folder holds points of this sweep."""
+    try:
+        return folder.read_manifest()
+    except DamagedError as error:
+        if not any(folder.point(key).exists() for key in found.keys):
+            raise
+        warnings.warn(f"{error}; it is written again", SweepWarning, stacklevel=4)
+        return _manifest(found)
 
 
 def _difference(there: Mapping[str, Any], found: Survey) -> str:
@@ -160,7 +167,11 @@ def _difference(there: Mapping[str, Any], found: Survey) -> str:
 def _outdated(folder: Folder, found: Survey) -> Outdated:
     if not folder.manifest.exists():
         return Outdated()
-    stale = outdated(folder, found, folder.read_manifest())
+    try:
+        there = folder.read_manifest()
+    except DamagedError:
+        there = {}
+    stale = outdated(folder, found, there)
     if stale:
         warnings.warn(f"{folder.path}: {stale.describe()}", SweepWarning, stacklevel=3)
     return stale
@@ -168,9 +179,13 @@ def _outdated(folder: Folder, found: Survey) -> Outdated:
 
 def _describe(folder: Folder, found: Survey) -> None:
     """Write the manifest, or note in it which plugins were asked about all that is complete."""
-    if not folder.manifest.exists():
+    try:
+        there = folder.read_manifest() if folder.manifest.exists() else None
+    except DamagedError:
+        there = None
+    if there is None:
         folder.write_manifest(_manifest(found))
-    elif (there := folder.read_manifest()).get("asked", {}) != found.hooks:
+    elif there.get("asked", {}) != found.hooks:
         folder.write_manifest({**there, "asked": found.hooks})
 
 
@@ -273,6 +288,7 @@ def sweep(
         stale.remove(folder)
         _describe(folder, found)
         todo = _Todo(folder, found)
+        todo.warn_of_damage()
         if todo.left and pool is not None:
             _run_tasks(todo, pool, report, begin, known)
         result = SweepResult(folder.path)
@@ -313,6 +329,7 @@ class _Todo:
             if key not in states:
                 states[key] = folder.state(key)
         self.done = sum(states[key] == "done" for key in found.keys)
+        self.damaged = [folder.point(key) for key, state in states.items() if state == "damaged"]
         self.failed: dict[int, str] = {}
         groups: dict[str, list[int]] = {}
         claimed: set[str] = set()
@@ -333,12 +350,23 @@ class _Todo:
         for number in order_of(found.contacts):
             if number not in self._waiting:
                 continue
-            if folder.has_contact(found.contacts[number].key):
+            key = found.contacts[number].key
+            if folder.intact_contact(key) is not None:
                 self.contacts_done += 1
                 self._ready.extend(self._waiting.pop(number))
             else:
+                if folder.contact(key).exists():
+                    self.damaged.append(folder.contact(key))
                 cost = found.contacts[number].cpu_seconds
                 self._contacts.append(_Task(number, [], math.nan if cost is None else cost + 1e-3))
+
+    def warn_of_damage(self) -> None:
+        """Name the damaged files, which are computed again."""
+        if self.damaged:
+            names = [str(path.relative_to(self.folder.path)) for path in self.damaged[:5]]
+            more = ", ..." if len(self.damaged) > 5 else ""
+            message = f"{len(self.damaged)} files are damaged and are computed again: {', '.join(names)}{more}"
+            warnings.warn(f"{self.folder.path}: {message}", SweepWarning, stacklevel=3)
 
     @property
     def left(self) -> int:

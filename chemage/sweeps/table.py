@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import math
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.files import fresh_file
+from chemage.foundation.seals import seal
 from chemage.sweeps.grid import shown
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class Table:
     #: path -> one validated value per point: numbers in internal units, everything else as text
     swept: dict[str, np.ndarray]
     units: dict[str, str]
-    #: ``done``, ``failed`` or ``missing`` for each point
+    #: ``done``, ``failed``, ``missing`` or ``damaged`` for each point
     status: list[str]
     error: list[str]
     #: (points,) each
@@ -73,6 +73,8 @@ class Table:
     curves: dict[str, np.ndarray]
     #: (points, replicas, times), -1 where there is none
     bonds: np.ndarray
+    #: on which the points were computed
+    processors: tuple[str, ...] = ()
     #: numbers and curves of observables: column -> (unit, meaning, values), (points,) or (points, times)
     observed: dict[str, tuple[str, str, np.ndarray]] = field(default_factory=dict)
     #: what is approximate about each point, in words; empty if no point is approximate
@@ -80,22 +82,23 @@ class Table:
 
     @classmethod
     def collect(
-        cls, swept: Mapping[str, Sequence[Any]], units: Mapping[str, str], points: Iterable[Mapping[str, Any] | None]
+        cls, swept: Mapping[str, Sequence[Any]], units: Mapping[str, str], points: Iterable[Mapping[str, Any]]
     ) -> Table:
-        """Make the table from the files of the points, read one after the other; None for a missing point."""
+        """Make the table from the files of the points, read one after the other; missing ones have only a status."""
         count = len(next(iter(swept.values())))
         status, error, approximate = ["missing"] * count, [""] * count, [""] * count
         scalars = {name: np.full(count, np.nan) for name in SCALARS}
         rows: dict[int, tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = {}
+        processors: dict[str, None] = {}
         observables: dict[int, Mapping[str, Any]] = {}
         for number, point in enumerate(points):
-            if point is None:
-                continue
             status[number] = point["status"]
             if point["status"] != "done":
-                error[number] = error_text(point["error"])
+                error[number] = error_text(point.get("error"))
                 continue
             summary = point["summary"]
+            if processor := summary["versions"].get("processor"):
+                processors[processor] = None
             observables[number] = summary.get("observables", {})
             approximate[number] = summary.get("approximate", "")
             for name, column in scalars.items():
@@ -112,6 +115,7 @@ class Table:
             status=status,
             error=error,
             scalars=scalars,
+            processors=tuple(processors),
             **(padded := _padded(count, rows)),
             observed=_observed(count, padded["curves"], observables),
             approximate=approximate if any(approximate) else [],
@@ -163,7 +167,9 @@ class Table:
         import h5py
 
         text = h5py.string_dtype()
-        with fresh_file(path, force=True) as part, h5netcdf.File(os.fspath(part), "w") as file:
+        # made in memory and written at once: HDF5 crashes the process when the disk fills up under it
+        image = io.BytesIO()
+        with h5netcdf.File(image, "w") as file:
             for name, value in attributes.items():
                 file.attrs[name] = value
             file.dimensions = {
@@ -177,6 +183,9 @@ class Table:
                 variable = file.create_variable(name, dims, kind, data=None if empty else values)
                 for key, note in notes.items():
                     variable.attrs[key] = note
+        content = seal(image)
+        with fresh_file(path, force=True, size=content.nbytes) as part:
+            part.write_bytes(content)
 
     def _variables(self) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]:
         """name -> (dimensions, values, attributes)."""

@@ -13,7 +13,6 @@ from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from io import BytesIO
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -120,7 +119,7 @@ def _keep(folder: Folder, key: str, solution: ContactSolution, owner: str) -> Co
     content = to_npz(solution)
     folder.write_contact(key, content)
     # points always use the stored contact, so that an interruption does not change them
-    kept = from_npz(ContactSolution, BytesIO(content))
+    kept = from_npz(ContactSolution, content, folder.contact(key))
     _contacts.put(f"{owner} {key}", kept)
     return kept
 
@@ -141,8 +140,8 @@ def compute(path: str, digest: str, points: Sequence[int], threads: int, known: 
     contact_key = manifest["contacts"][manifest["contact_of"][first]]
     try:
         scene = grid.scene(first)
-        contact = _contacts.get(f"{owner} {contact_key}") or folder.read_contact(contact_key)
-        if contact is None:  # damaged, or removed in the meantime
+        contact = _contacts.get(f"{owner} {contact_key}") or folder.intact_contact(contact_key)
+        if contact is None:  # damaged or removed since the sweep began
             contact = _keep(folder, contact_key, _solution(scene, owner), owner)
         _contacts.put(f"{owner} {contact_key}", contact)
         stage = "ageing"

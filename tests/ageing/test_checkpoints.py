@@ -176,7 +176,7 @@ main()
 
 def test_killed_run_goes_on(small: ca.Scene, tmp_path: Path):
     words = ["run", "silica-rough", "--no-figures", "--checkpoints", "kept"]
-    for path, value in {**SMALL, "contact.load": '"200 nN"', "hold.replicas": 60}.items():
+    for path, value in {**SMALL, "contact.load": '"200 nN"', "hold.replicas": 8}.items():
         words += ["--set", f"{path}={value}"]
     command = [sys.executable, "-m", "chemage.cli", *words]
     kept = tmp_path / "kept"
@@ -191,7 +191,7 @@ def test_killed_run_goes_on(small: ca.Scene, tmp_path: Path):
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
     after = {path.name: path.stat().st_mtime_ns for path in kept.glob("replica-*.h5")}
     assert {name: after[name] for name in before} == before
-    whole = ca.run(ca.load_scene("silica-rough", {**SMALL, "hold.replicas": 60}))
+    whole = ca.run(ca.load_scene("silica-rough", {**SMALL, "hold.replicas": 8}))
     assert ca.read(tmp_path / "silica-rough.h5").aging == whole.aging
 
 

@@ -74,7 +74,7 @@ def test_intervals_hold_the_truth_nineteen_times_in_twenty(model, shape, kind):
     trials, inside = 160, np.zeros(2)
     for _ in range(trials):
         y = shape(0.45, 5.0, TIMES) + generator.normal(0, 0.05, TIMES.size)
-        fit = fit_aging(measured(TIMES, y), model=model, bootstrap=kind, samples=400)
+        fit = fit_aging(measured(TIMES, y), model=model, bootstrap=kind, samples=400 if model == "line" else 200)
         inside += [
             fit.beta_interval.low <= 0.45 <= fit.beta_interval.high,
             fit.cutoff_interval.low <= 5.0 <= fit.cutoff_interval.high,
@@ -108,7 +108,7 @@ def test_replicas_are_drawn_whole_so_that_correlated_errors_count():
 
 
 @pytest.mark.parametrize("model", ["line", "curve"])
-@pytest.mark.parametrize("replicas", [2, 3, 5, 10])
+@pytest.mark.parametrize("replicas", [2, 3, pytest.param(5, marks=pytest.mark.long), 10])
 def test_the_intervals_of_a_few_replicas_cover_what_they_say(replicas, model):
     """Replicas that differ by a factor and by a scatter of their own; 0.95 ± 4 standard errors of the trials."""
     generator, trials = np.random.default_rng(replicas), 800 if model == "line" else 150
@@ -128,7 +128,7 @@ def test_the_intervals_of_a_few_replicas_cover_what_they_say(replicas, model):
 
 
 @pytest.mark.parametrize("model", ["line", "curve"])
-@pytest.mark.parametrize("points", [4, 6, 25])
+@pytest.mark.parametrize("points", [4, pytest.param(6, marks=pytest.mark.long), 25])
 def test_the_intervals_of_a_few_measurements_cover_what_they_say(points, model):
     generator, trials = np.random.default_rng(points), 800 if model == "line" else 300
     times, inside = np.geomspace(1.0, 1e4, points), np.zeros(2)

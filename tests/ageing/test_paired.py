@@ -60,8 +60,8 @@ def test_independent_replicas_have_the_errors_of_both():
     """Over many pairs of independent results, the error is √(σ₁² + σ₂²) on average."""
     rng = np.random.default_rng(11)
     ratios = []
-    for _ in range(60):
-        first, second = aged(bonds(rng, 20, 500.0)), aged(bonds(rng, 20, 500.0))
+    for _ in range(40):
+        first, second = aged(bonds(rng, 12, 500.0)), aged(bonds(rng, 12, 500.0))
         both = math.hypot(first.fit().beta_stderr, second.fit().beta_stderr)
         ratios.append(paired_difference(first, second).stderr / both)
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.06)

@@ -79,7 +79,7 @@ class Browser:
         return json.loads(text)
 
     def call(self, method, **parameters):
-        number, deadline = next(self._number), time.monotonic() + 60
+        number, deadline = next(self._number), time.monotonic() + 300
         message = {"id": number, "method": method, "params": parameters}
         if session := getattr(self, "_session", None):
             message["sessionId"] = session
@@ -97,7 +97,7 @@ class Browser:
         self.call("Emulation.setEmulatedMedia", media=media, features=scheme)
         self.events.clear()
         self.call("Page.navigate", url=path.as_uri())
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 300
         while not any(event.get("method") == "Page.loadEventFired" for event in self.events):
             self.events.append(self._message(deadline))
         seen = self.call("Runtime.evaluate", expression=REPORT, returnByValue=True)["result"]["value"]
@@ -124,7 +124,7 @@ class Browser:
     def close(self):
         self.process.terminate()
         try:
-            self.process.wait(10)
+            self.process.wait(60)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()

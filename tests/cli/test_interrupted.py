@@ -98,7 +98,7 @@ registry.current().register(Endless(), "endless")
 @pytest.mark.parametrize(
     ("hook", "work"),
     [
-        ("solve_contact", "time.sleep(600)"),
+        pytest.param("solve_contact", "time.sleep(600)", marks=pytest.mark.long),
         ("run_kinetics", "time.sleep(0.5)"),
     ],
 )
@@ -139,7 +139,15 @@ def test_ctrl_c_while_drawing_keeps_the_result_and_says_so(command, small, monke
 # -- kill -9 ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("moment", ["making pressure", "halfway", "placing", "placed"])
+@pytest.mark.parametrize(
+    "moment",
+    [
+        pytest.param("making pressure", marks=pytest.mark.long),
+        "halfway",
+        pytest.param("placing", marks=pytest.mark.long),
+        "placed",
+    ],
+)
 def test_kill_9_leaves_no_file_or_a_complete_one(command, small, moment):
     process = start(f"MOMENT = {moment!r}" + SLOW_WRITES, small.parent)
     wait_for(process, moment)
@@ -232,13 +240,26 @@ def test_a_disk_that_fills_up_while_drawing_keeps_the_result(command, small, mon
         Path(target).write_bytes(b"half")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(Figure, "savefig", full)
-    done = command("run", small)
+    with monkeypatch.context() as disk:
+        disk.setattr(Figure, "savefig", full)
+        done = command("run", small)
     assert done.status == 2
     assert "No space left on device" in done.err
     assert "the result itself is in small.h5" in done.err
     assert chemage.read("small.h5").aging.replicas == 3
-    assert not list((small.parent / "small-figures").iterdir())
+    assert names(small.parent) == ["small.h5", "small.toml"]
+    monkeypatch.setattr("chemage.experiments.run.solve_contact", lambda *_: pytest.fail("computed again"))
+    done = command("run", small)
+    assert "small.h5 is complete; only its figures are drawn" in done.err
+    assert sorted(Path("small-figures").iterdir())
+    assert command("run", small).status == 2
+
+
+def test_figures_are_drawn_only_for_a_result_of_this_very_scene(command, small):
+    assert command("run", small, "--no-figures").status == 0
+    done = command("run", small, "--set", "hold.seed=9")
+    assert done.status == 2
+    assert "small.h5 is already there" in done.err
 
 
 def test_a_read_only_folder_is_seen_before_anything_is_computed(command, small, monkeypatch):
@@ -261,7 +282,7 @@ def test_a_read_only_folder_is_seen_before_anything_is_computed(command, small, 
 
 
 def test_a_standard_output_that_is_full_or_closed(small):
-    program = [sys.executable, "-m", "chemage.cli", "check", "small.toml"]
+    program = [sys.executable, "-m", "chemage.cli", "plugins", "list"]
     with open("/dev/full", "w") as full:
         done = subprocess.run(program, cwd=small.parent, stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 2

@@ -39,7 +39,7 @@ def page(small, command, made):
 
 def test_the_page_works_in_a_browser_at_every_width_and_in_the_dark(page, browser, tmp_path):
     colours = {}
-    for width, dark in ((1280, False), (1280, True), (360, False), (360, True), (768, False)):
+    for width, dark in ((1280, False), (360, True), (768, False)):
         seen = browser.open(page, width, dark=dark)
         assert seen["complaints"] == []
         assert [url for url in seen["requests"] if not url.startswith("data:")] == [page.as_uri()]

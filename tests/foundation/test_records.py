@@ -91,6 +91,8 @@ def test_every_field_is_part_of_the_digest(make):
             change = {"neighbours": None, "coupling": None}
         elif name == "coupling":
             change = {"coupling": value * 2}
+        elif name == "positions":
+            change = {name: (np.stack(np.divmod(record.sites, record.pixels[1]), axis=1) + 0.4) * record.pixel_size}
         elif name in optional:
             change = {name: optional[name]}
         elif name == "sites" and make.__name__ == "lattice":

@@ -64,7 +64,8 @@ def test_pixels_add_up_to_the_load_and_the_area(load, radius, pixel, pixels):
 def test_no_area_is_free_of_bias_but_that_of_the_centres(pixel_size):
     """Averaged over radii, the corrected area is πa²; the correction for loaded pixels would take away 1 to 4 %."""
     loads = np.geomspace(20.0, 300.0, 1000)
-    contacts = [Hertz(modulus=35.3).solve(tip(120, 30.0, pixel_size), load) for load in loads]
+    surface = tip(120, 30.0, pixel_size)
+    contacts = [Hertz(modulus=35.3).solve(surface, load) for load in loads]
     exact = np.array([math.pi * contact_radius(load, 30.0, 35.3) ** 2 for load in loads])
     found = np.array([contact.corrected_area for contact in contacts])
     scatter = (found / exact).std() / math.sqrt(loads.size)

@@ -101,6 +101,11 @@ def test_more_flips_than_a_double_can_count_leave_the_stationary_state(flips):
     assert np.allclose(out[:, 3], here * there / (here + there), rtol=1e-5)
 
 
+def single(energy: float) -> float:
+    """As a coupling in single precision, which is what interactions give and kernels are compiled for."""
+    return float(np.float32(energy))
+
+
 def trio(flicker: float, others: float) -> tuple[ReactionLattice, np.ndarray, float]:
     """Three sites in a row, the middle one flipping ``flicker`` times a second, its neighbours ``others`` times.
 
@@ -113,14 +118,14 @@ def trio(flicker: float, others: float) -> tuple[ReactionLattice, np.ndarray, fl
 
     forming = np.array([barrier(2.0 * others), barrier(flicker), barrier(0.7 * others)])
     breaking = np.array([barrier(0.5 * others), barrier(1.7 * flicker), barrier(0.4 * others)])
-    left, right = 0.03, -0.02
+    left, right = single(0.03), single(-0.02)
     lattice = ReactionLattice(
         pixels=(1, 3),
         sites=[0, 1, 2],
         forming=forming,
         breaking=breaking,
         neighbours=[[1, -1], [0, 2], [1, -1]],
-        coupling=[[left, 0], [left, right], [right, 0]],
+        coupling=np.array([[left, 0], [left, right], [right, 0]], np.float32),
     )
     pairs = np.array([[0, left, 0], [left, 0, right], [0, right, 0]])
     matrix = np.zeros((8, 8))
@@ -237,14 +242,14 @@ def test_hot_sites_hold_for_thirty_years(kind):
     cold = unit * math.log(nu * 1e8)  # crossed once in 1e8 s
     forming = np.array([cold, 1.0, cold + 0.02])
     breaking = np.array([cold + 0.05, 1.05, cold])
-    pair = 0.06
+    pair = single(0.06)
     lattice = ReactionLattice(
         pixels=(3, 1),
         sites=[0, 1, 2],
         forming=forming,
         breaking=breaking,
         neighbours=[[1, -1], [0, 2], [1, -1]],
-        coupling=[[pair, 0], [pair, pair], [pair, 0]],
+        coupling=np.array([[pair, 0], [pair, pair], [pair, 0]], np.float32),
     )
     bonded = (np.arange(8)[:, None] >> np.arange(3)) & 1
     energy = bonded @ (forming - breaking) + pair * (bonded[:, 0] * bonded[:, 1] + bonded[:, 1] * bonded[:, 2])

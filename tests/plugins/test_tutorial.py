@@ -53,8 +53,19 @@ def run(project, *command):
     return done.stdout
 
 
-def chemage(project, *arguments):
-    return run(project, "-c", "from chemage.cli.app import main; main()", *arguments)
+def chemage(project, *commands):
+    """What ``chemage`` prints for each of ``commands``, all in one process, because it takes longest to start."""
+    program = """
+import json, sys
+from typer.testing import CliRunner
+from chemage.cli.app import app
+
+for command in json.loads(sys.argv[1]):
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, (command, done.output, done.exception)
+    print(done.stdout, end="\\0")
+"""
+    return run(project, "-c", program, json.dumps(commands)).split("\0")[:-1]
 
 
 def test_the_page_shows_every_file_it_lists():
@@ -87,22 +98,20 @@ def test_its_own_tests_can_fail(project):
 
 
 def test_it_is_listed_and_checked(project):
-    (row,) = [
-        row
-        for row in json.loads(chemage(project, "plugins", "list", "--json"))["components"]
-        if row["kind"] == "weibull"
-    ]
+    listed, checked, shown = chemage(
+        project, ["plugins", "list", "--json"], ["plugins", "check"], ["plugins", "show", "weibull"]
+    )
+    (row,) = [row for row in json.loads(listed)["components"] if row["kind"] == "weibull"]
     assert row["role"] == "barriers"
     assert "chemage-weibull 1.0" in str(row)
-    assert "0 problems" in chemage(project, "plugins", "check")
-    shown = chemage(project, "plugins", "show", "weibull")
+    assert "0 problems" in checked
     for text in ("scale", "width s above the threshold, eV", "Weibull, J. Appl. Mech."):
         assert text in shown
 
 
 def test_the_scene_is_valid_and_runs(project):
-    chemage(project, "check", "tip.toml")
-    result = json.loads(chemage(project, "run", "tip.toml", "--json", "--out", "tip.h5"))
+    words = ["run", "tip.toml", "--json", "--out", "tip.h5", "--no-figures"]
+    result = json.loads(chemage(project, ["check", "tip.toml"], words)[-1])
     assert result["engine"] == "rejection-free"
     assert result["friction_drop"][-1] > result["friction_drop"][0] >= 0
     assert (project / "tip.h5").exists()
@@ -213,7 +222,7 @@ def test_a_stream_of_its_own(project):
 
 
 def test_the_stubs_know_the_plugin(project):
-    chemage(project, "plugins", "stubs")
+    chemage(project, ["plugins", "stubs"])
     stub = (project / "typings" / "chemage" / "__init__.pyi").read_text()
     assert 'Literal["weibull"]' in stub
     assert "threshold: float | str = ..." in stub

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import chemage
-from chemage import Aging, BondHistory, ContactSolution, ReactionLattice, StoreError, Surface, load_scene
+from chemage import Aging, BondHistory, ContactSolution, DamagedError, ReactionLattice, StoreError, Surface, load_scene
 from chemage.foundation import codec
 
 TRICKY = {
@@ -323,3 +323,88 @@ def test_one_object_is_read_alone(finished):
     parts, attributes = codec.read_records(file, {"aging": Aging})
     assert list(parts) == ["aging"]
     assert attributes["chemage_format"] == codec.FORMAT
+
+
+# -- checksums --------------------------------------------------------------------------------------------------------
+
+
+def write_two(path):
+    codec.write_records(path, {"contact": OBJECTS["contact"], "aging": OBJECTS["aging"]}, {"scene": "{}"})
+
+
+@pytest.mark.parametrize(("group", "array"), [("contact", "pressure"), ("aging", "bonds")])
+def test_damage_is_named_by_file_and_group(tmp_path, group, array):
+    file = tmp_path / "x.h5"
+    write_two(file)
+    with h5py.File(file) as opened:
+        place = opened[group][array].id.get_offset()
+    data = bytearray(file.read_bytes())
+    data[place] ^= 1
+    file.write_bytes(data)
+    with pytest.raises(DamagedError, match=rf"x\.h5: {group} is not what chemage wrote: it is damaged, or another"):
+        chemage.read(file)
+
+
+def test_what_another_program_changed_is_not_believed(tmp_path):
+    file = tmp_path / "x.h5"
+    chemage.write(file, OBJECTS["aging"])
+    with h5py.File(file, "r+") as opened:
+        opened["aging/bonds"][0, 0] = 7
+    with pytest.raises(DamagedError, match="aging is damaged: it is not what chemage wrote"):
+        chemage.read(file)
+
+
+def test_a_missing_attribute_is_no_default(tmp_path):
+    file = tmp_path / "x.h5"
+    chemage.write(file, OBJECTS["aging"])
+    with h5py.File(file, "r+") as opened:
+        del opened["aging"].attrs["bond_force"]
+    with pytest.raises(DamagedError, match="aging is damaged: it has no bond_force"):
+        chemage.read(file)
+
+
+def as_of_0_1(file):
+    """The file as chemage 0.1 wrote it: without a seal and without the list of fields."""
+    with h5py.File(file, "r+") as opened:
+        opened.attrs["chemage_format"] = 1
+        for group in opened.values():
+            del group.attrs["fields"]
+
+
+def test_files_of_0_1_are_read_but_lack_nothing(tmp_path):
+    file = tmp_path / "x.h5"
+    chemage.write(file, OBJECTS["history"])
+    as_of_0_1(file)
+    with h5py.File(file, "r+") as opened:
+        del opened["history"].attrs["notes"], opened["history"].attrs["provenance"]
+    assert chemage.read(file) == OBJECTS["history"]
+    with h5py.File(file, "r+") as opened:
+        del opened["history"].attrs["temperature"]
+    with pytest.raises(DamagedError, match="history is damaged: it has no temperature"):
+        chemage.read(file)
+
+
+def test_other_programs_read_sealed_files(tmp_path):
+    chemage.write(tmp_path / "x.h5", OBJECTS["contact"])
+    with xarray.open_dataset(tmp_path / "x.h5", group="contact", engine="h5netcdf") as data:
+        assert np.array_equal(data["pressure"], OBJECTS["contact"].pressure)
+
+
+def test_a_file_has_its_name_only_when_it_is_on_the_disk(tmp_path, monkeypatch):
+    order = []
+    real = {name: getattr(os, name) for name in ("fsync", "replace", "link")}
+
+    def noted(name):
+        def call(*arguments, **options):
+            order.append((name, os.readlink(f"/proc/self/fd/{arguments[0]}") if name == "fsync" else str(arguments[1])))
+            return real[name](*arguments, **options)
+
+        return call
+
+    for name in real:
+        monkeypatch.setattr(os, name, noted(name))
+    chemage.write(tmp_path / "x.h5", OBJECTS["aging"])
+    (first, part), (second, target), (third, folder) = order
+    assert (first, second, third) in (("fsync", "link", "fsync"), ("fsync", "replace", "fsync"))
+    assert part.endswith(".part")
+    assert (target, folder) == (str(tmp_path / "x.h5"), str(tmp_path))

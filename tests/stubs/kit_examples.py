@@ -231,9 +231,11 @@ def mutant(base: type[Component], name: str, **changes: Any) -> Any:
     return made
 
 
-def caught_by(component: Component, **inputs: Any) -> tuple[str, str]:
-    """The first check of the kit that fails, and its message; empty where none does."""
+def caught_by(component: Component, *names: str, **inputs: Any) -> tuple[str, str]:
+    """The first check of the kit that fails, or of those called ``names``, and its message; empty where none does."""
     for check in testing.checks_for(component, **inputs):
+        if names and check.name not in names:
+            continue
         try:
             check(component)
         except testing.CheckFailed as failure:

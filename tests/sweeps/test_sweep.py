@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 import re
 import tomllib
@@ -256,10 +255,11 @@ def test_force_computes_everything_anew(tiny, tmp_path):
 
 def test_other_versions_are_told(tiny, tmp_path):
     chemage.sweep(swept(tiny, AXES), tmp_path / "out")
-    manifest = tmp_path / "out" / "sweep.json"
-    content = json.loads(manifest.read_text())
+    folder = chemage.load_sweep(tmp_path / "out").store
+    content = folder.read_manifest()
     content["versions"]["numpy"] = "1.0.0"
-    manifest.write_text(json.dumps(content))
+    folder.clear_parts()
+    folder.write_manifest(content)
     with pytest.warns(SweepWarning, match=r"numpy 1\.0\.0 -> "):
         chemage.sweep(swept(tiny, AXES), tmp_path / "out")
 
@@ -419,7 +419,7 @@ def test_a_packed_contact_is_the_same_contact(kind, gap):
         notes=("a note",),
         provenance={"kind": "x", "options": {"a": None}},
     )
-    again = from_npz(ContactSolution, io.BytesIO(to_npz(contact)))
+    again = from_npz(ContactSolution, to_npz(contact), Path("contact.npz"))
     assert again == contact
     assert again.pressure.dtype == kind
     assert np.isnan(again.rms_slope)

@@ -1,0 +1,137 @@
+"""Damaged files of every kind that chemage writes: each is an error, or reads as it was, and none is a crash.
+
+They are read in a process of its own, so that a crash of the interpreter is seen. ``CHEMAGE_FUZZ=20`` tries
+twenty times as many.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+SCRIPT = """
+import sys, warnings
+from pathlib import Path
+
+import numpy as np
+
+import chemage
+from chemage import Aging, BondHistory, ContactSolution, ReactionLattice, Surface
+from chemage.foundation.codec import from_npz, read_records, to_npz, write_records
+from chemage.sweeps.folder import Folder
+
+count, folder = int(sys.argv[1]), Path(sys.argv[2])
+rng = np.random.default_rng(0)
+pressure = np.where(rng.random((12, 9)) < 0.3, rng.random((12, 9)), 0.0)
+contact = ContactSolution(pressure=pressure, load=3.0, pixel_size=0.5, modulus=35.3, notes=("a note",),
+                          convergence={"history": [[0.1, 0.01]]}, provenance={"kind": "by-hand"})
+history = BondHistory(hold_times=[0.1, 1.0], bonds=[1, 2], formed=[1, 3], broken=[0, 1], state=[True, True, False],
+                      time=1.0, temperature=300.0, engine="by-hand", resume={"words": np.arange(9, dtype=np.uint64)})
+aging = Aging(hold_times=[0.1, 1.0, 10.0], bonds=[[1, 2, 3], [0, 2, 2]], sites=[4, 4], events=[9, 9], load=3.0,
+              temperature=300.0, engine="by-hand", observables={"map": rng.random((2, 3, 4))})
+lattice = ReactionLattice(pixels=(4, 4), sites=[0, 1, 5], forming=[1.0, 0.9, 0.8],
+                          neighbours=[[1], [0], [-1]], coupling=[[0.1], [0.1], [0.0]])
+surface = Surface(heights=rng.normal(size=(12, 9)), pixel_size=0.5)
+point = {"status": "done", "point": 3, "changes": {"contact.load": 3.0}, "summary": {"beta": 1 / 3}, "aging": None}
+sweep = Folder(folder / "sweep")
+sweep.path.mkdir()
+sweep.clear_parts()
+
+
+def stored(thing):
+    return lambda path: chemage.write(path, thing, force=True), lambda path: chemage.read(path)
+
+
+def checkpoint(path):
+    write_records(path, {"history": history, "contact": contact}, {"checkpoint": "key", "run": "run"}, force=True)
+
+
+def read_checkpoint(path):
+    return read_records(path, {"history": BondHistory, "contact": ContactSolution})
+
+
+def in_sweep(place, write, read):
+    def put(path):
+        write()
+        path.write_bytes(place.read_bytes())
+
+    def get(path):
+        place.write_bytes(path.read_bytes())
+        return read()
+
+    return put, get
+
+
+def state_and_point():
+    content = sweep.read_point("aa")
+    if sweep.state("aa") != content["status"]:
+        raise AssertionError("two answers")
+    if content["status"] == "damaged":
+        raise chemage.StoreError("damaged")
+    return content
+
+
+WAYS = {
+    "aging": stored(aging), "contact": stored(contact), "history": stored(history), "lattice": stored(lattice),
+    "surface": stored(surface), "checkpoint": (checkpoint, read_checkpoint),
+    "contact of a sweep": in_sweep(sweep.contact("aa"), lambda: sweep.write_contact("aa", to_npz(contact)),
+                                   lambda: sweep.read_contact("aa")),
+    "point of a sweep": in_sweep(sweep.point("aa"), lambda: sweep.write_point("aa", point), state_and_point),
+    "manifest": in_sweep(sweep.manifest, lambda: sweep.write_manifest({"format": 2, "keys": ["aa", "bb"]}),
+                         sweep.read_manifest),
+}
+(sweep.path / "contacts").mkdir()
+damaged = folder / "damaged.h5"
+
+
+def spoil(whole, number):
+    text = bytearray(whole)
+    where = int(rng.integers(len(text)))
+    match number % 6:
+        case 0 | 1 | 2:
+            text[where] ^= 1 << int(rng.integers(8))
+        case 3:
+            del text[where:]
+        case 4:
+            text[where : where + 64] = bytes(64)
+        case 5:
+            text[where:where] = rng.bytes(int(rng.integers(1, 9)))
+    return bytes(text)
+
+
+for kind, (put, get) in WAYS.items():
+    print(kind, flush=True)
+    original = folder / "original.h5"
+    original.unlink(missing_ok=True)
+    put(original)
+    whole, expected, caught = original.read_bytes(), get(original), 0
+    for number in range(count):
+        damaged.write_bytes(spoil(whole, number))
+        try:
+            found = get(damaged)
+        except chemage.ChemageError as error:
+            caught += 1
+            if "damaged" not in str(error):
+                sys.exit(f"{number}: the message does not say what is wrong: {error}")
+            continue
+        if found != expected:
+            sys.exit(f"{number}: other content, and no error")
+    print("caught", caught, flush=True)
+"""
+
+
+def test_no_damage_is_believed(tmp_path):
+    count = 250 * int(os.environ.get("CHEMAGE_FUZZ", "1"))
+    done = subprocess.run(
+        [sys.executable, "-X", "faulthandler", "-c", SCRIPT, str(count), str(tmp_path)],
+        capture_output=True,
+        text=True,
+        timeout=120 + 2 * count,
+        check=False,
+    )
+    assert done.returncode == 0, (done.stdout[-200:], done.stderr[-2000:])
+    caught = [int(line.split()[1]) for line in done.stdout.splitlines() if line.startswith("caught")]
+    assert len(caught) == 9
+    # nothing is lost where zeros were written over zeros
+    assert min(caught) > 0.9 * count

@@ -1,0 +1,61 @@
+"""Kernels are kept where numba would keep them; where it could not, chemage still works."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from chemage.foundation import kernel_cache
+
+SCRIPT = """
+import os
+real = os.access
+# for the superuser every folder is writable, so that it is said here which are not
+def access(path, mode, **more):
+    return not (str(path).startswith({shut!r}) and mode & os.W_OK) and real(path, mode, **more)
+os.access = access
+import chemage
+print(os.environ.get("NUMBA_CACHE_DIR", ""))
+print(chemage.run("silica-tip", threads=1).aging)
+"""
+
+
+def test_without_a_folder_to_write_to_kernels_go_to_a_temporary_one(tmp_path):
+    home, temporary = tmp_path / "home", tmp_path / "temporary"
+    home.mkdir()
+    temporary.mkdir()
+    shut = (str(Path(kernel_cache.__file__).parents[1]), str(home))
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    environment |= {"XDG_CACHE_HOME": str(home), "TMPDIR": str(temporary)}
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT.format(shut=shut)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-1500:]
+    folder, aging = done.stdout.splitlines()
+    assert Path(folder).parent == temporary
+    assert any(Path(folder).iterdir())
+    assert (Path(folder).stat().st_mode & 0o777) == 0o700
+    assert "replicas" in aging
+
+
+def test_a_folder_that_somebody_else_may_write_to_is_not_used(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    first = kernel_cache._temporary()
+    assert kernel_cache._temporary() == first
+    first.chmod(0o777)
+    assert kernel_cache._temporary() != first
+
+
+@pytest.mark.parametrize("given", ["there", "not-yet/there"])
+def test_a_folder_that_was_chosen_is_left_alone(tmp_path, monkeypatch, given):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / given))
+    kernel_cache.provide()
+    assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path / given)

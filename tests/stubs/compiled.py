@@ -1,0 +1,52 @@
+"""Compiles kernels once for all workers of a parallel run: each worker some, where all would compile the same ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+import chemage as ca
+
+
+def _engine(kind: str) -> None:
+    """The kernels of an engine: couplings in single and in double precision, and superbasins."""
+    pair = np.array([[0.1], [0.1]])
+    for precision, options in ((np.float32, {}), (np.float64, {}), (np.float32, {"superbasins": True})):
+        lattice = ca.ReactionLattice(
+            pixels=(1, 2),
+            sites=[0, 1],
+            forming=[0.8, 0.8],
+            breaking=[0.9, 0.9],
+            neighbours=[[1], [0]],
+            coupling=pair.astype(precision),
+        )
+        ca.engine(kind, **options).run(lattice, [1.0], temperature=300.0)
+
+
+def _contact() -> None:
+    """The kernels of contacts in every precision, and those that follow a contact to friction."""
+    surface = ca.surface("self-affine", pixels=64, pixel_size=0.5, rms_slope=0.1, hurst=0.8, zeta=8).make(seed=1)
+    for precision in ("single", "mixed", "double"):
+        contact = ca.contact("fft-bem", modulus=35.3, precision=precision).solve(surface, 400.0)
+    chemistry = ca.chemistry(
+        forming=ca.barriers("uniform", lower=0.8, upper=1.4), interaction=ca.interaction("elastic-pairs", strength=0.5)
+    )
+    chemistry.on(contact, seed=1)
+    alone = ca.ReactionLattice(pixels=(1, 2), sites=[0, 1], forming=[0.8, 0.8])
+    ca.engine("independent").run(alone, [1.0], temperature=300.0)
+
+
+#: in the order in which they are handed out: what takes longest first
+TASKS: tuple[Callable[[], None], ...] = (
+    lambda: _engine("bkl"),
+    lambda: _engine("rejection-free"),
+    lambda: _engine("next-reaction"),
+    _contact,
+)
+
+
+def share(worker: int, workers: int) -> None:
+    """Compile the share of this worker, into the cache on disk that all of them read."""
+    for task in TASKS[worker::workers]:
+        task()
