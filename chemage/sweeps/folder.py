@@ -34,6 +34,7 @@ from chemage.foundation.errors import DamagedError, InputError, StoreError
 from chemage.foundation.files import on_disk
 from chemage.foundation.inputs import LARGEST_DESCRIPTION, regular_file
 from chemage.foundation.seals import check_json_seal, from_sealed_json, to_sealed_json
+from chemage.sweeps.manifest import checked_manifest
 
 #: version of the layout; newer layouts are refused. Since 2 every file carries a checksum.
 FORMAT = 2
@@ -95,7 +96,7 @@ class Folder:
             )
         if not is_sealed and data["format"] >= 2:
             raise DamagedError(f"{self.manifest} is damaged: its checksum is missing")
-        return data
+        return checked_manifest(data, self.manifest)
 
     def state(self, key: str) -> str:
         """Find whether a point is ``done``, ``failed``, ``missing`` or ``damaged``."""
