@@ -145,7 +145,7 @@ def main() -> None:
 
 def _complain(text: str) -> None:
     """Print on stderr, control characters as escapes; nothing where stderr is closed."""
-    from chemage.foundation.text import printable
+    from chemage.foundation.printable import printable
 
     if sys.stderr is not None:
         with contextlib.suppress(OSError, ValueError):

@@ -12,7 +12,8 @@ import typer
 
 from chemage.cli import terminal
 from chemage.foundation.errors import ChemageError
-from chemage.foundation.text import jsonable, printable
+from chemage.foundation.printable import printable
+from chemage.foundation.text import jsonable
 from chemage.sweeps.grid import Survey, shown
 from chemage.sweeps.progress import show_progress
 from chemage.sweeps.result import SweepResult, load_sweep

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from chemage.foundation.text import printable
+from chemage.foundation.printable import printable
 
 if TYPE_CHECKING:
     from rich.table import Table

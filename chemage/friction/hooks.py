@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from chemage.plugins.hooks import hookimpl, hookspec
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from chemage.friction.bonded import Bonded
     from chemage.friction.role import Rupture
 
@@ -29,5 +29,7 @@ class Default:
     @hookimpl(trylast=True)
     def chemage_rupture_bonds(self, rupture: Rupture | None, bonded: Bonded) -> np.ndarray:
         if rupture is not None:
+            import numpy as np
+
             return np.asarray(rupture.force(bonded))
         return bonded.bonds * (bonded.chemistry.bond_force * bonded.chemistry.front_factor)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
+from pathlib import Path
 from typing import ClassVar
 
 import h5py
@@ -169,7 +169,7 @@ def test_dimensions_units_and_descriptions_are_stored_and_read(told, tmp_path):
     assert again.measured["bond_map"].output == Slip.outputs["bond_map"]
     assert again.measured["barriers_start"].unit == "1/eV"
     assert from_json(ca.Aging, json.loads(json.dumps(to_json(run.aging)))) == run.aging
-    assert from_npz(ca.Aging, io.BytesIO(to_npz(run.aging))) == run.aging
+    assert from_npz(ca.Aging, to_npz(run.aging), Path("aging.npz")) == run.aging
     with h5py.File(tmp_path / "a.h5") as file:
         stored = file["aging/observables/bond_energy"]
         assert (stored.attrs["units"], stored.attrs["long_name"]) == ("eV", Slip.outputs["bond_energy"].description)
