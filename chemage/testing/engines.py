@@ -524,7 +524,9 @@ def _in_pieces(interacting: bool) -> list[ReactionLattice]:
 
 @check_of("engine")
 def _sites_of_one_pixel_are_independent(component: Engine) -> None:
-    """Two sites in one pixel, which do not interact, form their bonds independently of each other."""
+    """Two sites in one pixel, which do not interact, form their bonds independently (not of an approximate engine)."""
+    if not component.exact:  # it may choose the bonded sites without chance
+        return
     pixels, rate = 2000, 1e13 * math.exp(-0.8 / (KB * 300))
     sites = np.repeat(np.arange(pixels), 2)
     x = np.stack([sites + np.tile([0.25, 0.75], pixels), np.full(sites.size, 0.5)], axis=1)

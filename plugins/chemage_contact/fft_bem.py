@@ -31,7 +31,7 @@ from chemage_contact._team import Team
 
 #: Thickness of a layer, in pixels and in lengths of the surface. A thinner one is a bed of springs, which rounding
 #: errors prevent from converging; a thicker one is a half-space.
-THINNEST, THICKEST = 1e-6, 1e6
+THINNEST, THICKEST = 1e-6, 1e12
 #: Mean pressures, GPa and relative to the modulus: their squares and sums stay numbers.
 SMALLEST_PRESSURE, LARGEST_PRESSURE = 1e-307, 1e120
 _LAYER = "thickness: a layer needs a periodic surface; leave thickness out, or give boundary = 'periodic'"

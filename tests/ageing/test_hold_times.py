@@ -52,7 +52,7 @@ def test_the_end_is_added_when_it_is_no_step():
         ((1, 0.5), "stop = 0.5: must be finite and not before start"),
         ((1, math.inf), "stop = inf"),
         (("1 nm", 2), "nanometer"),
-        ((1, 10, 0), "per_decade = 0: must be at least 1"),
+        ((1, 10, 0), "per_decade = 0: must be a whole number of at least 1"),
     ],
 )
 def test_hold_times_that_are_refused(arguments, problem):

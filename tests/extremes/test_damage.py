@@ -34,6 +34,9 @@ lattice = ReactionLattice(pixels=(4, 4), sites=[0, 1, 5], forming=[1.0, 0.9, 0.8
                           neighbours=[[1], [0], [-1]], coupling=[[0.1], [0.1], [0.0]])
 surface = Surface(heights=rng.normal(size=(12, 9)), pixel_size=0.5)
 point = {"status": "done", "point": 3, "changes": {"contact.load": 3.0}, "summary": {"beta": 1 / 3}, "aging": None}
+grid = {"axes": [{"paths": ["hold.seed"], "values": [[0], [1]]}], "base": {"name": "x"}, "source": "x.toml"}
+manifest = {"format": 2, "digest": "0" * 32, "versions": {"chemage": "0.2.0"}, "grid": grid, "resolved": [[[0], [1]]],
+            "units": {}, "contacts": ["a" * 32], "contact_of": [0, 0], "keys": ["b" * 32, "c" * 32]}
 sweep = Folder(folder / "sweep")
 sweep.path.mkdir()
 sweep.clear_parts()
@@ -78,7 +81,7 @@ WAYS = {
     "contact of a sweep": in_sweep(sweep.contact("aa"), lambda: sweep.write_contact("aa", to_npz(contact)),
                                    lambda: sweep.read_contact("aa")),
     "point of a sweep": in_sweep(sweep.point("aa"), lambda: sweep.write_point("aa", point), state_and_point),
-    "manifest": in_sweep(sweep.manifest, lambda: sweep.write_manifest({"format": 2, "keys": ["aa", "bb"]}),
+    "manifest": in_sweep(sweep.manifest, lambda: sweep.write_manifest(manifest),
                          sweep.read_manifest),
 }
 (sweep.path / "contacts").mkdir()

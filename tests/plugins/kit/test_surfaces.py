@@ -33,7 +33,7 @@ def _entropy(seed: Any) -> Any:
             "make(0) differ",
         ),
         (lambda self, seed=0: flat_surface([[float(next(calls))]]), "surface_follows_its_seed", "same seed gave two"),
-        (lambda self, seed=0: flat_surface([[seed == 1]]), "surface_follows_its_seed", "2 different results"),
+        (lambda self, seed=0: flat_surface([[float(seed == 1)]]), "surface_follows_its_seed", "2 different results"),
         (
             lambda self, seed=0: flat_surface(np.random.default_rng(_spawned(seed)).random((2, 2))),
             "surface_follows_its_seed",
