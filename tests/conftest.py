@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import os
 import signal
 import sys
@@ -29,6 +30,9 @@ settings.register_profile(
 )
 settings.load_profile("chemage")
 
+
+# Modules that tests write anew leave no bytecode behind that a later import would take for that of the new text.
+sys.dont_write_bytecode = True
 
 # Started in the background, a shell has Ctrl-C ignored, and every program the tests start would inherit that.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -77,6 +81,8 @@ class Site:
             file = self.folder / path
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(dedent(text), encoding="utf-8")
+            # of a module written twice in one second with equal length, Python would run the bytecode of the first
+            Path(importlib.util.cache_from_source(str(file))).unlink(missing_ok=True)
         info = self.folder / f"{name.replace('-', '_')}-{version}.dist-info"
         info.mkdir()
         (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
