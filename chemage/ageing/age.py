@@ -12,6 +12,7 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.checkpoints import hashed, run_with_checkpoints
+from chemage.ageing.elasticity import compared
 from chemage.ageing.measuring import Seen, check_outputs, measure, stacked
 from chemage.ageing.observables import Observable
 from chemage.ageing.seeds import Common, check_common, identity, origin, replica_seeds
@@ -102,7 +103,7 @@ def age(
     at_once = max(1, min(replicas, (threads or available()) // engine.concurrency()))
     done = list(_in_order(replica, replicas, at_once, progress))
     provenance = {
-        "chemistry": chemistry.todict(),
+        "chemistry": {name: value for name, value in chemistry.todict().items() if name not in chemistry.limits},
         "engine": engine.todict(),
         "seed": str(seed),
         "common": common,
@@ -187,6 +188,7 @@ def _aging(
         engine=done[0].engine,
         notes=done[0].notes,
         contact=contact.summary(),
+        elasticity=compared(contact, chemistry),
         observables=stacked([one.seen.values for one in done]),
         outputs={name: output.todict() for name, output in done[0].seen.outputs.items()},
         provenance=provenance,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Self
 
 import numpy as np
@@ -27,7 +28,7 @@ class Aging(Record):
         "events": (("replica",), "", "bonds formed and broken"),
         "rupture_force": (("replica", "hold_times"), "nN", "force that breaks all bonds"),
     }
-    added = ("rupture_force", "outputs")
+    added = ("rupture_force", "outputs", "elasticity")
 
     hold_times: Doubles
     """(m,) s"""
@@ -52,6 +53,9 @@ class Aging(Record):
     """notes of the first replica's run"""
     contact: dict[str, float] = {}
     """the contact's measures, see :meth:`ContactSolution.summary`"""
+    elasticity: dict[str, float] = {}
+    """limits of the elastic model that the chemistry gives (``hardness``, ``shear_strength``, GPa), and the shares of
+    contact area and load above the hardness (``area_above_hardness``, ``load_above_hardness``)"""
     observables: Named = {}
     """name -> (replicas, ...)"""
     outputs: dict[str, dict[str, Any]] = {}
@@ -131,6 +135,12 @@ class Aging(Record):
     def mean_friction_coefficient_drop(self) -> np.ndarray:
         """Δμ averaged over replicas, (m,)."""
         return self.friction_coefficient_drop.mean(axis=0)
+
+    @property
+    def mean_shear_stress(self) -> float:
+        """ΔF at the last hold time over the contact area, mean over replicas, GPa; nan where the area is not known."""
+        area = self.contact.get("area", 0.0)
+        return float(self.friction_drop[:, -1].mean() / area) if area > 0 and self.hold_times.size else math.nan
 
     @property
     def friction_drop_stderr(self) -> np.ndarray:

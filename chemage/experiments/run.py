@@ -15,6 +15,7 @@ from typing import Any
 from chemage.ageing.age import age
 from chemage.ageing.aging import Aging
 from chemage.ageing.checkpoints import keep, resumed
+from chemage.ageing.elasticity import elastic_measures, elastic_notes
 from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
@@ -58,6 +59,7 @@ class Run:
     def notes(self) -> tuple[str, ...]:
         """What the user should know of this result, in words."""
         notes = [*self.contact.notes, *(self.aging.notes if self.aging is not None else ())]
+        notes += elastic_notes(self.aging)
         if self.contact.area_fraction == 1 and not any(note.startswith("full contact") for note in notes):
             notes.append(
                 "full contact: every pixel carries pressure, and more load adds pressure but no contact area; "
@@ -124,6 +126,7 @@ class Run:
             "cutoff_time_stderr": fit.cutoff_time_stderr if fit else None,
             "cutoff_time_low": fit.cutoff_interval.low if fit else None,
             "cutoff_time_high": fit.cutoff_interval.high if fit else None,
+            **elastic_measures(aging),
             "timings": self.timings,
             "versions": self.versions,
             "plugins": self.plugins,

@@ -187,7 +187,8 @@ class Scene(_Section):
                 data["breaking"] = options_of(parts.breaking)
             if parts.interaction is not None:
                 data["interaction"] = options_of(parts.interaction)
-            data["chemistry"] = {name: getattr(parts, name) for name in _CHEMISTRY_OPTIONS}
+            own = options_of(parts)
+            data["chemistry"] = {name: own[name] for name in _CHEMISTRY_OPTIONS if name in own}
         if self.hold is not None and self.engine is not None:
             data["engine"] = options_of(self.engine)
             if self.rupture is not None:
@@ -217,8 +218,9 @@ class Scene(_Section):
         The plugins that take part are known only when the stage has run; a finished run's keys contain them, with their
         options.
 
-        ``surface``, ``contact``, ``aging``, and ``result``, which is ageing and the fit to it. Options that only change
-        the speed, and the scene's name, are in none of them.
+        ``surface``, ``contact``, ``aging``, and ``result``, which is ageing, the fit to it, and the limits of the
+        material with which it is compared. Options that only change the speed, and the scene's name, are in none of
+        them.
         """
         return self._keys({})
 
@@ -256,7 +258,10 @@ class Scene(_Section):
         # without a rupture law the key is that of scenes written before there were any
         law = [{"rupture": data["rupture"]}] if "rupture" in data else []
         aging = key("aging", contact, *kinetic, data.get("observe"), *law)
-        return {"surface": surface, "contact": contact, "aging": aging, "result": _hash([aging, data.get("fit")])}
+        result = [aging, data.get("fit")]
+        if limits := self.chemistry.given_limits() if self.chemistry is not None else {}:
+            result.append(limits)
+        return {"surface": surface, "contact": contact, "aging": aging, "result": _hash(result)}
 
     def digest(self) -> str:
         """Content hash of the whole scene."""
