@@ -114,7 +114,12 @@ def print_run(result: Run) -> None:
     if fit is not None:
         rows.append(("beta", f"{fit.beta_text()} per decade, {fit.points} hold times"))
         rows.append(("cut-off time", fit.cutoff_text()))
-        rows.append(("errors", f"95 %, {fit.intervals_text()}; scatter between surfaces is not included"))
+        scatter = result.scatter
+        alone = scatter is not None and scatter.relative == 0
+        more = "" if alone else "; scatter between surfaces is not included"
+        rows.append(("errors", f"95 %, {fit.intervals_text()}{more}"))
+        if scatter is not None and not alone:
+            rows.append(("surfaces", scatter.text(fit.relative_stderr)))
     if result.approximate:
         rows.append(("approximate", result.approximate))
     rows += [(f"plugin {name}", source) for name, source in result.plugins.items()]

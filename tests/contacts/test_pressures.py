@@ -61,9 +61,7 @@ def test_what_is_no_hardness_is_refused(examples, wrong):
 
 def test_a_tenth_of_the_contact_of_a_steep_surface_is_above_ten_gigapascal():
     """h'_rms = 0.4 at 15.7 MPa: 10–16 % of the area and 23–33 % of the load lie above 10 GPa."""
-    maker = ca.surface(
-        "self-affine", pixels=512, pixel_size="0.4518 nm", rms_slope=0.4, hurst=0.8, zeta=31, eta=3
-    )
+    maker = ca.surface("self-affine", pixels=512, pixel_size="0.4518 nm", rms_slope=0.4, hurst=0.8, zeta=31, eta=3)
     solver = ca.contact("fft-bem", modulus="35.3 GPa")
     found = np.array([solver.solve(maker.make(seed=seed), "839 nN").above("10 GPa") for seed in range(1, 9)])
     area, load = found.mean(axis=0)

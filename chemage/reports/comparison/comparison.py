@@ -106,6 +106,8 @@ class Comparison:
             ("β, 95 % interval", lambda one: f.beta_text() if (f := one.fit) else "-"),
             ("cut-off time, 95 % interval", lambda one: f.cutoff_text() if (f := one.fit) else "-"),
         ]
+        if any(one.scatter for one in self.results):
+            rows.append(("scatter of β between surfaces", _scatter_text))
         if any(one.approximate for one in self.results):
             rows.append(("approximate", lambda one: one.approximate or "-"))
         if any(one.plugins for one in self.results):
@@ -176,6 +178,7 @@ class Comparison:
             "beta": fit.beta if fit else None,
             "beta_stderr": fit.beta_stderr if fit else None,
             "beta_interval": [fit.beta_interval.low, fit.beta_interval.high] if fit else None,
+            "beta_scatter_between_surfaces": one.scatter.relative if one.scatter else None,
             "cutoff_time": fit.cutoff_time if fit else None,
             "cutoff_time_stderr": fit.cutoff_time_stderr if fit else None,
             "cutoff_time_interval": [fit.cutoff_interval.low, fit.cutoff_interval.high] if fit else None,
@@ -343,6 +346,12 @@ def _values_at(one: Entry, name: str, time: float | None) -> np.ndarray:
 def _measured_text(one: Entry, name: str, time: float | None = None) -> str:
     part = one.measured.get(name)
     return mean_text(_values_at(one, name, time), part.unit) if part is not None else "-"
+
+
+def _scatter_text(one: Entry) -> str:
+    if one.scatter is None or one.fit is None:
+        return "-"
+    return one.scatter.text(one.fit.relative_stderr) or "one surface"
 
 
 def _elastic_text(one: Entry, name: str) -> str:

@@ -18,13 +18,14 @@ from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.ageing.measured import Measured
 from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
-from chemage.experiments.sections import components_of
+from chemage.experiments.sections import components_of, scatter_of
 from chemage.foundation.approximations import in_words
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.lattices.chemistry import Chemistry
 from chemage.reports.figures import plain
 from chemage.store.results import read
+from chemage.surfaces.scatter import Scatter
 from chemage.sweeps.result import load_sweep
 
 _CHEMICAL = ("forming", "breaking", "interaction", "chemistry", "temperature")
@@ -131,6 +132,11 @@ class Entry:
     def measured(self) -> Mapping[str, Measured]:
         """What observables measured, by name."""
         return self.aging.measured if self.aging is not None else {}
+
+    @cached_property
+    def scatter(self) -> Scatter | None:
+        """How much β differs between surfaces of other seeds, where the maker of the surface says so."""
+        return scatter_of(self.scene, self.aging, self.contact, self.provenance) if self.aging is not None else None
 
     @cached_property
     def fit(self) -> Fit | None:
