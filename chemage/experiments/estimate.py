@@ -12,9 +12,11 @@ import numpy as np
 from chemage.experiments.cost import Cost
 from chemage.experiments.limits import check_limits, check_parts, duration, long_run
 from chemage.experiments.scene import Scene
+from chemage.foundation.calls import call_with
 from chemage.foundation.errors import ChemageError
 from chemage.foundation.threads import available
 from chemage.foundation.units import EV_PER_GPA_NM3, KB
+from chemage.lattices.expected import expected_events
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,8 @@ def _cost(scene: Scene) -> Cost:
         sites = fraction * pixels * (scene.chemistry.hydroxylation if scene.chemistry else 1.0)
     reacting = scene.engine is not None and scene.hold is not None
     if scene.engine is not None and scene.chemistry is not None and sites is not None:
-        replica = scene.engine.expected(sites, scene.chemistry.interaction is not None)
+        coupled = scene.chemistry.interaction is not None
+        replica = call_with(scene.engine.expected, sites, coupled, events=_events(scene, surface, fraction))
     seconds = replica.get("cpu_seconds") if reacting else 0.0
     replica_bytes = replica.get("bytes") if reacting else 0.0
     if replica_bytes is not None and sites is not None and scene.hold is not None and scene.keeps_states:
@@ -97,6 +100,14 @@ def _cost(scene: Scene) -> Cost:
         gap,
         12 * pixels * (1.0 if fraction is None else fraction) + gap,
     )
+
+
+def _events(scene: Scene, surface: Mapping[str, float], fraction: float | None) -> float | None:
+    """Events per site that a replica is expected to have, as far as it is known."""
+    area = surface.get("nx", 0.0) * surface.get("ny", 0.0) * surface.get("pixel_size", 0.0) ** 2 * (fraction or 0.0)
+    if scene.chemistry is None or scene.hold is None or not area > 0:
+        return None
+    return expected_events(scene.chemistry, scene.load / area, float(scene.hold.hold_times[-1]), scene.hold.temperature)
 
 
 def plan(scene: Scene) -> Plan:
