@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from chemage.ageing.aging import Aging
-from chemage.ageing.checkpoints import hashed, run_with_checkpoints
+from chemage.ageing.checkpoints import run_with_checkpoints
 from chemage.ageing.elasticity import compared
 from chemage.ageing.measuring import Seen, check_outputs, measure, stacked
 from chemage.ageing.observables import Observable
@@ -19,6 +19,7 @@ from chemage.ageing.seeds import Common, check_common, identity, origin, replica
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, checked_count, checked_seed, expect, temperature_value
 from chemage.foundation.errors import InputError
+from chemage.foundation.hashes import content_hash
 from chemage.foundation.memory import require
 from chemage.foundation.threads import available
 from chemage.friction.bonded import Bonded
@@ -85,7 +86,7 @@ def age(
     states = wants_states(engine, rupture, observe)
     times, kelvin = _check_run(hold_times, temperature, replicas, checkpoints, progress)
     run = identity(contact, chemistry, engine, kelvin)
-    options = hashed([engine.digest(), chemistry.digest(), times.tolist(), kelvin, origin(seed), common])
+    options = content_hash([engine.digest(), chemistry.digest(), times.tolist(), kelvin, origin(seed), common])
 
     def replica(number: int) -> _Replica:
         disorder, noise = replica_seeds(seed, number, common, run)

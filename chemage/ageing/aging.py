@@ -74,8 +74,19 @@ class Aging(Record):
         for name in ("bonds", "sites", "events"):
             if int(getattr(self, name).min(initial=0)) < 0:
                 raise ValueError(f"{name}: {getattr(self, name).min()} is negative; give counts")
-        if self.rupture_force is not None and self.rupture_force.shape != self.bonds.shape:
-            raise ValueError(f"rupture_force: shape {self.rupture_force.shape}; give {self.bonds.shape}, as for bonds")
+        if (too_many := self.bonds > self.sites[:, None]).any():
+            replica, at = np.argwhere(too_many)[0]
+            raise ValueError(
+                f"bonds: {self.bonds[replica, at]} of replica {replica} at {self.hold_times[at]:g} s, which has only "
+                f"{self.sites[replica]} sites; a site has one bond at most"
+            )
+        if self.rupture_force is not None:
+            if self.rupture_force.shape != self.bonds.shape:
+                raise ValueError(
+                    f"rupture_force: shape {self.rupture_force.shape}; give {self.bonds.shape}, as for bonds"
+                )
+            if not (np.isfinite(self.rupture_force) & (self.rupture_force >= 0)).all():
+                raise ValueError("rupture_force: has numbers that are negative or not finite; give forces in nN")
         for name, output in self.outputs.items():
             values = self.observables.get(name)
             if values is None or values.ndim != 1 + len(output["dims"]):

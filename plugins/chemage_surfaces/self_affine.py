@@ -80,8 +80,8 @@ class SelfAffine(SurfaceMaker):
         """Standard deviation of β over its mean between seeds, 0.16 N_p^(−1/2) (A/A0)^(−1/4), from the patches N_p and
         the area fraction of one of them.
 
-        Fitted to 24 surfaces of each of 27 settings with a given rms slope (H 0.3 to 0.9, ζ 15 to 150, η 1 to 10), which
-        it meets within a factor of 1.4, as it does 9 other settings: ``python tests/benchmarks/surface_scatter.py``.
+        Fitted to 24 surfaces of each of 27 settings with a given rms slope (H 0.3 to 0.9, ζ 15 to 150, η 1 to 10). It
+        meets them, and 9 other settings, within a factor of 1.4: ``python tests/benchmarks/surface_scatter.py``.
         Outside their range, and where the rms height is given, the scatter is not known.
         """
         patches, area = contact.get("patches", 0), contact.get("area_fraction", 0)

@@ -87,7 +87,7 @@ def test_intervals_hold_the_truth_nineteen_times_in_twenty(model, shape, kind):
 def aging(bonds, **options):
     replicas = bonds.shape[0]
     fields = {"load": 100.0, "temperature": 300.0, "bond_force": 3.0} | options
-    ones = np.full(replicas, 10**6)
+    ones = np.full(replicas, 10**8)
     return Aging(hold_times=TIMES, bonds=bonds.astype(np.int64), sites=ones, events=ones, **fields)
 
 

@@ -450,7 +450,7 @@ def test_packed_ageing_is_the_same_ageing():
     aging = Aging(
         hold_times=[0.1, 1.0 + 1e-15, 1e5],
         bonds=[[1, 2, 3], [0, 2, 2**31]],
-        sites=[5, 6],
+        sites=[5, 2**32],
         events=[7, 8],
         load=20.0,
         temperature=300.0,
