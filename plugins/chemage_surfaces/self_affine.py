@@ -84,6 +84,8 @@ class SelfAffine(SurfaceMaker):
         meets them, and 9 other settings, within a factor of 1.4: ``python tests/benchmarks/surface_scatter.py``.
         Outside their range, and where the rms height is given, the scatter is not known.
         """
+        if 0 in (self.rms_slope, self.rms_height):
+            return Scatter(0.0)  # flat at every seed
         patches, area = contact.get("patches", 0), contact.get("area_fraction", 0)
         fitted = MEASURED_PATCHES[0] <= patches <= MEASURED_PATCHES[1] and MEASURED_AREA[0] <= area <= MEASURED_AREA[1]
         if not fitted or self.rms_slope is None or self.hurst < 0.25:
