@@ -10,6 +10,7 @@ from chemage.foundation.errors import ChemageError as ChemageError
 from chemage.lattices.chemistry import Chemistry as Chemistry
 from chemage.plugins.choices import Choice as Choice
 from chemage.foundation.components import Component as Component
+from chemage.lattices.site_grid import ContactSites as ContactSites
 from chemage.contacts.solution import ContactSolution as ContactSolution
 from chemage.contacts.role import ContactSolver as ContactSolver
 from chemage.foundation.errors import ConvergenceError as ConvergenceError
@@ -65,6 +66,7 @@ from chemage.foundation.checks import checked_seed as checked_seed
 from chemage.foundation.checks import checked_states as checked_states
 from chemage.lattices.chemistry import chemistry as chemistry
 from chemage.reports.comparison.comparison import compare_files as compare_files
+from chemage.lattices.site_grid import contact_sites as contact_sites
 from chemage.foundation.units import convert as convert
 from chemage.ageing.fitting import fit_aging as fit_aging
 from chemage.foundation.checks import force as force

@@ -102,7 +102,7 @@ def print_run(result: Run) -> None:
     if aging is not None:
         last = f"at {aging.hold_times[-1]:g} s"
         rows += [
-            ("sites", f"{aging.sites.mean():.0f}"),
+            ("sites", f"{aging.sites.mean():.0f}, {aging.site_grid}"),
             ("engine", f"{aging.engine}, {aging.replicas} replicas, {aging.events.sum()} events"),
             ("rupture law", aging.rupture or ("mean force per bond" if aging.rupture_force is None else "a plugin's")),
             ("random numbers", aging.random_numbers or "not recorded"),

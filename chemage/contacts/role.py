@@ -43,6 +43,12 @@ class ContactSolver(Component, ABC):
             As :meth:`solve`, as far as it is known.
         """
 
+    def with_gap(self) -> Self:
+        """This solver, with the gap in its solutions if it has the option ``gap``; sites smaller than pixels need it."""
+        if "gap" in type(self).model_fields and getattr(self, "gap") is False:
+            return self.replace(gap=True)
+        return self
+
     def reference(self) -> Self:
         """The solver with which ``chemage tradeoff`` measures the errors of this one: the same contact, as accurately
         as this class can solve it.

@@ -8,6 +8,7 @@ from chemage.experiments.scene import Scene
 from chemage.foundation.errors import InputError
 from chemage.foundation.memory import require
 from chemage.foundation.threads import available
+from chemage.lattices.site_grid import site_shape
 
 #: runs that take longer than this say so first, s
 LONG = 3600.0
@@ -66,6 +67,9 @@ def check_parts(scene: Scene, known: Cost) -> None:
         scene.contact.check(known.surface, scene.load)
         stage = "ageing"
         if scene.ages and scene.engine is not None and scene.chemistry is not None:
+            if {"nx", "ny", "pixel_size"} <= known.surface.keys():
+                pixels = int(known.surface["nx"]), int(known.surface["ny"])
+                site_shape(pixels, known.surface["pixel_size"], scene.chemistry.site_density)
             scene.engine.check(scene.chemistry.interaction is not None)
     except InputError as error:
         error.add_note(f"in the stage {stage!r} of scene {scene.name!r}")

@@ -38,6 +38,7 @@ NAMES = {
     "lattices.chemistry": "Chemistry chemistry",
     "lattices.lattice": "ReactionLattice",
     "lattices.role": "Barriers Interaction",
+    "lattices.site_grid": "ContactSites contact_sites",
     "lattices.stage": "barriers build_lattice interaction",
     "plugins.choices": "Choice",
     "plugins.hooks": "hookimpl",

@@ -15,6 +15,8 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.memory import require
 from chemage.foundation.records import frozen
 
+#: what is said of a grid of sites that is that of the pixels
+ONE_PER_PIXEL = "one site per pixel"
 #: sites are pixels where their spacing is that of the pixels within this part
 SAME = 0.005
 #: random numbers of pairs of sites are told apart up to here
@@ -75,7 +77,7 @@ def in_words(pixels: tuple[int, int], sites: tuple[int, int], gap: bool = True) 
     """What a grid of ``sites`` is to one of ``pixels``, in words."""
     rule = site_rule(pixels, sites)
     if rule == "pixels":
-        return "one site per pixel"
+        return ONE_PER_PIXEL
     grids = f"{sites[0]} x {sites[1]} sites on {pixels[0]} x {pixels[1]} pixels"
     per = sites[0] * sites[1] / (pixels[0] * pixels[1])
     if rule == "averaged":
@@ -98,6 +100,8 @@ class ContactSites:
     spacing: float
     #: whether the grid repeats
     periodic: bool
+    #: corner of the grid of sites, nm from that of the pixels
+    origin: tuple[float, float]
     #: (n,) int64: flat indices of the sites in contact, ascending
     sites: np.ndarray
     #: (n,) GPa, above zero
@@ -106,6 +110,17 @@ class ContactSites:
     rule: Rule
     #: the same in words
     words: str
+
+    def describe(self, contact: ContactSolution) -> dict[str, Any]:
+        """Grids of sites and pixels and what they are to each other, as plain JSON values."""
+        return {
+            "sites": list(self.shape),
+            "spacing": self.spacing,
+            "pixels": list(contact.shape),
+            "pixel_size": contact.pixel_size,
+            "rule": self.rule,
+            "words": self.words,
+        }
 
 
 _lock = threading.Lock()
@@ -150,8 +165,11 @@ def _made(contact: ContactSolution, density: Density) -> ContactSites:
         require(BYTES_PER_SITE * expected, f"{expected:.3g} sites in contact", "use a smaller site_density")
         make = _reconstructed if rule == "reconstructed" else _averaged
         sites, pressure = make(contact, shape, size) if contact.sites.size else (contact.sites, np.empty(0))
+    # site (0, 0) is in the middle of pixel (0, 0) where both grids repeat
+    corner = 0.5 * (contact.pixel_size - size) if contact.periodic and rule != "pixels" else 0.0
     words = in_words(contact.shape, shape, contact.gap is not None)
-    return ContactSites(shape, size, contact.periodic, frozen(sites, np.int64), frozen(pressure), rule, words)
+    found = frozen(sites, np.int64), frozen(pressure)
+    return ContactSites(shape, size, contact.periodic, (corner, corner), *found, rule, words)
 
 
 def _bearing(contact: ContactSolution, pressure: np.ndarray, area: float) -> np.ndarray:

@@ -108,7 +108,7 @@ def contact():
 
 
 def chemistry(**options):
-    return ca.chemistry(forming=Ladder(), **options)
+    return ca.chemistry(forming=Ladder(), **{"site_density": "pixel", **options})
 
 
 def age(contact, **options):

@@ -105,6 +105,11 @@ class Entry:
         return self.contact.get("area", math.nan)
 
     @property
+    def site_grid(self) -> str:
+        """What the grid of sites is to the pixels of the contact, in words; "" without ageing."""
+        return self.aging.site_grid if self.aging is not None else ""
+
+    @property
     def sites(self) -> float:
         """Number of reactive sites, mean over replicas; nan without ageing."""
         return float(self.aging.sites.mean()) if self.aging is not None else math.nan
