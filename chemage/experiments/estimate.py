@@ -155,9 +155,6 @@ def _stages(scene: Scene, known: Mapping[str, float]) -> dict[str, str]:
     if chemistry is None or hold is None or engine is None:
         stages["chemistry"] = "not modelled: contact mechanics only"
         return stages
-    if grids := scene.site_grids:
-        gap = getattr(scene.solver, "gap", False) is True
-        stages["sites"] = in_words(*grids, gap=gap)
     stages["forming"] = chemistry.forming.kind + (
         f", lowered by {chemistry.activation_volume * EV_PER_GPA_NM3:.3g} eV/GPa"
         if chemistry.activation_volume
@@ -165,6 +162,9 @@ def _stages(scene: Scene, known: Mapping[str, float]) -> dict[str, str]:
     )
     stages["breaking"] = chemistry.breaking.kind if chemistry.breaking else "not modelled: bonds last"
     stages["interaction"] = chemistry.interaction.kind if chemistry.interaction else "not modelled: no neighbour list"
+    if grids := scene.site_grids:
+        gap = getattr(scene.solver, "gap", False) is True
+        stages["sites"] = in_words(*grids, gap=gap)
     times = hold.hold_times
     stages["kinetics"] = (
         f"{engine.kind}, {hold.temperature:g} K, {times.size} hold times from {times[0]:g} to {times[-1]:g} s, "

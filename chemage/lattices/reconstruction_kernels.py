@@ -169,51 +169,84 @@ def _weights(t, values, slopes):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
+def _touched(i, place, inside, grid, periodic, active):  # pragma: no cover - compiled
+    """Mark the cells between the rows of pixels i and i + 1 that have a pixel in contact; whether there is any."""
+    nx, ny = grid
+    first = 0 if periodic else -1
+    found = False
+    before = False
+    for j in range(first, ny + 1):
+        now = False
+        for di in range(2):
+            at = place[_near(i + di, j, nx, ny, periodic)]
+            now = now or (0 <= at < inside)
+        if j > first:
+            active[j - 1 - first] = now or before
+            found = found or now or before
+        before = now
+    return found
+
+
+@njit(cache=True, nogil=True)
+def most_sites(place, inside, grid, sites, periodic):  # pragma: no cover - compiled
+    """How many sites lie in cells between pixels of which one is in contact."""
+    nx, ny = grid
+    mx, my = sites
+    ox, oy = (0, 0) if periodic else (nx - mx, ny - my)
+    first = 0 if periodic else -1
+    active = np.zeros(ny + 1, np.bool_)
+    count = 0
+    for i in range(first, nx):
+        rows = min(_first(i + 1, mx, nx, ox), mx) - max(_first(i, mx, nx, ox), 0)
+        if rows > 0 and _touched(i, place, inside, grid, periodic, active):
+            for j in range(first, ny):
+                if active[j - first]:
+                    columns = min(_first(j + 1, my, ny, oy), my) - max(_first(j, my, ny, oy), 0)
+                    count += rows * max(columns, 0)
+    return count
+
+
+@njit(cache=True, nogil=True)
 def place_sites(place, inside, level, grid, sites, periodic, shift, out, values):  # pragma: no cover - compiled
     """Sites with a positive level, ascending: their number; flat index and pressure are written into `out`, `values`.
 
     The level at a site is interpolated by cubic convolution, and lowered by `shift` times its slope per pixel, which
-    moves the rim inwards by that many pixels. Only cells between pixels of which one is in contact are visited. With
-    empty `out` sites are counted only.
+    moves the rim inwards by that many pixels. Only cells between pixels of which one is in contact are visited.
     """
     nx, ny = grid
     mx, my = sites
     ox, oy = (0, 0) if periodic else (nx - mx, ny - my)
     first = 0 if periodic else -1
     active = np.zeros(ny + 1, np.bool_)
+    z = np.empty((4, 4))
     wx, wy, vx, vy = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
     count = 0
     for i in range(first, nx):
-        any_active = False
-        for j in range(first, ny):
-            touched = False
-            for di in range(2):
-                for dj in range(2):
-                    at = place[_near(i + di, j + dj, nx, ny, periodic)]
-                    touched = touched or (0 <= at < inside)
-            active[j - first] = touched
-            any_active = any_active or touched
-        if not any_active:
+        if not _touched(i, place, inside, grid, periodic, active):
             continue
         for row in range(max(_first(i, mx, nx, ox), 0), min(_first(i + 1, mx, nx, ox), mx)):
             _weights((2 * row * nx + ox - 2 * i * mx) / (2.0 * mx), wx, vx)
             for j in range(first, ny):
                 if not active[j - first]:
                     continue
-                for column in range(max(_first(j, my, ny, oy), 0), min(_first(j + 1, my, ny, oy), my)):
+                begin, end = max(_first(j, my, ny, oy), 0), min(_first(j + 1, my, ny, oy), my)
+                if begin >= end:
+                    continue
+                for k in range(4):
+                    for m in range(4):
+                        z[k, m] = level[place[_near(i + k - 1, j + m - 1, nx, ny, periodic)]]
+                for column in range(begin, end):
                     _weights((2 * column * ny + oy - 2 * j * my) / (2.0 * my), wy, vy)
                     f, fx, fy = 0.0, 0.0, 0.0
                     for k in range(4):
                         for m in range(4):
-                            z = level[place[_near(i + k - 1, j + m - 1, nx, ny, periodic)]]
-                            f += wx[k] * wy[m] * z
-                            fx += vx[k] * wy[m] * z
-                            fy += wx[k] * vy[m] * z
+                            f += wx[k] * wy[m] * z[k, m]
+                            fx += vx[k] * wy[m] * z[k, m]
+                            fy += wx[k] * vy[m] * z[k, m]
                     f -= shift * math.sqrt(fx * fx + fy * fy)
                     if f > 0.0:
-                        if out.size:
-                            out[count] = row * my + column
-                            values[count] = math.sqrt(f)
+                        out[count] = row * my + column
+                        values[count] = math.sqrt(f)
                         count += 1
     return count
 
@@ -227,14 +260,30 @@ def _cell(site, sites, pixels, offset):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def balance(place, pixels, load, grid, sites, periodic, index, values, area):  # pragma: no cover - compiled
+def _parts(pixels, sites, offset):  # pragma: no cover - compiled
+    """How many sites belong to each pixel along a side, each divided between its two nodes."""
+    parts = np.zeros(pixels)
+    for site in range(sites):
+        cell, t = _cell(site, sites, pixels, offset)
+        if offset == 0:
+            parts[cell % pixels] += 1.0 - t
+            parts[(cell + 1) % pixels] += t
+        else:
+            parts[max(cell, 0)] += 1.0 - t
+            parts[min(cell + 1, pixels - 1)] += t
+    return parts
+
+
+@njit(cache=True, nogil=True)
+def balance(place, pixels, load, grid, sites, periodic, index, values):  # pragma: no cover - compiled
     """Scale the pressures of sites, in place, so that in each neighbourhood of 3 x 3 pixels they carry the load there.
 
-    load : nN on each listed pixel. area : of a site. The factor is between ½ and 2 and is interpolated linearly.
+    load : pressure of each listed pixel, in units of `values`. The factor is between ½ and 2 and interpolated linearly.
     """
     nx, ny = grid
     mx, my = sites
     ox, oy = (0, 0) if periodic else (nx - mx, ny - my)
+    across, along = _parts(nx, mx, ox), _parts(ny, my, oy)
     carried = np.zeros(pixels.size)
     factor = np.ones(pixels.size)
     for turn in range(2):
@@ -247,7 +296,7 @@ def balance(place, pixels, load, grid, sites, periodic, index, values, area):  #
                     weight = (t if di else 1.0 - t) * (u if dj else 1.0 - u)
                     at = place[_near(i + di, j + dj, nx, ny, periodic)]
                     if turn == 0:
-                        carried[at] += weight * values[s] * area
+                        carried[at] += weight * values[s]
                     else:
                         scale += weight * factor[at]
             if turn:
@@ -261,7 +310,8 @@ def balance(place, pixels, load, grid, sites, periodic, index, values, area):  #
                     other = _at(pixels[k] // ny + di, pixels[k] % ny + dj, nx, ny, periodic)
                     if other >= 0 and place[other] >= 0:
                         wanted += load[place[other]]
-                        found += carried[place[other]]
+                        # how many sites belong to a pixel changes from one to the next
+                        found += carried[place[other]] / (across[other // ny] * along[other % ny])
             if found > 0.0:
                 factor[k] = min(max(wanted / found, 0.5), 2.0)
 

@@ -207,15 +207,14 @@ def _reconstructed(contact: ContactSolution, shape: tuple[int, int], spacing: fl
         shift = BEYOND_CENTRES if contact.gap is not None else BEYOND_CENTRES_WITHOUT_GAP
     else:
         shift = (BEYOND if contact.gap is not None else BEYOND_WITHOUT_GAP) - REACH * sizes
-    call = (place, inside, level, grid, shape, periodic, shift)
-    count = kernels.place_sites(*call, np.empty(0, np.int64), np.empty(0))
-    sites, values = np.empty(count, np.int64), np.empty(count)
+    most = kernels.most_sites(place, inside, grid, shape, periodic)
+    sites, values = np.empty(most, np.int64), np.empty(most)
+    count = kernels.place_sites(place, inside, level, grid, shape, periodic, shift, sites, values)
     if not count:  # the contact is smaller than the distance of sites
         sites, values = _nearest(contact, shape)
         return sites, _bearing(contact, values, spacing**2)
-    kernels.place_sites(*call, sites, values)
-    load = pressure * contact.pixel_size**2
-    kernels.balance(place, pixels, load, grid, shape, periodic, sites, values, spacing**2)
+    sites, values = sites[:count].copy(), values[:count].copy()
+    kernels.balance(place, pixels, pressure, grid, shape, periodic, sites, values)
     return sites, _bearing(contact, values, spacing**2)
 
 

@@ -69,6 +69,7 @@ def scene(*observe, **sections):
         "surface": {"kind": "sphere", "radius": "30 nm", "pixels": [24, 28], "pixel_size": "0.9 nm"},
         "contact": {"kind": "hertz", "modulus": "35.3 GPa", "load": "50 nN"},
         "forming": {"kind": "uniform", "lower": 0.7, "upper": 1.2},
+        "chemistry": {"site_density": "pixel"},
         "engine": {"kind": "rejection-free"},
         "hold": {"start": "1 ms", "stop": "1e4 s", "per_decade": 1, "replicas": 3},
         "observe": [{"kind": kind} for kind in observe],

@@ -22,7 +22,7 @@ from chemage.experiments.sections import components_of, scatter_of
 from chemage.foundation.approximations import in_words
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.lattices.chemistry import Chemistry
+from chemage.lattices.chemistry import SITE_DENSITY, Chemistry
 from chemage.reports.figures import plain
 from chemage.store.results import read
 from chemage.surfaces.scatter import Scatter
@@ -183,7 +183,8 @@ class Entry:
             parts = {name: whole.pop(name, None) for name in ("forming", "breaking", "interaction")}
             parts["chemistry"] = whole
         own = {name: value for name, value in parts.get("chemistry", {}).items() if name not in Chemistry.limits}
-        parts = {**parts, "chemistry": own}
+        # results from before there was a choice
+        parts = {**parts, "chemistry": {"site_density": SITE_DENSITY, **own}}
         return dict(_flat({**parts, "temperature": self.aging.temperature}))
 
     def elsewhere(self) -> dict[str, Any]:
