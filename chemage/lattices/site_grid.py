@@ -27,7 +27,7 @@ BYTES_PER_SITE = 40.0
 #: Molinari, J. Mech. Phys. Solids 107, 469 (2017), as the outline of pixels is 4/π times as long as the rim, ...
 REACH = (math.pi - 1 + math.log(2)) / 24 * 4 / math.pi
 #: ... and the rim reconstructed from such a contact reaches this many pixels beyond the true one (measured on spheres,
-#: see docs/sites.md); without the gap this many, with pixels in contact if their centres are, and both.
+#: see docs/model.md); without the gap this many, with pixels in contact if their centres are, and both.
 BEYOND, BEYOND_WITHOUT_GAP, BEYOND_CENTRES, BEYOND_CENTRES_WITHOUT_GAP = 0.04, 0.04, 0.0, -0.11
 #: how fast the share of a site in contact falls with the distance of the rim, per spacing, averaged over directions
 FALL = 1.13

@@ -107,9 +107,9 @@ def test_another_contact_grid_has_the_same_sites_in_contact(contacts, pixels, wi
     assert found.size == pytest.approx(expected.size, rel=within)
     # bonds at a time are barriers below a threshold, which pressure lowers
     edges = [0, 0.5, 1, 2, 4, 99]
-    assert np.abs(np.histogram(found, edges)[0] - np.histogram(expected, edges)[0]).max() < 0.03 * expected.size
+    assert np.abs(np.histogram(found, edges)[0] - np.histogram(expected, edges)[0]).max() < (within + 0.01) * expected.size
     common = sum(np.isin(sites.sites, one.sites).sum() for sites, one in zip(others, fine, strict=True))
-    assert common > 0.95 * expected.size
+    assert common > 0.94 * expected.size
 
 
 def test_repeating_pixels_would_be_worse(contacts):
