@@ -14,11 +14,14 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def filled(text: str) -> str:
-    """Break paragraphs and list items of Markdown at 120 characters; headings, tables and figures stay as they are."""
-    blocks = []
+    """Break paragraphs and list items of Markdown at 120 characters; all else stays as it is."""
+    blocks, code = [], False
     for block in re.split(r"\n{2,}", text.strip()):
-        if block.startswith(("#", "|", "!")):
+        # code may have empty lines, and then is more than one block
+        fences = len(re.findall(r"^```", block, re.MULTILINE))
+        if code or fences or block.startswith(("#", "|", "!")):
             blocks.append(block)
+            code ^= fences % 2 == 1
             continue
         indent = "  " if block.startswith("- ") else ""
         items = (" ".join(item.split()) for item in re.split(r"\n(?=- )", block))

@@ -116,7 +116,8 @@ def test_the_study_writes_a_page_tables_and_figures_and_keeps_what_is_there(tmp_
 def test_a_study_that_does_not_exist_is_named(command):
     done = command("study", "tops")
     assert done.status == 2
-    assert "no study 'tops'; there is: tips" in done.err
+    assert "no study 'tops'" in done.err
+    assert "there are: tips, density" in done.err
 
 
 def test_paragraphs_are_filled_and_tables_are_not():

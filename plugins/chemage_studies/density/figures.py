@@ -63,10 +63,10 @@ def residuals_figure(study: Study) -> Figure:
         )
     left.set_xticks(where, [f"h' = {slope:g}\n{volume}" for volume in ("6.4 Å³", "ΔV = 0") for slope in SLOPES])
     left.tick_params(axis="x", labelsize=7)
-    left.set(ylabel="β, calibrated − published (%)")
+    left.set(ylabel="β, calibrated − published (%)", ylim=(None, 19))
     right.set_xticks(place, [f"h' = {slope:g}" for slope in SLOPES])
     right.set(ylabel="β(6.4 Å³)/β(0)")
-    left.legend(frameon=False, fontsize=8)
+    left.legend(frameon=False, fontsize=8, ncols=2, loc="upper center")
     return figure
 
 

@@ -7,7 +7,7 @@ from importlib import resources
 import numpy as np
 
 from chemage_studies.density import fit
-from chemage_studies.density.rates import SLOPES
+from chemage_studies.density.rates import SLOPES, TIMES
 from chemage_studies.density.study import Density, Study
 from chemage_studies.markdown import filled, table
 
@@ -91,7 +91,7 @@ def _members_table(study: Study) -> str:
                 " ".join(f"{value:.3f}" for value in one.beta),
                 " ".join(f"{value:.3f}" for value in fit.ratios(one.beta)),
                 f"{one.crossing:.1f}",
-                f"{one.onsets[0]:.1f}, {one.onsets[1]:.1f}",
+                ", ".join(f"≤ {TIMES[0]:.1f}" if onset <= TIMES[0] else f"{onset:.1f}" for onset in one.onsets),
                 "yes" if all(one.claims().values()) else "no",
             ]
         )
@@ -145,5 +145,10 @@ def page(study: Study, figures: str) -> str:
             equal=fit.EQUAL,
             method=100 * fit.METHOD,
             triangle=study.triangle,
+            satisfied={
+                "all": len(best.claims()),
+                "best": sum(best.claims().values()),
+                "triangle": sum(study.triangle.claims().values()),
+            },
         )
     )

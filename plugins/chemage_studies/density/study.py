@@ -23,6 +23,10 @@ TRIANGLE = chemage.barriers("tabulated", energies=[0.8, 1.1, 1.4], weights=[0, 1
 OTHER = chemage.barriers("tabulated", energies=[0.8, 0.88, 1.12, 1.4], weights=[0, 0.6, 1, 0])
 
 
+#: candidates for the set beyond its size
+SPARE = 2
+
+
 @dataclass(frozen=True)
 class Size:
     """How much is computed."""
@@ -34,9 +38,9 @@ class Size:
     design: tuple[int, int, int] = (8, 16, 32)
     refined: int = 8
     #: densities of the chosen family on all surfaces
-    final: int = 24
+    final: int = 16
     #: draws of the disorder on each surface for the best density and the triangle
-    replicas: int = 10
+    replicas: int = 2
     pixels: int = 2500
 
 
@@ -129,13 +133,15 @@ def compute(rates: Rates, size: Size) -> Study:
         value = one.interpolated(one.best)[0]
         beta = np.exp(value)
         families.append((one.family, one.best, beta, float(errors.chi_squared(value)), float(fit.excess(beta))))
-    chosen = found[int(np.argmin([row[3] for row in families]))]
+    chosen = _chosen(found, errors)
     final = _final(rates, size, chosen, errors)
     best = np.round(fit.within_bounds(final, errors), 4)
-    members = [np.round(one, 4) for one in fit.equally_good(final, errors, MDSilica.MEMBERS, best)]
-    densities = _aged(rates, size, chosen.family, [best, *members], errors)
-    predicted = final.interpolated(np.stack([best, *members]))
-    computed = np.log([one.beta for one in densities])
+    candidates = [np.round(one, 4) for one in fit.equally_good(final, errors, MDSilica.MEMBERS + SPARE, best)]
+    aged = _aged(rates, size, chosen.family, candidates, errors)
+    # the interpolation has an error: those that turn out to fit worst are left out
+    members = sorted(sorted(aged, key=lambda one: one.chi_squared)[: MDSilica.MEMBERS], key=lambda one: int(one.name))
+    predicted = final.interpolated(np.stack([one.parameters for one in aged]))
+    computed = np.log([one.beta for one in aged])
     return Study(
         size,
         errors,
@@ -143,9 +149,16 @@ def compute(rates: Rates, size: Size) -> Study:
         chosen.family,
         _density("triangle", TRIANGLE, np.array([]), rates, size, size.replicas, errors),
         _density("best", chosen.family.barriers(best), best, rates, size, size.replicas, errors),
-        densities[1:],
+        members,
         float(np.sqrt(np.mean((predicted - computed) ** 2))),
     )
+
+
+def _chosen(found: Sequence[fit.Fitted], errors: fit.Errors) -> fit.Fitted:
+    """Of the families that fit equally well, χ² within 1 of the least, choose that with the fewest nodes."""
+    least = [float(errors.chi_squared(one.interpolated(one.best))[0]) for one in found]
+    good = [(len(one.family.nodes(*one.best)[0]), chi, one) for one, chi in zip(found, least, strict=True)]
+    return min((row for row in good if row[1] <= min(least) + 1), key=lambda row: row[:2])[2]
 
 
 def _searched(rates: Rates, size: Size, family: Family, shift: np.ndarray, errors: fit.Errors) -> fit.Fitted:
