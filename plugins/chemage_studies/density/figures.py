@@ -48,7 +48,7 @@ def residuals_figure(study: Study) -> Figure:
     left.errorbar(where, 0 * where, yerr=100 * rounding, color=BLACK, ls="none", capsize=4, lw=1)
     place = np.arange(3)
     least, most = fit.rounded_ratios()
-    middle = fit.ratios(published)
+    middle = fit.PUBLISHED_RATIOS
     right.bar(place, 2 * fit.WITHIN_RATIO, 0.7, middle - fit.WITHIN_RATIO, color=GREY, alpha=0.15)
     right.errorbar(place, middle, yerr=[middle - least, most - middle], color=BLACK, fmt="_", capsize=4, lw=1)
     left.plot([], [], color=BLACK, label="published, with rounding")

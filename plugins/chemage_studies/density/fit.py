@@ -38,6 +38,10 @@ def ratios(beta: np.ndarray) -> np.ndarray:
     return beta[..., :3] / beta[..., 3:]
 
 
+#: the published ratios, with as many digits as the rates
+PUBLISHED_RATIOS = ratios(PUBLISHED).round(2)
+
+
 def rounded_ratios() -> np.ndarray:
     """The least and the largest ratio that round to the published rates, (2, 3)."""
     with_volume, without = PUBLISHED[:3], PUBLISHED[3:]
@@ -75,7 +79,7 @@ class Errors:
 def excess(beta: np.ndarray) -> np.ndarray:
     """The largest deviation over its bound, of the six rates and the three ratios: at most 1 where all are within."""
     rates = np.abs(beta / PUBLISHED - 1).max(axis=-1) / WITHIN_BETA
-    of_ratios = np.abs(ratios(beta) - ratios(PUBLISHED)).max(axis=-1) / WITHIN_RATIO
+    of_ratios = np.abs(ratios(beta) - PUBLISHED_RATIOS).max(axis=-1) / WITHIN_RATIO
     return np.maximum(rates, of_ratios)
 
 
@@ -138,13 +142,29 @@ def region(found: Fitted, errors: Errors, margin: float = 0.15) -> tuple[tuple[f
     return tuple((float(a), float(b)) for a, b in zip(least, most, strict=True))
 
 
-def within_bounds(found: Fitted, errors: Errors) -> np.ndarray:
-    """Find, of the densities that fit equally well, the one with the least :func:`excess`; parameters, (k,)."""
+def within_bounds(found: Fitted, errors: Errors, count: int) -> np.ndarray:
+    """Choose candidates for the best density: those that fit equally well with the least :func:`excess`; (count, k).
+
+    They are chosen far from each other, because the interpolation has an error: the one with the least excess first.
+    """
     trial = np.vstack([found.best, design(found.family, 1 << 15)])
     values = found.interpolated(trial)
     chi = errors.chi_squared(values)
     inside = chi <= chi.min() + EQUAL
-    return trial[inside][int(np.argmin(excess(np.exp(values[inside]))))]
+    trial, values = trial[inside], excess(np.exp(values[inside]))
+    least = np.argsort(values)[: max(count, len(values) // 100)]
+    return np.vstack([trial[least[0]], _apart(trial[least[1:]], trial[least[0]], count - 1)])
+
+
+def _apart(points: np.ndarray, first: np.ndarray, count: int) -> np.ndarray:
+    """Choose points, each the farthest from ``first`` and those chosen before, in units of their range; (count, k)."""
+    span = np.maximum(np.ptp(points, axis=0), 1e-12)
+    distance = np.linalg.norm((points - first) / span, axis=1)
+    chosen: list[int] = []
+    for _ in range(count):
+        chosen.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.linalg.norm((points - points[chosen[-1]]) / span, axis=1))
+    return points[chosen]
 
 
 def equally_good(found: Fitted, errors: Errors, count: int, best: np.ndarray) -> np.ndarray:
@@ -165,10 +185,4 @@ def equally_good(found: Fitted, errors: Errors, count: int, best: np.ndarray) ->
         half = 0.25 * np.ptp(box, axis=1)
         box = np.stack([np.maximum(box[:, 0], found.best - half), np.minimum(box[:, 1], found.best + half)], axis=1)
     trial = trial[inside]
-    span = np.ptp(trial, axis=0)
-    distance = np.linalg.norm((trial - best) / span, axis=1)
-    chosen: list[int] = []
-    for _ in range(count):
-        chosen.append(int(np.argmax(distance)))
-        distance = np.minimum(distance, np.linalg.norm((trial - trial[chosen[-1]]) / span, axis=1))
-    return trial[chosen]
+    return _apart(trial, best, count)

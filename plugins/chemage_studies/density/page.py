@@ -43,12 +43,12 @@ def _rates_table(study: Study) -> str:
 
 
 def _ratios_table(study: Study) -> str:
-    published, (least, most) = fit.ratios(fit.PUBLISHED), fit.rounded_ratios()
+    published, (least, most) = fit.PUBLISHED_RATIOS, fit.rounded_ratios()
     best, triangle = fit.ratios(study.best.beta), fit.ratios(study.triangle.beta)
     rows = [
         [
             f"{slope:g}",
-            f"{published[at]:.3f} ({least[at]:.3f} to {most[at]:.3f})",
+            f"{published[at]:.2f} ({least[at]:.3f} to {most[at]:.3f})",
             f"{best[at]:.3f}",
             f"{best[at] - published[at]:+.3f}",
             _word(abs(best[at] - published[at]) <= fit.WITHIN_RATIO),
@@ -120,7 +120,7 @@ def page(study: Study, figures: str) -> str:
     text = resources.files("chemage_studies.density").joinpath("density.md.j2").read_text(encoding="utf-8")
     best, published = study.best, fit.PUBLISHED
     inside = (np.abs(best.beta / published - 1) <= fit.WITHIN_BETA).sum()
-    close = np.abs(fit.ratios(best.beta) - fit.ratios(published)) <= fit.WITHIN_RATIO
+    close = np.abs(fit.ratios(best.beta) - fit.PUBLISHED_RATIOS) <= fit.WITHIN_RATIO
     template = jinja2.Environment(undefined=jinja2.StrictUndefined).from_string(text)
     return filled(
         template.render(
@@ -129,7 +129,7 @@ def page(study: Study, figures: str) -> str:
             inside=int(inside),
             close=int(close.sum()),
             largest=100 * float(np.abs(best.beta / published - 1).max()),
-            farthest=float(np.abs(fit.ratios(best.beta) - fit.ratios(published)).max()),
+            farthest=float(np.abs(fit.ratios(best.beta) - fit.PUBLISHED_RATIOS).max()),
             rates=_rates_table(study),
             ratios=_ratios_table(study),
             families=_families_table(study),

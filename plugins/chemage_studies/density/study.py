@@ -25,6 +25,8 @@ OTHER = chemage.barriers("tabulated", energies=[0.8, 0.88, 1.12, 1.4], weights=[
 
 #: candidates for the set beyond its size
 SPARE = 2
+#: candidates for the best density
+CANDIDATES = 6
 
 
 @dataclass(frozen=True)
@@ -37,14 +39,14 @@ class Size:
     #: densities of a family, by the number of its parameters, and further ones about the best of them
     design: tuple[int, int, int] = (8, 16, 32)
     refined: int = 8
-    #: densities of the chosen family on all surfaces
+    #: densities of the chosen family in the region that fits equally well
     final: int = 16
-    #: draws of the disorder on each surface for the best density and the triangle
-    replicas: int = 2
+    #: surfaces that those and the set age
+    closer: tuple[int, ...] = SURFACES[:12]
     pixels: int = 2500
 
 
-QUICK = Size(SURFACES[:3], SURFACES[:1], (4, 6, 16), 2, 12, 2, 400)
+QUICK = Size(SURFACES[:3], SURFACES[:1], (4, 6, 16), 2, 12, SURFACES[:2], 400)
 
 
 @dataclass(frozen=True)
@@ -124,20 +126,26 @@ def compute(rates: Rates, size: Size) -> Study:
     references = rates.curves("error model", [TRIANGLE, OTHER], size.surfaces, 1)
     every = logarithms(references)
     errors = fit.Errors.between(every)
+
     # what the surfaces of the search lack to the mean over all of them, which hardly depends on the density
-    positions = [size.surfaces.index(seed) for seed in size.search]
-    shift = (every.mean(axis=1) - every[:, positions].mean(axis=1)).mean(axis=0)
-    found = [_searched(rates, size, family, shift, errors) for family in FAMILIES]
+    def lacking(seeds: Sequence[int]) -> np.ndarray:
+        positions = [size.surfaces.index(seed) for seed in seeds]
+        return (every.mean(axis=1) - every[:, positions].mean(axis=1)).mean(axis=0)
+
+    found = [_searched(rates, size, family, lacking(size.search), errors) for family in FAMILIES]
     families = []
     for one in found:
         value = one.interpolated(one.best)[0]
         beta = np.exp(value)
         families.append((one.family, one.best, beta, float(errors.chi_squared(value)), float(fit.excess(beta))))
     chosen = _chosen(found, errors)
-    final = _final(rates, size, chosen, errors)
-    best = np.round(fit.within_bounds(final, errors), 4)
-    candidates = [np.round(one, 4) for one in fit.equally_good(final, errors, MDSilica.MEMBERS + SPARE, best)]
-    aged = _aged(rates, size, chosen.family, candidates, errors)
+    final = _final(rates, size, chosen, lacking(size.closer), errors)
+    close = [np.round(one, 4) for one in fit.within_bounds(final, errors, CANDIDATES)]
+    best = min(_aged(rates, size, chosen.family, close, "best", errors), key=lambda one: one.excess)
+    candidates = [
+        np.round(one, 4) for one in fit.equally_good(final, errors, MDSilica.MEMBERS + SPARE, best.parameters)
+    ]
+    aged = _aged(rates, size, chosen.family, candidates, "members", errors, size.closer, lacking(size.closer))
     # the interpolation has an error: those that turn out to fit worst are left out
     members = sorted(sorted(aged, key=lambda one: one.chi_squared)[: MDSilica.MEMBERS], key=lambda one: int(one.name))
     predicted = final.interpolated(np.stack([one.parameters for one in aged]))
@@ -147,8 +155,8 @@ def compute(rates: Rates, size: Size) -> Study:
         errors,
         families,
         chosen.family,
-        _density("triangle", TRIANGLE, np.array([]), rates, size, size.replicas, errors),
-        _density("best", chosen.family.barriers(best), best, rates, size, size.replicas, errors),
+        _made("triangle", TRIANGLE, np.array([]), references[0], errors),
+        best,
         members,
         float(np.sqrt(np.mean((predicted - computed) ** 2))),
     )
@@ -175,40 +183,43 @@ def _searched(rates: Rates, size: Size, family: Family, shift: np.ndarray, error
     return fit.fitted(family, np.vstack([parameters, more]), np.vstack([values, aged(more)]), errors)
 
 
-def _final(rates: Rates, size: Size, chosen: fit.Fitted, errors: fit.Errors) -> fit.Fitted:
-    """Age densities of the chosen family on all surfaces, all over the part of its bounds that fits equally well."""
+def _final(rates: Rates, size: Size, chosen: fit.Fitted, shift: np.ndarray, errors: fit.Errors) -> fit.Fitted:
+    """Age densities of the chosen family on more surfaces, all over the part of its bounds that fits equally well."""
     box = fit.region(chosen, errors)
     family = Family(chosen.family.name, chosen.family.parameters, box, chosen.family.nodes)
     parameters = fit.design(family, size.final)
     barriers = [family.barriers(one) for one in parameters]
-    values = mean_logarithms(rates.curves(f"{family.name}, all surfaces", barriers, size.surfaces, 1))
+    values = mean_logarithms(rates.curves(f"{family.name}, closer", barriers, size.closer, 1)) + shift
     return fit.fitted(family, parameters, values, errors)
 
 
 def _aged(
-    rates: Rates, size: Size, family: Family, parameters: Sequence[np.ndarray], errors: fit.Errors
+    rates: Rates,
+    size: Size,
+    family: Family,
+    parameters: Sequence[np.ndarray],
+    stage: str,
+    errors: fit.Errors,
+    surfaces: Sequence[int] | None = None,
+    shift: np.ndarray | float = 0.0,
 ) -> list[Density]:
+    """Age densities of a family, on all surfaces or on some and corrected by ``shift``."""
     barriers = [family.barriers(one) for one in parameters]
-    curves = rates.curves("members", barriers, size.surfaces, 1)
+    curves = rates.curves(stage, barriers, surfaces or size.surfaces, 1)
     return [
-        _made(str(number), one, values, found, errors)
+        _made(str(number), one, values, found, errors, shift)
         for number, (one, values, found) in enumerate(zip(barriers, parameters, curves, strict=True))
     ]
 
 
-def _density(
+def _made(
     name: str,
     one: chemage.Barriers,
     parameters: np.ndarray,
-    rates: Rates,
-    size: Size,
-    replicas: int,
+    curves: np.ndarray,
     errors: fit.Errors,
+    shift: np.ndarray | float = 0.0,
 ) -> Density:
-    return _made(name, one, parameters, rates.curves(name, [one], size.surfaces, replicas)[0], errors)
-
-
-def _made(name: str, one: chemage.Barriers, parameters: np.ndarray, curves: np.ndarray, errors: fit.Errors) -> Density:
     """Summarise the curves of one density, (surfaces, volumes, slopes, m)."""
-    value = mean_logarithms(curves[None])[0]
+    value = mean_logarithms(curves[None])[0] + shift
     return Density(name, one, parameters, curves.mean(axis=0), np.exp(value), float(errors.chi_squared(value)))
