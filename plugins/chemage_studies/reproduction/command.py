@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -39,15 +39,28 @@ def reproduce(
 
     The results are compared with the published numbers. Completed points are skipped; rerun the same command to resume.
     """
-    from chemage import sweep
     from chemage_studies.reproduction import studies
 
+    if targets == ["patches"]:
+        return _patches(out / f"patches-{max(2, seeds)}-{pixels or 2500}", seeds, pixels, executor, workers)
     names = studies.chosen(targets or [])
     surfaces = studies.SURFACE_SEEDS[:seeds]
     folder = out / f"{'-'.join(names) if len(names) < len(studies.TARGETS) else 'all'}-{seeds}-{pixels or 2500}"
+    scenes = {f"sweep-{base}": data for base, data in studies.scenes(names, surfaces, pixels).items()}
+    results = _swept(scenes, folder, executor, workers)
+    _show(write(results, names, folder, seeds=surfaces, pixels=pixels or 2500))
+    typer.echo(f"\n{folder / 'reproduction.md'}")
+
+
+def _swept(
+    scenes: Mapping[str, dict[str, Any]], folder: Path, executor: str, workers: int | None
+) -> dict[str, SweepResult]:
+    """Compute the sweeps, each in a folder of its name, and end the command if a point failed."""
+    from chemage import sweep
+
     results = {
-        base: sweep(data, folder / f"sweep-{base}", executor=executor, workers=workers, progress=True)
-        for base, data in studies.scenes(names, surfaces, pixels).items()
+        name: sweep(data, folder / name, executor=executor, workers=workers, progress=True)
+        for name, data in scenes.items()
     }
     failed = [point for result in results.values() for point in result.failed]
     if failed:
@@ -56,8 +69,24 @@ def reproduce(
         count = sum(len(result) for result in results.values())
         typer.echo(f"{len(failed)} of {count} points failed; rerun the same command to try them again", err=True)
         raise typer.Exit(1)
-    _show(write(results, names, folder, seeds=surfaces, pixels=pixels or 2500))
-    typer.echo(f"\n{folder / 'reproduction.md'}")
+    return results
+
+
+def _patches(folder: Path, count: int, pixels: int | None, executor: str, workers: int | None) -> None:
+    from chemage import fresh_file
+    from chemage_studies.reproduction import patches
+
+    seeds = patches.seeds_of(count)
+    scenes = {
+        name.replace(" ", "-").replace("%", "percent"): (name, data)
+        for name, data in patches.scenes(seeds, pixels).items()
+    }
+    swept = _swept({folder_name: data for folder_name, (_, data) in scenes.items()}, folder, executor, workers)
+    results = {scenes[folder_name][0]: result for folder_name, result in swept.items()}
+    found = patches.study(results, seeds, pixels, lambda text: typer.echo(text, err=True))
+    with fresh_file(folder / "patches.md", force=True) as part:
+        part.write_text(patches.page(found, pixels or 2500), encoding="utf-8")
+    typer.echo(folder / "patches.md")
 
 
 def _show(found: Found) -> None:

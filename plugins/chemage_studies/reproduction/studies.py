@@ -170,8 +170,10 @@ def chosen(names: Sequence[str]) -> list[str]:
         There is no such target.
     """
     for name in names:
+        if name == "patches":
+            raise InputError("patches: is computed on its own; give no other target beside it")
         if name not in (*TARGETS, "all"):
-            known = [*TARGETS, "all"]
+            known = [*TARGETS, "all", "patches"]
             raise InputError(f"no target {name!r}{nearest(name, known)}; the targets are {', '.join(known)}")
     return list(TARGETS) if not names or "all" in names else [name for name in TARGETS if name in names]
 
