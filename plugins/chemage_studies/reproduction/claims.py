@@ -320,7 +320,7 @@ def _interaction(studies: Studies) -> Iterable[Claim]:
         "interaction",
         "ΔF falls with I_b and saturates from about 0.5 eV",
         f"ΔF relative to I_b = 0 at 1e3 s: {shown}",
-        bool(early > 0 and 0 <= late < 0.2 * early),
+        bool(early > 0 and abs(late) < 0.2 * early),
     )
 
 

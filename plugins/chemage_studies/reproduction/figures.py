@@ -9,9 +9,9 @@ import numpy as np
 from chemage.reports.figures import GREY, PALETTE, draw_map, pooled
 from chemage_studies.reproduction import published
 from chemage_studies.reproduction.claims import morphology
-from chemage_studies.reproduction.drawing import band, bars, density, figure, legend, letter
+from chemage_studies.reproduction.drawing import SMALL, band, bars, density, figure, legend, letter
 from chemage_studies.reproduction.estimates import front, variants
-from chemage_studies.reproduction.numbers import Studies, by_volume, rows
+from chemage_studies.reproduction.numbers import Studies, by_volume, circle, rows
 from chemage_studies.reproduction.points import LOAD, SEED, SLOPE, Mean, Point, grouped, mean
 
 if TYPE_CHECKING:
@@ -32,7 +32,8 @@ def fig1(studies: Studies) -> Figure:
     draw_map(axes[0], pooled(surface.heights, np.mean, 600), whole, "height (nm)", cmap="cividis")
     shown = pooled(contact.contact.astype(np.float64), np.max, 600)
     draw_map(axes[1], np.ma.masked_equal(shown, 0.0), whole, "contact", cmap="binary", vmin=0, vmax=1)
-    axes[1].images[0].colorbar.remove()
+    if (bar := axes[1].images[0].colorbar) is not None:
+        bar.remove()
     start, size, pressure = _densest(contact.pressure)
     low = [one * contact.pixel_size for one in start]
     part = (low[0], low[0] + size * contact.pixel_size, low[1], low[1] + size * contact.pixel_size)
@@ -45,11 +46,13 @@ def fig1(studies: Studies) -> Figure:
 
 
 def _densest(pressure: np.ndarray) -> tuple[tuple[int, int], int, np.ndarray]:
-    """The square of a sixth of the width with the most contact: its corner, its size and its pressures."""
-    size = max(8, pressure.shape[0] // 6)
-    count = pressure.shape[0] // size
-    blocks = (pressure[: count * size, : count * size] > 0).reshape(count, size, count, size).sum(axis=(1, 3))
-    i, j = (int(one) * size for one in np.unravel_index(int(np.argmax(blocks)), blocks.shape))
+    """The square of an eighth of the width with the most contact: its corner, its size and its pressures."""
+    from scipy import ndimage
+
+    size = max(8, pressure.shape[0] // 8)
+    share = ndimage.uniform_filter((pressure > 0).astype(np.float32), size, mode="constant")
+    middle = np.unravel_index(int(np.argmax(share)), share.shape)
+    i, j = (min(max(int(one) - size // 2, 0), pressure.shape[0] - size) for one in middle)
     return (i, j), size, pressure[i : i + size, j : j + size]
 
 
@@ -128,6 +131,7 @@ def fig3(studies: Studies) -> Figure:
         over_time.set(xscale="log", xlabel="hold time (s)", ylabel="Δμ", title=title, ylim=(0, None))
         for axis, time in zip(over_area, (1.0, 1e3), strict=True):
             axis.set(xlabel="A/A$_0$", ylabel="Δμ", title=f"{title}, {time:g} s", xlim=(0, None), ylim=(0, None))
+    _reversal(axes[0], circle(by_volume(studies["rows"])[6.4]))
     for slope, colour in _SLOPE_COLOURS.items():
         axes[0].plot([], [], color=colour, label=f"h' = {slope:g}")
     legend(axes[0])
@@ -135,6 +139,18 @@ def fig3(studies: Studies) -> Figure:
         axes[2].plot([], [], row.marker, color=GREY, ms=5, mfc="none", label=row.name)
     legend(axes[2], loc="lower right")
     return made
+
+
+def _reversal(axes: Axes, points: list[Point]) -> None:
+    """Draw the hold times at which the order of the slopes reverses, larger."""
+    inset = axes.inset_axes((0.09, 0.36, 0.38, 0.34))
+    for (slope,), group in grouped(points, SLOPE).items():
+        band(inset, group, lambda p: p.coefficient, color=_SLOPE_COLOURS[slope], lw=1)
+    inside = (points[0].hold_times >= 0.3) & (points[0].hold_times <= 30)
+    top = max(float(p.coefficient[inside].max()) for p in points)
+    inset.set(xscale="log", xlim=(0.3, 30), ylim=(0, top))
+    inset.set_title("circle", fontsize=SMALL)
+    inset.tick_params(labelsize=6)
 
 
 def _mean(points: list[Point]) -> np.ndarray:
@@ -189,12 +205,11 @@ def fig6(studies: Studies) -> Figure:
     found = variants(studies)
     for place, (one, colour) in enumerate(zip(found, PALETTE, strict=False)):
         _level(right, -place, one.beta, colour)
-    right.axvline(float(published.FIG_6_BETA), color=GREY, lw=1, ls="--", label=f"paper, {published.FIG_6_BETA}")
+    right.axvline(float(published.FIG_6_BETA), color=GREY, lw=1, ls="--")
     right.set_yticks([-place for place in range(len(found))], [_broken(one.name) for one in found], fontsize=7)
     kappa = mean(p.summary["kappa"] for p in half)
     right.set(xlabel="β", xlim=(0, None))
-    right.set_title(f"κ = {kappa} at h' = 0.4", fontsize=9)
-    legend(right, loc="lower left")
+    right.set_title(f"dashed: paper, {published.FIG_6_BETA}; κ = {kappa} at h' = 0.4", fontsize=9)
     return made
 
 

@@ -125,7 +125,7 @@ def kappa(studies: Studies) -> Figure:
     middle.axhline(np.sqrt(8 / np.pi), color=PALETTE[1], lw=0.8)
     middle.axhline(np.sqrt(2 * np.pi), color=PALETTE[2], lw=0.8)
     middle.plot(x[2], float(published.KAPPA), "D", color=GREY, ms=5, label="paper, 20 µN")
-    middle.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="κ", ylim=(1.4, 2.7))
+    middle.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="κ", ylim=(1.4, 3.0))
     legend(middle)
     span = published.Published.of(published.KAPPA_ROWS)
     right.axhspan(span.low, span.high, color=GREY, alpha=0.3, lw=0, label=f"paper, {span.text}")
@@ -180,7 +180,10 @@ def tips(studies: Studies) -> Figure:
     paper = {load: float(text) for load, text in published.TIP_BETA.items()}
     right.plot(list(paper), list(paper.values()), "s", ms=7, mfc="none", color=GREY, label="paper (AFM)")
     left.set(xlabel="load (nN)", ylabel="ΔF at 1e3 s (nN)", xlim=(0, None), ylim=(0, None))
-    right.set(xlabel="load (nN)", ylabel="β", xscale="log", yscale="log")
+    right.set(xlabel="load (nN)", ylabel="β", xscale="log", yscale="log", xlim=(15, 600))
+    for axis, ticks in ((right.xaxis, (20, 50, 100, 200, 400)), (right.yaxis, (0.5, 1, 2, 5, 10, 20))):
+        axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
+        axis.set_ticks([], minor=True)
     legend(left)
     legend(right)
     return made
