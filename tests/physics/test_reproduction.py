@@ -98,9 +98,9 @@ def test_fig5_is_straight_at_every_slope_without_activation_volume(
 
 
 def test_contacts_are_shared_between_figures(coarse: tuple[dict[str, chemage.SweepResult], Path]):
-    """29 contacts per surface: eight loads, seven rows at three slopes of which one is a load, and Fig. 6."""
+    """28 contacts per surface: seven loads, seven rows at three slopes of which one is a load, and Fig. 6."""
     rough = coarse[0]["rough"]
-    assert len({rough.contact_key(point.index) for point in rough}) == 29
+    assert len({rough.contact_key(point.index) for point in rough}) == 28
 
 
 def test_one_target_needs_only_its_own_points():
@@ -254,17 +254,24 @@ def test_bands_over_the_members_are_relative_to_the_best():
         changes = {"forming.member": member, SLOPE: slope, "chemistry.activation_volume": volume}
         return Point(changes, one.summary, one.hold_times, one.friction_drop, one.friction_drop_stderr)
 
-    members = [
-        point(member, beta, slope, volume)
-        for member, beta in ((0, 1.0), (1, 0.9), (2, 1.2))
-        for slope, volume in [(h, v) for h in published.SLOPES for v in studies.VOLUMES] + [(0.4, studies.VOLUME)]
-    ]
-    found = calibration.bands({"members": members}, [])
+    def row(member: int, beta: float) -> list[Point]:
+        lattice = [(h, v) for v in studies.VOLUMES for h in published.SLOPES] + [(0.4, studies.VOLUME)]
+        return [point(member, beta, slope, volume) for slope, volume in lattice]
+
+    members = [*row(0, 1.0), *row(1, 0.9), *row(2, 1.2)]
+    found = calibration.bands({"members": members, "slopes": row(0, 0.45)[:6], "front": [front_point()]})
     assert len(found) == 7
     for band in found:
         assert (band.low, band.high) == pytest.approx((-0.1, 0.2))
         assert band.members == 2
-    assert calibration.bands({}, []) == []
+    assert found[1].residual == pytest.approx(0.0)
+    assert [band.word for band in found] == ["calibrated"] * 6 + ["disagrees"]
+
+
+def front_point() -> Point:
+    one = straight(0.45, 1.0)
+    changes = {"chemistry.activation_volume": 0.0064, "chemistry.hydroxylation": 0.5, "chemistry.front_factor": 0.15}
+    return Point(changes, one.summary, one.hold_times, one.friction_drop, one.friction_drop_stderr)
 
 
 def test_estimates_are_labelled(coarse: tuple[dict[str, chemage.SweepResult], Path]):
@@ -337,6 +344,6 @@ def test_surfaces_too_coarse_for_the_shortest_wave_are_refused():
 
 
 def test_published_numbers_are_the_ones_checked():
-    assert published.BETA[6.4] == {0.05: "0.89", 0.1: "0.45", 0.2: "0.20"}
-    assert published.BETA[0.0] == {0.05: "0.98", 0.1: "0.49", 0.2: "0.24"}
+    assert published.BETA[6.4] == {0.05: 0.89, 0.1: 0.45, 0.2: 0.20}
+    assert published.BETA[0.0] == {0.05: 0.98, 0.1: 0.49, 0.2: 0.24}
     assert [row.patches for row in published.TABLE_1] == ["160", "499", "1013", "75", "14", "435", "113"]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
-from chemage_studies.reproduction import published
+from chemage_studies.reproduction import numbers, published
 from chemage_studies.reproduction.numbers import Studies, by_volume
 from chemage_studies.reproduction.points import SLOPE, Point, grouped, mean
-from chemage_studies.reproduction.verdicts import CALIBRATED, Line
+from chemage_studies.reproduction.verdicts import Line
 
 MEMBER = "forming.member"
 
@@ -25,25 +24,22 @@ class Band(NamedTuple):
     word: str
 
 
-def bands(studies: Studies, lines: list[Line]) -> list[Band]:
-    """The bands of the β of Fig. 3 and Fig. 6 over the members; ``lines`` are the comparisons of the best."""
-    if not studies.get("members"):
-        return []
+def bands(studies: Studies) -> list[Band]:
+    """The bands of the β of Fig. 3 and Fig. 6 over the members, and the comparisons of the best with the paper."""
+    lines = numbers.lines(studies, ["fig3", "fig6"])
     groups = grouped(studies["members"], SLOPE)
     made = []
     for slope, group in ((key[0], group) for key, group in groups.items() if key[0] in published.SLOPES):
         for volume, points in by_volume(group).items():
             quantity = f"β, h' = {slope:g}, ΔV = {volume:g} Å³"
-            made.append(_band(quantity, published.BETA[volume][slope], points, lines))
-    made.sort(key=lambda band: band.quantity.split("ΔV")[1], reverse=True)
+            made.append(_band(quantity, f"{published.BETA[volume][slope]:.2f}", points, lines))
+    made.sort(key=lambda band: band.quantity.endswith("= 0 Å³"))
     quantity = "β, h' = 0.4, half hydroxylated, front"
-    return [*made, _band(quantity, published.FIG_6_BETA, groups[(0.4,)], lines)]
+    return [*made, _band(quantity, published.FIG_6_BETA, groups[0.4,], lines)]
 
 
 def _band(quantity: str, paper: str, points: list[Point], lines: list[Line]) -> Band:
     by_member = {key[0]: mean(p.beta() for p in group).value for key, group in grouped(points, MEMBER).items()}
     relative = [value / by_member[0] - 1 for value in by_member.values()]
-    line = next((line for line in lines if line.quantity == quantity), None)
-    residual = line.difference if line else math.nan
-    word = line.word if line else CALIBRATED
-    return Band(quantity, paper, residual, min(relative), max(relative), len(relative) - 1, word)
+    line = next(line for line in lines if line.quantity == quantity)
+    return Band(quantity, paper, line.difference, min(relative), max(relative), len(relative) - 1, line.word)

@@ -250,7 +250,8 @@ def _others_claim(volumes: dict[float, list[Point]]) -> Claim:
 
 
 def _fig4(studies: Studies) -> Iterable[Claim]:
-    groups = {slope: group for (slope,), group in grouped(studies["slopes"], SLOPE).items()}
+    with_volume = by_volume(studies["slopes"])[6.4]
+    groups = {slope: group for (slope,), group in grouped(with_volume, SLOPE).items()}
     pressure = [mean(p.summary["mean_contact_pressure"] for p in groups[h]).value for h in SLOPES]
     means, widths = [], []
     for slope in SLOPES:

@@ -119,7 +119,7 @@ def write(
         claims.claims(computed, names),
         estimates.estimates(computed) if "estimates" in names else [],
         estimates.variants(computed) if "fig6" in names else [],
-        bands(computed, lines),
+        bands(computed) if "calibration" in names else [],
     )
     drawn = {name: figures_more.DRAW[name](computed) for name in names if name in figures_more.DRAW}
     save_figures(drawn, folder / "figures", force=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from chemage_studies.reproduction import published
-from chemage_studies.reproduction.numbers import Studies
+from chemage_studies.reproduction.numbers import Studies, by_volume
 from chemage_studies.reproduction.points import SLOPE, VOLUME, Mean, Point, grouped, mean
 from chemage_studies.reproduction.published import SLOPES, Published
 from chemage_studies.reproduction.studies import LITERAL_VOLUME, PARTIAL
@@ -66,7 +66,8 @@ def _macroscopic(studies: Studies) -> Estimate:
 
 
 def _inverse_slope(studies: Studies) -> Estimate:
-    groups = {slope: group for (slope,), group in grouped(studies["slopes"], SLOPE).items()}
+    with_volume = by_volume(studies["slopes"])[6.4]
+    groups = {slope: group for (slope,), group in grouped(with_volume, SLOPE).items()}
     products = {slope: mean(p.beta() * slope for p in groups[slope]) for slope in SLOPES}
     products[0.4] = mean(p.beta() * 0.4 for p in front(studies, 1.0))
     values = np.array([one.value for one in products.values()])

@@ -72,7 +72,7 @@ def fig2(studies: Studies) -> Figure:
         density(axes[3], group, "pressures", "pressure_edges", color=colour, label=f"{load:g} µN")
     axes[0].set(xlabel="barrier (eV)", ylabel="density per site (1/eV)", xlim=(0.5, 1.45), ylim=(0, 6))
     axes[3].set(xlabel="pressure (GPa)", ylabel="density per site (1/GPa)", xlim=(0, 8), ylim=(0, None))
-    for (load, group), colour in zip(groups.items(), PALETTE, strict=True):
+    for (load, group), colour in zip(groups.items(), PALETTE, strict=False):
         band(axes[1], group, lambda p: np.maximum(p.friction_drop, 1e-9) / 1000, f"{load:g} µN", color=colour, lw=1)
         band(axes[2], group, lambda p: p.coefficient, color=colour, lw=1)
     axes[1].set(xscale="log", yscale="log", xlabel="hold time (s)", ylabel="ΔF (µN)", ylim=(1e-2, None))
@@ -110,6 +110,8 @@ def _intrinsic(axes: Axes, point: Point) -> None:
 
 def fig3(studies: Studies) -> Figure:
     """Draw Δμ against hold time and against A/A0 for the rows of Table 1 at three slopes, with and without ΔV."""
+    from matplotlib.ticker import MultipleLocator
+
     made, axes = figure(3, rows=2, width=4.6, height=3.7)
     for line, (volume, points) in enumerate(by_volume(studies["rows"]).items()):
         over_time, *over_area = axes[3 * line : 3 * line + 3]
@@ -131,6 +133,7 @@ def fig3(studies: Studies) -> Figure:
         over_time.set(xscale="log", xlabel="hold time (s)", ylabel="Δμ", title=title, ylim=(0, None))
         for axis, time in zip(over_area, (1.0, 1e3), strict=True):
             axis.set(xlabel="A/A$_0$", ylabel="Δμ", title=f"{title}, {time:g} s", xlim=(0, None), ylim=(0, None))
+            axis.xaxis.set_major_locator(MultipleLocator(0.005))
     _reversal(axes[0], circle(by_volume(studies["rows"])[6.4]))
     for slope, colour in _SLOPE_COLOURS.items():
         axes[0].plot([], [], color=colour, label=f"h' = {slope:g}")
@@ -160,7 +163,7 @@ def _mean(points: list[Point]) -> np.ndarray:
 def fig4(studies: Studies) -> Figure:
     """Draw the distributions of local pressure and of E_form(t = 0) at three slopes."""
     made, (pressures, barriers) = figure(2)
-    for (slope,), group in grouped(studies["slopes"], SLOPE).items():
+    for (slope,), group in grouped(by_volume(studies["slopes"])[6.4], SLOPE).items():
         style = {"color": _SLOPE_COLOURS[slope], "label": f"h' = {slope:g}"}
         density(pressures, group, "pressures", "pressure_edges", **style)
         density(barriers, group, "barriers_start", "barrier_edges", **style)

@@ -64,7 +64,7 @@ def barriers(studies: Studies) -> Figure:
     made, (left, right) = figure(2)
     groups = {load / 1000: group for (load,), group in grouped(studies["loads"], LOAD).items()}
     means = []
-    for (load, group), colour in zip(groups.items(), PALETTE, strict=True):
+    for (load, group), colour in zip(groups.items(), PALETTE, strict=False):
         density(left, group, "barriers_start", "barrier_edges", color=colour, label=f"{load:g} µN", lw=0.9)
         edges = group[0].observables["barrier_edges"]
         centre = 0.5 * (edges[1:] + edges[:-1])

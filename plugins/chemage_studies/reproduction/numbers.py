@@ -54,10 +54,10 @@ def _table1(studies: Studies) -> Iterable[Line]:
 
 
 def _fig3(studies: Studies) -> Iterable[Line]:
-    for volume, points in by_volume(circle(studies["rows"])).items():
+    for volume, points in by_volume(studies["slopes"]).items():
         for slope, paper in published.BETA[volume].items():
             group = [p for p in points if math.isclose(p.changes[SLOPE], slope)]
-            line = _line("fig3", f"β, h' = {slope:g}, ΔV = {volume:g} Å³", paper, group, "beta")
+            line = _line("fig3", f"β, h' = {slope:g}, ΔV = {volume:g} Å³", f"{paper:.2f}", group, "beta")
             yield line._replace(calibrated=True)
 
 

@@ -61,8 +61,9 @@ the hold time, because a warm contact soon reaches the balance of forming and br
 _HEAD = """# Reproduction of the paper
 
 {paper}: the published numbers, figures and claims beside ours. Output of `chemage reproduce{targets} --seeds
-{count}` with {pixels} x {pixels} pixels, {surfaces} and 10 replicas of the disorder on each (2 at
-200 µN and above); chemage {chemage}, numpy {numpy}, numba {numba}. The seeds 101 and above were used to tune nothing:
+{count}` with {pixels} x {pixels} pixels, {surfaces} and 10 replicas of the disorder on each (on the
+rows of Table 1 other than the circle, and for the interaction, 4; from 100 µN on 2); chemage {chemage}, numpy {numpy},
+numba {numba}. The seeds 101 and above were used to tune nothing:
 neither the barrier density nor any option.
 
 *Ours* is the mean over surface seeds ± the standard deviation between them; error bars and bands in figures are the

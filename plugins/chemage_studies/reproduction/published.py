@@ -66,8 +66,8 @@ TABLE_1 = (
 SLOPES = (0.05, 0.1, 0.2)
 
 #: β at 20 µN against h'_rms, by activation volume in Å³. The paper's caption of Fig. 3 gives the second set to panel
-#: (b); it belongs to panel (d).
-BETA = {6.4: {0.05: "0.89", 0.1: "0.45", 0.2: "0.20"}, 0.0: {0.05: "0.98", 0.1: "0.49", 0.2: "0.24"}}
+#: (b); it belongs to panel (d). Printed with two decimals.
+BETA = {6.4: {0.05: 0.89, 0.1: 0.45, 0.2: 0.20}, 0.0: {0.05: 0.98, 0.1: 0.49, 0.2: 0.24}}
 
 #: A/A0 at a load in µN, reference surface, h'_rms = 0.1
 AREA_FRACTION = {20.0: "0.01", 500.0: "0.22"}

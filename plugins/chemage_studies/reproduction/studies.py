@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from chemage import InputError, nearest, override, scene_data
+from chemage_silica import MDSilica
 from chemage_studies.reproduction.published import SLOPES, TABLE_1
 
 #: nN
-LOADS = tuple(1000.0 * load for load in (5, 10, 20, 50, 100, 200, 350, 500))
+LOADS = tuple(1000.0 * load for load in (5, 10, 20, 50, 100, 200, 500))
 #: eV
 STRENGTHS = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
 #: nm³: 6.4 Å³, and none
@@ -40,6 +41,7 @@ _ROUGH: dict[str, Any] = {
     "chemistry.hydroxylation": 1.0,
     "chemistry.front_factor": 1.0,
     "interaction.strength": 0.5,
+    "forming.member": 0,
     "hold.replicas": 10,
 }
 _TIP: dict[str, Any] = {
@@ -81,11 +83,11 @@ class Study:
 
 
 def _loads() -> Iterable[dict[str, Any]]:
-    # the contact at 200 µN has half a million sites, and needs few replicas
-    return ({"contact.load": load, "hold.replicas": 10 if load <= 100e3 else 2} for load in LOADS)
+    # the contact at 100 µN has 300 000 sites, and needs few replicas
+    return ({"contact.load": load, "hold.replicas": 10 if load < 100e3 else 2} for load in LOADS)
 
 
-def _rows(slopes: Sequence[float], volumes: Sequence[float], replicas: int = 10) -> Iterable[dict[str, Any]]:
+def _rows(slopes: Sequence[float], volumes: Sequence[float], replicas: int = 4) -> Iterable[dict[str, Any]]:
     return (
         {
             "surface.rms_slope": slope,
@@ -102,7 +104,7 @@ def _rows(slopes: Sequence[float], volumes: Sequence[float], replicas: int = 10)
 
 
 def _slopes() -> Iterable[dict[str, Any]]:
-    return ({"surface.rms_slope": slope} for slope in SLOPES)
+    return ({"surface.rms_slope": slope, "chemistry.activation_volume": v} for v in VOLUMES for slope in SLOPES)
 
 
 def _front() -> Iterable[dict[str, Any]]:
@@ -123,17 +125,34 @@ def _front() -> Iterable[dict[str, Any]]:
 
 def _temperatures(replicas: int) -> Iterable[dict[str, Any]]:
     # above 350 K most events break a bond that has just formed
-    return ({"hold.temperature": t, "hold.replicas": replicas if t <= 350 else replicas // 5} for t in TEMPERATURES)
+    return ({"hold.temperature": t, "hold.replicas": replicas if t <= 350 else replicas // 10} for t in TEMPERATURES)
+
+
+def _members() -> Iterable[dict[str, Any]]:
+    front = {"chemistry.hydroxylation": 0.5, "chemistry.front_factor": 0.15, "hold.replicas": 10}
+    for member in range(MDSilica.MEMBERS + 1):
+        for slope, replicas in zip(SLOPES, (2, 3, 5), strict=True):
+            for volume in VOLUMES:
+                yield {
+                    "surface.rms_slope": slope,
+                    "chemistry.activation_volume": volume,
+                    "forming.member": member,
+                    "hold.replicas": replicas,
+                }
+        yield {"surface.rms_slope": 0.4, "forming.member": member, **front}
 
 
 STUDIES: dict[str, Study] = {
     "reference": Study("rough", lambda: [{"hold.replicas": 1}]),
     "loads": Study("rough", _loads),
     "rows": Study("rough", lambda: _rows(SLOPES, VOLUMES)),
+    "members": Study("rough", _members, surfaces=1),
     "table": Study("rough", lambda: _rows(SLOPES[:1], VOLUMES[:1], replicas=1)),
     "slopes": Study("rough", _slopes),
     "front": Study("rough", _front),
-    "interaction": Study("rough", lambda: ({"interaction.strength": strength} for strength in STRENGTHS)),
+    "interaction": Study(
+        "rough", lambda: ({"interaction.strength": strength, "hold.replicas": 4} for strength in STRENGTHS)
+    ),
     "warm rough": Study("patch", lambda: _temperatures(10)),
     "warm tip": Study("tip", lambda: ({"hold.stop": 1e4, **one} for one in _temperatures(40))),
     "tips": Study(
@@ -145,7 +164,7 @@ STUDIES: dict[str, Study] = {
 TARGETS: dict[str, tuple[str, ...]] = {
     "fig1": ("reference",),
     "fig2": ("loads",),
-    "fig3": ("rows",),
+    "fig3": ("rows", "slopes"),
     "fig4": ("slopes",),
     "fig5": ("rows",),
     "fig6": ("front",),
@@ -158,6 +177,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "temperature": ("warm rough", "warm tip"),
     "tips": ("tips",),
     "estimates": ("slopes", "front"),
+    "calibration": ("members", "slopes", "front"),
 }
 
 
