@@ -168,7 +168,7 @@ def test_the_six_fitted_beta_are_called_calibrated(coarse: tuple[dict[str, chema
     assert text.count("| calibrated |") == 6
 
 
-NO_VERSIONS = dict.fromkeys(("chemage", "numpy", "numba"), "0")
+NO_VERSIONS: dict[str, str] = {"chemage": "0", "numpy": "0", "numba": "0"}
 
 
 def test_what_disagrees_is_listed():
@@ -347,3 +347,46 @@ def test_published_numbers_are_the_ones_checked():
     assert published.BETA[6.4] == {0.05: 0.89, 0.1: 0.45, 0.2: 0.20}
     assert published.BETA[0.0] == {0.05: 0.98, 0.1: 0.49, 0.2: 0.24}
     assert [row.patches for row in published.TABLE_1] == ["160", "499", "1013", "75", "14", "435", "113"]
+
+
+# -- the page in the documentation ------------------------------------------------------------------------------------
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def test_the_page_uses_the_three_words_and_no_other():
+    text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
+    fitted = [line for line in text.splitlines() if line.startswith("| fig3 | β")]
+    assert len(fitted) == 6
+    assert all("| calibrated |" in line for line in fitted)
+    words = {"calibrated", "predicted", "**disagrees**", estimates.NONE}
+    for title, column in (("Numbers", -2), ("Calibration", -1), ("Claims", -1), ("Estimates of the text", -1)):
+        table = text.partition(f"## {title}\n\n")[2].partition("\n\n")[0].splitlines()[2:]
+        assert table, title
+        assert {line.strip("| ").split(" | ")[-1] for line in table if title != "Numbers"} <= words, title
+        if title == "Numbers":
+            assert {line.split(" | ")[column].strip() for line in table} <= words
+
+
+def test_the_page_is_of_several_surfaces_that_tuned_nothing():
+    text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
+    assert "4 surfaces per row (seeds 101 to 104)" in text
+    assert "2500 x 2500 pixels" in " ".join(text.split())
+
+
+def test_every_figure_of_the_page_exists():
+    text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
+    for name in figures_more.DRAW:
+        assert f"(figures/reproduction/{name}.png)" in text
+        assert (DOCS / "figures" / "reproduction" / f"{name}.png").is_file()
+
+
+def test_fig5_on_the_page_is_straight_at_every_slope():
+    text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
+    found = [line for line in text.splitlines() if line.startswith("| fig5 |")]
+    assert len(found) == 3
+    for line in found:
+        of_surfaces, of_means = (
+            float(part.split()[0]) for part in line.replace("correlation", "#").split("#")[1].split(",")[:2]
+        )
+        assert min(of_surfaces, of_means) > 0.95

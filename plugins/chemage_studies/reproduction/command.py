@@ -21,8 +21,8 @@ def reproduce(
         list[str] | None,
         typer.Argument(
             help="fig1 … fig6, table1, kappa; of the supplement maps, areas, barriers; estimates of the text; "
-            "interaction, temperature, tips; or all (the default). patches, not part of all: what changes the "
-            "number of patches. Since 0.2, fig1 is the surface (was: friction against time, now in fig2), "
+            "calibration of the barriers; interaction, temperature, tips; or all (the default). "
+            "patches, not part of all: what changes the number of patches. Since 0.2, fig1 is the surface (was: friction against time, now in fig2), "
             "fig4 pressures and barriers (was: the interaction, now interaction), and fig5 has ΔV = 0.",
             show_default=False,
         ),

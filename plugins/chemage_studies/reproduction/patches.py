@@ -230,7 +230,7 @@ count as open.
 ## Changes of the contact
 
 On the rows {steady}, where N_p varies least; the paper's N_p is {needed:.3f} times ours there, while its
-C/A is ours ([Reproduction](reproduction.md)); mean ± standard deviation over rows and surfaces.
+C/A is ours within two per cent; mean ± standard deviation over rows and surfaces.
 
 {changes}
 
