@@ -74,13 +74,15 @@ def test_every_target_is_drawn_and_written(coarse: tuple[dict[str, chemage.Sweep
 
 
 def test_claims_about_kinetics_do_not_need_fine_pixels(coarse: tuple[dict[str, chemage.SweepResult], Path]):
-    """Trend, reversal, onset and saturation follow from barriers and mean pressure, on coarse surfaces too."""
+    """Trend, saturation and barriers follow from barriers and mean pressure; they hold on coarse surfaces too.
+
+    The times in the claims on Fig. 3 depend on the density, which is fitted to none of them; the page has them.
+    """
     found = points(coarse, "fig3", "fig4", "interaction")
-    kinetic = [
-        claim for claim in claims.claims(found, ["fig3", "fig4", "interaction"]) if "A/A0" not in claim.statement
-    ]
-    assert [claim.statement for claim in kinetic if not claim.holds] == []
-    assert len(kinetic) == 5
+    made = claims.claims(found, ["fig3", "fig4", "interaction"])
+    chosen = [one for one in made if one.target != "fig3" or one.statement.startswith("with ΔV, Δμ rises")]
+    assert len(chosen) == 3
+    assert [claim.statement for claim in chosen if not claim.holds] == []
 
 
 def test_fig5_is_straight_at_every_slope_without_activation_volume(
@@ -266,6 +268,25 @@ def test_bands_over_the_members_are_relative_to_the_best():
         assert band.members == 2
     assert found[1].residual == pytest.approx(0.0)
     assert [band.word for band in found] == ["calibrated"] * 6 + ["disagrees"]
+
+
+def test_times_over_the_members():
+    """2 log10 t and 1 + log10 t meet at 10 s; onsets are those of lines that begin at 0.3 and 3 s."""
+
+    def point(line: Point, slope: float, volume: float) -> Point:
+        changes = {"forming.member": 0, SLOPE: slope, "chemistry.activation_volume": volume}
+        return Point(changes, line.summary, line.hold_times, line.friction_drop, line.friction_drop_stderr)
+
+    group = [
+        point(straight(2.0, 1.0), 0.05, studies.VOLUME),
+        point(straight(1.0, 0.3), 0.1, studies.VOLUME),
+        point(straight(1.0, 0.1), 0.2, studies.VOLUME),
+        point(straight(1.0, 3.0), 0.1, 0.0),
+    ]
+    found = calibration.times({"members": group})
+    assert found["reversal"] == pytest.approx((10.0, 10.0), rel=0.01)
+    assert found["onset with ΔV"] == pytest.approx((0.3, 0.3), rel=0.4)
+    assert found["onset without"] == pytest.approx((3.0, 3.0), rel=0.4)
 
 
 def front_point() -> Point:

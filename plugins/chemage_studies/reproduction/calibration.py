@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from chemage_studies.reproduction import numbers, published
+from chemage_studies.reproduction.claims import crossing, onset
 from chemage_studies.reproduction.numbers import Studies, by_volume
-from chemage_studies.reproduction.points import SLOPE, Point, grouped, mean
+from chemage_studies.reproduction.points import SLOPE, VOLUME, Point, grouped, mean
+from chemage_studies.reproduction.studies import VOLUME as WITH_PRESSURE
 from chemage_studies.reproduction.verdicts import Line
 
 MEMBER = "forming.member"
@@ -36,6 +40,19 @@ def bands(studies: Studies) -> list[Band]:
     made.sort(key=lambda band: band.quantity.endswith("= 0 Å³"))
     quantity = "β, h' = 0.4, half hydroxylated, front"
     return [*made, _band(quantity, published.FIG_6_BETA, groups[0.4,], lines)]
+
+
+def times(studies: Studies) -> dict[str, tuple[float, float]]:
+    """The least and the largest of three times of Fig. 3 over the members, s, of which none was fitted."""
+    by_member = grouped(studies["members"], MEMBER).values()
+    found: dict[str, list[float]] = {"reversal": [], "onset with ΔV": [], "onset without": []}
+    for group in by_member:
+        chosen = grouped(group, SLOPE, VOLUME)
+        low, high = (chosen[slope, WITH_PRESSURE] for slope in (published.SLOPES[0], published.SLOPES[-1]))
+        found["reversal"].append(crossing(low, high))
+        found["onset with ΔV"].append(onset(chosen[0.1, WITH_PRESSURE]))
+        found["onset without"].append(onset(chosen[0.1, 0.0]))
+    return {name: (float(np.nanmin(values)), float(np.nanmax(values))) for name, values in found.items()}
 
 
 def _band(quantity: str, paper: str, points: list[Point], lines: list[Line]) -> Band:

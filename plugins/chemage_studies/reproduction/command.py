@@ -21,9 +21,10 @@ def reproduce(
         list[str] | None,
         typer.Argument(
             help="fig1 … fig6, table1, kappa; of the supplement maps, areas, barriers; estimates of the text; "
-            "calibration of the barriers; interaction, temperature, tips; or all (the default). "
-            "patches, not part of all: what changes the number of patches. Since 0.2, fig1 is the surface (was: friction against time, now in fig2), "
-            "fig4 pressures and barriers (was: the interaction, now interaction), and fig5 has ΔV = 0.",
+            "calibration of the barriers; interaction, temperature, tips; or all (the default). patches, not part "
+            "of all: what changes the number of patches. Since 0.2, fig1 is the surface (was: friction against "
+            "time, now in fig2), fig4 pressures and barriers (was: the interaction, now interaction), and fig5 "
+            "has ΔV = 0.",
             show_default=False,
         ),
     ] = None,
@@ -109,7 +110,7 @@ def write(
     from chemage import fresh_file, versions
     from chemage.reports.figures import save_figures
     from chemage_studies.reproduction import claims, estimates, figures_more, numbers, pages
-    from chemage_studies.reproduction.calibration import bands
+    from chemage_studies.reproduction.calibration import bands, times
     from chemage_studies.reproduction.points import Point, studies_of
 
     computed = studies_of((Point.of(point) for result in results.values() for point in result), names)
@@ -120,6 +121,7 @@ def write(
         estimates.estimates(computed) if "estimates" in names else [],
         estimates.variants(computed) if "fig6" in names else [],
         bands(computed) if "calibration" in names else [],
+        times(computed) if "calibration" in names else {},
     )
     drawn = {name: figures_more.DRAW[name](computed) for name in names if name in figures_more.DRAW}
     save_figures(drawn, folder / "figures", force=True)
