@@ -41,6 +41,7 @@ from chemage.surfaces.reading import Reader as Reader
 from chemage.experiments.run import Run as Run
 from chemage.friction.role import Rupture as Rupture
 from chemage.friction.force import RuptureForce as RuptureForce
+from chemage.surfaces.scatter import Scatter as Scatter
 from chemage.experiments.scene import Scene as Scene
 from chemage.foundation.errors import SceneError as SceneError
 from chemage.foundation.checks import Seed as Seed

@@ -11,13 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from chemage.ageing.aging import Aging
-from chemage.ageing.checkpoints import hashed, run_with_checkpoints
+from chemage.ageing.checkpoints import run_with_checkpoints
+from chemage.ageing.elasticity import compared
 from chemage.ageing.measuring import Seen, check_outputs, measure, stacked
 from chemage.ageing.observables import Observable
 from chemage.ageing.seeds import Common, check_common, identity, origin, replica_seeds
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, checked_count, checked_seed, expect, temperature_value
 from chemage.foundation.errors import InputError
+from chemage.foundation.hashes import content_hash
 from chemage.foundation.memory import require
 from chemage.foundation.threads import available
 from chemage.friction.bonded import Bonded
@@ -84,7 +86,7 @@ def age(
     states = wants_states(engine, rupture, observe)
     times, kelvin = _check_run(hold_times, temperature, replicas, checkpoints, progress)
     run = identity(contact, chemistry, engine, kelvin)
-    options = hashed([engine.digest(), chemistry.digest(), times.tolist(), kelvin, origin(seed), common])
+    options = content_hash([engine.digest(), chemistry.digest(), times.tolist(), kelvin, origin(seed), common])
 
     def replica(number: int) -> _Replica:
         disorder, noise = replica_seeds(seed, number, common, run)
@@ -102,7 +104,7 @@ def age(
     at_once = max(1, min(replicas, (threads or available()) // engine.concurrency()))
     done = list(_in_order(replica, replicas, at_once, progress))
     provenance = {
-        "chemistry": chemistry.todict(),
+        "chemistry": {name: value for name, value in chemistry.todict().items() if name not in chemistry.limits},
         "engine": engine.todict(),
         "seed": str(seed),
         "common": common,
@@ -187,6 +189,7 @@ def _aging(
         engine=done[0].engine,
         notes=done[0].notes,
         contact=contact.summary(),
+        elasticity=compared(contact, chemistry),
         observables=stacked([one.seen.values for one in done]),
         outputs={name: output.todict() for name, output in done[0].seen.outputs.items()},
         provenance=provenance,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Self
 
 import numpy as np
@@ -27,7 +28,7 @@ class Aging(Record):
         "events": (("replica",), "", "bonds formed and broken"),
         "rupture_force": (("replica", "hold_times"), "nN", "force that breaks all bonds"),
     }
-    added = ("rupture_force", "outputs")
+    added = ("rupture_force", "outputs", "elasticity")
 
     hold_times: Doubles
     """(m,) s"""
@@ -52,6 +53,9 @@ class Aging(Record):
     """notes of the first replica's run"""
     contact: dict[str, float] = {}
     """the contact's measures, see :meth:`ContactSolution.summary`"""
+    elasticity: dict[str, float] = {}
+    """limits of the elastic model that the chemistry gives (``hardness``, ``shear_strength``, GPa), and the shares of
+    contact area and load above the hardness (``area_above_hardness``, ``load_above_hardness``)"""
     observables: Named = {}
     """name -> (replicas, ...)"""
     outputs: dict[str, dict[str, Any]] = {}
@@ -70,8 +74,19 @@ class Aging(Record):
         for name in ("bonds", "sites", "events"):
             if int(getattr(self, name).min(initial=0)) < 0:
                 raise ValueError(f"{name}: {getattr(self, name).min()} is negative; give counts")
-        if self.rupture_force is not None and self.rupture_force.shape != self.bonds.shape:
-            raise ValueError(f"rupture_force: shape {self.rupture_force.shape}; give {self.bonds.shape}, as for bonds")
+        if (too_many := self.bonds > self.sites[:, None]).any():
+            replica, at = np.argwhere(too_many)[0]
+            raise ValueError(
+                f"bonds: {self.bonds[replica, at]} of replica {replica} at {self.hold_times[at]:g} s, which has only "
+                f"{self.sites[replica]} sites; a site has one bond at most"
+            )
+        if self.rupture_force is not None:
+            if self.rupture_force.shape != self.bonds.shape:
+                raise ValueError(
+                    f"rupture_force: shape {self.rupture_force.shape}; give {self.bonds.shape}, as for bonds"
+                )
+            if not (np.isfinite(self.rupture_force) & (self.rupture_force >= 0)).all():
+                raise ValueError("rupture_force: has numbers that are negative or not finite; give forces in nN")
         for name, output in self.outputs.items():
             values = self.observables.get(name)
             if values is None or values.ndim != 1 + len(output["dims"]):
@@ -131,6 +146,12 @@ class Aging(Record):
     def mean_friction_coefficient_drop(self) -> np.ndarray:
         """Δμ averaged over replicas, (m,)."""
         return self.friction_coefficient_drop.mean(axis=0)
+
+    @property
+    def mean_shear_stress(self) -> float:
+        """ΔF at the last hold time over the contact area, mean over replicas, GPa; nan where the area is not known."""
+        area = self.contact.get("area", 0.0)
+        return float(self.friction_drop[:, -1].mean() / area) if area > 0 and self.hold_times.size else math.nan
 
     @property
     def friction_drop_stderr(self) -> np.ndarray:

@@ -6,7 +6,6 @@ pieces gives the same bytes as one that was not.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import time
 import warnings
@@ -21,6 +20,7 @@ from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, temperature_value
 from chemage.foundation.codec import read_records, write_records
 from chemage.foundation.errors import DamagedError, InputError, StoreError
+from chemage.foundation.hashes import content_hash
 from chemage.foundation.records import Record
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
@@ -162,9 +162,4 @@ def run_with_checkpoints(
 
 
 def _key(engine: Engine, lattice: ReactionLattice, times: np.ndarray, temperature: float, seed: Seed) -> str:
-    return hashed([engine.digest(), lattice.digest(), times.tolist(), temperature, origin(seed)])
-
-
-def hashed(content: Any) -> str:
-    """A key of plain JSON values."""
-    return hashlib.blake2b(json.dumps(content).encode(), digest_size=16).hexdigest()
+    return content_hash([engine.digest(), lattice.digest(), times.tolist(), temperature, origin(seed)])

@@ -113,6 +113,11 @@ class Fit:
         """Half the width of the interval of β."""
         return 0.5 * (self.beta_interval.high - self.beta_interval.low)
 
+    @property
+    def relative_stderr(self) -> float:
+        """Standard error of β over its magnitude; nan where it has none."""
+        return self.beta_stderr / abs(self.beta) if self.beta != 0 else math.nan
+
     def beta_text(self) -> str:
         """β with its interval and unit."""
         return f"{self._with(self.beta, self.beta_interval)} {UNIT[self.quantity]}".strip()

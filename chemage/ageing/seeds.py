@@ -7,8 +7,6 @@ a standard method of variance reduction: Law, Simulation Modeling and Analysis, 
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from typing import Literal, NamedTuple
 
@@ -17,6 +15,7 @@ import numpy as np
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, checked_seed
 from chemage.foundation.errors import InputError
+from chemage.foundation.hashes import content_hash
 from chemage.foundation.random import CommonSeed
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
@@ -88,8 +87,7 @@ def identity(contact: ContactSolution, chemistry: Chemistry, engine: Engine, tem
         engine.kind,
         temperature,
     ]
-    digest = hashlib.blake2b(json.dumps(content, sort_keys=True).encode(), digest_size=16).digest()
-    return tuple(int(word) for word in np.frombuffer(digest, "<u4"))
+    return tuple(int(word) for word in np.frombuffer(bytes.fromhex(content_hash(content)), "<u4"))
 
 
 def _distribution(pressure: np.ndarray) -> list[int]:

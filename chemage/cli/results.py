@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 def show(file: FileArg, as_json: JsonOpt = False) -> None:
     """Print the content of a result file."""
     from chemage.ageing.aging import Aging
+    from chemage.ageing.elasticity import elastic_measures
     from chemage.experiments.run import Run
     from chemage.foundation.approximations import in_words
     from chemage.foundation.text import jsonable
@@ -38,7 +39,8 @@ def show(file: FileArg, as_json: JsonOpt = False) -> None:
         for name, value in thing.todict().items()
     }
     if isinstance(thing, Aging):
-        del fields["observables"], fields["outputs"]
+        del fields["observables"], fields["outputs"], fields["elasticity"]
+        fields |= elastic_measures(thing)
         if as_json:
             fields["observables"] = {name: one.summary() for name, one in thing.measured.items()}
         else:
@@ -76,6 +78,7 @@ def plot(
 
 def print_run(result: Run) -> None:
     """Print the main numbers of a run."""
+    from chemage.ageing.elasticity import elastic_rows
     from chemage.foundation.text import mean_text
 
     contact, aging, fit = result.contact, result.aging, result.fit()
@@ -106,11 +109,17 @@ def print_run(result: Run) -> None:
             (f"friction drop {last}", mean_text(aging.friction_drop[:, -1], "nN")),
             (f"friction coefficient drop {last}", mean_text(aging.friction_coefficient_drop[:, -1])),
         ]
+        rows += elastic_rows(aging)
         rows += measured_rows(aging)
     if fit is not None:
         rows.append(("beta", f"{fit.beta_text()} per decade, {fit.points} hold times"))
         rows.append(("cut-off time", fit.cutoff_text()))
-        rows.append(("errors", f"95 %, {fit.intervals_text()}; scatter between surfaces is not included"))
+        scatter = result.scatter
+        alone = scatter is not None and scatter.relative == 0
+        more = "" if alone else "; scatter between surfaces is not included"
+        rows.append(("errors", f"95 %, {fit.intervals_text()}{more}"))
+        if scatter is not None and not alone:
+            rows.append(("surfaces", scatter.text(fit.relative_stderr)))
     if result.approximate:
         rows.append(("approximate", result.approximate))
     rows += [(f"plugin {name}", source) for name, source in result.plugins.items()]

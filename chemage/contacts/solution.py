@@ -9,11 +9,11 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage.contacts import patches, theory
+from chemage.contacts import patches, pressures, theory
 from chemage.foundation.checks import MOST_BINS, checked_count
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Number, Plain, PositiveNumber, Reals, Record, frozen, require_finite
-from chemage.foundation.units import LARGEST
+from chemage.foundation.units import LARGEST, convert
 
 #: the measures users compare: property of :class:`ContactSolution` -> (unit, meaning)
 MEASURES: dict[str, tuple[str, str]] = {
@@ -179,6 +179,22 @@ class ContactSolution(Record):
         top = upper if upper is not None else (float(values.max()) if values.size else 1.0)
         counts, edges = np.histogram(values, bins=checked_count("bins", bins, most=MOST_BINS), range=(0.0, top))
         return edges, counts / (max(values.size, 1) * np.diff(edges))
+
+    def above(self, hardness: float | str) -> pressures.Above:
+        """Which shares of contact area and load lie above a ``hardness`` (GPa, or a string with its unit).
+
+        An elastic solution overestimates the pressure there, which plastic flow would limit. Both shares are nan
+        without contact.
+
+        Raises
+        ------
+        InputError
+            The hardness is not above zero and finite, or has no unit of pressure.
+        """
+        value = convert(hardness, "GPa")
+        if not 0 < value < math.inf:
+            raise InputError.of("hardness", hardness, "must be finite and above zero", "give a pressure in GPa")
+        return pressures.above(self.pressure, value)
 
     @property
     def max_pressure(self) -> float:

@@ -9,11 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from chemage.experiments.cost import Cost
 from chemage.experiments.limits import check_limits, check_parts, duration, long_run
 from chemage.experiments.scene import Scene
+from chemage.foundation.calls import call_with
 from chemage.foundation.errors import ChemageError
 from chemage.foundation.threads import available
 from chemage.foundation.units import EV_PER_GPA_NM3, KB
+from chemage.lattices.expected import expected_events
 
 
 @dataclass(frozen=True)
@@ -54,31 +57,6 @@ class Plan:
         return rows
 
 
-@dataclass(frozen=True)
-class Cost:
-    """What one scene will cost, stage by stage; None where a component gives no estimate."""
-
-    #: nx, ny, pixel_size, rms_slope, ... as far as the surface maker gives them
-    surface: Mapping[str, float]
-    area_fraction: float | None
-    sites: float | None
-    contact_cpu_seconds: float | None
-    #: of all replicas
-    kinetics_cpu_seconds: float | None
-    #: peak memory of the contact, and of one replica, bytes
-    contact_bytes: float | None
-    replica_bytes: float | None
-    #: of the gap, if the contact has one, bytes
-    gap_bytes: float
-    #: of the contact as a sweep stores it, bytes
-    contact_file: float
-
-    @property
-    def pixels(self) -> float:
-        """Number of pixels; 0 where it is not known."""
-        return self.surface.get("nx", 0.0) * self.surface.get("ny", 0.0)
-
-
 def cost(scene: Scene) -> Cost:
     """The one estimate of what ``scene`` costs, from what its components state; single scenes and sweeps use it.
 
@@ -105,7 +83,8 @@ def _cost(scene: Scene) -> Cost:
         sites = fraction * pixels * (scene.chemistry.hydroxylation if scene.chemistry else 1.0)
     reacting = scene.engine is not None and scene.hold is not None
     if scene.engine is not None and scene.chemistry is not None and sites is not None:
-        replica = scene.engine.expected(sites, scene.chemistry.interaction is not None)
+        coupled = scene.chemistry.interaction is not None
+        replica = call_with(scene.engine.expected, sites, coupled, events=_events(scene, surface, fraction))
     seconds = replica.get("cpu_seconds") if reacting else 0.0
     replica_bytes = replica.get("bytes") if reacting else 0.0
     if replica_bytes is not None and sites is not None and scene.hold is not None and scene.keeps_states:
@@ -121,6 +100,14 @@ def _cost(scene: Scene) -> Cost:
         gap,
         12 * pixels * (1.0 if fraction is None else fraction) + gap,
     )
+
+
+def _events(scene: Scene, surface: Mapping[str, float], fraction: float | None) -> float | None:
+    """Events per site that a replica is expected to have, as far as it is known."""
+    area = surface.get("nx", 0.0) * surface.get("ny", 0.0) * surface.get("pixel_size", 0.0) ** 2 * (fraction or 0.0)
+    if scene.chemistry is None or scene.hold is None or not area > 0:
+        return None
+    return expected_events(scene.chemistry, scene.load / area, float(scene.hold.hold_times[-1]), scene.hold.temperature)
 
 
 def plan(scene: Scene) -> Plan:

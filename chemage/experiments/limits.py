@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Protocol
-
 from chemage.ageing.age import kept_bytes
+from chemage.experiments.cost import Cost
 from chemage.experiments.scene import Scene
 from chemage.foundation.errors import InputError
 from chemage.foundation.memory import require
@@ -15,23 +13,6 @@ from chemage.foundation.threads import available
 LONG = 3600.0
 #: heights, their transform, and the pressure: what any solver has in memory for each pixel at least
 BYTES_PER_PIXEL = 24.0
-
-
-class Cost(Protocol):
-    """What is known of the cost of a scene, see :class:`chemage.experiments.estimate.Cost`."""
-
-    @property
-    def surface(self) -> Mapping[str, float]: ...
-    @property
-    def pixels(self) -> float: ...
-    @property
-    def contact_cpu_seconds(self) -> float | None: ...
-    @property
-    def kinetics_cpu_seconds(self) -> float | None: ...
-    @property
-    def contact_bytes(self) -> float | None: ...
-    @property
-    def replica_bytes(self) -> float | None: ...
 
 
 class LongRunWarning(UserWarning):

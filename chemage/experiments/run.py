@@ -15,6 +15,7 @@ from typing import Any
 from chemage.ageing.age import age
 from chemage.ageing.aging import Aging
 from chemage.ageing.checkpoints import keep, resumed
+from chemage.ageing.elasticity import elastic_measures, elastic_notes
 from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
@@ -23,10 +24,12 @@ from chemage.experiments.limits import LongRunWarning, check_limits, check_parts
 from chemage.experiments.provenance import versions
 from chemage.experiments.scene import Scene, parse_scene, with_plugins
 from chemage.experiments.scene_files import load_scene
+from chemage.experiments.sections import scatter_of
 from chemage.foundation.approximations import in_words, merged
 from chemage.foundation.errors import ChemageError, InputError, StoreError
 from chemage.foundation.records import Record
 from chemage.foundation.text import html_table, jsonable
+from chemage.surfaces.scatter import Scatter
 from chemage.surfaces.stage import make_surface
 from chemage.surfaces.surface import Surface
 
@@ -58,6 +61,7 @@ class Run:
     def notes(self) -> tuple[str, ...]:
         """What the user should know of this result, in words."""
         notes = [*self.contact.notes, *(self.aging.notes if self.aging is not None else ())]
+        notes += elastic_notes(self.aging)
         if self.contact.area_fraction == 1 and not any(note.startswith("full contact") for note in notes):
             notes.append(
                 "full contact: every pixel carries pressure, and more load adds pressure but no contact area; "
@@ -81,6 +85,12 @@ class Run:
         """What is approximate about this result, in words: the kinds and their declared errors; "" if nothing is."""
         return in_words(merged(self.contact.approximate, self.aging.approximate if self.aging is not None else ()))
 
+    @property
+    def scatter(self) -> Scatter | None:
+        """How much β differs between surfaces of other seeds, where the maker of the surface says so; None without
+        ageing."""
+        return scatter_of(self.scene, self.aging, self.contact.summary()) if self.aging is not None else None
+
     def fit(self) -> Fit | None:
         """Line of Δμ against log t over the scene's fit window; None without ageing or without times in the window."""
         if self.aging is None:
@@ -92,7 +102,7 @@ class Run:
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the numbers users compare; what does not exist is None, as is nan."""
-        contact, aging, fit = self.contact, self.aging, self.fit()
+        contact, aging, fit, scatter = self.contact, self.aging, self.fit(), self.scatter
         numbers: dict[str, Any] = {
             "name": self.name,
             "solver": self.scene["contact"]["kind"],
@@ -124,6 +134,8 @@ class Run:
             "cutoff_time_stderr": fit.cutoff_time_stderr if fit else None,
             "cutoff_time_low": fit.cutoff_interval.low if fit else None,
             "cutoff_time_high": fit.cutoff_interval.high if fit else None,
+            "beta_scatter_between_surfaces": scatter.relative if scatter else None,
+            **elastic_measures(aging),
             "timings": self.timings,
             "versions": self.versions,
             "plugins": self.plugins,

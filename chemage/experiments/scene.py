@@ -6,8 +6,6 @@ A section that is absent is not modelled: no ``[interaction]``, no neighbour lis
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, Self
@@ -36,6 +34,7 @@ from chemage.foundation.booleans import no_booleans
 from chemage.foundation.checks import check_times, force
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, shown
+from chemage.foundation.hashes import content_hash
 from chemage.foundation.inputs import check_data
 from chemage.foundation.messages import explain, nearest
 from chemage.foundation.units import Temperature, Time, convert
@@ -187,7 +186,8 @@ class Scene(_Section):
                 data["breaking"] = options_of(parts.breaking)
             if parts.interaction is not None:
                 data["interaction"] = options_of(parts.interaction)
-            data["chemistry"] = {name: getattr(parts, name) for name in _CHEMISTRY_OPTIONS}
+            own = options_of(parts)
+            data["chemistry"] = {name: own[name] for name in _CHEMISTRY_OPTIONS if name in own}
         if self.hold is not None and self.engine is not None:
             data["engine"] = options_of(self.engine)
             if self.rupture is not None:
@@ -217,8 +217,9 @@ class Scene(_Section):
         The plugins that take part are known only when the stage has run; a finished run's keys contain them, with their
         options.
 
-        ``surface``, ``contact``, ``aging``, and ``result``, which is ageing and the fit to it. Options that only change
-        the speed, and the scene's name, are in none of them.
+        ``surface``, ``contact``, ``aging``, and ``result``, which is ageing, the fit to it, and the limits of the
+        material with which it is compared. Options that only change the speed, and the scene's name, are in none of
+        them.
         """
         return self._keys({})
 
@@ -248,7 +249,7 @@ class Scene(_Section):
 
         def key(stage: str, *parts: Any) -> str:
             more = [extra[stage]] if extra.get(stage) else []
-            return _hash([*parts, *more] if len(parts) + len(more) > 1 else parts[0])
+            return content_hash([*parts, *more] if len(parts) + len(more) > 1 else parts[0])
 
         surface = key("surface", data["surface"])
         contact = key("contact", surface, data["contact"])
@@ -256,11 +257,14 @@ class Scene(_Section):
         # without a rupture law the key is that of scenes written before there were any
         law = [{"rupture": data["rupture"]}] if "rupture" in data else []
         aging = key("aging", contact, *kinetic, data.get("observe"), *law)
-        return {"surface": surface, "contact": contact, "aging": aging, "result": _hash([aging, data.get("fit")])}
+        result = [aging, data.get("fit")]
+        if limits := self.chemistry.given_limits() if self.chemistry is not None else {}:
+            result.append(limits)
+        return {"surface": surface, "contact": contact, "aging": aging, "result": content_hash(result)}
 
     def digest(self) -> str:
         """Content hash of the whole scene."""
-        return _hash(self.todict())
+        return content_hash(self.todict())
 
     def cite(self) -> list[str]:
         """What to cite when a result of this scene is used."""
@@ -284,11 +288,7 @@ REQUIRED = ("surface", "contact")
 
 def with_plugins(keys: Mapping[str, str], plugins: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
     """The keys of stages in which ``plugins`` (stage -> name -> source) took part."""
-    return {stage: _hash([key, plugins[stage]]) if plugins.get(stage) else key for stage, key in keys.items()}
-
-
-def _hash(data: Any) -> str:
-    return hashlib.blake2b(json.dumps(data, sort_keys=True).encode(), digest_size=16).hexdigest()
+    return {stage: content_hash([key, plugins[stage]]) if plugins.get(stage) else key for stage, key in keys.items()}
 
 
 def _without_none(data: Any) -> Any:

@@ -10,6 +10,8 @@ from chemage.experiments.scene import ROLE_OF, Scene
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError
 from chemage.plugins import registry
+from chemage.surfaces.role import SurfaceMaker
+from chemage.surfaces.scatter import Scatter
 
 #: what a section holds besides the options of its component
 _BESIDES = {"surface": "seed", "contact": "load"}
@@ -45,6 +47,22 @@ def nested(component: Component, path: str) -> Iterator[tuple[str, Component]]:
             for key, one in value.items():
                 if isinstance(one, Component):
                     yield from nested(one, f"{path}.{name}.{key}")
+
+
+def scatter_of(
+    scene: Mapping[str, Any],
+    aging: Aging | None,
+    contact: Mapping[str, float],
+    recorded: Mapping[str, Any] | None = None,
+) -> Scatter | None:
+    """What the maker of a result's surface knows of the scatter between surfaces (:meth:`SurfaceMaker.scatter`).
+
+    ``contact`` are the measures of the contact; the other arguments are those of :func:`components_of`.
+    """
+    for path, component in components_of(scene, aging, recorded):
+        if path == "surface" and isinstance(component, SurfaceMaker):
+            return component.scatter(contact)
+    return None
 
 
 def components_of(

@@ -28,6 +28,8 @@ from chemage.foundation.seals import check_seal, has_seal, seal, unsealed
 FORMAT = 2
 R = TypeVar("R", bound=Record)
 _FLOAT = "$float"
+#: the first bytes of an HDF5 file
+_HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 # -- values and arrays ------------------------------------------------------------------------------------------------
@@ -266,9 +268,8 @@ def _compresses(values: np.ndarray) -> bool:
 def is_ours(path: Path) -> bool:
     """Whether ``path`` is a chemage file; a damaged HDF5 file is an error."""
     try:
-        with open(path, "rb") as stream:
-            if stream.read(8) != b"\x89HDF\r\n\x1a\n":
-                return False
+        if _begin(path) != _HDF5:
+            return False
     except OSError as error:
         raise StoreError(f"{path} cannot be read: {error.strerror}") from error
     if has_seal(path):
@@ -288,10 +289,15 @@ def _damaged(path: Path) -> Iterator[None]:
         raise DamagedError(f"{path} is damaged: {' '.join(str(error).split())}") from error
 
 
-def _begins_as_hdf5(path: Path) -> bool:
+def _begin(path: Path) -> bytes:
+    with open(path, "rb") as stream:
+        return stream.read(len(_HDF5))
+
+
+def _was_hdf5(path: Path) -> bool:
+    """Whether a file that cannot be opened begins as HDF5 does, or was cut short before its first byte."""
     try:
-        with open(path, "rb") as stream:
-            return stream.read(8) in (b"\x89HDF\r\n\x1a\n", b"")
+        return _begin(path) in (_HDF5, b"")
     except OSError:
         return False
 
@@ -303,7 +309,7 @@ def _opened(path: Path) -> Iterator[Any]:
     try:
         file = h5py.File(path, "r")
     except (OSError, KeyError) as error:
-        kind = DamagedError if _begins_as_hdf5(path) else StoreError
+        kind = DamagedError if _was_hdf5(path) else StoreError
         raise kind(f"{path} cannot be read: it is damaged or was cut short ({error})") from error
     with _damaged(path), file:
         yield file

@@ -7,8 +7,6 @@ units from :mod:`chemage.foundation.units`. A method never changes its meaning; 
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -26,6 +24,7 @@ from pydantic import (
 
 from chemage.foundation.booleans import no_booleans
 from chemage.foundation.errors import InputError
+from chemage.foundation.hashes import content_hash
 from chemage.foundation.messages import explain, nearest
 from chemage.foundation.text import html_table
 
@@ -139,8 +138,7 @@ class Component(BaseModel):
 
     def digest(self) -> str:
         """Content hash of kind and options (see :attr:`speed_only`), the same in every process."""
-        text = json.dumps({"role": self.role, **self.identity()}, sort_keys=True)
-        return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+        return content_hash({"role": self.role, **self.identity()})
 
     def replace(self, **changes: Any) -> Self:
         """A copy with some options changed, validated again."""

@@ -49,6 +49,7 @@ NAMES = {
     "store.results": "read write",
     "surfaces.reading": "Reader reader_for",
     "surfaces.role": "SurfaceMaker",
+    "surfaces.scatter": "Scatter",
     "surfaces.stage": "make_surface surface",
     "surfaces.surface": "Surface",
     "sweeps.result": "Point SweepResult load_sweep",

@@ -54,19 +54,7 @@ def check_seal(path: Path) -> bool:
         The file cannot be read.
     """
     with open(path, "rb") as stream:
-        size = os.fstat(stream.fileno()).st_size
-        stream.seek(max(0, size - _END_LENGTH))
-        end = _END.search(stream.read())
-        if end is None:
-            return False
-        begin = size - _END_LENGTH - int(end[1])
-        if begin < 0:
-            raise DamagedError(f"{path}: its checksums are {_CHANGED}")
-        stream.seek(begin)
-        table = _table(stream.read(int(end[1])), end[2], path)
-        stream.seek(0)
-        _compare(stream, table, begin, path)
-    return True
+        return _checked(stream, path) is not None
 
 
 def unsealed(content: bytes | memoryview, path: Path) -> memoryview | None:
@@ -77,31 +65,40 @@ def unsealed(content: bytes | memoryview, path: Path) -> memoryview | None:
     DamagedError
         The seal does not fit.
     """
-    last = len(content) - _END_LENGTH
-    end = _END.search(bytes(content[max(0, last) :]))
-    if end is None:
-        return None
-    begin = last - int(end[1])
-    table = _table(bytes(content[max(0, begin) : last]), end[2], path)
-    inner = memoryview(content)[:begin]
-    _compare(io.BytesIO(inner), table, begin, path)
-    return inner
+    stream = io.BytesIO(content)
+    begin = _checked(stream, path)
+    return None if begin is None else memoryview(content)[:begin]
 
 
 def has_seal(path: Path) -> bool:
     """Whether the file carries a seal, which may not fit."""
     try:
         with open(path, "rb") as stream:
-            stream.seek(max(0, os.fstat(stream.fileno()).st_size - _END_LENGTH))
-            return _END.search(stream.read()) is not None
+            return _end_of(stream)[1] is not None
     except OSError:
         return False
 
 
-def _table(text: bytes, stored: bytes, path: Path) -> list[tuple[str, int, str]]:
-    if _sha256(text) != stored:
+def _end_of(stream: IO[bytes]) -> tuple[int, re.Match[bytes] | None]:
+    """Where the last line of a seal begins, and that line if there is one."""
+    last = stream.seek(0, os.SEEK_END) - _END_LENGTH
+    stream.seek(max(0, last))
+    return last, _END.search(stream.read())
+
+
+def _checked(stream: IO[bytes], path: Path) -> int | None:
+    """Compare a stream with its seal: where the content ends, None without a seal."""
+    last, end = _end_of(stream)
+    if end is None:
+        return None
+    begin = last - int(end[1])
+    stream.seek(max(0, begin))
+    text = stream.read(last - max(0, begin))
+    if begin < 0 or _sha256(text) != end[2]:
         raise DamagedError(f"{path}: its checksums are {_CHANGED}")
-    return json.loads(text)
+    stream.seek(0)
+    _compare(stream, json.loads(text), begin, path)
+    return begin
 
 
 def _compare(stream: IO[bytes], table: Sequence[tuple[str, int, str]], size: int, path: Path) -> None:

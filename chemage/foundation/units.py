@@ -1,7 +1,8 @@
 """Units: a number is in the internal unit of its field, a string carries its own.
 
-Internal units are nm, nN, GPa, eV, s, K. They are coherent: 1 GPa nm² = 1 nN. Strings are read by pint with exact
-decimals, so that ``"20 uN"`` is 20000.0 nN to the last bit. pint is imported only when a string comes.
+Internal units are nm, nN, GPa, eV, s, K. They are coherent: 1 GPa nm² = 1 nN. Strings are read with exact decimals, so
+that ``"20 uN"`` is 20000.0 nN to the last bit: where a power of ten leads from one unit to the other from a table, and
+by pint otherwise, because importing pint takes longer than everything else that reads a scene.
 """
 
 from __future__ import annotations
@@ -28,6 +29,21 @@ EV_PER_GPA_NM3 = float(ase.units.GPa * ase.units.nm**3)
 KB = float(ase.units.kB)
 #: Quantities other than zero are between these in their internal units: their squares and products stay numbers.
 SMALLEST, LARGEST = 1e-100, 1e100
+
+
+#: internal unit -> other units of its dimension -> exponent of ten
+_POWERS: dict[str, dict[str, int]] = {
+    "nm": {"pm": -3, "angstrom": -1, "nm": 0, "um": 3, "µm": 3, "mm": 6, "m": 9},
+    "nN": {"pN": -3, "nN": 0, "uN": 3, "µN": 3, "mN": 6, "N": 9},
+    "GPa": {"Pa": -9, "kPa": -6, "MPa": -3, "GPa": 0},
+    "eV": {"meV": -3, "eV": 0},
+    "s": {"ns": -9, "us": -6, "µs": -6, "ms": -3, "s": 0},
+    "K": {"K": 0},
+    "Hz": {"Hz": 0, "kHz": 3, "MHz": 6, "GHz": 9, "THz": 12},
+    "nm**3": {"angstrom**3": -3, "nm**3": 0},
+}
+#: longer numbers are left to pint, which rounds to 28 decimals
+_DIGITS = 25
 
 
 @lru_cache(maxsize=1)
@@ -102,10 +118,13 @@ def _parse(text: str, unit: str) -> float:
             f'"{text}" cannot be read as a quantity in {unit or "pure numbers"}; '
             'write one number, with a decimal point, and its unit, such as "6.4 angstrom**3"'
         )
+    number, rest = match["number"], match["unit"]
+    power = _POWERS.get(unit, {}).get(rest)
+    if power is not None and len(number) <= _DIGITS:
+        return float(Decimal(number).scaleb(power))
     import pint
 
     units = unit_registry()
-    number, rest = match["number"], match["unit"]
     try:
         # degC has an offset, so "27 degC" is built, not multiplied out
         quantity = units.Quantity(Decimal(number), f"1{rest}" if rest.startswith("/") else rest)

@@ -34,7 +34,11 @@ class Engine(Component, ABC):
         return 1
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
-        """Estimate the cost of one replica at room temperature, as far as it is known: ``cpu_seconds``, ``bytes``."""
+        """Estimate the cost of one replica, as far as it is known: ``cpu_seconds``, ``bytes``.
+
+        A component may add ``events=None``, and chemage then passes the number of bonds formed and broken per site that
+        is expected at the scene's temperature and hold time, or None if it is not known.
+        """
         return {}
 
     def check(self, interacting: bool) -> None:

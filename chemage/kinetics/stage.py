@@ -9,7 +9,7 @@ import numpy as np
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, expect, temperature_value
-from chemage.foundation.errors import InputError
+from chemage.foundation.errors import InputError, PluginError
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
@@ -47,6 +47,8 @@ def run_kinetics(
     ------
     InputError
         ``states`` with an engine that cannot resume from a history.
+    PluginError
+        There are more bonds than sites.
     """
     expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
     expect("lattice", lattice, ReactionLattice, "make one with chemistry.on(contact), or from arrays")
@@ -87,6 +89,11 @@ def cannot_give_states(engine: Engine) -> str:
 
 def _answered(engine: Engine, **arguments: Any) -> BondHistory:
     history, plugins = registry.current().answer("chemage_run_kinetics", BondHistory, engine=engine, **arguments)
+    sites, bonds = arguments["lattice"].sites.size, int(history.bonds.max())
+    if bonds > sites:
+        raise PluginError(
+            f"engine {history.engine or engine.kind!r}: {bonds} bonds on {sites} sites; a site has one bond at most"
+        )
     # an engine that selects another one, and a plugin that answers with one, record which
     used = approximation_of("engine", history.engine) if history.engine != engine.kind else []
     return history.noting(providers(engine) | plugins, [*approximations(engine), *used])

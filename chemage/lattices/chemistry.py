@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -11,7 +11,7 @@ from chemage.contacts.solution import ContactSolution
 from chemage.foundation import random
 from chemage.foundation.checks import Seed, checked_seed, expect
 from chemage.foundation.components import Component
-from chemage.foundation.units import EV_PER_GPA_NM3, Force, Frequency, Volume
+from chemage.foundation.units import EV_PER_GPA_NM3, Force, Frequency, Pressure, Volume
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.neighbours import coupling_of, graph_of, neighbours_of
 from chemage.lattices.role import Barriers, Interaction
@@ -32,6 +32,9 @@ class Chemistry(Component):
     sites are in contact.
     """
 
+    #: options with which a result is compared: they change no bond, and are no part of :meth:`identity`
+    limits: ClassVar[tuple[str, ...]] = ("hardness", "shear_strength")
+
     forming: Choice[Barriers]
     """distribution of the intrinsic barrier to forming a bond"""
     breaking: Choice[Barriers] | None = None
@@ -48,6 +51,20 @@ class Chemistry(Component):
     """fraction of the bonds that carry load at once as the detachment front passes"""
     hydroxylation: float = Field(default=1.0, ge=0, le=1)
     """probability that a pixel in contact carries a reactive site"""
+    hardness: Pressure | None = None
+    """hardness of the material, GPa: the result says which share of contact area and load lies above it; None: not
+    compared"""
+    shear_strength: Pressure | None = None
+    """shear strength of the material, GPa, with which the mean shear stress that the bonds carry is compared; None: not
+    compared"""
+
+    def identity(self) -> dict[str, Any]:
+        """What decides the bonds: the options without :attr:`limits`."""
+        return {name: value for name, value in super().identity().items() if name not in self.limits}
+
+    def given_limits(self) -> dict[str, float]:
+        """Those of :attr:`limits` that are given: name -> GPa."""
+        return {name: value for name in self.limits if (value := getattr(self, name)) is not None}
 
     def on(self, contact: ContactSolution, seed: Seed = 0) -> ReactionLattice:
         """The reactive sites of ``contact``.

@@ -19,6 +19,8 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from chemage.ageing.aging import Aging
+from chemage.ageing.elasticity import elastic_notes
 from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
 from chemage.foundation.errors import InputError
@@ -217,7 +219,7 @@ def _result(one: Entry, key: str, name: str) -> tuple[Section, list[str]]:
     alone = Comparison([one])
     rows = [(label, texts[0]) for label, texts in alone.table()]
     notes = [f"approximate: {one.approximate}"] if one.approximate else []
-    notes += _notes(run, contact)
+    notes += _notes(run, contact) if not isinstance(thing, Aging) else elastic_notes(thing)
     parts = [Part("Key numbers", tables=[Table("", ["quantity", "value"], rows, wide=True)], notes=notes)]
     figures: dict[str, Figure] = {}
     if contact is not None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from typing import ClassVar, Self
 
 from chemage.foundation.checks import Seed
 from chemage.foundation.components import Component
+from chemage.surfaces.scatter import Scatter
 from chemage.surfaces.surface import Surface
 
 
@@ -25,6 +27,12 @@ class SurfaceMaker(Component, ABC):
         ``rms_slope``, ``shortest_wavelength`` (nm), ``radius`` (of a sphere, nm), ``periodic`` (1 or 0).
         Used by ``chemage check``."""
         return {}
+
+    def scatter(self, contact: Mapping[str, float]) -> Scatter | None:
+        """How much β differs between surfaces of other seeds, of which one has a ``contact`` with these measures
+        (:data:`chemage.contacts.solution.MEASURES`); ``Scatter(0.0)`` where the seed does not change the surface,
+        ``Scatter(None)`` where it does and nothing more is known. None: the class does not say."""
+        return None
 
     def coarser(self, factor: int) -> Self | None:
         """A maker of the same surface at the same size on pixels ``factor`` times larger; None where there is none."""

@@ -33,7 +33,7 @@ from chemage.foundation.codec import from_npz
 from chemage.foundation.errors import DamagedError, InputError, StoreError
 from chemage.foundation.files import on_disk
 from chemage.foundation.inputs import LARGEST_DESCRIPTION, regular_file
-from chemage.foundation.seals import check_json_seal, from_sealed_json, to_sealed_json
+from chemage.foundation.seals import check_json_seal, check_seal, from_sealed_json, to_sealed_json
 from chemage.sweeps.manifest import checked_manifest
 
 #: version of the layout; newer layouts are refused. Since 2 every file carries a checksum.
@@ -155,6 +155,13 @@ class Folder:
             if (old := _of_0_1(content)) is None:
                 raise
             return old
+
+    def has_contact(self, key: str) -> bool:
+        """Whether a contact is there and as it was written; its numbers are not read."""
+        try:
+            return check_seal(self.contact(key)) or self.intact_contact(key) is not None
+        except (DamagedError, OSError):
+            return False
 
     def intact_contact(self, key: str) -> ContactSolution | None:
         """Read a contact; None if it is missing or damaged."""

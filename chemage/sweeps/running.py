@@ -20,6 +20,7 @@ from typing import Any
 from chemage.experiments.provenance import versions
 from chemage.experiments.scene_files import located, override, scene_data
 from chemage.foundation.errors import DamagedError, ExecutorError, InputError, SceneError, StoreError, WorkerLost
+from chemage.foundation.memory import readable
 from chemage.foundation.threads import restored as threads_restored
 from chemage.plugins.settings import completed
 from chemage.sweeps.by_hand import Known, for_workers
@@ -104,18 +105,10 @@ def _check_room(found: Survey, path: Path, confirm: Confirm | None) -> None:
     need, room = found.total_bytes, room_for(path)
     if need > DISK_SHARE * room:
         _require_confirmation(
-            f"the {found.grid.size} points and {len(found.contacts)} contacts may need {_size(need)}, but "
-            f"{path.absolute().parent} has {_size(room)} left",
+            f"the {found.grid.size} points and {len(found.contacts)} contacts may need {readable(need)}, but "
+            f"{path.absolute().parent} has {readable(room)} left",
             confirm,
         )
-
-
-def _size(count: float) -> str:
-    for unit in ("bytes", "kB", "MB", "GB"):
-        if count < 1000:
-            return f"{count:.3g} {unit}"
-        count /= 1000
-    return f"{count:.3g} TB"
 
 
 def _check_folder(folder: Folder, found: Survey, force: bool) -> None:
@@ -351,7 +344,7 @@ class _Todo:
             if number not in self._waiting:
                 continue
             key = found.contacts[number].key
-            if folder.intact_contact(key) is not None:
+            if folder.has_contact(key):
                 self.contacts_done += 1
                 self._ready.extend(self._waiting.pop(number))
             else:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from chemage.ageing import elasticity
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.files import fresh_file
 from chemage.foundation.seals import seal
@@ -35,6 +36,7 @@ SCALARS: dict[str, tuple[str, str]] = {
     "cutoff_time_stderr": ("s", "standard error of the cut-off time"),
     "cutoff_time_low": ("s", "lower end of the 95 % interval of the cut-off time"),
     "cutoff_time_high": ("s", "upper end of the 95 % interval of the cut-off time"),
+    **elasticity.MEASURES,
 }
 #: results at each hold time: name in the summary -> (unit, meaning)
 CURVES = {
@@ -114,7 +116,7 @@ class Table:
             units=dict(units),
             status=status,
             error=error,
-            scalars=scalars,
+            scalars={name: column for name, column in scalars.items() if not _unknown(name, column)},
             processors=tuple(processors),
             **(padded := _padded(count, rows)),
             observed=_observed(count, padded["curves"], observables),
@@ -133,7 +135,7 @@ class Table:
         names = [
             f"{path} ({unit})" if unit else path for path, unit in ((p, self.units.get(p, "")) for p in self.swept)
         ]
-        scalars = [f"{name} ({unit})" if unit != "1" else name for name, (unit, _) in SCALARS.items()]
+        scalars = [f"{name}{_in(SCALARS[name][0])}" for name in self.scalars]
         last = {name: _last(values) for name, values in (("hold_time", self.hold_times), *self.curves.items())}
         lasts = ["last hold_time (s)"] + [f"last {name}{_in(unit)}" for name, (unit, _) in CURVES.items()]
         observed = {
@@ -202,9 +204,12 @@ class Table:
         found[name] = (times, self.hold_times, {"units": "s", "long_name": "time since the contact was made"})
         for path, values in self.swept.items():
             found[path] = (("point",), values, {"units": self.units.get(path) or "1", "long_name": "swept"})
-        for group, dims in ((SCALARS, ("point",)), (CURVES, ("point", "hold_time"))):
-            for name, (unit, meaning) in group.items():
-                values = self.scalars[name] if group is SCALARS else self.curves[name]
+        for values_of, group, dims in (
+            (self.scalars, SCALARS, ("point",)),
+            (self.curves, CURVES, ("point", "hold_time")),
+        ):
+            for name, values in values_of.items():
+                unit, meaning = group[name]
                 found[name] = (dims, values, {"units": unit, "long_name": meaning})
         for name, (unit, meaning, values) in self.observed.items():
             dims = ("point", "hold_time")[: values.ndim]
@@ -234,6 +239,11 @@ class Table:
 def error_text(error: Mapping[str, Any] | None) -> str:
     """Format the error of a point as ``stage: type: message``; empty without one."""
     return f"{error['stage']}: {error['type']}: {error['message']}" if error else ""
+
+
+def _unknown(name: str, column: np.ndarray) -> bool:
+    """Whether a column of a limit of the material is left out, because no point was compared with it."""
+    return name in elasticity.MEASURES and bool(np.isnan(column).all())
 
 
 def _column(values: Sequence[Any]) -> np.ndarray:

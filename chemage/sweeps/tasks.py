@@ -16,6 +16,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from chemage.ageing.elasticity import compared_again
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
 from chemage.experiments.run import Run, run, run_keys
@@ -125,7 +126,8 @@ def _keep(folder: Folder, key: str, solution: ContactSolution, owner: str) -> Co
 
 
 def compute(path: str, digest: str, points: Sequence[int], threads: int, known: Known = ()) -> dict[str, Any]:
-    """Task: compute ``points``, which differ in their fit only, and write them to the folder.
+    """Task: compute ``points``, which differ in their fit and in the limits of the material only, and write them to the
+    folder.
 
     Returns
     -------
@@ -159,6 +161,8 @@ def compute(path: str, digest: str, points: Sequence[int], threads: int, known: 
         if point != first:
             other = grid.scene(point)
             made = replace(made, scene=other.todict(), keys=run_keys(other, made.contact, made.aging))
+            if made.aging is not None and other.chemistry is not None:
+                made = replace(made, aging=compared_again(made.aging, made.contact, other.chemistry))
         folder.write_point(manifest["keys"][point], _content(point, grid.changes(point), made))
     return {"seconds": time.perf_counter() - begin, "failed": {}}
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from chemage.foundation.calls import call_with
 from chemage.foundation.units import KB
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
@@ -107,10 +108,11 @@ def _history_adds_up(component: Engine) -> None:
 
 @check_of("engine")
 def _engine_cost_is_estimated(component: Engine) -> None:
-    """``expected()`` returns finite costs, also for no sites and for ten million."""
+    """``expected()`` returns finite costs, also for no sites and for ten million, no events and 1e12 a site."""
     for sites in (0.0, 1.0, 1e7):
-        expected = component.expected(sites, component.interacting)
-        require_estimates(f"expected({sites})", expected, {"cpu_seconds": math.inf, "bytes": math.inf})
+        for events in (None, 0.0, 1e12):
+            expected = call_with(component.expected, sites, component.interacting, events=events)
+            require_estimates(f"expected({sites})", expected, {"cpu_seconds": math.inf, "bytes": math.inf})
 
 
 @check_of("engine")

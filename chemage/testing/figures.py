@@ -13,22 +13,10 @@ from chemage.ageing.plotted import Maps, PlottedResult
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
 from chemage.lattices.chemistry import Chemistry
-from chemage.lattices.role import Barriers
 from chemage.reports.figures import CORE
 from chemage.surfaces.surface import Surface
 from chemage.testing.checks import check_of, require
-
-
-class _Even(Barriers):
-    """Barriers between 0.8 and 1.4 eV, of the chemistry of the results that are drawn."""
-
-    kind = "even"
-
-    def quantile(self, uniform: np.ndarray) -> np.ndarray:
-        return 0.8 + 0.6 * uniform
-
-    def density(self, energy: np.ndarray) -> np.ndarray:
-        return np.where((energy >= 0.8) & (energy <= 1.4), 1 / 0.6, 0.0)
+from chemage.testing.replicas import Even
 
 
 @check_of("")
@@ -75,7 +63,7 @@ def _results(component: Component) -> dict[str, Sequence[PlottedResult]]:
     surface = Surface(heights=np.cos(x)[:, None] + np.cos(2 * x)[None, :], pixel_size=0.5)
     pressure = np.maximum(surface.heights - 0.5, 0.0)
     contact = ContactSolution(pressure=pressure, load=float(pressure.sum() / 4), pixel_size=0.5, modulus=35.0)
-    chemistry = Chemistry(forming=_Even(), activation_volume=0.04)
+    chemistry = Chemistry(forming=Even(), activation_volume=0.04)
 
     def aging(most: int) -> Aging:
         return Aging(

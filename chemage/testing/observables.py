@@ -14,9 +14,8 @@ from chemage.ageing.observables import Observable, Observed
 from chemage.ageing.outputs import Checker, declaration_problems
 from chemage.foundation.errors import PluginError
 from chemage.lattices.chemistry import Chemistry
-from chemage.lattices.role import Barriers
 from chemage.testing.checks import check_of, require, run_checks, speed_variants
-from chemage.testing.replicas import Replica, finished, with_states
+from chemage.testing.replicas import Even, Replica, finished, with_states
 
 
 def check_observable(component: Observable, *, all: bool = False) -> None:
@@ -156,18 +155,6 @@ def _aging(component: Observable, replicas: Sequence[Replica]) -> Aging:
     )
 
 
-class _Even(Barriers):
-    """Barriers between 0.8 and 1.4 eV, for drawing."""
-
-    kind = "even"
-
-    def quantile(self, uniform: np.ndarray) -> np.ndarray:
-        return 0.8 + 0.6 * uniform
-
-    def density(self, energy: np.ndarray) -> np.ndarray:
-        return np.where((energy >= 0.8) & (energy <= 1.4), 1 / 0.6, 0.0)
-
-
 @check_of("observable")
 def _figures_are_drawn(component: Observable) -> None:
     """Each of ``figures`` has a caption and is drawn from all replicas, of one result and of several, also where the
@@ -178,7 +165,7 @@ def _figures_are_drawn(component: Observable) -> None:
         return
     few, many, some = finished(40, 3), finished(40, 40), finished(40, 17)
     one, other = _aging(component, [some, few, few]), _aging(component, [some, many, many])
-    chemistry = Chemistry(forming=_Even(), activation_volume=0.04)
+    chemistry = Chemistry(forming=Even(), activation_volume=0.04)
     same = all(np.array_equal(one.observables[name], other.observables[name]) for name in one.observables)
     for figure, caption in figures.items():
         require(isinstance(figure, str) and figure, f"figures names {figure!r}; give names as str")

@@ -10,6 +10,19 @@ import numpy as np
 from chemage.contacts.solution import ContactSolution
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.lattice import ReactionLattice
+from chemage.lattices.role import Barriers
+
+
+class Even(Barriers):
+    """Barriers between 0.8 and 1.4 eV, for what needs some chemistry."""
+
+    kind = "even"
+
+    def quantile(self, uniform: np.ndarray) -> np.ndarray:
+        return 0.8 + 0.6 * uniform
+
+    def density(self, energy: np.ndarray) -> np.ndarray:
+        return np.where((energy >= 0.8) & (energy <= 1.4), 1 / 0.6, 0.0)
 
 
 class Replica(NamedTuple):

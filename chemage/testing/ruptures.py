@@ -11,9 +11,8 @@ import numpy as np
 from chemage.friction.bonded import Bonded
 from chemage.friction.role import Rupture
 from chemage.lattices.chemistry import Chemistry
-from chemage.lattices.role import Barriers
 from chemage.testing.checks import check_of, require, run_checks, speed_variants
-from chemage.testing.replicas import finished, with_states
+from chemage.testing.replicas import Even, finished, with_states
 
 #: force per bond, nN, from entropic bonds of a few pN to beyond any covalent bond
 LEAST, MOST = 1e-4, 100.0
@@ -25,28 +24,16 @@ def check_rupture(component: Rupture, *, all: bool = False) -> None:
     run_checks(component, Rupture, {}, all)
 
 
-class _Even(Barriers):
-    """Barriers between 0.8 and 1.4 eV."""
-
-    kind = "even"
-
-    def quantile(self, uniform: np.ndarray) -> np.ndarray:
-        return 0.8 + 0.6 * uniform
-
-    def density(self, energy: np.ndarray) -> np.ndarray:
-        return np.where((energy >= 0.8) & (energy <= 1.4), 1 / 0.6, 0.0)
-
-
 def _bonded(component: Rupture, n: int, bonded: int, **options: Any) -> Bonded:
     """A finished replica with breaking barriers that differ from site to site, as the law receives it."""
     replica = finished(n, bonded, **{"times": TIMES, **options})
     contact, lattice, history = with_states(replica) if component.states else replica
     breaking = None
     if lattice.breaking is not None:
-        breaking = _Even()
+        breaking = Even()
         lattice = lattice.model_copy(update={"breaking": np.linspace(0.9, 1.3, n)})
         history = history.model_copy(update={"lattice_hash": lattice.digest()})
-    return Bonded(contact, Chemistry(forming=_Even(), breaking=breaking), lattice, history)
+    return Bonded(contact, Chemistry(forming=Even(), breaking=breaking), lattice, history)
 
 
 def _force(component: Rupture, bonded: Bonded, what: str) -> np.ndarray:

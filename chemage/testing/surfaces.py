@@ -9,6 +9,7 @@ import numpy as np
 
 from chemage.foundation.errors import InputError
 from chemage.surfaces.role import SurfaceMaker
+from chemage.surfaces.scatter import Scatter
 from chemage.surfaces.surface import Surface
 from chemage.testing.checks import (
     check_of,
@@ -283,3 +284,22 @@ def _speed_does_not_change_the_surface(component: SurfaceMaker) -> None:
                 f"trade of {name!r} is another surface and not one at another accuracy: {what} gives {other!r}, the "
                 f"last value {last!r}",
             )
+
+
+@check_of("surface")
+def _scatter_agrees_with_the_seed(component: SurfaceMaker) -> None:
+    """``scatter()`` is None or a Scatter, 0 if and only if the seed does not change the surface; it takes the measures
+    of any contact."""
+    random = _random(component)
+    for contact in ({}, {"patches": 0, "area_fraction": 0.0}, {"patches": 30, "area_fraction": 0.02}):
+        found = component.scatter(contact)
+        if found is None:
+            continue
+        require(
+            isinstance(found, Scatter), f"scatter({contact}) returned {type(found).__name__}, not a chemage.Scatter"
+        )
+        require(
+            (found.relative == 0) != random,
+            f"scatter({contact}).relative is {found.relative}, but the seed "
+            f"{'changes' if random else 'does not change'} the surface",
+        )

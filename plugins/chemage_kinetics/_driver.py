@@ -165,13 +165,19 @@ class Job:
         )
 
 
-#: Events per site to 1e5 s at room temperature on the paper's rough contact, which `Engine.expected` assumes.
+#: Events per site to 1e5 s at room temperature on the paper's rough contact, for where the scene's are not known.
 EVENTS_PER_SITE = 0.5
 
 
-def room_temperature_cost(sites: float, event: float, site: float, memory: float) -> dict[str, float]:
+def expected_cost(
+    sites: float, event: float, site: float, memory: float, events: float | None = None, superbasins: bool = False
+) -> dict[str, float]:
     """`Engine.expected` from the seconds per event, the seconds of set-up per site and the bytes per site."""
-    return {"cpu_seconds": sites * (EVENTS_PER_SITE * event + site), "bytes": sites * memory}
+    per_site = EVENTS_PER_SITE if events is None else events
+    if superbasins:
+        # what a site adds by flickering costs nothing
+        per_site = min(per_site, 2 * EVENTS_PER_SITE)
+    return {"cpu_seconds": sites * (per_site * event + site), "bytes": sites * memory}
 
 
 def run_pieces(

@@ -53,9 +53,11 @@ class Auto(ThreadedEngine):
         few = "few sites" if n < WORTH_SHARING else "most sites in one patch"
         return RejectionFree(superbasins=self.superbasins), f"{shape}: with {few} the sum tree costs least"
 
-    def expected(self, sites: float, interacting: bool) -> dict[str, float]:
+    def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""
-        return (NextReaction() if interacting else Independent()).expected(sites, interacting)
+        if not interacting:
+            return Independent().expected(sites, interacting)
+        return NextReaction(superbasins=self.superbasins).expected(sites, interacting, events)
 
     def _run(
         self,

@@ -8,7 +8,7 @@ import numpy as np
 
 from chemage import Engine
 from chemage_kinetics import _bkl as kernel
-from chemage_kinetics._driver import SLICE, Job, bonded, room_temperature_cost
+from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost
 from chemage_kinetics._rate_classes import members, new_classes
 
 if TYPE_CHECKING:
@@ -28,9 +28,9 @@ class BKL(Engine):
     """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
     cost does not depend on the number of its events (Novotny 1995); default: no"""
 
-    def expected(self, sites: float, interacting: bool) -> dict[str, float]:
+    def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""
-        return room_temperature_cost(sites, 650e-9, 25e-9, 46)
+        return expected_cost(sites, 650e-9, 25e-9, 46, events, self.superbasins)
 
     def _run(
         self,

@@ -9,7 +9,7 @@ import numpy as np
 from chemage import BondHistory, InputError, ReactionLattice, check_times, checked_states, temperature_value
 from chemage_kinetics import _independent as kernel
 from chemage_kinetics._common import Holds
-from chemage_kinetics._driver import Job, model_of, room_temperature_cost, run_pieces
+from chemage_kinetics._driver import Job, expected_cost, model_of, run_pieces
 from chemage_kinetics._threads import ThreadedEngine
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class Independent(ThreadedEngine):
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""
-        return room_temperature_cost(sites, 100e-9, 60e-9, 25)
+        return expected_cost(sites, 100e-9, 60e-9, 25)
 
     def _run(
         self,

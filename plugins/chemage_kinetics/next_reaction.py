@@ -8,7 +8,7 @@ import numpy as np
 
 from chemage_kinetics import _next_reaction as kernel
 from chemage_kinetics._common import Holds
-from chemage_kinetics._driver import SLICE, Job, bonded, room_temperature_cost, run_pieces
+from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost, run_pieces
 from chemage_kinetics._event_queue import new_order, new_queue
 from chemage_kinetics._patches import patches_of
 from chemage_kinetics._threads import ThreadedEngine
@@ -33,9 +33,9 @@ class NextReaction(ThreadedEngine):
     """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
     cost does not depend on the number of its events (Novotny 1995); default: no"""
 
-    def expected(self, sites: float, interacting: bool) -> dict[str, float]:
+    def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""
-        return room_temperature_cost(sites, 600e-9, 70e-9, 50)
+        return expected_cost(sites, 600e-9, 70e-9, 50, events, self.superbasins)
 
     def _run(
         self,

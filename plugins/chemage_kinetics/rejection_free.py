@@ -8,7 +8,7 @@ import numpy as np
 
 from chemage import Engine
 from chemage_kinetics import _rejection_free as kernel
-from chemage_kinetics._driver import SLICE, Job, bonded, room_temperature_cost
+from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost
 from chemage_kinetics._sum_tree import ROOM, empty_rates, fill, relist
 
 if TYPE_CHECKING:
@@ -28,9 +28,9 @@ class RejectionFree(Engine):
     """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
     cost does not depend on the number of its events (Novotny 1995); default: no"""
 
-    def expected(self, sites: float, interacting: bool) -> dict[str, float]:
+    def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
         """See :meth:`chemage.spec.Engine.expected`."""
-        return room_temperature_cost(sites, 430e-9, 15e-9, 18)
+        return expected_cost(sites, 430e-9, 15e-9, 18, events, self.superbasins)
 
     def _run(
         self,

@@ -1,7 +1,7 @@
 """Silica surfaces with silanol groups that form siloxane bridges.
 
 After Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018): the barrier distribution ``md-silica``, and the scenes
-``silica-rough``, ``silica-tip``, ``silica-tips`` and ``silica-patch``.
+``silica-rough``, ``silica-patch``, ``silica-tip``, ``silica-tips``, ``silica-afm-tip`` and ``silica-linear-tip``.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def chemage_register() -> dict[str, dict[str, str]]:
 @hookimpl
 def chemage_scenes() -> dict[str, str]:
     """The scenes of this package."""
-    names = ("silica-rough", "silica-tip", "silica-tips", "silica-patch")
+    names = ("silica-rough", "silica-patch", "silica-tip", "silica-tips", "silica-afm-tip", "silica-linear-tip")
     return {name: f"chemage_silica.scenes:{name}.toml" for name in names}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,6 +16,7 @@ from chemage import (
     InputError,
     Length,
     Reader,
+    Scatter,
     Seed,
     StoreError,
     Surface,
@@ -74,6 +76,10 @@ class FromFile(SurfaceMaker):
         nx, ny = found.shape
         known = {"nx": nx, "ny": ny, "pixel_size": found.pixel_size, "rms_slope": found.rms_slope}
         return {**known, "periodic": float(found.periodic)}
+
+    def scatter(self, contact: Mapping[str, float]) -> Scatter:
+        """None: the seed is ignored."""
+        return Scatter(0.0)
 
     def make(self, seed: Seed = 0) -> Surface:
         """The surface in the file, which is read once as long as it does not change. ``seed`` is ignored.

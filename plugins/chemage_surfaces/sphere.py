@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
 
-from chemage import Length, Seed, Surface, SurfaceMaker
+from chemage import Length, Scatter, Seed, Surface, SurfaceMaker
 from chemage.foundation.memory import require
 from chemage_surfaces._options import Pixels, provenance
 
@@ -47,6 +48,10 @@ class Sphere(SurfaceMaker):
         """The grid and the radius."""
         nx, ny = self.pixels
         return {"nx": nx, "ny": ny, "pixel_size": self.pixel_size, "radius": self.radius, "periodic": 0.0}
+
+    def scatter(self, contact: Mapping[str, float]) -> Scatter:
+        """None: the seed is ignored."""
+        return Scatter(0.0)
 
     def make(self, seed: Seed = 0) -> Surface:
         """Make the surface: heights (nx, ny) float64 nm, at most 0. ``seed`` is ignored.

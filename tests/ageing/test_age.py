@@ -54,13 +54,14 @@ class Tally(Engine):
             time.sleep(self.delays.get(seed.spawn_key[-2], 0.0))
         if self.meeting is not None:
             self.meeting.wait(60)
-        bonds = (words[0] % 1000 + np.arange(hold_times.size)).astype(np.int64)
+        sites = lattice.sites.size
+        bonds = np.minimum(words[0] % max(sites, 1) + np.arange(hold_times.size), sites).astype(np.int64)
         return BondHistory(
             hold_times=hold_times,
             bonds=bonds,
             formed=bonds + int(lattice.forming.sum() * 1e6),
             broken=np.zeros(bonds.size, int),
-            state=np.zeros(lattice.sites.size, bool),
+            state=np.zeros(sites, bool),
             time=hold_times[-1],
             temperature=temperature,
             engine=self.kind,
@@ -101,8 +102,8 @@ def plain(isolated_registry):
 
 @pytest.fixture
 def contact():
-    pressure = np.zeros((6, 7))
-    pressure[1:4, 2:6] = np.linspace(0.5, 3, 12).reshape(3, 4)
+    pressure = np.zeros((33, 44))
+    pressure[1:31, 2:42] = np.linspace(0.5, 3, 1200).reshape(30, 40)
     return ContactSolution(pressure=pressure, load=pressure.sum() * 0.25, pixel_size=0.5, modulus=30.0)
 
 
@@ -232,7 +233,7 @@ def test_the_result_says_what_made_it(contact):
     assert made.hold_times.tolist() == TIMES
     assert (made.load, made.temperature, made.bond_force, made.front_factor) == (contact.load, 300.0, 2.0, 0.15)
     assert made.engine == "tally"
-    assert made.sites.tolist() == [12, 12]
+    assert made.sites.tolist() == [1200, 1200]
     assert made.contact == pytest.approx(contact.summary(), nan_ok=True)
     assert made.provenance["chemistry"] == silica.todict()
     assert made.provenance["seed"] == "3"
@@ -267,7 +268,7 @@ def test_half_hydroxylated_contacts_differ_in_their_sites(contact):
     silica = chemistry(hydroxylation=0.5)
     made = ca.age(contact, silica, engine=Tally(), hold_times=TIMES, temperature=300, replicas=30)
     assert np.unique(made.sites).size > 3
-    assert abs(made.sites.mean() - 6) < 1.5
+    assert abs(made.sites.mean() - 600) < 30
 
 
 def test_no_load_has_no_sites_and_no_bonds():
@@ -275,6 +276,18 @@ def test_no_load_has_no_sites_and_no_bonds():
     made = ca.age(none, chemistry(), engine=Tally(), hold_times=TIMES, temperature=300, replicas=2)
     assert made.sites.tolist() == [0, 0]
     assert np.isnan(made.friction_coefficient_drop).all()
+
+
+def test_more_bonds_than_sites_are_refused(contact):
+    class Crowded(Tally):
+        kind = "crowded"
+
+        def _run(self, *arguments):
+            history = super()._run(*arguments)
+            return history.model_copy(update={"bonds": history.bonds + 1200})
+
+    with pytest.raises(PluginError, match=r"engine 'crowded': \d+ bonds on 1200 sites; a site has"):
+        age(contact, engine=Crowded())
 
 
 # -- what is refused --------------------------------------------------------------------------------------------------

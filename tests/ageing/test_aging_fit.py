@@ -22,7 +22,7 @@ def line(slope, cutoff, times, replicas=1, load=30.0, force=3.0, noise=0):
     return Aging(
         hold_times=times,
         bonds=bonds,
-        sites=[10**6] * replicas,
+        sites=[10**8] * replicas,
         events=[0] * replicas,
         load=load,
         temperature=300.0,
@@ -46,7 +46,7 @@ def test_fit_sees_only_its_window(aging):
     bent = line(1000, 1e-3, times).bonds.copy()
     bent[0, times < 10] = 0
     bent[0, times > 1e4] = 10**6
-    made = aging(hold_times=times, bonds=bent, sites=[1], events=[1], load=3.0, observables={})
+    made = aging(hold_times=times, bonds=bent, sites=[10**6], events=[1], load=3.0, observables={})
     assert made.fit(10, 1e4).beta == pytest.approx(1000)
     # the ends belong to the window, also when rounding put them an ulp outside
     assert made.fit(10 * (1 + 1e-12), 1e4 * (1 - 1e-12)).points == 4

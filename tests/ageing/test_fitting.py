@@ -87,7 +87,7 @@ def test_intervals_hold_the_truth_nineteen_times_in_twenty(model, shape, kind):
 def aging(bonds, **options):
     replicas = bonds.shape[0]
     fields = {"load": 100.0, "temperature": 300.0, "bond_force": 3.0} | options
-    ones = np.full(replicas, 10**6)
+    ones = np.full(replicas, 10**8)
     return Aging(hold_times=TIMES, bonds=bonds.astype(np.int64), sites=ones, events=ones, **fields)
 
 
@@ -111,7 +111,7 @@ def test_replicas_are_drawn_whole_so_that_correlated_errors_count():
 @pytest.mark.parametrize("replicas", [2, 3, pytest.param(5, marks=pytest.mark.long), 10])
 def test_the_intervals_of_a_few_replicas_cover_what_they_say(replicas, model):
     """Replicas that differ by a factor and by a scatter of their own; 0.95 ± 4 standard errors of the trials."""
-    generator, trials = np.random.default_rng(replicas), 800 if model == "line" else 150
+    generator, trials = np.random.default_rng(replicas), 300 if model == "line" else 100
     inside = np.zeros(2)
     shape = line if model == "line" else curve
     for _ in range(trials):
@@ -130,7 +130,7 @@ def test_the_intervals_of_a_few_replicas_cover_what_they_say(replicas, model):
 @pytest.mark.parametrize("model", ["line", "curve"])
 @pytest.mark.parametrize("points", [4, pytest.param(6, marks=pytest.mark.long), 25])
 def test_the_intervals_of_a_few_measurements_cover_what_they_say(points, model):
-    generator, trials = np.random.default_rng(points), 800 if model == "line" else 300
+    generator, trials = np.random.default_rng(points), 300 if model == "line" else 150
     times, inside = np.geomspace(1.0, 1e4, points), np.zeros(2)
     error = np.geomspace(0.02, 0.08, points)
     shape = line if model == "line" else curve

@@ -13,7 +13,7 @@ from chemage.ageing.seeds import identity
 from chemage.foundation.errors import InputError
 
 TIMES = np.geomspace(10.0, 1e4, 7)
-SURFACES = 21
+SURFACES = 12
 REPLICAS = 40
 SILICA = ca.chemistry(
     forming=ca.barriers("uniform", lower="0.8 eV", upper="1.4 eV"),
@@ -62,18 +62,18 @@ def correlation(groups: list[np.ndarray]) -> np.ndarray:
 @pytest.mark.parametrize(("fraction", "side"), [(0.01, 120), (0.7, 40)])
 @pytest.mark.parametrize("engine", ["rejection-free", "bkl", "next-reaction"])
 def test_replicas_on_different_surfaces_are_independent(engine, fraction, side):
-    """210 pairs of surfaces; the standard error of the mean correlation is 0.011. Without hashing: 0.2 to 0.6."""
+    """66 pairs of surfaces; the standard error of the mean correlation is 0.02. Without hashing: 0.2 to 0.6."""
     found = [beta_and_drop(contact_of(surface, fraction, side), engine) for surface in range(SURFACES)]
-    assert np.abs(correlation(found)).max() < 0.05
+    assert np.abs(correlation(found)).max() < 0.09
 
 
 def test_engines_are_independent_on_one_contact():
-    """63 pairs of engines on one surface each; the standard error of the mean correlation is 0.02."""
+    """36 pairs of engines on one surface each; the standard error of the mean correlation is 0.027."""
     kinds = ("rejection-free", "bkl", "next-reaction")
     pairs = [
         correlation([beta_and_drop(contact_of(surface, 0.7), kind) for kind in kinds]) for surface in range(SURFACES)
     ]
-    assert np.abs(np.mean(pairs, axis=0)).max() < 0.09
+    assert np.abs(np.mean(pairs, axis=0)).max() < 0.12
 
 
 def test_loads_temperatures_and_chemistries_are_independent_on_one_surface():

@@ -76,7 +76,7 @@ def means_covered(replicas: int, trials: int) -> tuple[float, float]:
     truth = aging.fit()
     mean, inside = aging.mean_friction_coefficient_drop[-1], np.zeros(2)
     for group in np.split(aging.bonds, trials):
-        ones = np.ones(replicas, int)
+        ones = np.full(replicas, group.max())
         one = Aging(
             hold_times=times, bonds=group, sites=ones, events=ones, load=aging.load, temperature=300.0, bond_force=3.0
         )

@@ -93,7 +93,7 @@ def test_check_json_is_one_object(command, small):
     assert list(plan["stages"]) == ["surface", "contact", "forming", "breaking", "interaction", "kinetics", "rupture"]
 
 
-@pytest.mark.parametrize("name", ["silica-rough", "silica-tip"])
+@pytest.mark.parametrize("name", ["silica-rough", "silica-tip", "silica-afm-tip", "silica-linear-tip"])
 def test_installed_scenes_are_valid(command, name):
     done = command("check", name)
     assert (done.status, done.err) == (0, "")

@@ -9,9 +9,10 @@ from types import ModuleType
 from typing import ClassVar
 
 import pytest
+from nested import Outer
 
 import chemage as ca
-from chemage import Choice, parse_scene, registry
+from chemage import parse_scene, registry
 from chemage.foundation import approximations
 from chemage.reports import run_figures
 from chemage.reports.comparison import compare_files, comparison_figures
@@ -71,17 +72,6 @@ def test_an_observable_is_marked(tiny):
 
     ca.register(Guess)
     assert ran(tiny, observe=[{"kind": "guess"}]).approximate == "guess (no error declared)"
-
-
-class Outer(ca.Engine):
-    """Another engine does the work."""
-
-    kind = "outer"
-    inner: Choice[ca.Engine]
-    """the engine"""
-
-    def _run(self, lattice, hold_times, temperature, seed, start):
-        return self.inner.run(lattice, hold_times, temperature=temperature, seed=seed, start=start)
 
 
 def test_a_component_inside_a_component_is_marked(tiny, parts):

@@ -9,6 +9,7 @@ import pytest
 import chemage
 from chemage import load_scene
 from chemage.experiments.estimate import cost, plan
+from chemage.lattices.expected import expected_events
 
 
 @pytest.fixture
@@ -104,3 +105,24 @@ def test_rows_and_dict_are_for_tables_and_programs(planned):
     told = made.todict()
     assert told["keys"] == made.scene.keys()
     assert told["nx"] == 48
+
+
+@pytest.mark.parametrize(
+    ("temperature", "stop"), [(300.0, 1e5), (400.0, 100.0), (350.0, 1e3)], ids=["300 K", "400 K", "350 K"]
+)
+def test_events_are_estimated_at_every_temperature(small, temperature, stop):
+    """Within a factor 2; the cost of a replica is proportional to them."""
+    changes = {"surface.pixels": 200, "surface.zeta": 20, "contact.load": "0.5 uN"}
+    scene = load_scene(small, {**changes, "hold.temperature": temperature, "hold.stop": stop, "hold.replicas": 5})
+    contact = chemage.run(scene).contact
+    found = chemage.run(scene).aging
+    expected = expected_events(scene.chemistry, contact.mean_contact_pressure, stop, temperature)
+    assert 0.5 < expected / (found.events / found.sites).mean() < 2
+
+
+def test_what_takes_hours_is_said():
+    hot = {"hold.temperature": 400.0, "hold.stop": 1e7}
+    (note,) = [note for note in plan(load_scene("silica-rough", hot)).notes if "this will take about" in note]
+    assert "hours" in note
+    few = {**hot, "engine": {"kind": "next-reaction", "superbasins": True}}
+    assert not [note for note in plan(load_scene("silica-rough", few)).notes if "this will take about" in note]

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 HOSTILE = Path(__file__).parents[1] / "stubs" / "hostile.py"
-CASES = int(os.environ.get("CHEMAGE_FUZZ", "2500"))
+CASES = int(os.environ.get("CHEMAGE_FUZZ", "1250"))
 #: where one process ends and the next begins, so that a crash costs few cases
 BATCH = 3000
 

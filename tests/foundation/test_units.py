@@ -26,7 +26,7 @@ from chemage import (
     UnitError,
     convert,
 )
-from chemage.foundation.units import unit_registry
+from chemage.foundation.units import _POWERS, _parse, unit_registry
 
 INTERNAL = ("nm", "nN", "GPa", "eV", "s", "K", "Hz", "nm**3")
 
@@ -240,14 +240,33 @@ def test_a_unit_makes_the_annotation():
         Other(area=0)
 
 
-def test_pint_is_imported_only_for_a_string():
+def test_pint_is_imported_only_for_a_unit_that_no_power_of_ten_leads_to():
     code = (
         "import sys\nfrom chemage import convert\n"
         "assert convert(3, 'nm') == 3\nassert 'pint' not in sys.modules\n"
-        "convert('3 um', 'nm')\nassert 'pint' in sys.modules"
+        "convert('3 um', 'nm')\nassert 'pint' not in sys.modules\n"
+        "convert('3 inch', 'nm')\nassert 'pint' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_there_is_one_registry():
     assert unit_registry() is unit_registry()
+
+
+@pytest.mark.parametrize(("unit", "other"), [(unit, other) for unit, powers in _POWERS.items() for other in powers])
+def test_what_the_table_converts_is_what_pint_converts(unit, other, monkeypatch):
+    numbers = ["0", "1", "-3", "0.4518", "35.3", "6.4", "1e13", "1E-5", "+2.50e3", ".5", "1_000", "123456789.123456789"]
+    generator = np.random.default_rng(0)
+    numbers += map(repr, (generator.uniform(-1, 1, 20) * 10.0 ** np.arange(-10, 10)).tolist())
+    by_table = [convert(f"{number} {other}", unit) for number in numbers]
+    monkeypatch.setattr("chemage.foundation.units._POWERS", {})
+    _parse.cache_clear()
+    by_pint = [convert(f"{number} {other}", unit) for number in numbers]
+    _parse.cache_clear()
+    assert by_table == by_pint
+
+
+def test_a_scene_is_read_without_pint():
+    code = "import sys, chemage; chemage.load_scene('silica-rough'); sys.exit('pint' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

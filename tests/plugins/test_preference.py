@@ -110,9 +110,8 @@ def test_the_command_line_prefers(answers, command, tmp_path, monkeypatch):
     monkeypatch.setenv("CHEMAGE_PREFER", "")  # which the command sets
     (tmp_path / "tiny.toml").write_text(tomli_w.dumps(answers.scene()))
     for words, expected in (((), "apple"), (("--prefer", "pear"), "pear"), (("--prefer=apple",), "apple")):
-        done = command(
-            *words, "run", tmp_path / "tiny.toml", "--json", "--out", tmp_path / f"{expected}{len(words)}.h5"
-        )
+        out = tmp_path / f"{expected}{len(words)}.h5"
+        done = command(*words, "run", tmp_path / "tiny.toml", "--json", "--no-figures", "--out", out)
         assert done.status == 0, done.err
         assert f'"notes": ["{expected}"' in done.out
     wrong = command("--prefer", "paer", "plugins", "list")

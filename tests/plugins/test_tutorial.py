@@ -3,54 +3,23 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+from tutorial import Tutorial, run_python
 
 from chemage import registry
 from chemage.foundation.names import MODULES
 
-PAGE = (Path(__file__).parents[2] / "docs" / "plugins.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
-
-#: files of the tutorial: each block begins with the file's path in a comment
-FILES = {found[1]: code for _, code in BLOCKS if (found := re.match(r"# (\S+\.\w+)\n", code))}
+PAGE = Tutorial("plugins.md")
 
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
     """The folder of the tutorial, and an environment in which the package is installed as pip would do it."""
-    root = tmp_path_factory.mktemp("tutorial")
-    for path, code in FILES.items():
-        file = root / path
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(code, encoding="utf-8")
-    settings = tomllib.loads(FILES["pyproject.toml"])["project"]
-    info = root / f"{settings['name'].replace('-', '_')}-{settings['version']}.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {settings['name']}\nVersion: {settings['version']}\n")
-    points = "".join(f"{name} = {value}\n" for name, value in settings["entry-points"]["chemage"].items())
-    (info / "entry_points.txt").write_text(f"[chemage]\n{points}")
-    return root
-
-
-def run(project, *command):
-    # the package of the tutorial, beside the chemage that is under test
-    path = os.pathsep.join([str(project), *filter(None, [os.environ.get("PYTHONPATH")])])
-    done = subprocess.run(
-        [sys.executable, *command],
-        cwd=project,
-        env={**os.environ, "PYTHONPATH": path, "CHEMAGE_STRICT": "1"},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    return PAGE.install(tmp_path_factory.mktemp("tutorial"))
 
 
 def chemage(project, *commands):
@@ -65,18 +34,18 @@ for command in json.loads(sys.argv[1]):
     assert done.exit_code == 0, (command, done.output, done.exception)
     print(done.stdout, end="\\0")
 """
-    return run(project, "-c", program, json.dumps(commands)).split("\0")[:-1]
+    return run_python(project, "-c", program, json.dumps(commands)).split("\0")[:-1]
 
 
 def test_the_page_shows_every_file_it_lists():
-    (tree,) = [code for language, code in BLOCKS if not language and "pyproject.toml" in code]
+    (tree,) = [code for language, code in PAGE.blocks if not language and "pyproject.toml" in code]
     top, *listed = tree.split()
-    assert set(listed) | {"tip.toml"} == set(FILES)
-    assert top == f"{tomllib.loads(FILES['pyproject.toml'])['project']['name']}/"
+    assert set(listed) | {"tip.toml"} == set(PAGE.files)
+    assert top == f"{tomllib.loads(PAGE.files['pyproject.toml'])['project']['name']}/"
 
 
 def test_its_own_tests_pass(project):
-    said = run(project, "-W", "error", "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests")
+    said = run_python(project, "-W", "error", "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests")
     passed = int(re.search(r"(\d+) passed", said)[1])  # pyright: ignore[reportOptionalSubscript]
     assert passed > 25
     assert "failed" not in said
@@ -92,7 +61,7 @@ def test_its_own_tests_can_fail(project):
     try:
         source.write_text(wrong)
         with pytest.raises(AssertionError, match="density_agrees_with_quantile"):
-            run(project, "-B", "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests")
+            run_python(project, "-B", "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests")
     finally:
         source.write_text(right)
 
@@ -118,12 +87,12 @@ def test_the_scene_is_valid_and_runs(project):
 
 
 def test_the_python_lines_run(project):
-    (code,) = [code for _, code in BLOCKS if code.startswith("import chemage as ca")]
-    run(project, "-c", code + "\nassert silica.forming is by_name or silica.forming == by_name")
+    (code,) = [code for _, code in PAGE.blocks if code.startswith("import chemage as ca")]
+    run_python(project, "-c", code + "\nassert silica.forming is by_name or silica.forming == by_name")
 
 
 def python_block(text):
-    (code,) = [code for language, code in BLOCKS if language == "python" and text in code]
+    (code,) = [code for language, code in PAGE.blocks if language == "python" and text in code]
     return code
 
 
@@ -167,7 +136,7 @@ else:
     file = project / "notebook.py"
     blocks = ("class DrawnWeibull", "class BondRadius", "@chemage.register")
     file.write_text("".join(python_block(text) for text in blocks) + use)
-    run(project, "-W", "error", file.name)
+    run_python(project, "-W", "error", file.name)
 
 
 def test_the_law_for_friction_and_the_map_meet_their_roles_and_reach_results(project):
@@ -213,12 +182,12 @@ assert "fullest_cell at the last hold time" in dict(made.table())
 """
     file = project / "friction.py"
     file.write_text("".join(blocks) + use)
-    run(project, "-W", "error", file.name)
+    run_python(project, "-W", "error", file.name)
 
 
 def test_a_stream_of_its_own(project):
     use = "assert 250 < is_defect(1, range(1000), 0.3).sum() < 350"
-    run(project, "-c", python_block("random.stream") + use)
+    run_python(project, "-c", python_block("random.stream") + use)
 
 
 def test_the_stubs_know_the_plugin(project):
@@ -229,7 +198,7 @@ def test_the_stubs_know_the_plugin(project):
 
 
 def test_the_table_of_roles_is_complete():
-    rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \| (.*?) \|", PAGE, re.MULTILINE)
+    rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \| (.*?) \|", PAGE.text, re.MULTILINE)
     assert [role for role, _, _ in rows] == list(registry.current().roles)
     for role, name, methods in rows:
         cls = registry.current().role(role)
@@ -239,7 +208,7 @@ def test_the_table_of_roles_is_complete():
 
 def test_the_page_names_public_modules_and_the_plugins_of_chemage_need_no_others():
     public = {"chemage", *(f"chemage.{module}" for module in MODULES.values())}
-    (sentence,) = re.findall(r"Import from (.*?), and from no other module", PAGE, re.DOTALL)
+    (sentence,) = re.findall(r"Import from (.*?), and from no other module", PAGE.text, re.DOTALL)
     assert "chemage" in (named := set(re.findall(r"`(chemage[\w.]*)`", sentence)))
     assert named <= public
     plugins = Path(__file__).parents[2] / "plugins"
@@ -253,5 +222,5 @@ def test_every_command_of_the_page_exists():
 
     from chemage.cli.app import app
 
-    for command in re.findall(r"^chemage (\w+ \w+)$", PAGE, re.MULTILINE):
+    for command in re.findall(r"^chemage (\w+ \w+)$", PAGE.text, re.MULTILINE):
         assert CliRunner().invoke(app, [*command.split(), "--help"]).exit_code == 0, command

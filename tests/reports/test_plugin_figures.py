@@ -9,9 +9,10 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from nested import Outer
 
 import chemage as ca
-from chemage import Choice, parse_scene, registry
+from chemage import parse_scene, registry
 from chemage.plugins.registry import PluginWarning
 from chemage.reports import run_figures
 from chemage.reports.comparison import compare_files, comparison_figures
@@ -104,17 +105,6 @@ def test_one_kind_twice_in_a_result_is_told_apart(tiny, parts):
     figure = run_figures.figures(ran(tiny, forming={"kind": "mine"}, breaking={"kind": "mine"}))["mine-figure"]
     assert labels(figure) == ["tiny, forming", "tiny, breaking"]
     assert [line.get_color() for line in figure.axes[0].lines] == list(PALETTE[:2])
-
-
-class Outer(ca.Engine):
-    """Another engine does the work."""
-
-    kind = "outer"
-    inner: Choice[ca.Engine]
-    """the engine"""
-
-    def _run(self, lattice, hold_times, temperature, seed, start):
-        return self.inner.run(lattice, hold_times, temperature=temperature, seed=seed, start=start)
 
 
 def test_a_component_inside_a_component_brings_its_figures(tiny, parts):

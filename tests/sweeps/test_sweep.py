@@ -154,6 +154,9 @@ def test_speed_and_names_are_in_no_key(tiny):
     assert keys(name="other", title="another") == one
     assert keys(engine={"kind": "tiny-coin", "pause": 0.5}) == one, "pause is speed_only"
     assert keys(engine={"kind": "tiny-coin", "bias": 0.5})["aging"] != one["aging"]
+    hard = keys(chemistry={"hardness": "10 GPa"})
+    assert hard["aging"] == one["aging"]
+    assert hard["result"] != one["result"]
     refit = keys(fit={"start": 2.0, "stop": 1e3})
     assert refit["result"] != one["result"]
     assert refit["aging"] == one["aging"]
@@ -184,6 +187,23 @@ def test_each_stage_is_computed_once_for_all_points_that_share_it(tiny, tmp_path
     # points follow their contact, while it and its surface are in memory
     words = [line.split()[0] for line in tiny.computed()]
     assert words == 2 * ["surface", *(3 * ["contact", *(4 * ["kinetics"])])]
+
+
+def test_points_that_differ_in_the_limits_of_the_material_share_the_kinetics(tiny, tmp_path):
+    text = '[sweep]\n"chemistry.hardness" = ["0.01 GPa", "1e6 GPa"]'
+    result = chemage.sweep(swept(tiny, text), tmp_path / "out")
+    assert len(tiny.computed("kinetics")) == 2
+    assert [point.summary["load_above_hardness"] for point in result] == [1.0, 0.0]
+    assert [point.aging().elasticity["hardness"] for point in result] == [0.01, 1e6]
+    assert np.array_equal(result[0].aging().bonds, result[1].aging().bonds)
+    assert result[0].summary["keys"]["aging"] == result[1].summary["keys"]["aging"]
+    assert len(result[0].run().notes) == len(result[1].run().notes) + 1
+    for point in result:
+        assert point.run().summary() == point.summary
+    assert result.table().scalars["area_above_hardness"].tolist() == [1.0, 0.0]
+    header = (tmp_path / "out" / "results.csv").read_text().splitlines()[0].split(",")
+    assert {"area_above_hardness", "load_above_hardness", "mean_shear_stress (GPa)"} <= set(header)
+    assert "shear_strength (GPa)" not in header, "no point has one"
 
 
 def test_points_that_differ_in_their_fit_share_the_kinetics(tiny, tmp_path):
@@ -430,7 +450,7 @@ def test_packed_ageing_is_the_same_ageing():
     aging = Aging(
         hold_times=[0.1, 1.0 + 1e-15, 1e5],
         bonds=[[1, 2, 3], [0, 2, 2**31]],
-        sites=[5, 6],
+        sites=[5, 2**32],
         events=[7, 8],
         load=20.0,
         temperature=300.0,

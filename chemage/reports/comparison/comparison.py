@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from chemage.ageing.elasticity import MEASURES, elastic_measures
 from chemage.ageing.fitting import Fit, Model, Quantity, fit_aging
 from chemage.ageing.measured import Measured
 from chemage.ageing.measurements import Measurements, read_measurements
@@ -28,6 +29,15 @@ from chemage.foundation.units import convert
 from chemage.reports.comparison.differences import Difference, differences
 from chemage.reports.comparison.entries import Entry, load_results
 
+#: rows about the limits of the elastic model: name of the measure -> label
+_ELASTIC = {
+    "hardness": "hardness",
+    "area_above_hardness": "share of area above the hardness",
+    "load_above_hardness": "share of load above the hardness",
+    "mean_shear_stress": "mean shear stress at the last hold time",
+    "shear_strength": "shear strength",
+    "shear_stress_to_strength": "mean shear stress over shear strength",
+}
 #: hold times (s) at which results are compared, besides the last
 TIMES = (1.0, 1e3)
 
@@ -86,6 +96,9 @@ class Comparison:
             for time in self.times:
                 rows.append((f"{label} at {time:g} s", _row_at(curves, unit, time)))
             rows.append((f"{label} at the last hold time", _row_at(curves, unit, None)))
+        rows += [
+            (label, partial(_elastic_text, name=name)) for name, label in _ELASTIC.items() if name in self._limits()
+        ]
         rows += self._measured_rows()
         rows += [
             ("last hold time", lambda one: _text(one.last(), "s")),
@@ -93,6 +106,8 @@ class Comparison:
             ("β, 95 % interval", lambda one: f.beta_text() if (f := one.fit) else "-"),
             ("cut-off time, 95 % interval", lambda one: f.cutoff_text() if (f := one.fit) else "-"),
         ]
+        if any(one.scatter for one in self.results):
+            rows.append(("scatter of β between surfaces", _scatter_text))
         if any(one.approximate for one in self.results):
             rows.append(("approximate", lambda one: one.approximate or "-"))
         if any(one.plugins for one in self.results):
@@ -110,6 +125,11 @@ class Comparison:
                 rows.append((f"{name} at {time:g} s", partial(_measured_text, name=name, time=time)))
             rows.append((f"{name} at the last hold time", partial(_measured_text, name=name)))
         return rows
+
+    def _limits(self) -> list[str]:
+        """What is known of any result about the limits of the elastic model."""
+        known = {name for one in self.results for name in elastic_measures(one.aging)}
+        return [name for name in MEASURES if name in known]
 
     def outputs(self) -> dict[str, Measured]:
         """The outputs of observables that can be compared, by name: the first result that has each."""
@@ -158,9 +178,11 @@ class Comparison:
             "beta": fit.beta if fit else None,
             "beta_stderr": fit.beta_stderr if fit else None,
             "beta_interval": [fit.beta_interval.low, fit.beta_interval.high] if fit else None,
+            "beta_scatter_between_surfaces": one.scatter.relative if one.scatter else None,
             "cutoff_time": fit.cutoff_time if fit else None,
             "cutoff_time_stderr": fit.cutoff_time_stderr if fit else None,
             "cutoff_time_interval": [fit.cutoff_interval.low, fit.cutoff_interval.high] if fit else None,
+            **{name: elastic_measures(one.aging).get(name) for name in self._limits()},
             **numbers,
             "at": at,
         }
@@ -184,6 +206,7 @@ class Comparison:
         """The comparison as CSV with one line per result and units in the header."""
         units = {"load": "nN", "area": "nm^2", "perimeter_to_area": "1/nm", "mean_contact_pressure": "GPa"}
         units |= {"cutoff_time": "s", "cutoff_time_stderr": "s", "cutoff_time_low": "s", "cutoff_time_high": "s"}
+        units |= {name: unit for name, (unit, _) in MEASURES.items() if unit != "1"}
         units |= {f"observable.{name}": one.unit for name, one in self.outputs().items() if one.unit}
         units |= {"friction_drop": "nN", "bonds_per_area": "1/nm^2", "fit_start": "s", "fit_stop": "s", "last": "s"}
         lines = []
@@ -323,6 +346,17 @@ def _values_at(one: Entry, name: str, time: float | None) -> np.ndarray:
 def _measured_text(one: Entry, name: str, time: float | None = None) -> str:
     part = one.measured.get(name)
     return mean_text(_values_at(one, name, time), part.unit) if part is not None else "-"
+
+
+def _scatter_text(one: Entry) -> str:
+    if one.scatter is None or one.fit is None:
+        return "-"
+    return one.scatter.text(one.fit.relative_stderr) or "one surface"
+
+
+def _elastic_text(one: Entry, name: str) -> str:
+    unit = MEASURES[name][0]
+    return _text(elastic_measures(one.aging).get(name), "" if unit == "1" else unit)
 
 
 def _with_errors(name: str, values: np.ndarray) -> dict[str, float]:

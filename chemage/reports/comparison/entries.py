@@ -18,12 +18,14 @@ from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.ageing.measured import Measured
 from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
-from chemage.experiments.sections import components_of
+from chemage.experiments.sections import components_of, scatter_of
 from chemage.foundation.approximations import in_words
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
+from chemage.lattices.chemistry import Chemistry
 from chemage.reports.figures import plain
 from chemage.store.results import read
+from chemage.surfaces.scatter import Scatter
 from chemage.sweeps.result import load_sweep
 
 _CHEMICAL = ("forming", "breaking", "interaction", "chemistry", "temperature")
@@ -132,6 +134,11 @@ class Entry:
         return self.aging.measured if self.aging is not None else {}
 
     @cached_property
+    def scatter(self) -> Scatter | None:
+        """How much β differs between surfaces of other seeds, where the maker of the surface says so."""
+        return scatter_of(self.scene, self.aging, self.contact, self.provenance) if self.aging is not None else None
+
+    @cached_property
     def fit(self) -> Fit | None:
         """Line of Δμ against log t over the window of the scene; None without load or hold times in the window."""
         try:
@@ -170,12 +177,15 @@ class Entry:
             whole = dict(self.aging.provenance.get("chemistry", {}))
             parts = {name: whole.pop(name, None) for name in ("forming", "breaking", "interaction")}
             parts["chemistry"] = whole
+        own = {name: value for name, value in parts.get("chemistry", {}).items() if name not in Chemistry.limits}
+        parts = {**parts, "chemistry": own}
         return dict(_flat({**parts, "temperature": self.aging.temperature}))
 
     def elsewhere(self) -> dict[str, Any]:
         """The other fields of the scene (surface, contact, engine, hold and fit): dotted path -> value."""
         left = {name: part for name, part in self.scene.items() if name not in (*_CHEMICAL, "name", "title", "observe")}
-        return {path: value for path, value in _flat(left) if path != "hold.temperature"}
+        limits = {name: self.scene.get("chemistry", {}).get(name) for name in Chemistry.limits}
+        return {path: value for path, value in _flat({**left, "chemistry": limits}) if path != "hold.temperature"}
 
 
 def _pressures(contact: ContactSolution) -> tuple[np.ndarray, np.ndarray] | None:

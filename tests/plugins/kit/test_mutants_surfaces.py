@@ -100,6 +100,18 @@ def _by_call(surface, self, seed):
 
 
 MAKERS: dict[str, tuple[Any, str]] = {
+    "random, but its scatter is 0": (
+        lambda: maker(ROUGH, "no-scatter", lambda s, *g: s, scatter=lambda *_: ca.Scatter(0.0)),
+        "scatter_agrees_with_the_seed",
+    ),
+    "a tip with scatter": (
+        lambda: maker(SPHERE, "scatters", lambda s, *g: s, scatter=lambda *_: ca.Scatter(0.1)),
+        "scatter_agrees_with_the_seed",
+    ),
+    "scatter as a number": (
+        lambda: maker(ROUGH, "number", lambda s, *g: s, scatter=lambda *_: 0.1),
+        "scatter_agrees_with_the_seed",
+    ),
     "ten times the pixel": (
         lambda: maker(ROUGH, "pixel", lambda s, *g: changed(s, pixel_size=10 * s.pixel_size)),
         "surface_has_its_options",

@@ -1,0 +1,98 @@
+"""Where the elastic model ends: pressures above the hardness, and the shear stress that the bonds carry.
+
+The contact is elastic at any pressure, and its bonds carry any shear stress. The options ``hardness`` and
+``shear_strength`` of the chemistry say where the material would yield; they change no bond.
+"""
+
+from __future__ import annotations
+
+import math
+
+from chemage.ageing.aging import Aging
+from chemage.contacts.solution import ContactSolution
+from chemage.lattices.chemistry import Chemistry
+
+#: what is reported, where it is known: name -> (unit, meaning)
+MEASURES: dict[str, tuple[str, str]] = {
+    "hardness": ("GPa", "hardness of the material"),
+    "area_above_hardness": ("1", "share of the contact area whose pressure is above the hardness"),
+    "load_above_hardness": ("1", "share of the load carried where the pressure is above the hardness"),
+    "mean_shear_stress": ("GPa", "friction drop at the last hold time over contact area, mean over replicas"),
+    "shear_strength": ("GPa", "shear strength of the material"),
+    "shear_stress_to_strength": ("1", "mean shear stress over shear strength"),
+}
+#: a share of area or load, or a ratio of stress to strength, above this is noted
+NOTED = 0.05
+
+
+def compared(contact: ContactSolution, chemistry: Chemistry) -> dict[str, float]:
+    """The limits that ``chemistry`` gives, and the shares of area and load of ``contact`` above the hardness.
+
+    This is what :attr:`Aging.elasticity` stores; it is empty where no limit is given.
+    """
+    found = chemistry.given_limits()
+    if "hardness" in found:
+        area, load = contact.above(found["hardness"])
+        if math.isfinite(area) and math.isfinite(load):
+            found |= {"area_above_hardness": area, "load_above_hardness": load}
+    return found
+
+
+def compared_again(aging: Aging, contact: ContactSolution, chemistry: Chemistry) -> Aging:
+    """``aging``, which took place on ``contact``, compared with the limits of ``chemistry`` instead of its own."""
+    return aging.model_copy(update={"elasticity": compared(contact, chemistry)})
+
+
+def elastic_measures(aging: Aging | None) -> dict[str, float]:
+    """Those of :data:`MEASURES` that are known of a result; none without ageing."""
+    if aging is None:
+        return {}
+    found = dict(aging.elasticity)
+    if math.isfinite(stress := aging.mean_shear_stress):
+        found["mean_shear_stress"] = stress
+        if "shear_strength" in found:
+            found["shear_stress_to_strength"] = stress / found["shear_strength"]
+    return {name: found[name] for name in MEASURES if name in found}
+
+
+def elastic_rows(aging: Aging | None) -> list[tuple[str, str]]:
+    """The rows of a printed table: (quantity, text)."""
+    known = elastic_measures(aging)
+    rows = []
+    if "area_above_hardness" in known:
+        area, load = _percent(known["area_above_hardness"]), _percent(known["load_above_hardness"])
+        rows.append(
+            (f"above the hardness of {known['hardness']:g} GPa", f"{area} of the contact area, {load} of the load")
+        )
+    if aging is not None and "mean_shear_stress" in known:
+        text = f"{known['mean_shear_stress']:.4g} GPa"
+        if "shear_strength" in known:
+            share = _percent(known["shear_stress_to_strength"])
+            text += f", {share} of the shear strength of {known['shear_strength']:g} GPa"
+        rows.append((f"mean shear stress at {aging.hold_times[-1]:g} s", text))
+    return rows
+
+
+def elastic_notes(aging: Aging | None) -> tuple[str, ...]:
+    """What the user should know of pressures and stresses beyond :data:`NOTED`, in words."""
+    known = elastic_measures(aging)
+    notes = []
+    area, load = known.get("area_above_hardness", 0.0), known.get("load_above_hardness", 0.0)
+    if max(area, load) > NOTED:
+        notes.append(
+            f"{_percent(area)} of the contact area, which carries {_percent(load)} of the load, is above the hardness "
+            f"of {known['hardness']:g} GPa: the elastic solution overestimates the pressure there, which plastic flow "
+            "would limit"
+        )
+    if aging is not None and known.get("shear_stress_to_strength", 0.0) > NOTED:
+        stress, strength = known["mean_shear_stress"], known["shear_strength"]
+        notes.append(
+            f"at {aging.hold_times[-1]:g} s the bonds carry a mean shear stress of {stress:.3g} GPa, "
+            f"{_percent(stress / strength)} of the shear strength of {strength:g} GPa: the model does not limit it, "
+            "but the solid would yield at its strength"
+        )
+    return tuple(notes)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %" if share < 0.1 else f"{100 * share:.0f} %"

@@ -1,0 +1,31 @@
+"""What a scene costs, as far as its components state it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What one scene will cost, stage by stage; None where a component gives no estimate."""
+
+    #: nx, ny, pixel_size, rms_slope, ... as far as the surface maker gives them
+    surface: Mapping[str, float]
+    area_fraction: float | None
+    sites: float | None
+    contact_cpu_seconds: float | None
+    #: of all replicas
+    kinetics_cpu_seconds: float | None
+    #: peak memory of the contact, and of one replica, bytes
+    contact_bytes: float | None
+    replica_bytes: float | None
+    #: of the gap, if the contact has one, bytes
+    gap_bytes: float
+    #: of the contact as a sweep stores it, bytes
+    contact_file: float
+
+    @property
+    def pixels(self) -> float:
+        """Number of pixels; 0 where it is not known."""
+        return self.surface.get("nx", 0.0) * self.surface.get("ny", 0.0)
