@@ -11,7 +11,7 @@ import pytest
 
 import chemage as ca
 from chemage import ContactSolution
-from chemage_studies.tips import page
+from chemage_studies import markdown
 from chemage_studies.tips import study as tips
 
 
@@ -121,7 +121,7 @@ def test_a_study_that_does_not_exist_is_named(command):
 
 def test_paragraphs_are_filled_and_tables_are_not():
     wide = "| " + "x " * 100 + "|"
-    filled = page._filled(f"# A\n\nword\n{'w ' * 100}\n\n- {'a ' * 80}\n- b\n\n{wide}\n")
+    filled = markdown.filled(f"# A\n\nword\n{'w ' * 100}\n\n- {'a ' * 80}\n- b\n\n{wide}\n")
     assert all(len(line) <= 120 for line in filled.splitlines() if not line.startswith("|"))
     assert wide in filled
     assert "\n- b" in filled

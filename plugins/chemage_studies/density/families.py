@@ -29,7 +29,7 @@ class Family:
     #: parameters -> energies (eV) and weights
     nodes: Callable[..., Nodes]
 
-    def barriers(self, parameters: Sequence[float]) -> chemage.Barriers:
+    def barriers(self, parameters: Sequence[float] | np.ndarray) -> chemage.Barriers:
         """Make the barriers of the density with these parameters."""
         energies, weights = self.nodes(*(float(value) for value in parameters))
         return chemage.barriers("tabulated", energies=list(energies), weights=list(weights))
@@ -67,6 +67,12 @@ def _ramp(peak: float, fall: float, start: float) -> Nodes:
     return (LOWER, peak, peak + fall, UPPER), (start, 1, 0, 0)
 
 
+def _power(end: float, start: float, power: float) -> Nodes:
+    x = np.linspace(0, 1, 61)
+    energies, weights = LOWER + (end - LOWER) * x, start + (1 - start) * x**power
+    return [*energies.tolist(), end + STEP, UPPER], [*weights.tolist(), 0, 0]
+
+
 FAMILIES = (
     Family("triangle", ("peak (eV)",), ((0.9, 1.3),), _triangle),
     Family("trapezoid", ("start of the plateau (eV)", "width (eV)"), ((0.82, 1.1), (0.05, 0.28)), _trapezoid),
@@ -89,5 +95,11 @@ FAMILIES = (
         ("peak (eV)", "width of the fall (eV)", "at 0.8 eV/peak"),
         ((1.10, 1.26), (STEP, 0.12), (0.0, 0.45)),
         _ramp,
+    ),
+    Family(
+        "rise by a power, cut off",
+        ("end (eV)", "at 0.8 eV/at the end", "power"),
+        ((1.10, 1.26), (0.0, 0.45), (0.4, 3.0)),
+        _power,
     ),
 )

@@ -41,9 +41,7 @@ def ratios(beta: np.ndarray) -> np.ndarray:
 def rounded_ratios() -> np.ndarray:
     """The least and the largest ratio that round to the published rates, (2, 3)."""
     with_volume, without = PUBLISHED[:3], PUBLISHED[3:]
-    return np.stack(
-        [(with_volume - ROUNDING) / (without + ROUNDING), (with_volume + ROUNDING) / (without - ROUNDING)]
-    )
+    return np.stack([(with_volume - ROUNDING) / (without + ROUNDING), (with_volume + ROUNDING) / (without - ROUNDING)])
 
 
 @dataclass(frozen=True)
@@ -101,14 +99,21 @@ class Fitted:
         return surface((np.atleast_2d(parameters) - low) / (high - low))
 
 
-def design(family: Family, count: int, centre: np.ndarray | None = None, width: float = 0.25) -> np.ndarray:
-    """Spread parameters evenly over the bounds of a family, or over this part of them about ``centre``; (count, k)."""
+def design(
+    family: Family, count: int, centre: np.ndarray | None = None, width: float = 0.25, *, share: bool = False
+) -> np.ndarray:
+    """Spread parameters evenly over the bounds of a family, or over this part of them about ``centre``; (count, k).
+
+    With ``share`` they are given as shares of the range, from 0 to 1.
+    """
     low, high = np.array(family.bounds).T
     if centre is not None:
         half = 0.5 * width * (high - low)
         low, high = np.maximum(low, centre - half), np.minimum(high, centre + half)
-    points = qmc.Sobol(len(low), seed=5).random(1 << (count - 1).bit_length())[:count]
-    return low + points * (high - low)
+    # scipy before 1.15 has no argument rng
+    sequence = qmc.Sobol(len(low), seed=5)  # pyright: ignore[reportCallIssue]
+    points = sequence.random(1 << (count - 1).bit_length())[:count]
+    return points if share else low + points * (high - low)
 
 
 def fitted(family: Family, parameters: np.ndarray, logarithms: np.ndarray, errors: Errors) -> Fitted:
@@ -122,25 +127,48 @@ def fitted(family: Family, parameters: np.ndarray, logarithms: np.ndarray, error
     return Fitted(family, parameters, logarithms, best)
 
 
-def equally_good(found: Fitted, errors: Errors, count: int) -> np.ndarray:
+def region(found: Fitted, errors: Errors, margin: float = 0.15) -> tuple[tuple[float, float], ...]:
+    """Find the box of parameters that holds the densities which fit equally well, a little wider; k pairs."""
+    trial = np.vstack([found.best, design(found.family, 1 << 14)])
+    chi = errors.chi_squared(found.interpolated(trial))
+    inside = trial[chi <= chi.min() + EQUAL]
+    low, high = np.array(found.family.bounds).T
+    wider = np.maximum(margin * np.ptp(inside, axis=0), 0.05 * (high - low))
+    least, most = np.maximum(low, inside.min(axis=0) - wider), np.minimum(high, inside.max(axis=0) + wider)
+    return tuple((float(a), float(b)) for a, b in zip(least, most, strict=True))
+
+
+def within_bounds(found: Fitted, errors: Errors) -> np.ndarray:
+    """Find, of the densities that fit equally well, the one with the least :func:`excess`; parameters, (k,)."""
+    trial = np.vstack([found.best, design(found.family, 1 << 15)])
+    values = found.interpolated(trial)
+    chi = errors.chi_squared(values)
+    inside = chi <= chi.min() + EQUAL
+    return trial[inside][int(np.argmin(excess(np.exp(values[inside]))))]
+
+
+def equally_good(found: Fitted, errors: Errors, count: int, best: np.ndarray) -> np.ndarray:
     """Choose ``count`` members of a family that fit equally well, far from each other; parameters, (count, k).
 
     Of the densities whose χ² is at most :data:`EQUAL` above the least, each next member is the one farthest from those
-    chosen before, beginning with the best; distances are those of the parameters, in units of their range in the region.
+    chosen before, beginning with ``best``; distances are those of the parameters, in units of their range in the
+    region.
     """
-    trial = design(found.family, 1 << 15)
-    values = found.interpolated(trial)
-    least = float(errors.chi_squared(found.interpolated(found.best))[0])
-    inside = errors.chi_squared(values) <= least + EQUAL
-    trial, values = trial[inside], values[inside]
-    if len(trial) < count:
-        raise ValueError(f"{len(trial)} densities of {found.family.name} fit equally well; {count} are needed")
+    box = np.array(found.family.bounds)
+    while True:
+        trial = box[:, 0] + design(found.family, 1 << 15, share=True) * (box[:, 1] - box[:, 0])
+        chi = errors.chi_squared(found.interpolated(np.vstack([found.best, trial])))
+        inside = chi[1:] <= chi.min() + EQUAL
+        if inside.sum() >= count or np.ptp(box, axis=1).max() < 1e-6:
+            break
+        # a region much smaller than the bounds: look closer about the best
+        half = 0.25 * np.ptp(box, axis=1)
+        box = np.stack([np.maximum(box[:, 0], found.best - half), np.minimum(box[:, 1], found.best + half)], axis=1)
+    trial = trial[inside]
     span = np.ptp(trial, axis=0)
-    distance = np.linalg.norm((trial - found.best) / span, axis=1)
+    distance = np.linalg.norm((trial - best) / span, axis=1)
     chosen: list[int] = []
     for _ in range(count):
         chosen.append(int(np.argmax(distance)))
         distance = np.minimum(distance, np.linalg.norm((trial - trial[chosen[-1]]) / span, axis=1))
     return trial[chosen]
-
-

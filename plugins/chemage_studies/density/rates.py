@@ -8,7 +8,8 @@ and differences between densities have small errors.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,13 +17,25 @@ from typing import Any
 import numpy as np
 
 import chemage
-from chemage import EV_PER_GPA_NM3, FIT_WINDOW, ContactSolution, ReactionLattice, Scene, fresh_file, override, random
+from chemage import (
+    EV_PER_GPA_NM3,
+    FIT_WINDOW,
+    ContactSolution,
+    ReactionLattice,
+    Scene,
+    fresh_file,
+    override,
+    random,
+    threads,
+)
 
 #: rms slopes at the load of the scene silica-rough, and activation volumes, nm³
 SLOPES = (0.05, 0.1, 0.2)
 VOLUMES = (0.0064, 0.0)
 #: seeds of the surfaces; the first is that of the scene silica-rough
 SURFACES = tuple(range(7, 39))
+#: draws of the disorder that are kept in memory
+KEPT = 16
 TIMES = chemage.hold_times("0.1 s", "1e4 s", per_decade=4)
 
 Report = Callable[[str, int, int], None]
@@ -30,7 +43,7 @@ Report = Callable[[str, int, int], None]
 
 def slope_of(curves: np.ndarray) -> np.ndarray:
     """β, the slope of the line through curves (..., m) of Δμ against log10 t over the window of the paper, (...)."""
-    inside = (TIMES >= FIT_WINDOW[0] * (1 - 1e-9)) & (TIMES <= FIT_WINDOW[1] * (1 + 1e-9))
+    inside = (FIT_WINDOW[0] * (1 - 1e-9) <= TIMES) & (FIT_WINDOW[1] * (1 + 1e-9) >= TIMES)
     x = np.log10(TIMES[inside])
     x = x - x.mean()
     return curves[..., inside] @ x / (x @ x)
@@ -96,8 +109,12 @@ class Rates:
                 for key, one in zip(keys, densities, strict=True)
                 if (key, seed, slope, replicas) not in self._known
             }
-            for key, one in missing.items():
-                self._keep(key, seed, slope, replicas, self._aged(one, seed, slope, replicas))
+            # drawn before the threads start, so that none is drawn twice
+            draws = [self._replica(seed, slope, number) for number in range(replicas)] if missing else []
+            with ThreadPoolExecutor(threads.available()) as pool:
+                found = pool.map(lambda one: self._aged(one, draws), missing.values())  # noqa: B023
+                for key, curves in zip(missing, found, strict=True):
+                    self._keep(key, seed, slope, replicas, curves)
             self.report(stage, done + 1, len(jobs))
         return np.array(
             [
@@ -112,31 +129,32 @@ class Rates:
         with self._file.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
 
-    def _aged(self, density: chemage.Barriers, seed: int, slope: float, replicas: int) -> np.ndarray:
-        """Δμ on one contact, (volumes, m)."""
-        scene = self._scene(seed, slope)
+    def _aged(self, density: chemage.Barriers, draws: Sequence[_Replica]) -> np.ndarray:
+        """Δμ on one contact, mean over draws of the disorder, (volumes, m)."""
+        scene = self._scene(SURFACES[0], SLOPES[0])
         assert scene.chemistry is not None
         assert scene.engine is not None
+        assert scene.hold is not None
         bonds = np.zeros((len(VOLUMES), TIMES.size))
-        for number in range(replicas):
-            one = self._replica(scene, seed, slope, number)
+        for one in draws:
             intrinsic = density.quantile(one.uniform)
             for row, volume in zip(bonds, VOLUMES, strict=True):
                 forming = intrinsic - volume * EV_PER_GPA_NM3 * one.pressure
                 lattice = one.lattice.model_copy(update={"forming": forming})
                 row += scene.engine.run(lattice, TIMES, temperature=scene.hold.temperature, seed=one.noise).bonds
-        return bonds * scene.chemistry.bond_force / scene.load / replicas
+        return bonds * scene.chemistry.bond_force / scene.load / len(draws)
 
-    def _scene(self, seed: int, slope: float) -> Any:
+    def _scene(self, seed: int, slope: float) -> Scene:
         return chemage.parse_scene(override(self._data, {"surface.seed": seed, "surface.rms_slope": slope}))
 
-    def _replica(self, scene: Scene, seed: int, slope: float, number: int) -> _Replica:
+    def _replica(self, seed: int, slope: float, number: int) -> _Replica:
         if (seed, slope, number) not in self._replicas:
-            contact = self._contact(scene, seed, slope)
-            # replicas of the contacts in use are kept, those of other surfaces are not needed again
-            if len(self._replicas) > 4 * len(SLOPES):
-                self._replicas.clear()
+            scene = self._scene(seed, slope)
             assert scene.chemistry is not None
+            # those of a few surfaces are kept, which serve many densities
+            if len(self._replicas) >= KEPT:
+                self._replicas.clear()
+            contact = self._contact(scene, seed, slope)
             disorder = np.random.SeedSequence([number, 0])
             lattice = scene.chemistry.on(contact, disorder)
             self._replicas[seed, slope, number] = _Replica(
@@ -177,9 +195,3 @@ def logarithms(curves: np.ndarray) -> np.ndarray:
 def mean_logarithms(curves: np.ndarray) -> np.ndarray:
     """ln β, mean over surfaces, (densities, 6)."""
     return logarithms(curves).mean(axis=1)
-
-
-def batches(values: Iterable[Any], size: int) -> list[list[Any]]:
-    """Cut a list into pieces of at most ``size``."""
-    found = list(values)
-    return [found[start : start + size] for start in range(0, len(found), size)]

@@ -11,17 +11,17 @@ from chemage_studies.density.families import Family
 HEADER = """\
 # Intrinsic energy barriers to forming a siloxane bridge between two hydroxylated silica surfaces.
 #
-# Columns: member (0: the best density; 1 to {count}: densities that fit equally well); energy in eV; probability density in
-# 1/eV, joined by straight lines, zero outside.
+# Columns: member (0: the best density; 1 to {count}: densities that fit equally well); energy in eV; probability
+# density in 1/eV, joined by straight lines, zero outside.
 #
 # Provenance. Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018), draw the barriers from a distribution found
 # by molecular dynamics (Liu & Szlufarska, Phys. Rev. Lett. 109, 186102 (2012)) that spans 0.8 to 1.4 eV. The published
 # distribution is not tabulated. These densities are NOT their data: they are a stand-in on the same span, calibrated
 # to the six ageing rates beta that the paper reports for rms slopes 0.05, 0.1 and 0.2 at 20 uN and 300 K, with an
-# activation volume of 6.4 cubic angstrom (0.89, 0.45, 0.20) and without (0.98, 0.49, 0.24). A density rises linearly
-# from 0.8 eV to a peak and falls linearly to zero. `chemage study density` calibrates the three parameters and writes
-# this table; docs/barrier_density.md has the residuals and the limits. Versions before 0.2.0 had a symmetric triangle
-# with its peak at 1.1 eV.
+# activation volume of 6.4 cubic angstrom (0.89, 0.45, 0.20) and without (0.98, 0.49, 0.24). `chemage study
+# density` calibrates the three parameters of their family and writes this table;
+# docs/barrier_density.md has the residuals and the limits. Versions before 0.2.0 had a symmetric triangle with its
+# peak at 1.1 eV.
 #
 # To use barriers of your own, give the kind "tabulated" a table or samples.
 """
