@@ -68,6 +68,21 @@ def pytest_runtestloop(session):
         compiled.share(int(worker.removeprefix("gw")), workers)
 
 
+@pytest.fixture(autouse=True, scope="module")
+def quick_figures(request):
+    """Where no test looks at figures, they are drawn coarsely and their parts are not arranged: both take long."""
+    marks = getattr(request.module, "pytestmark", [])
+    with pytest.MonkeyPatch.context() as patch:
+        if not any(mark.name == "drawn" for mark in (marks if isinstance(marks, list) else [marks])):
+            from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+            from chemage.reports.figures import panels
+
+            patch.setattr(ConstrainedLayoutEngine, "execute", lambda self, figure: None)
+            patch.setitem(panels.__kwdefaults__, "dpi", 40)
+        yield
+
+
 class Site:
     """A folder of installed distributions, as pip would leave it."""
 

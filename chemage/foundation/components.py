@@ -89,8 +89,8 @@ class Component(BaseModel):
     @model_serializer(mode="wrap")
     def _with_kind(self, handler: SerializerFunctionWrapHandler, info: SerializationInfo) -> dict[str, Any]:
         fields = handler(self)
-        if self.speed_only and info.context is _IDENTITY:
-            fields = {name: value for name, value in fields.items() if name not in self.speed_only}
+        if info.context is _IDENTITY:
+            fields = {name: value for name, value in fields.items() if name not in self.speed_only} | self.content()
         # a component inside a component keeps its kind too: without it two chemistries would have one digest
         return {"kind": self.kind, **fields} if self.kind else fields
 
@@ -107,8 +107,16 @@ class Component(BaseModel):
         """``{"kind": ..., option: value}`` of plain JSON values; :meth:`fromdict` reads it back."""
         return self.model_dump(mode="json")
 
+    def content(self) -> dict[str, str]:
+        """What decides the answer beside the options, such as the hash of a table that the class reads: name -> value.
+
+        It is part of :meth:`identity`, also where the component is a part of another one, so that results of an older
+        table are not taken for those of a newer one.
+        """
+        return {}
+
     def identity(self) -> dict[str, Any]:
-        """What decides the answer: :meth:`todict` without the options that only change the speed."""
+        """What decides the answer: all options but those that only change the speed, and :meth:`content`."""
         return self.model_dump(mode="json", context=_IDENTITY)
 
     @classmethod

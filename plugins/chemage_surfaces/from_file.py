@@ -58,8 +58,8 @@ class FromFile(SurfaceMaker):
     periodic: bool | None = None
     """whether the map is periodic; None: as the file states, else not"""
 
-    def identity(self) -> dict[str, Any]:
-        """Kind, options, and a hash of the content of the file, so that an edited file is another surface.
+    def content(self) -> dict[str, str]:
+        """A hash of the content of the file, so that an edited file is another surface.
 
         The file is read once, and again after its size or modification time changed.
 
@@ -68,7 +68,7 @@ class FromFile(SurfaceMaker):
         StoreError
             The file cannot be read.
         """
-        return {**super().identity(), "file_blake2b": _hash(self.path, _stamp(self.path))}
+        return {"file_blake2b": _hash(self.path, _stamp(self.path))}
 
     def expected(self) -> dict[str, float]:
         """Grid and rms slope of the surface in the file, which is read once as long as it does not change."""

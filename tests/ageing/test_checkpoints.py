@@ -174,6 +174,7 @@ main()
 """
 
 
+@pytest.mark.long
 def test_killed_run_goes_on(small: ca.Scene, tmp_path: Path):
     words = ["run", "silica-rough", "--no-figures", "--checkpoints", "kept"]
     for path, value in {**SMALL, "contact.load": '"200 nN"', "hold.replicas": 8}.items():

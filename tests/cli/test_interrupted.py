@@ -143,7 +143,7 @@ def test_ctrl_c_while_drawing_keeps_the_result_and_says_so(command, small, monke
     "moment",
     [
         pytest.param("making pressure", marks=pytest.mark.long),
-        "halfway",
+        pytest.param("halfway", marks=pytest.mark.long),
         pytest.param("placing", marks=pytest.mark.long),
         "placed",
     ],

@@ -6,6 +6,8 @@ import subprocess
 
 import pytest
 
+pytestmark = pytest.mark.drawn
+
 TITLE = "Rough & <b>ready</b> contact"
 TABLE = (
     "hold_time (s), friction_coefficient_drop, error\n1,0.2,0.05\n10,0.8,0.05\n100,1.5,0.05\n1e3,2.2,0.1\n1e4,2.7,0.1\n"
@@ -37,6 +39,7 @@ def page(small, command, made):
     return folder / "report.html"
 
 
+@pytest.mark.long
 def test_the_page_works_in_a_browser_at_every_width_and_in_the_dark(page, browser, tmp_path):
     colours = {}
     for width, dark in ((1280, False), (360, True), (768, False)):
@@ -123,6 +126,7 @@ def test_on_paper_it_is_dark_on_white_and_complete(page, browser):
     assert pdf.count(b"/Type /Page\n") + pdf.count(b"/Type /Page ") >= 4
 
 
+@pytest.mark.long
 def test_a_browser_without_a_window_shows_the_same(page, tmp_path, browser_words):
     """The page as any reader opens it, without the tools of developers: its elements and its picture."""
     dump = subprocess.run(

@@ -204,7 +204,10 @@ def slow(scene, seconds=0.05):
     scene.write_text(SCENE.replace('kind = "tiny-coin"', f'kind = "tiny-coin"\npause = {seconds}'))
 
 
-@pytest.mark.parametrize("executor", ["serial", "processes", pytest.param("dask", marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "executor",
+    [pytest.param("serial", marks=pytest.mark.long), "processes", pytest.param("dask", marks=pytest.mark.long)],
+)
 def test_ctrl_c_keeps_what_is_finished(scene, tiny, executor, command):
     tiny.hold(4, 5)  # two points at least, and then there is time to interrupt
     words = chemage_command("run", scene, "--executor", executor)

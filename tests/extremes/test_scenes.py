@@ -12,6 +12,8 @@ import chemage
 from chemage import load_scene, parse_scene
 from chemage.reports import run_figures
 
+pytestmark = pytest.mark.drawn
+
 
 def carried_out(small, *, drawn=True, **changes):
     """The small scene with dotted changes (``a__b`` is ``a.b``), run in this process; its figures must be sound.

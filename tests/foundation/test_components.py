@@ -93,6 +93,17 @@ def test_options_that_change_only_the_speed_are_no_part_of_the_digest():
     assert Holder(inner=Level(threads=8)).digest() == Holder(inner=Level()).digest()
 
 
+def test_content_beside_the_options_is_part_of_the_digest_and_not_of_the_options(monkeypatch):
+    before, around = Level().digest(), Holder(inner=Level()).digest()
+    monkeypatch.setattr(Level, "content", lambda self: {"table": "another"})
+    assert Level().digest() != before
+    # also inside another component
+    assert Holder(inner=Level()).digest() != around
+    assert Level().identity()["table"] == "another"
+    assert "table" not in Level().todict()
+    assert Level.fromdict(Level().todict()) == Level()
+
+
 def test_a_component_inside_a_component_keeps_its_kind():
     assert Holder(inner=Twin()).todict() == {"kind": "holder", "inner": Twin().todict()}
     assert Holder(inner=Twin()).digest() != Holder(inner=Level()).digest()

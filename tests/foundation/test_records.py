@@ -79,6 +79,7 @@ def test_every_field_is_part_of_the_digest(make):
         "breaking": np.ones(3),
         "positions": np.array([[0.2, 0.7], [0.7, 0.7], [1.1, 0.7]]),
         "contact": {"load": 1.0},
+        "elasticity": {"hardness": 10.0},
         "observables": {},
         "provenance": {"kind": "other"},
         "states": np.array([[False, False, True], [True, False, True]]),

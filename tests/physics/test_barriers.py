@@ -10,9 +10,9 @@ from scipy import integrate, stats
 
 import chemage as ca
 from chemage import KB, random
+from chemage_silica import MDSilica
 
 SITES = np.arange(100_000)
-TRIANGLE = stats.triang(0.5, loc=0.8, scale=0.6)
 
 
 def cut(mean, std, lower=-math.inf, upper=math.inf):
@@ -20,7 +20,10 @@ def cut(mean, std, lower=-math.inf, upper=math.inf):
 
 
 CASES = {
-    "md-silica": (ca.barriers("md-silica"), TRIANGLE),
+    "triangle": (
+        ca.barriers("tabulated", energies=[0.8, 1.1, 1.4], weights=[0, 1, 0]),
+        stats.triang(0.5, loc=0.8, scale=0.6),
+    ),
     "uniform": (ca.barriers("uniform", lower=0.8, upper=1.4), stats.uniform(0.8, 0.6)),
     "gaussian": (ca.barriers("gaussian", mean=1.1, std=0.02), stats.norm(1.1, 0.02)),
     "one bound": (ca.barriers("gaussian", mean=1.1, std=0.1, lower=1.0), cut(1.1, 0.1, lower=1.0)),
@@ -83,15 +86,30 @@ def test_beyond_a_far_bound_barriers_decay_exponentially(sigmas, side):
         assert barriers.density(np.array(bound)) == pytest.approx(sigmas / std, rel=2 / sigmas**2)
 
 
-def test_silica_spans_the_published_range_symmetrically():
-    barriers = ca.barriers("md-silica")
-    u = (np.arange(20_000) + 0.5) / 20_000
-    values = barriers.quantile(u)
-    assert values.mean() == pytest.approx(1.1, abs=1e-9)
-    assert values.std() == pytest.approx(0.6 / math.sqrt(24), rel=1e-6)
-    np.testing.assert_allclose(values + values[::-1], 2.2, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(barriers.quantile(np.array([0.0, 1.0])), [0.8, 1.4], rtol=1e-15)
-    assert barriers.density(np.array(1.1)) == pytest.approx(1 / 0.3)
+SILICA = [ca.barriers("md-silica", member=member) for member in range(MDSilica.MEMBERS + 1)]
+
+
+@pytest.mark.parametrize("barriers", SILICA, ids=[str(one.member) for one in SILICA])
+def test_members_of_silica_are_distributions_on_the_published_range(barriers):
+    energies = np.linspace(0.8, 1.4, 60_001)
+    density = barriers.density(energies)
+    assert (density >= 0).all()
+    assert integrate.trapezoid(density, energies) == pytest.approx(1, abs=1e-6)
+    assert not barriers.density(np.array([0.7999, 1.4001])).any()
+    values = barriers.quantile(np.linspace(0, 1, 1001))
+    assert values[0] == pytest.approx(0.8, abs=1e-12)
+    assert values[-1] <= 1.4
+    # the share of barriers below a quantile is its probability
+    below = integrate.cumulative_trapezoid(density, energies, initial=0)
+    np.testing.assert_allclose(np.interp(values, energies, below), np.linspace(0, 1, 1001), rtol=0, atol=1e-6)
+
+
+def test_members_of_silica_differ():
+    u = np.linspace(0.01, 0.99, 99)
+    quantiles = np.stack([one.quantile(u) for one in SILICA])
+    apart = np.abs(quantiles[:, None] - quantiles[None]).max(axis=-1)
+    assert apart[~np.eye(len(SILICA), dtype=bool)].min() > 0.002
+    assert len({one.digest() for one in SILICA}) == len(SILICA)
 
 
 def test_even_barriers_age_logarithmically_at_kt_ln10_over_their_span():

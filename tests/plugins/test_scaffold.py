@@ -33,6 +33,7 @@ for role, folder in folders.items():
 """
 
 
+@pytest.mark.long
 def test_new_plugins_register_and_pass_their_own_tests(tmp_path: Path):
     roles = registry.current().roles
     words = [sys.executable, "-c", PROGRAM]

@@ -52,6 +52,7 @@ def test_its_own_tests_pass(project):
     assert "skipped" not in said
 
 
+@pytest.mark.long
 def test_its_own_tests_can_fail(project):
     """The kit sees a density that does not belong to the quantile function."""
     source = project / "chemage_weibull" / "weibull.py"

@@ -363,7 +363,7 @@ def test_results_far_apart_are_drawn_on_a_logarithmic_axis(results):
     near = comparison_figures(of(results, "tip", "free"))["friction-drop"].axes[0]
     assert near.get_yscale() == "linear"
     run = results[1]["rough"]
-    aging = run.aging.fromdict({**run.aging.todict(), "bonds": run.aging.bonds * 1000})
+    aging = run.aging.fromdict({**run.aging.todict(), "bonds": run.aging.bonds * 1000, "sites": run.aging.sites * 1000})
     far = comparison_figures(Comparison([*of(results, "tip").results, Entry.of(aging, "far")]))["friction-drop"].axes[0]
     assert far.get_yscale() == "log"
 

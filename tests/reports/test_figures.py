@@ -11,6 +11,8 @@ from chemage import ContactSolution, StoreError, load_scene
 from chemage.reports import run_figures
 from chemage.reports.figures import pooled
 
+pytestmark = pytest.mark.drawn
+
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory, small_text):

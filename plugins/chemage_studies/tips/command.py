@@ -1,33 +1,8 @@
-"""The command ``chemage study``."""
+"""What ``chemage study tips`` writes."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
-
-from chemage.cli.options import ForceOpt
-
-
-def study(
-    name: Annotated[str, typer.Argument(help="name of the study: tips")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="folder of the page, its figures and its tables")] = Path(
-        "study-tips"
-    ),
-    quick: Annotated[bool, typer.Option("--quick", help="compute a few contacts only, as a test")] = False,
-    force: ForceOpt = False,
-) -> None:
-    """Run an installed study.
-
-    Writes a page with figures, and tables as CSV.
-    """
-    from chemage import InputError
-
-    if name != "tips":
-        raise InputError(f"no study {name!r}; there is: tips")
-    for path in write(out, quick=quick, force=force):
-        typer.echo(path)
 
 
 def write(out: Path, *, quick: bool = False, force: bool = False) -> list[Path]:

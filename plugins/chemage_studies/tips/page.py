@@ -5,8 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import re
-import textwrap
 from collections.abc import Sequence
 from importlib import resources
 from typing import Any
@@ -14,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from chemage.foundation.text import mean_text, plus_minus
+from chemage_studies.markdown import filled, table
 from chemage_studies.tips.study import NOTHING, SITES, STAGES, WINDOW, Aged, Study
 
 #: hold times in tables, s
@@ -90,11 +89,6 @@ def _range(values: Sequence[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
-    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
-
-
 def _collapse_table(studies: Sequence[Study]) -> str:
     rows = []
     for number, stage in enumerate((NOTHING, *STAGES)):
@@ -104,13 +98,13 @@ def _collapse_table(studies: Sequence[Study]) -> str:
             cells += [f"{one.rms:.3f}", f"{100 * (1 - (one.rms / raw) ** 2):.3f} %"]
         rows.append([stage, *cells])
     columns = [f"{study.strength:g} eV: {what}" for study in studies for what in ("rms", "explained")]
-    return _table(["predicted from", *columns], rows)
+    return table(["predicted from", *columns], rows)
 
 
 def _hold_times_table(study: Study) -> str:
     at = [study.contacts[0].at(time) for time in (1.0, 10.0, 1e2, 1e3, 1e4, 1e5)]
     rows = [[one.what, *(f"{one.at[i]:.3f}" for i in at)] for one in study.collapses[1:]]
-    return _table(["predicted from", *(f"{study.times[i]:g} s" for i in at)], rows)
+    return table(["predicted from", *(f"{study.times[i]:g} s" for i in at)], rows)
 
 
 def _nominal_table(study: Study) -> str:
@@ -143,7 +137,7 @@ def _nominal_table(study: Study) -> str:
             ]
         )
     columns = ["contact", "mean pressure (GPa)", "A/A0 (%)", "bonds per area (1/nm²), 1000 s", "Δμ, 1000 s", "β"]
-    return _table(columns, rows)
+    return table(columns, rows)
 
 
 def _pairs(study: Study) -> list[tuple[Aged, list[Aged]]]:
@@ -173,7 +167,7 @@ def _equal_table(study: Study) -> str:
         )
     ratio = [f"ΔF rough/tip, {time:g} s" for time in TIMES]
     shape = ["mean pressure (GPa)", "same, rough", "C/A (1/nm)", "same, rough"]
-    return _table(["tip", "sites", *shape, *ratio], rows)
+    return table(["tip", "sites", *shape, *ratio], rows)
 
 
 def _exponents(study: Study) -> str:
@@ -209,7 +203,7 @@ def page(studies: Sequence[Study], figures: str) -> str:
     hertz = math.pi * (0.75 * smallest.contact.load * smallest.shape / smallest.contact.modulus) ** (2 / 3)
     text = resources.files("chemage_studies.tips").joinpath("tips.md.j2").read_text(encoding="utf-8")
     template = jinja2.Environment(undefined=jinja2.StrictUndefined).from_string(text)
-    return _filled(
+    return filled(
         template.render(
             main=main,
             figures=figures,
@@ -239,21 +233,3 @@ def page(studies: Sequence[Study], figures: str) -> str:
             hardest=max(main.group("tip"), key=lambda one: one.contact.mean_contact_pressure),
         )
     )
-
-
-def _filled(text: str) -> str:
-    """Break paragraphs and list items of Markdown at 120 characters; headings, tables and figures stay as they are."""
-    blocks = []
-    for block in re.split(r"\n{2,}", text.strip()):
-        if block.startswith(("#", "|", "!")):
-            blocks.append(block)
-            continue
-        indent = "  " if block.startswith("- ") else ""
-        items = (" ".join(item.split()) for item in re.split(r"\n(?=- )", block))
-        blocks.append(
-            "\n".join(
-                textwrap.fill(item, 120, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
-                for item in items
-            )
-        )
-    return "\n\n".join(blocks) + "\n"

@@ -288,7 +288,13 @@ UNUSUAL: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("name", UNUSUAL)
+#: engines take longest
+LONG = ("two hundred neighbours", "an approximate engine", "an engine that draws in another way", "a low hardness cap")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long if name in LONG else ()) for name in UNUSUAL]
+)
 def test_an_unusual_component_passes(name):
     testing.check_component(UNUSUAL[name](), all=True)
 

@@ -1,0 +1,37 @@
+"""The command ``chemage study``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from chemage.cli.options import ForceOpt
+
+STUDIES = ("tips", "density")
+
+
+def study(
+    name: Annotated[str, typer.Argument(help=f"name of the study: {' or '.join(STUDIES)}")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="folder of the page, its figures and its tables; default: study-NAME"),
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="compute a few contacts only, as a test")] = False,
+    force: ForceOpt = False,
+) -> None:
+    """Run an installed study.
+
+    Writes a page with figures, and tables as CSV.
+    """
+    from chemage import InputError, nearest
+
+    if name not in STUDIES:
+        raise InputError(f"no study {name!r}{nearest(name, STUDIES)}; there are: {', '.join(STUDIES)}")
+    if name == "tips":
+        from chemage_studies.tips.command import write
+    else:
+        from chemage_studies.density.command import write
+    for path in write(out or Path(f"study-{name}"), quick=quick, force=force):
+        typer.echo(path)
