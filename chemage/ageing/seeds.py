@@ -74,8 +74,9 @@ def check_common(common: str) -> None:
 def identity(contact: ContactSolution, chemistry: Chemistry, engine: Engine, temperature: float) -> tuple[int, ...]:
     """Four 32-bit words that differ between runs that simulate different things.
 
-    Of the contact enter its grid, that of the sites where it is another, its load, and how the pressure is distributed over it; of the chemistry what decides
-    the bonds; of the engine its kind. Options that only change the speed do not enter, nor do the hold times.
+    Of the contact enter its grid, that of the sites where it is another, its load, and how the pressure is distributed
+    over it; of the chemistry what decides the bonds; of the engine its kind. Options that only change the speed do not
+    enter, nor do the hold times.
     """
     chemical = chemistry.identity()
     for name in ("bond_force", "front_factor", "site_density"):

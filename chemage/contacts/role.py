@@ -44,10 +44,8 @@ class ContactSolver(Component, ABC):
         """
 
     def with_gap(self) -> Self:
-        """This solver, with the gap in its solutions if it has the option ``gap``; sites smaller than pixels need it."""
-        if "gap" in type(self).model_fields and getattr(self, "gap") is False:
-            return self.replace(gap=True)
-        return self
+        """This solver, with the gap in its solutions if it has the option ``gap``. Smaller sites than pixels need it."""
+        return self.replace(gap=True) if getattr(self, "gap", None) is False else self
 
     def reference(self) -> Self:
         """The solver with which ``chemage tradeoff`` measures the errors of this one: the same contact, as accurately

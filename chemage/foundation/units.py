@@ -186,7 +186,7 @@ class Unit:
 
 
 class UnitOrWord(Unit):
-    """As :class:`Unit`, for a quantity or one word in its place: ``Annotated[float | str, UnitOrWord("none", "nm")]``."""
+    """As :class:`Unit`, for a quantity or one word in its place: ``Annotated[float | str, UnitOrWord("no", "nm")]``."""
 
     def __init__(self, word: str, unit: str, **bounds: Any) -> None:
         super().__init__(unit, **bounds)

@@ -18,7 +18,6 @@ from chemage.lattices.role import Barriers, Interaction
 from chemage.lattices.site_grid import ContactSites, Density, contact_sites
 from chemage.plugins.choices import Choice
 
-
 #: sites per nm²: hydroxyl groups of amorphous silica, Zhuravlev, Colloids Surf. A 173, 1 (2000)
 SITE_DENSITY = 4.9
 
@@ -31,10 +30,10 @@ def effective_forming(intrinsic: np.ndarray, activation_volume: float, pressure:
 class Chemistry(Component):
     """What can react on a contact, and how fast. Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018), eqs. 3–5.
 
-    Only sites in contact react; they lie on a square grid of their own. A site forms a bond over the barrier E_intrinsic − ΔV·P + Σ couplings of its bonded
-    neighbours, and breaks it over its breaking barrier. What is left out is not modelled: no ``breaking`` means bonds
-    last, no ``interaction`` means sites are not coupled, ``activation_volume`` 0 means pressure decides only which
-    sites are in contact.
+    Only sites in contact react; they lie on a square grid of their own. A site forms a bond over the barrier
+    E_intrinsic − ΔV·P + Σ couplings of its bonded neighbours, and breaks it over its breaking barrier. What is left out
+    is not modelled: no ``breaking`` means bonds last, no ``interaction`` means sites are not coupled,
+    ``activation_volume`` 0 means pressure decides only which sites are in contact.
     """
 
     #: options with which a result is compared: they change no bond, and are no part of :meth:`identity`

@@ -132,8 +132,8 @@ def contact_sites(contact: ContactSolution, density: Density) -> ContactSites:
     """The sites of ``density`` (1/nm², or "pixel") that are in contact, and their pressures.
 
     Site (0, 0) is at pixel (0, 0) of a periodic contact; on one that is not, both grids cover the same square. Where
-    both grids are the same, the pressures are those of the pixels. Where sites are larger, each has the mean pressure of
-    the pixels in its square, and is in contact where about half of the square is. Where they are smaller, pressure and
+    both grids are the same, the pressures are those of the pixels. Where sites are larger, each has the mean pressure
+    of the pixels in its square, and is in contact where about half of the square is. Where they are smaller, pressure and
     rim are reconstructed between the pixels: with the distance d from the rim the pressure inside is proportional to
     √d, the gap outside to d^(3/2) (K. L. Johnson, Contact Mechanics, ch. 5), so that the square of the pressure and the
     gap to the power ⅔, both on one scale, are a function that is smooth across the rim. It is interpolated by cubic

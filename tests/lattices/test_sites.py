@@ -107,7 +107,9 @@ def test_another_contact_grid_has_the_same_sites_in_contact(contacts, pixels, wi
     assert found.size == pytest.approx(expected.size, rel=within)
     # bonds at a time are barriers below a threshold, which pressure lowers
     edges = [0, 0.5, 1, 2, 4, 99]
-    assert np.abs(np.histogram(found, edges)[0] - np.histogram(expected, edges)[0]).max() < (within + 0.01) * expected.size
+    assert (
+        np.abs(np.histogram(found, edges)[0] - np.histogram(expected, edges)[0]).max() < (within + 0.01) * expected.size
+    )
     common = sum(np.isin(sites.sites, one.sites).sum() for sites, one in zip(others, fine, strict=True))
     assert common > 0.94 * expected.size
 
@@ -247,7 +249,7 @@ def test_lattices_know_their_pressures(contacts):
     np.testing.assert_allclose(plain.forming - lattice.forming, lowered, rtol=0, atol=1e-12)
     without = lattice.model_copy(update={"pressure": None})
     assert np.array_equal(without.pressures(fine), fine.pressure.ravel()[without.sites])
-    with pytest.raises(InputError, match="256 x 256 sites and has no pressure.*64 x 64 pixels"):
+    with pytest.raises(InputError, match=r"256 x 256 sites and has no pressure.*64 x 64 pixels"):
         without.pressures(coarse)
 
 
