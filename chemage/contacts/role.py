@@ -44,7 +44,7 @@ class ContactSolver(Component, ABC):
         """
 
     def with_gap(self) -> Self:
-        """This solver, with the gap in its solutions if it has the option ``gap``. Smaller sites than pixels need it."""
+        """This solver, with the gap in its solutions if it has the option ``gap``, for sites smaller than pixels."""
         return self.replace(gap=True) if getattr(self, "gap", None) is False else self
 
     def reference(self) -> Self:

@@ -1,7 +1,7 @@
 """Kernels that place the sites of a contact below its pixels (numba; know nothing of the framework).
 
 Pixels are addressed by their flat index; `place` gives the position of a pixel among those that were listed (in
-contact, or at most two pixels away from it), and -1 for all others: what is computed is stored for the listed ones only.
+contact, or at most two pixels away), and -1 for all others: what is computed is stored for the listed ones only.
 """
 
 from __future__ import annotations

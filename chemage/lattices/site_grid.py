@@ -133,10 +133,10 @@ def contact_sites(contact: ContactSolution, density: Density) -> ContactSites:
 
     Site (0, 0) is at pixel (0, 0) of a periodic contact; on one that is not, both grids cover the same square. Where
     both grids are the same, the pressures are those of the pixels. Where sites are larger, each has the mean pressure
-    of the pixels in its square, and is in contact where about half of the square is. Where they are smaller, pressure and
-    rim are reconstructed between the pixels: with the distance d from the rim the pressure inside is proportional to
-    √d, the gap outside to d^(3/2) (K. L. Johnson, Contact Mechanics, ch. 5), so that the square of the pressure and the
-    gap to the power ⅔, both on one scale, are a function that is smooth across the rim. It is interpolated by cubic
+    of the pixels in its square, and is in contact where about half of the square is. Where they are smaller, pressure
+    and rim are reconstructed between the pixels: with the distance d from the rim the pressure inside is proportional
+    to √d, the gap outside to d^(3/2) (K. L. Johnson, Contact Mechanics, ch. 5), so that the square of the pressure and
+    the gap to the power ⅔, both on one scale, are a function that is smooth across the rim. It is interpolated by cubic
     convolution. The load on every neighbourhood of pixels and the whole load are kept. In either case the sites in
     contact are an estimate of the pixels that would be in contact on a grid of one pixel per site.
 
