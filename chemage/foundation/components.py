@@ -116,7 +116,7 @@ class Component(BaseModel):
         return {}
 
     def identity(self) -> dict[str, Any]:
-        """What decides the answer: :meth:`todict` without the options that only change the speed; :meth:`content`."""
+        """What decides the answer: all options but those that only change the speed, and :meth:`content`."""
         return self.model_dump(mode="json", context=_IDENTITY)
 
     @classmethod

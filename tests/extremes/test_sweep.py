@@ -337,7 +337,7 @@ KILLS = (-1, 0, 1, 6, 13)
     ("executor", "workers", "kills"),
     [
         ("serial", None, (13,)),
-        ("processes", 2, (0, 6)),
+        pytest.param("processes", 2, (0, 6), marks=pytest.mark.long),
         pytest.param("serial", None, KILLS, marks=pytest.mark.long),
         pytest.param("processes", 2, KILLS, marks=pytest.mark.long),
     ],
@@ -424,7 +424,7 @@ def test_a_killed_worker_costs_its_point_a_retry_and_nothing_else(tiny, tmp_path
     assert len(tiny.computed("contact")) == 1
 
 
-@pytest.mark.parametrize("executor", ["processes", pytest.param("dask", marks=pytest.mark.long)])
+@pytest.mark.parametrize("executor", [pytest.param(name, marks=pytest.mark.long) for name in ("processes", "dask")])
 def test_a_contact_that_kills_its_workers_fails_its_points(tiny, tmp_path, executor):
     text = """
     [sweep]
@@ -484,19 +484,23 @@ kind = "barrier-spectrum"
 """
 
 
-def test_every_executor_gives_the_same_bits(tmp_path):
+@pytest.mark.parametrize("cluster", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_every_executor_gives_the_same_bits(tmp_path, cluster):
     """Rough contact, interacting sites, both exact engines: in process, in two processes, on a cluster that runs."""
-    from distributed import LocalCluster
-
     scene = {"name": "real", **tomllib.loads(REAL)}
     chemage.sweep(scene, tmp_path / "serial")
     chemage.sweep(scene, tmp_path / "threads", threads=3)
     chemage.sweep(scene, tmp_path / "processes", executor="processes", workers=2)
-    with LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=":0", silence_logs=60) as cluster:
-        chemage.sweep(scene, tmp_path / "dask", executor=f"dask:{cluster.scheduler_address}")
+    others = ["threads", "processes"]
+    if cluster:
+        from distributed import LocalCluster
+
+        with LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=":0", silence_logs=60) as made:
+            chemage.sweep(scene, tmp_path / "dask", executor=f"dask:{made.scheduler_address}")
+        others.append("dask")
     one = contents(tmp_path / "serial")
     assert len(one) == 16 + 4 + 2
-    for other in ("threads", "processes", "dask"):
+    for other in others:
         two = contents(tmp_path / other)
         assert two.keys() == one.keys()
         assert [name for name in one if two[name] != one[name]] == [], other

@@ -44,7 +44,7 @@ def power(times, values):
 
 
 def test_the_range_of_barriers_sets_the_onset():
-    """k_B T ln(νt) is 0.71 eV at 0.1 s and 0.77 eV at 1 s: ranges from 0.71 and 0.8 eV on begin to age then."""
+    """k_B T ln(νt) is 0.71 eV at 0.1 s and 0.77 eV at 1 s: triangles from 0.71 and 0.8 eV on begin to age then."""
     assert ca.units.KB * 300 * np.log(1e13 * 0.1) == pytest.approx(0.714, abs=1e-3)
     assert 0.06 < onset("silica-afm-tip") < 0.15
     assert 0.7 < onset("silica-tip", TRIANGLE) < 4
@@ -57,7 +57,7 @@ def test_the_calibrated_density_ages_before_the_second_for_which_its_range_was_c
     assert crossed(0.8) == pytest.approx(2.75, abs=0.01), "without pressure"
     first = onset("silica-tip")
     assert crossed(0.8 - lowered) < first < 1, "no barrier is lower than the lowest under the largest pressure"
-    assert first == pytest.approx(0.43, abs=0.12), "s, with three standard errors of 200 replicas: the header of the scene"
+    assert first == pytest.approx(0.43, abs=0.12), "s, and three standard errors of 200 replicas; header of the scene"
 
 
 def test_below_a_tenth_of_a_second_ageing_is_linear_and_above_it_logarithmic():

@@ -51,7 +51,9 @@ def test_rough_contacts_are_pressed_to_the_area_of_a_tip():
 
 def test_uniform_contacts_bond_more_under_more_pressure_and_with_time(study):
     assert (np.diff(study.uniform, axis=0) > 0).mean() > 0.97
-    assert (np.diff(study.uniform, axis=1) >= 0).all()
+    # bonds break as well, so that a contact whose sites are all bonded fluctuates about that
+    free = study.uniform[:, :-1] < 0.99 / 0.4518**2
+    assert (np.diff(study.uniform, axis=1)[free] >= 0).all()
     # no more bonds than sites, 1/0.4518² a square nanometre
     assert study.uniform.max() < 1 / 0.4518**2
 

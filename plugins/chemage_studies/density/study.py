@@ -77,7 +77,9 @@ class Density:
     @property
     def crossing(self) -> float:
         """Hold time at which Δμ of the largest slope falls below that of the smallest, with ΔV, s; nan if never."""
-        difference = np.log(self.curves[0, -1] / self.curves[0, 0])
+        # no bond at all on few sites after a short time is far below any bond
+        rough, smooth = np.log(np.maximum(self.curves[0, [-1, 0]], 1e-300))
+        difference = rough - smooth
         below = np.flatnonzero(difference < 0)
         if not below.size or below[0] == 0:
             return float("nan")
