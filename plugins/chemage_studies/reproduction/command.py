@@ -3,25 +3,35 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from chemage.cli.options import WorkersOpt
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from chemage import SweepResult
-    from chemage_studies.reproduction import checks
+    from chemage_studies.reproduction.pages import Found
 
 
 def reproduce(
     targets: Annotated[
-        list[str] | None, typer.Argument(help="fig1 … fig6, table1, kappa, or all (the default)", show_default=False)
+        list[str] | None,
+        typer.Argument(
+            help="fig1 … fig6, table1, kappa; of the supplement maps, areas, barriers; estimates of the text; "
+            "calibration of the barriers; interaction, temperature, tips; or all (the default). patches, not part "
+            "of all: what changes the number of patches. Since 0.2, fig1 is the surface (was: friction against "
+            "time, now in fig2), fig4 pressures and barriers (was: the interaction, now interaction), and fig5 "
+            "has ΔV = 0.",
+            show_default=False,
+        ),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="folder of the sweep, the figures and the page")] = Path(
+    out: Annotated[Path, typer.Option("--out", "-o", help="folder of the sweeps, the figures and the page")] = Path(
         "reproduction"
     ),
-    seeds: Annotated[int, typer.Option(min=1, max=32, help="number of surfaces; the paper has one")] = 1,
+    seeds: Annotated[int, typer.Option(min=1, max=32, help="number of surfaces per row; the paper has one")] = 4,
     executor: Annotated[str, typer.Option(help="serial, processes, or dask[:ADDRESS]")] = "processes",
     workers: WorkersOpt = None,
     pixels: Annotated[int | None, typer.Option(help="pixels per side of coarser surfaces; default: 2500")] = None,
@@ -30,51 +40,92 @@ def reproduce(
 
     The results are compared with the published numbers. Completed points are skipped; rerun the same command to resume.
     """
-    from chemage import sweep
-    from chemage_studies.reproduction import checks, studies
+    from chemage_studies.reproduction import studies
 
+    if targets == ["patches"]:
+        return _patches(out / f"patches-{max(2, seeds)}-{pixels or 2500}", seeds, pixels, executor, workers)
     names = studies.chosen(targets or [])
     surfaces = studies.SURFACE_SEEDS[:seeds]
     folder = out / f"{'-'.join(names) if len(names) < len(studies.TARGETS) else 'all'}-{seeds}-{pixels or 2500}"
-    result = sweep(
-        studies.scene(names, surfaces, pixels),
-        folder / "sweep",
-        executor=executor,
-        workers=workers,
-        progress=True,
-    )
-    if failed := result.failed:
-        for point in failed:
-            typer.echo(f"failed: {point!r}: {point.error}", err=True)
-        typer.echo(f"{len(failed)} of {len(result)} points failed; rerun the same command to try them again", err=True)
-        raise typer.Exit(1)
-    lines, claims = write(result, names, folder, seeds=surfaces, pixels=pixels or 2500)
-    width = max(len(line.quantity) for line in lines) if lines else 0
-    for line in lines:
-        typer.echo(
-            f"{line.target:7} {line.quantity:{width}}  paper {line.paper:<8g} ours {line.ours!s:18} "
-            f"{line.difference:+7.1%}  {checks.WORDS[line.within]}"
-        )
-    for claim in claims:
-        typer.echo(
-            f"{claim.target:7} {'holds' if claim.holds else 'DOES NOT HOLD'}: {claim.statement}\n{'':8}{claim.found}"
-        )
+    scenes = {f"sweep-{base}": data for base, data in studies.scenes(names, surfaces, pixels).items()}
+    results = _swept(scenes, folder, executor, workers)
+    _show(write(results, names, folder, seeds=surfaces, pixels=pixels or 2500))
     typer.echo(f"\n{folder / 'reproduction.md'}")
 
 
+def _swept(
+    scenes: Mapping[str, dict[str, Any]], folder: Path, executor: str, workers: int | None
+) -> dict[str, SweepResult]:
+    """Compute the sweeps, each in a folder of its name, and end the command if a point failed."""
+    from chemage import sweep
+
+    results = {
+        name: sweep(data, folder / name, executor=executor, workers=workers, progress=True)
+        for name, data in scenes.items()
+    }
+    failed = [point for result in results.values() for point in result.failed]
+    if failed:
+        for point in failed:
+            typer.echo(f"failed: {point!r}: {point.error}", err=True)
+        count = sum(len(result) for result in results.values())
+        typer.echo(f"{len(failed)} of {count} points failed; rerun the same command to try them again", err=True)
+        raise typer.Exit(1)
+    return results
+
+
+def _patches(folder: Path, count: int, pixels: int | None, executor: str, workers: int | None) -> None:
+    from chemage import fresh_file
+    from chemage_studies.reproduction import patches
+
+    seeds = patches.seeds_of(count)
+    scenes = {
+        name.replace(" ", "-").replace("%", "percent"): (name, data)
+        for name, data in patches.scenes(seeds, pixels).items()
+    }
+    swept = _swept({folder_name: data for folder_name, (_, data) in scenes.items()}, folder, executor, workers)
+    results = {scenes[folder_name][0]: result for folder_name, result in swept.items()}
+    found = patches.study(results, seeds, pixels, lambda text: typer.echo(text, err=True))
+    with fresh_file(folder / "patches.md", force=True) as part:
+        part.write_text(patches.page(found, pixels or 2500), encoding="utf-8")
+    typer.echo(folder / "patches.md")
+
+
+def _show(found: Found) -> None:
+    width = max((len(line.quantity) for line in found.lines), default=0)
+    for line in found.lines:
+        typer.echo(
+            f"{line.target:7} {line.quantity:{width}}  paper {line.paper.text:<8} ours {line.ours!s:18} "
+            f"{line.difference:+7.1%}  {line.word}"
+        )
+    for claim in found.claims:
+        typer.echo(f"{claim.target:7} {claim.word}: {claim.statement}\n{'':8}{claim.found}")
+    for one in found.estimates:
+        typer.echo(f"text    {one.word}: {one.statement}\n{'':8}{one.ours}")
+
+
 def write(
-    result: SweepResult, names: list[str], folder: Path, *, seeds: tuple[int, ...], pixels: int
-) -> tuple[list[checks.Line], list[checks.Claim]]:
-    """Write figures and page of a completed sweep into ``folder``, and return the comparison with the paper."""
+    results: Mapping[str, SweepResult], names: list[str], folder: Path, *, seeds: Sequence[int], pixels: int
+) -> Found:
+    """Write figures and page of completed sweeps, by base, into ``folder``, and return the comparisons."""
     from chemage import fresh_file, versions
     from chemage.reports.figures import save_figures
-    from chemage_studies.reproduction import checks, figures, pages
+    from chemage_studies.reproduction import claims, estimates, figures_more, numbers, pages
+    from chemage_studies.reproduction.calibration import bands, times
     from chemage_studies.reproduction.points import Point, studies_of
 
-    found = studies_of((Point.of(point) for point in result), names)
-    lines, claims = checks.lines(found, names), checks.claims(found, names)
-    save_figures({name: figures.DRAW[name](found) for name in names}, folder / "figures", force=True)
-    text = pages.page(lines, claims, names, seeds=seeds, pixels=pixels, figures="figures", versions=versions())
+    computed = studies_of((Point.of(point) for result in results.values() for point in result), names)
+    lines = numbers.lines(computed, names)
+    found = pages.Found(
+        lines,
+        claims.claims(computed, names),
+        estimates.estimates(computed) if "estimates" in names else [],
+        estimates.variants(computed) if "fig6" in names else [],
+        bands(computed) if "calibration" in names else [],
+        times(computed) if "calibration" in names else {},
+    )
+    drawn = {name: figures_more.DRAW[name](computed) for name in names if name in figures_more.DRAW}
+    save_figures(drawn, folder / "figures", force=True)
+    text = pages.page(found, names, seeds=seeds, pixels=pixels, figures="figures", versions=versions())
     with fresh_file(folder / "reproduction.md", force=True) as part:
         part.write_text(text, encoding="utf-8")
-    return lines, claims
+    return found

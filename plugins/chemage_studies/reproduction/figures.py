@@ -1,208 +1,228 @@
-"""The figures of the paper, drawn from the points of the studies."""
+"""Figures 1 to 6 of the paper, drawn from the points of the studies."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from chemage.reports.figures import GREY, PALETTE, panels
+from chemage.reports.figures import GREY, PALETTE, draw_map, pooled
 from chemage_studies.reproduction import published
-from chemage_studies.reproduction.checks import LOAD, SLOPE, VOLUME, Studies
-from chemage_studies.reproduction.points import Point, curve, grouped, mean
+from chemage_studies.reproduction.claims import morphology
+from chemage_studies.reproduction.drawing import SMALL, band, bars, density, figure, legend, letter
+from chemage_studies.reproduction.estimates import front, variants
+from chemage_studies.reproduction.numbers import Studies, by_volume, circle, rows
+from chemage_studies.reproduction.points import LOAD, SEED, SLOPE, Mean, Point, grouped, mean
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
-def _figure(columns: int, rows: int = 1, width: float = 4.6, height: float = 3.9) -> tuple[Figure, list[Axes]]:
-    return panels(width * columns, height * rows, columns, rows, dpi=130)
+_SLOPE_COLOURS = dict(zip(published.SLOPES, PALETTE, strict=False))
+_TIMES = (1.0, 1e3, 1e5)
 
 
 def fig1(studies: Studies) -> Figure:
-    """Draw ΔF and Δμ against hold time at several loads."""
-    figure, (left, right) = _figure(2)
-    for ((load,), group), colour in zip(grouped(studies["loads"], LOAD).items(), PALETTE, strict=True):
-        times = group[0].hold_times
-        left.plot(times, curve(group, lambda p: p.friction_drop) / 1000, color=colour, label=f"{load / 1000:g} µN")
-        right.plot(times, curve(group, lambda p: p.coefficient), color=colour)
-    left.set(xscale="log", yscale="log", xlabel="hold time (s)", ylabel="ΔF (µN)", ylim=(1e-2, None))
-    right.set(xscale="log", xlabel="hold time (s)", ylabel="Δμ")
-    left.legend(frameon=False, fontsize=7)
-    return figure
+    """Draw the heights of the first surface, the contact on it, and a part of the contact."""
+    point = studies["reference"][0]
+    surface, contact = point.surface(), point.contact()
+    side = contact.shape[0] * contact.pixel_size
+    made, axes = figure(3, width=4.8)
+    whole = (0.0, side, 0.0, side)
+    draw_map(axes[0], pooled(surface.heights, np.mean, 600), whole, "height (nm)", cmap="cividis")
+    shown = pooled(contact.contact.astype(np.float64), np.max, 600)
+    draw_map(axes[1], np.ma.masked_equal(shown, 0.0), whole, "contact", cmap="binary", vmin=0, vmax=1)
+    if (bar := axes[1].images[0].colorbar) is not None:
+        bar.remove()
+    start, size, pressure = _densest(contact.pressure)
+    low = [one * contact.pixel_size for one in start]
+    part = (low[0], low[0] + size * contact.pixel_size, low[1], low[1] + size * contact.pixel_size)
+    draw_map(axes[2], np.ma.masked_equal(pressure, 0.0), part, "pressure (GPa)", cmap="viridis")
+    axes[1].plot(*_outline(part), color=PALETTE[1], lw=1)
+    axes[0].set_title(f"surface, seed {point.changes[SEED]}", fontsize=9)
+    axes[1].set_title(f"contact at 20 µN, A/A$_0$ = {contact.area_fraction:.4f}", fontsize=9)
+    axes[2].set_title("pressure in the square", fontsize=9)
+    return made
+
+
+def _densest(pressure: np.ndarray) -> tuple[tuple[int, int], int, np.ndarray]:
+    """The square of an eighth of the width with the most contact: its corner, its size and its pressures."""
+    from scipy import ndimage
+
+    size = max(8, pressure.shape[0] // 8)
+    share = ndimage.uniform_filter((pressure > 0).astype(np.float32), size, mode="constant")
+    middle = np.unravel_index(int(np.argmax(share)), share.shape)
+    i, j = (min(max(int(one) - size // 2, 0), pressure.shape[0] - size) for one in middle)
+    return (i, j), size, pressure[i : i + size, j : j + size]
+
+
+def _outline(part: tuple[float, float, float, float]) -> tuple[list[float], list[float]]:
+    x0, x1, y0, y1 = part
+    return [x0, x1, x1, x0, x0], [y0, y0, y1, y1, y0]
 
 
 def fig2(studies: Studies) -> Figure:
-    """Draw barriers and pressures at several loads, ΔF and Δμ against load, and ΔF against contact area."""
-    figure, (barriers, pressures, empty, drop, coefficient, area) = _figure(3, rows=2, width=4.0, height=3.4)
-    empty.axis("off")
+    """Draw barriers and pressures at three loads, and ΔF and Δμ against time, load and contact area."""
+    made, axes = figure(4, rows=2, width=3.9, height=3.4)
     groups = {load / 1000: group for (load,), group in grouped(studies["loads"], LOAD).items()}
-    for load, colour in zip((20.0, 100.0, 500.0), PALETTE, strict=False):
-        group = groups[load]
-        edges = group[0].observables["barrier_edges"][0]
-        barriers.stairs(_density(group, "barriers_start"), edges, color=colour, label=f"{load:g} µN")
-        barriers.stairs(_density(group, "barriers_open"), edges, color=colour, ls="--")
-        pressures.stairs(_density(group, "pressures"), group[0].observables["pressure_edges"][0], color=colour)
-    barriers.set(xlabel="barrier to forming (eV)", ylabel="density per site (1/eV)", xlim=(0.4, 2.2))
-    barriers.legend(frameon=False, fontsize=7, title="— initial, -- unbonded at end", title_fontsize=7)
-    pressures.set(xlabel="pressure (GPa)", ylabel="density per site (1/GPa)", xlim=(0, 8))
-    loads = np.array(list(groups))
-    for time, colour in zip((1.0, 1e3, 1e5), PALETTE, strict=False):
-        values = np.array([mean(p.at(time) for p in group).value for group in groups.values()])
-        drop.plot(loads, values / 1000, "o-", ms=3, color=colour, label=f"{time:g} s")
-        coefficient.plot(loads, values / loads / 1000, "o-", ms=3, color=colour)
-        fraction = np.array([mean(p.summary["area_fraction"] for p in group).value for group in groups.values()])
-        area.plot(fraction, values / 1000, "o-", ms=3, color=colour)
-    drop.set(xlabel="load (µN)", ylabel="ΔF (µN)")
-    drop.legend(frameon=False, fontsize=7)
-    coefficient.set(xlabel="load (µN)", ylabel="Δμ", ylim=(0, None))
-    area.set(xlabel="A/A$_0$", ylabel="ΔF (µN)")
-    return figure
+    chosen = {load: groups[load] for load in (20.0, 100.0, 500.0)}
+    _intrinsic(axes[0], next(iter(chosen.values()))[0])
+    for (load, group), colour in zip(chosen.items(), PALETTE, strict=False):
+        density(axes[0], group, "barriers_start", "barrier_edges", color=colour, label=f"E$_{{form}}$(0), {load:g} µN")
+        density(axes[3], group, "pressures", "pressure_edges", color=colour, label=f"{load:g} µN")
+    axes[0].set(xlabel="barrier (eV)", ylabel="density per site (1/eV)", xlim=(0.5, 1.45), ylim=(0, 6))
+    axes[3].set(xlabel="pressure (GPa)", ylabel="density per site (1/GPa)", xlim=(0, 8), ylim=(0, None))
+    for (load, group), colour in zip(groups.items(), PALETTE, strict=False):
+        band(axes[1], group, lambda p: np.maximum(p.friction_drop, 1e-9) / 1000, f"{load:g} µN", color=colour, lw=1)
+        band(axes[2], group, lambda p: p.coefficient, color=colour, lw=1)
+    axes[1].set(xscale="log", yscale="log", xlabel="hold time (s)", ylabel="ΔF (µN)", ylim=(1e-2, None))
+    axes[2].set(xscale="log", xlabel="hold time (s)", ylabel="Δμ", ylim=(0, None))
+    loads = list(groups)
+    areas = [mean(p.summary["area_fraction"] for p in group).value for group in groups.values()]
+    for time, colour in zip(_TIMES, PALETTE, strict=False):
+        drop = [mean(p.at(time) / 1000 for p in group) for group in groups.values()]
+        coefficient = [mean(p.at(time) / p.changes[LOAD] for p in group) for group in groups.values()]
+        for place, x, y in ((4, loads, drop), (5, loads, coefficient), (6, areas, drop), (7, areas, coefficient)):
+            bars(axes[place], x, y, fmt="o-", color=colour, label=f"{time:g} s")
+    for place, x, y in ((4, "load (µN)", "ΔF (µN)"), (5, "load (µN)", "Δμ"), (6, "A/A$_0$", "ΔF (µN)")):
+        axes[place].set(xlabel=x, ylabel=y, ylim=(0, None))
+    axes[7].set(xlabel="A/A$_0$", ylabel="Δμ", ylim=(0, None))
+    for place in (0, 1, 3, 4):
+        legend(axes[place], fontsize=6)
+    for axis, name in zip(axes, ("a", "b", "b", "c", "d", "d", "d", "d"), strict=True):
+        axis.set_title(f"({name})", loc="left", fontsize=10)
+    return made
 
 
-def _density(points: list[Point], name: str) -> np.ndarray:
-    return curve(points, lambda p: p.observables[name].mean(axis=0))
+def _intrinsic(axes: Axes, point: Point) -> None:
+    """Draw the densities of the intrinsic barriers to forming and to breaking."""
+    assert point.source is not None
+    chemistry = point.source.scene().chemistry
+    assert chemistry is not None
+    energy = np.linspace(0.5, 1.5, 1001)
+    forming = chemistry.forming.density(energy)
+    if forming is not None:
+        axes.plot(energy, forming, color=GREY, lw=1.2, ls="--", label="intrinsic, forming")
+    breaking = chemistry.breaking.density(energy) if chemistry.breaking is not None else None
+    if breaking is not None:
+        axes.fill_between(energy, breaking / 5, color=PALETTE[3], alpha=0.4, lw=0, label="breaking (density / 5)")
 
 
 def fig3(studies: Studies) -> Figure:
-    """Draw Δμ against hold time for each h'_rms, and against h'_rms at fixed times, with and without ΔV."""
-    figure, axes = _figure(2, rows=2, height=3.5)
-    for row, ((volume,), points) in enumerate(grouped(studies["slopes"], VOLUME).items()):
-        over_time, over_slope = axes[2 * row], axes[2 * row + 1]
-        by_slope = {key[0]: group for key, group in grouped(points, SLOPE).items()}
+    """Draw Δμ against hold time and against A/A0 for the rows of Table 1 at three slopes, with and without ΔV."""
+    from matplotlib.ticker import MultipleLocator
+
+    made, axes = figure(3, rows=2, width=4.6, height=3.7)
+    for line, (volume, points) in enumerate(by_volume(studies["rows"]).items()):
+        over_time, *over_area = axes[3 * line : 3 * line + 3]
         title = "ΔV = 6.4 Å$^3$" if volume else "ΔV = 0"
-        for (slope, group), colour in zip(by_slope.items(), PALETTE, strict=False):
-            over_time.plot(group[0].hold_times, curve(group, lambda p: p.coefficient), color=colour, label=f"{slope:g}")
-        over_time.set(xscale="log", xlabel="hold time (s)", ylabel="Δμ", title=title)
-        over_time.legend(frameon=False, fontsize=7, title="h'", title_fontsize=7)
-        for time, colour in zip((0.1, 1.0, 10.0, 1e3), PALETTE, strict=False):
-            values = [mean(p.at(time) / p.summary["load"] for p in group).value for group in by_slope.values()]
-            over_slope.plot(list(by_slope), values, "o-", ms=3, color=colour, label=f"{time:g} s")
-        over_slope.set(xlabel="h'$_{rms}$", ylabel="Δμ", title=title, yscale="log")
-        if row == 0:  # the row below has the same times, and no room for a legend
-            over_slope.legend(frameon=False, fontsize=7)
-    return figure
+        for row, of_row in rows(points):
+            for (slope,), group in grouped(of_row, SLOPE).items():
+                colour = _SLOPE_COLOURS[slope]
+                band(over_time, group, lambda p: p.coefficient, color=colour, lw=0.7)
+                over_time.plot(
+                    group[0].hold_times[::4], _mean(group)[::4], row.marker, ms=3.5, mfc="none", mew=0.7, color=colour
+                )
+                for axis, time in zip(over_area, (1.0, 1e3), strict=True):
+                    area = mean(p.summary["area_fraction"] for p in group)
+                    drop = mean(p.at(time) / p.changes[LOAD] for p in group)
+                    style = {"color": colour, "marker": row.marker, "ms": 5, "mfc": "none", "mew": 0.9, "lw": 0.7}
+                    width = 0.0 if np.isnan(area.scatter) else area.scatter
+                    height = 0.0 if np.isnan(drop.scatter) else drop.scatter
+                    axis.errorbar(area.value, drop.value, xerr=width, yerr=height, ls="none", **style)
+        over_time.set(xscale="log", xlabel="hold time (s)", ylabel="Δμ", title=title, ylim=(0, None))
+        for axis, time in zip(over_area, (1.0, 1e3), strict=True):
+            axis.set(xlabel="A/A$_0$", ylabel="Δμ", title=f"{title}, {time:g} s", xlim=(0, None), ylim=(0, None))
+            axis.xaxis.set_major_locator(MultipleLocator(0.005))
+    _reversal(axes[0], circle(by_volume(studies["rows"])[6.4]))
+    for slope, colour in _SLOPE_COLOURS.items():
+        axes[0].plot([], [], color=colour, label=f"h' = {slope:g}")
+    legend(axes[0])
+    for row in published.TABLE_1:
+        axes[2].plot([], [], row.marker, color=GREY, ms=5, mfc="none", label=row.name)
+    legend(axes[2], loc="lower right")
+    return made
+
+
+def _reversal(axes: Axes, points: list[Point]) -> None:
+    """Draw the hold times at which the order of the slopes reverses, larger."""
+    inset = axes.inset_axes((0.09, 0.36, 0.38, 0.34))
+    for (slope,), group in grouped(points, SLOPE).items():
+        band(inset, group, lambda p: p.coefficient, color=_SLOPE_COLOURS[slope], lw=1)
+    inside = (points[0].hold_times >= 0.3) & (points[0].hold_times <= 30)
+    top = max(float(p.coefficient[inside].max()) for p in points)
+    inset.set(xscale="log", xlim=(0.3, 30), ylim=(0, top))
+    inset.set_title("circle", fontsize=SMALL)
+    inset.tick_params(labelsize=6)
+
+
+def _mean(points: list[Point]) -> np.ndarray:
+    return np.mean([p.coefficient for p in points], axis=0)
 
 
 def fig4(studies: Studies) -> Figure:
-    """Draw ΔF against the strength of the interaction."""
-    figure, (axes,) = _figure(1)
-    groups = {key[0]: group for key, group in grouped(studies["interaction"], "interaction.strength").items()}
-    for time, colour in zip((1.0, 1e3, 1e5), PALETTE, strict=False):
-        axes.plot(
-            list(groups),
-            [mean(p.at(time) for p in g).value / 1000 for g in groups.values()],
-            "o-",
-            ms=3,
-            color=colour,
-            label=f"{time:g} s",
-        )
-    axes.set(xlabel="I$_b$ (eV)", ylabel="ΔF (µN)", ylim=(0, None))
-    axes.legend(frameon=False, fontsize=7)
-    return figure
+    """Draw the distributions of local pressure and of E_form(t = 0) at three slopes."""
+    made, (pressures, barriers) = figure(2)
+    for (slope,), group in grouped(by_volume(studies["slopes"])[6.4], SLOPE).items():
+        style = {"color": _SLOPE_COLOURS[slope], "label": f"h' = {slope:g}"}
+        density(pressures, group, "pressures", "pressure_edges", **style)
+        density(barriers, group, "barriers_start", "barrier_edges", **style)
+    pressures.set(xlabel="pressure (GPa)", ylabel="density per site (1/GPa)", xlim=(0, 10), ylim=(0, None))
+    barriers.set(xlabel="E$_{form}$(t = 0) (eV)", ylabel="density per site (1/eV)", xlim=(0.3, 1.5), ylim=(0, None))
+    letter((pressures, barriers), "ab")
+    legend(pressures)
+    return made
 
 
 def fig5(studies: Studies) -> Figure:
-    """Draw Δμ·A0/A against C/A for the rows of Table 1."""
-    figure, (axes,) = _figure(1, width=7.0)
-    groups = grouped(studies["rows"], "surface.hurst", "surface.zeta", "surface.eta")
-    for row, colour in zip(published.TABLE_1, PALETTE, strict=False):
-        group = groups[row.hurst, row.zeta, row.eta]
-        axes.plot(
-            [p.summary["perimeter_to_area"] for p in group],
-            [p.at(1e3) / p.summary["load"] / p.summary["area_fraction"] for p in group],
-            "o",
-            ms=4,
-            color=colour,
-            label=f"{row.name}: H {row.hurst:g}, ζ {row.zeta:g}, η {row.eta:g}",
-        )
-    axes.set(xlabel="C/A (1/nm)", ylabel="Δμ A$_0$/A at 1e3 s (axis does not start at 0)")
-    axes.legend(frameon=False, fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return figure
+    """Draw Δμ·A0/A at 1e3 s against C/A for the rows of Table 1 at three slopes, without ΔV."""
+    made, axes = figure(3, width=4.0, height=3.6)
+    groups = grouped(by_volume(studies["rows"])[0.0], SLOPE)
+    for axis, ((slope,), group) in zip(axes, groups.items(), strict=True):
+        for (row, of_row), colour in zip(rows(group), PALETTE, strict=False):
+            x, y = morphology(of_row)
+            axis.plot(x, y, row.marker, ms=4, mfc="none", mew=0.8, color=colour, label=row.name)
+        x, y = morphology(group)
+        line = np.polynomial.Polynomial.fit(x, y, 1)
+        ends = np.array([x.min(), x.max()])
+        axis.plot(ends, line(ends), color=GREY, lw=0.8, zorder=0)
+        axis.set_title(f"h' = {slope:g}, correlation {np.corrcoef(x, y)[0, 1]:.3f}", fontsize=9)
+        axis.set(xlabel="C/A (1/nm)", ylabel="Δμ A$_0$/A at 1e3 s (axis not from 0)")
+    legend(axes[0])
+    return made
 
 
 def fig6(studies: Studies) -> Figure:
-    """Draw Δμ against hold time at half hydroxylation, with the detachment-front factor."""
-    figure, (axes,) = _figure(1)
-    points = studies["front"]
-    times = points[0].hold_times
-    for point in points:
-        axes.plot(times, point.coefficient, color=PALETTE[0], lw=0.8)
-    beta = mean(p.summary["beta"] for p in points)
-    axes.set(
-        xscale="log", xlabel="hold time (s)", ylabel="Δμ", title=f"β = {beta.value:.4f} (paper: {published.FIG_6_BETA})"
+    """Draw Δμ against hold time at half hydroxylation, and β by what it depends on, with κ of that contact."""
+    made, (left, right) = figure(2, width=5.2, height=4.2)
+    half = front(studies, 0.5)
+    times = half[0].hold_times
+    middle = _mean(half)
+    scatter = np.std([p.coefficient for p in half], axis=0, ddof=1) if len(half) > 1 else half[0].friction_drop_stderr
+    error = scatter if len(half) > 1 else scatter / half[0].summary["load"]
+    left.errorbar(times, middle, yerr=error, fmt="o-", ms=3, lw=1, capsize=2, color=PALETTE[0])
+    left.set(xscale="log", xlabel="hold time (s)", ylabel="Δμ")
+    left.set_title(
+        "bars: standard deviation between " + ("surfaces" if len(half) > 1 else "replicas (s.e.)"), fontsize=9
     )
-    return figure
+    found = variants(studies)
+    for place, (one, colour) in enumerate(zip(found, PALETTE, strict=False)):
+        _level(right, -place, one.beta, colour)
+    right.axvline(float(published.FIG_6_BETA), color=GREY, lw=1, ls="--")
+    right.set_yticks([-place for place in range(len(found))], [_broken(one.name) for one in found], fontsize=7)
+    kappa = mean(p.summary["kappa"] for p in half)
+    right.set(xlabel="β", xlim=(0, None))
+    right.set_title(f"dashed: paper, {published.FIG_6_BETA}; κ = {kappa} at h' = 0.4", fontsize=9)
+    return made
 
 
-def table1(studies: Studies) -> Figure:
-    """Draw our patches and contour lengths of the rows of Table 1 against those of the paper."""
-    figure, (left, right) = _figure(2)
-    groups = grouped(studies["rows"], "surface.hurst", "surface.zeta", "surface.eta")
-    for row, colour in zip(published.TABLE_1, PALETTE, strict=False):
-        group = groups[row.hurst, row.zeta, row.eta]
-        for axes, name, paper in ((left, "patches", row.patches), (right, "perimeter_to_area", row.perimeter_to_area)):
-            ours = mean(p.summary[name] for p in group)
-            axes.errorbar(
-                paper,
-                ours.value,
-                yerr=None if np.isnan(ours.scatter) else ours.scatter,
-                fmt="o",
-                color=colour,
-                capsize=2,
-                label=row.name,
-            )
-    for axes, label, scale, ends in ((left, "patches", "log", (8, 1500)), (right, "C/A (1/nm)", "linear", (0, 1.1))):
-        axes.plot(ends, ends, color=GREY, lw=0.8, zorder=0)
-        axes.set(xlabel=f"{label}, paper", ylabel=f"{label}, ours", xscale=scale, yscale=scale, xlim=ends, ylim=ends)
-    left.legend(frameon=False, fontsize=7)
-    return figure
+def _level(axes: Axes, place: float, value: Mean, colour: str) -> None:
+    width = None if np.isnan(value.scatter) else value.scatter
+    axes.errorbar(value.value, place, xerr=width, fmt="o", color=colour, capsize=3)
 
 
-def kappa(studies: Studies) -> Figure:
-    """Draw contact area against load, with the predictions of Persson and of Bush, Gibson and Thomas."""
-    from chemage.contacts.theory import bgt_area_fraction, persson_area_fraction
-
-    figure, (left, right) = _figure(2)
-    groups = grouped(studies["loads"], LOAD)
-    x = np.array([_reduced(group[0]) for group in groups.values()])
-    ours = np.array([mean(p.summary["area_fraction"] for p in group).value for group in groups.values()])
-    corrected = np.array(
-        [
-            mean(p.summary["corrected_area"] / p.summary["nominal_area"] for p in group).value
-            for group in groups.values()
-        ]
-    )
-    fine = np.linspace(0, x.max() * 1.05, 200)
-    left.plot(x, ours, "o", ms=4, color=PALETTE[0], label="pixels in contact")
-    left.plot(x, corrected, "s", ms=4, mfc="none", color=PALETTE[0], label="corrected for pixels")
-    left.plot(fine, persson_area_fraction(fine), color=PALETTE[1], label="Persson")
-    left.plot(fine, bgt_area_fraction(fine), color=PALETTE[2], label="Bush, Gibson & Thomas")
-    left.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="A/A$_0$")
-    left.legend(frameon=False, fontsize=7)
-    right.plot(x, ours / x, "o", ms=4, color=PALETTE[0])
-    right.plot(x, corrected / x, "s", ms=4, mfc="none", color=PALETTE[0])
-    right.axhline(published.KAPPA, color=GREY, lw=0.8)
-    right.axhline(np.sqrt(8 / np.pi), color=PALETTE[1], lw=0.8)
-    right.axhline(np.sqrt(2 * np.pi), color=PALETTE[2], lw=0.8)
-    right.set(xlabel="p̄ / (E* h'$_{rms}$)", ylabel="κ", ylim=(1.4, 2.7))
-    return figure
-
-
-def _reduced(point: Point) -> float:
-    summary = point.summary
-    return summary["nominal_pressure"] / (summary["modulus"] * summary["rms_slope"])
-
-
-DRAW: dict[str, Callable[[Studies], Any]] = {
-    "fig1": fig1,
-    "fig2": fig2,
-    "fig3": fig3,
-    "fig4": fig4,
-    "fig5": fig5,
-    "fig6": fig6,
-    "table1": table1,
-    "kappa": kappa,
-}
+def _broken(text: str) -> str:
+    """A label on two lines, cut at the middle space."""
+    words = text.split(" ")
+    cut = min(range(1, len(words)), key=lambda i: abs(len(" ".join(words[:i])) - len(text) / 2))
+    return " ".join(words[:cut]) + "\n" + " ".join(words[cut:])

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 import chemage
+from chemage import FIT_WINDOW
 from chemage.foundation.text import plus_minus
-from chemage_studies.reproduction.studies import TARGETS, members
+from chemage_studies.reproduction.studies import STUDIES, content, members, studies_for
+
+SLOPE, SEED, LOAD, VOLUME = "surface.rms_slope", "surface.seed", "contact.load", "chemistry.activation_volume"
+ROW = ("surface.hurst", "surface.zeta", "surface.eta")
 
 
 @dataclass(frozen=True)
@@ -27,6 +33,8 @@ class Point:
     friction_drop: np.ndarray
     friction_drop_stderr: np.ndarray
     observables: dict[str, np.ndarray] = field(default_factory=dict)
+    #: the point in its sweep, which has the contact
+    source: chemage.Point | None = None
 
     @classmethod
     def of(cls, point: chemage.Point) -> Point:
@@ -38,7 +46,9 @@ class Point:
             aging.hold_times,
             aging.mean_friction_drop,
             aging.friction_drop_stderr,
-            dict(aging.observables),
+            # the mean over replicas, of which a sweep has too many to keep
+            {name: values.mean(axis=0) for name, values in aging.observables.items()},
+            point,
         )
 
     @property
@@ -54,6 +64,22 @@ class Point:
         """Index of the hold time nearest to ``time`` (s)."""
         return int(np.argmin(np.abs(np.log(self.hold_times) - np.log(time))))
 
+    def beta(self, window: tuple[float, float] = FIT_WINDOW) -> float:
+        """Slope of Δμ against log10 t between two hold times (s), of the mean over replicas."""
+        inside = (self.hold_times >= window[0] * 0.999) & (self.hold_times <= window[1] * 1.001)
+        return float(np.polyfit(np.log10(self.hold_times[inside]), self.coefficient[inside], 1)[0])
+
+    def contact(self) -> chemage.ContactSolution:
+        """The contact of this point, from the folder of its sweep."""
+        assert self.source is not None
+        return self.source.contact()
+
+    def surface(self) -> chemage.Surface:
+        """The rough surface of this point, made again."""
+        assert self.source is not None
+        scene = self.source.scene()
+        return chemage.make_surface(scene.surface, scene.surface_seed)
+
 
 @dataclass(frozen=True)
 class Mean:
@@ -67,11 +93,22 @@ class Mean:
     def __str__(self) -> str:
         return plus_minus(self.value, self.scatter)
 
+    def times(self, factor: float) -> Mean:
+        """This mean multiplied by a positive number."""
+        return Mean(self.value * factor, self.scatter * factor, self.count)
+
+    @property
+    def one_more(self) -> float:
+        """Half width of the interval that holds the value of one more surface with a probability of 95 %."""
+        if self.count < 2:
+            return math.nan
+        return float(stats.t.ppf(0.975, self.count - 1)) * self.scatter * math.sqrt(1 + 1 / self.count)
+
 
 def mean(values: Iterable[float]) -> Mean:
     """Compute mean and standard deviation over surface seeds."""
     found = np.array(list(values), dtype=np.float64)
-    scatter = float(found.std(ddof=1)) if found.size > 1 else float("nan")
+    scatter = float(found.std(ddof=1)) if found.size > 1 else math.nan
     return Mean(float(found.mean()), scatter, found.size)
 
 
@@ -88,16 +125,22 @@ def curve(points: list[Point], quantity: Callable[[Point], np.ndarray]) -> np.nd
     return np.mean([quantity(point) for point in points], axis=0)
 
 
+def spread(points: list[Point], quantity: Callable[[Point], np.ndarray]) -> np.ndarray:
+    """Compute the standard deviation of an array between points; same shape, 0 for a single point."""
+    values = np.array([quantity(point) for point in points])
+    return values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(values.shape[1:])
+
+
 def studies_of(points: Iterable[Point], targets: Iterable[str]) -> dict[str, list[Point]]:
     """Sort the points into the studies of ``targets``, in the order of each study, with seeds of one scene together."""
     by_content: dict[str, list[Point]] = {}
     for point in points:
-        by_content.setdefault(_content(point.changes), []).append(point)
+        by_content.setdefault(content(point.changes), []).append(point)
     return {
-        study: [point for member in members(study) for point in by_content[_content(member)]]
-        for study in dict.fromkeys(study for target in targets for study in TARGETS[target])
+        study: [
+            point
+            for member in members(study)
+            for point in by_content[content(member)][: STUDIES[study].surfaces or None]
+        ]
+        for study in studies_for(targets)
     }
-
-
-def _content(changes: dict[str, Any]) -> str:
-    return repr(sorted((path, float(value)) for path, value in changes.items() if path != "surface.seed"))

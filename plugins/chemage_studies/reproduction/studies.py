@@ -1,51 +1,188 @@
-"""The scenes of each figure and table; all of them form one sweep, so that figures share contacts."""
+"""The scenes of each figure and table; those of one base form one sweep, so that figures share contacts."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from chemage import InputError, nearest, override, scene_data
-from chemage_studies.reproduction.published import TABLE_1
+from chemage_silica import MDSilica
+from chemage_studies.reproduction.published import SLOPES, TABLE_1
 
 #: nN
-LOADS = tuple(1000.0 * load for load in (5, 10, 20, 50, 100, 200, 350, 500))
-SLOPES = (0.05, 0.075, 0.1, 0.15, 0.2)
+LOADS = tuple(1000.0 * load for load in (5, 10, 20, 50, 100, 200, 500))
 #: eV
 STRENGTHS = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
 #: nm³: 6.4 Å³, and none
-VOLUMES = (0.0064, 0.0)
-#: seeds of the surfaces; the first is that of the scene silica-rough
-SURFACE_SEEDS = tuple(range(7, 7 + 32))
+VOLUME = 0.0064
+VOLUMES = (VOLUME, 0.0)
+#: nm³: "0.04 Å³" of the paper's Fig. 6, read literally
+LITERAL_VOLUME = 0.04e-3
+#: silanol density of a partly hydroxylated surface over that of the model, 2.6 and 4.9 OH/nm²
+PARTIAL = round(2.6 / 4.9, 4)
+#: K
+TEMPERATURES = (225.0, 250.0, 275.0, 300.0, 325.0, 350.0, 375.0, 400.0)
+#: nN and nm: loads of AFM in the paper and some between; radii, which the paper does not give
+TIP_LOADS = (23.0, 50.0, 100.0, 200.0, 393.0)
+TIP_RADII = (30.0, 100.0)
+#: seeds of the surfaces: none of them was used to fit the barrier density or to choose an option
+SURFACE_SEEDS = tuple(range(101, 101 + 32))
+FEWEST_PIXELS = 320
 
-#: the studies of each figure or table
-TARGETS: dict[str, tuple[str, ...]] = {
-    "fig1": ("loads",),
-    "fig2": ("loads",),
-    "fig3": ("slopes",),
-    "fig4": ("interaction",),
-    "fig5": ("rows",),
-    "fig6": ("front",),
-    "table1": ("rows",),
-    "kappa": ("loads", "rows"),
-}
-
-#: the reference of every study: the scene silica-rough
-_REFERENCE: dict[str, Any] = {
+#: the reference of the rough surfaces: the scene silica-rough
+_ROUGH: dict[str, Any] = {
     "surface.rms_slope": 0.1,
     "surface.hurst": 0.8,
     "surface.zeta": 150.0,
     "surface.eta": 3.0,
     "contact.load": 20000.0,
-    "chemistry.activation_volume": 0.0064,
+    "chemistry.activation_volume": VOLUME,
     "chemistry.hydroxylation": 1.0,
     "chemistry.front_factor": 1.0,
     "interaction.strength": 0.5,
+    "forming.member": 0,
+    "hold.replicas": 10,
+}
+_TIP: dict[str, Any] = {
+    "surface.radius": 30.0,
+    "contact.load": 50.0,
+    "hold.temperature": 300.0,
+    "hold.stop": 1e5,
+    "hold.replicas": 200,
+}
+_PATCH: dict[str, Any] = {"hold.temperature": 300.0, "hold.replicas": 10}
+
+
+@dataclass(frozen=True)
+class Base:
+    """A scene whose options the studies of one sweep vary."""
+
+    scene: str
+    #: dotted path -> value of the reference; every point has a value for each
+    reference: dict[str, Any]
+    #: whether each surface seed gives another surface
+    rough: bool = True
+
+
+BASES = {
+    "rough": Base("silica-rough", _ROUGH),
+    "patch": Base("silica-patch", _PATCH),
+    "tip": Base("silica-tip", _TIP, rough=False),
+}
+
+
+@dataclass(frozen=True)
+class Study:
+    """The points that a panel needs, for one surface."""
+
+    base: str
+    points: Callable[[], Iterable[dict[str, Any]]]
+    #: number of surface seeds at most; 0: all that are asked for
+    surfaces: int = 0
+
+
+def _loads() -> Iterable[dict[str, Any]]:
+    # the contact at 100 µN has 300 000 sites, and needs few replicas
+    return ({"contact.load": load, "hold.replicas": 10 if load < 100e3 else 2} for load in LOADS)
+
+
+def _rows(slopes: Sequence[float], volumes: Sequence[float], replicas: int = 4) -> Iterable[dict[str, Any]]:
+    return (
+        {
+            "surface.rms_slope": slope,
+            "surface.hurst": row.hurst,
+            "surface.zeta": row.zeta,
+            "surface.eta": row.eta,
+            "chemistry.activation_volume": volume,
+            "hold.replicas": replicas,
+        }
+        for volume in volumes
+        for slope in slopes
+        for row in TABLE_1
+    )
+
+
+def _slopes() -> Iterable[dict[str, Any]]:
+    return ({"surface.rms_slope": slope, "chemistry.activation_volume": v} for v in VOLUMES for slope in SLOPES)
+
+
+def _front() -> Iterable[dict[str, Any]]:
+    for hydroxylation, volume, front in (
+        (0.5, VOLUME, 0.15),
+        (0.25, VOLUME, 0.15),
+        (0.5, LITERAL_VOLUME, 0.15),
+        (PARTIAL, VOLUME, 0.15),
+        (1.0, VOLUME, 1.0),
+    ):
+        yield {
+            "surface.rms_slope": 0.4,
+            "chemistry.hydroxylation": hydroxylation,
+            "chemistry.activation_volume": volume,
+            "chemistry.front_factor": front,
+        }
+
+
+def _temperatures(replicas: int) -> Iterable[dict[str, Any]]:
+    # above 350 K most events break a bond that has just formed
+    return ({"hold.temperature": t, "hold.replicas": replicas if t <= 350 else replicas // 10} for t in TEMPERATURES)
+
+
+def _members() -> Iterable[dict[str, Any]]:
+    front = {"chemistry.hydroxylation": 0.5, "chemistry.front_factor": 0.15, "hold.replicas": 10}
+    for member in range(MDSilica.MEMBERS + 1):
+        for slope, replicas in zip(SLOPES, (2, 3, 5), strict=True):
+            for volume in VOLUMES:
+                yield {
+                    "surface.rms_slope": slope,
+                    "chemistry.activation_volume": volume,
+                    "forming.member": member,
+                    "hold.replicas": replicas,
+                }
+        yield {"surface.rms_slope": 0.4, "forming.member": member, **front}
+
+
+STUDIES: dict[str, Study] = {
+    "reference": Study("rough", lambda: [{"hold.replicas": 1}]),
+    "loads": Study("rough", _loads),
+    "rows": Study("rough", lambda: _rows(SLOPES, VOLUMES)),
+    "members": Study("rough", _members, surfaces=1),
+    "table": Study("rough", lambda: _rows(SLOPES[:1], VOLUMES[:1], replicas=1)),
+    "slopes": Study("rough", _slopes),
+    "front": Study("rough", _front),
+    "interaction": Study(
+        "rough", lambda: ({"interaction.strength": strength, "hold.replicas": 4} for strength in STRENGTHS)
+    ),
+    "warm rough": Study("patch", lambda: _temperatures(10)),
+    "warm tip": Study("tip", lambda: ({"hold.stop": 1e4, **one} for one in _temperatures(40))),
+    "tips": Study(
+        "tip", lambda: ({"surface.radius": r, "contact.load": load} for r in TIP_RADII for load in TIP_LOADS)
+    ),
+}
+
+#: the studies of each figure or table
+TARGETS: dict[str, tuple[str, ...]] = {
+    "fig1": ("reference",),
+    "fig2": ("loads",),
+    "fig3": ("rows", "slopes"),
+    "fig4": ("slopes",),
+    "fig5": ("rows",),
+    "fig6": ("front",),
+    "table1": ("table",),
+    "kappa": ("loads", "table", "front"),
+    "maps": ("table",),
+    "areas": ("loads",),
+    "barriers": ("loads",),
+    "interaction": ("interaction",),
+    "temperature": ("warm rough", "warm tip"),
+    "tips": ("tips",),
+    "estimates": ("slopes", "front"),
+    "calibration": ("members", "slopes", "front"),
 }
 
 
 def chosen(names: Sequence[str]) -> list[str]:
-    """Check the names of targets and sort them as in the paper; none, or ``all``, means all targets.
+    """Check the names of targets and sort them as on the page; none, or ``all``, means all targets.
 
     Raises
     ------
@@ -53,66 +190,75 @@ def chosen(names: Sequence[str]) -> list[str]:
         There is no such target.
     """
     for name in names:
+        if name == "patches":
+            raise InputError("patches: is computed on its own; give no other target beside it")
         if name not in (*TARGETS, "all"):
-            known = [*TARGETS, "all"]
+            known = [*TARGETS, "all", "patches"]
             raise InputError(f"no target {name!r}{nearest(name, known)}; the targets are {', '.join(known)}")
     return list(TARGETS) if not names or "all" in names else [name for name in TARGETS if name in names]
 
 
+def studies_for(targets: Iterable[str]) -> list[str]:
+    """List the studies of ``targets``, each once."""
+    return list(dict.fromkeys(study for target in targets for study in TARGETS[target]))
+
+
 def members(study: str) -> list[dict[str, Any]]:
     """List the points of a study for one surface seed: dotted path -> value, with all varied paths in each."""
-    match study:
-        case "loads":
-            varied: Iterable[dict[str, Any]] = ({"contact.load": load} for load in LOADS)
-        case "slopes":
-            varied = (
-                {"surface.rms_slope": slope, "chemistry.activation_volume": volume}
-                for volume in VOLUMES
-                for slope in SLOPES
-            )
-        case "interaction":
-            varied = ({"interaction.strength": strength} for strength in STRENGTHS)
-        case "rows":
-            varied = (
-                {
-                    "surface.rms_slope": 0.05,
-                    "surface.hurst": row.hurst,
-                    "surface.zeta": row.zeta,
-                    "surface.eta": row.eta,
-                }
-                for row in TABLE_1
-            )
-        case "front":
-            varied = (
-                {"surface.rms_slope": 0.4, "chemistry.hydroxylation": 0.5, "chemistry.front_factor": 0.15} for _ in [0]
-            )
-        case _:
-            raise KeyError(study)
-    return [{**_REFERENCE, **changes} for changes in varied]
+    one = STUDIES[study]
+    return [{**BASES[one.base].reference, **changes} for changes in one.points()]
 
 
-def scene(targets: Sequence[str], seeds: Sequence[int], pixels: int | None = None) -> dict[str, Any]:
-    """Make scene data whose sweep has every point of ``targets`` once for every surface seed.
+def content(point: dict[str, Any]) -> str:
+    """Identify a point apart from its surface seed and its number of replicas."""
+    apart = ("surface.seed", "hold.replicas")
+    return repr(sorted((path, float(value)) for path, value in point.items() if path not in apart))
 
-    ``pixels`` coarsens every surface at constant size, for tests.
+
+def scenes(targets: Sequence[str], seeds: Sequence[int], pixels: int | None = None) -> dict[str, dict[str, Any]]:
+    """Make scene data of the sweeps, by base, that together have every point of ``targets`` for every surface seed.
+
+    ``pixels`` coarsens every rough surface at constant size, for tests.
 
     Raises
     ------
     InputError
         ``pixels`` cannot resolve the shortest wavelength.
     """
-    data, _ = scene_data("silica-rough")
-    data = override(data, {"name": "reproduction"})
-    data["observe"] = [{"kind": "barrier-spectrum"}, {"kind": "pressure-spectrum"}]
-    if pixels is not None:
-        if pixels < 320:
-            raise InputError.of(
-                "pixels", pixels, "cannot resolve the shortest wavelength (ζ = 150)", "give 320 or more"
-            )
-        data = override(data, {"surface.pixels": pixels, "surface.pixel_size": 2500 * 0.4518 / pixels})
+    if pixels is not None and pixels < FEWEST_PIXELS:
+        raise InputError.of(
+            "pixels", pixels, "cannot resolve the shortest wavelength (ζ = 150)", f"give {FEWEST_PIXELS} or more"
+        )
+    made = {}
+    for base in BASES:
+        studies = [study for study in studies_for(targets) if STUDIES[study].base == base]
+        if studies:
+            points = _points(studies, seeds if BASES[base].rough else (0,), rough=BASES[base].rough)
+            made[base] = {**_data(base, pixels), "sweep": {"zip": [points]}}
+    return made
+
+
+def _points(studies: Sequence[str], seeds: Sequence[int], *, rough: bool) -> dict[str, list[Any]]:
+    """The points of ``studies`` as columns by path; of equal points that with the most replicas is computed."""
     points: dict[str, dict[str, Any]] = {}
-    for study in dict.fromkeys(study for target in targets for study in TARGETS[target]):
-        for point in members(study):
-            points.setdefault(repr(point), point)
-    together: dict[str, Any] = {path: [point[path] for point in points.values()] for path in _REFERENCE}
-    return {**data, "sweep": {"zip": [together], "surface.seed": list(seeds)}}
+    for study in studies:
+        for seed in seeds[: STUDIES[study].surfaces or None]:
+            for member in members(study):
+                name = f"{seed} {content(member)}"
+                if name not in points or points[name]["hold.replicas"] < member["hold.replicas"]:
+                    points[name] = {**member, "surface.seed": seed} if rough else member
+    return {path: [point[path] for point in points.values()] for path in next(iter(points.values()))}
+
+
+def _data(base: str, pixels: int | None) -> dict[str, Any]:
+    data, _ = scene_data(BASES[base].scene)
+    data = override(data, {"name": f"reproduction-{base}"})
+    if base == "rough":
+        data["observe"] = [{"kind": "barrier-spectrum"}, {"kind": "pressure-spectrum"}]
+        if pixels is not None:
+            data = override(data, {"surface.pixels": pixels, "surface.pixel_size": 2500 * 0.4518 / pixels})
+        return data
+    data["observe"] = []
+    if base == "patch":  # the interaction of the paper's rough surfaces
+        return override(data, {"interaction.strength": 0.5, "hold.start": 1e-3, "hold.stop": 1e4})
+    return data
