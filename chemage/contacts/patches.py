@@ -19,19 +19,23 @@ class Patches:
     sizes: np.ndarray
 
 
-def label_patches(contact: np.ndarray, periodic: bool) -> tuple[np.ndarray, int]:
-    """8-connected patches of a bool (nx, ny) map: labels 1…count (0 outside contact), across edges where periodic."""
+def label_patches(contact: np.ndarray, periodic: bool, *, corners: bool = True) -> tuple[np.ndarray, int]:
+    """Connected patches of a bool (nx, ny) map: labels 1…count (0 outside contact), across edges where periodic.
+
+    Pixels that share an edge or a corner are connected (8 neighbours); without ``corners``, an edge (4 neighbours).
+    """
     from scipy import ndimage
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     labels = np.zeros(contact.shape, dtype=np.int32)
-    count = int(ndimage.label(contact, structure=np.ones((3, 3), dtype=np.int8), output=labels))  # pyright: ignore[reportArgumentType]
+    structure = ndimage.generate_binary_structure(2, 2 if corners else 1)
+    count = int(ndimage.label(contact, structure=structure, output=labels))  # pyright: ignore[reportArgumentType]
     if not periodic or count == 0:
         return labels, count
     pairs = []
     for first, second in ((labels[0], labels[-1]), (labels[:, 0], labels[:, -1])):
-        for shift in (-1, 0, 1):
+        for shift in (-1, 0, 1) if corners else (0,):
             other = np.roll(second, shift)
             both = (first > 0) & (other > 0)
             pairs.append(np.stack([first[both], other[both]]))

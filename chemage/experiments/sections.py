@@ -59,9 +59,10 @@ def scatter_of(
 
     ``contact`` are the measures of the contact; the other arguments are those of :func:`components_of`.
     """
-    for path, component in components_of(scene, aging, recorded):
-        if path == "surface" and isinstance(component, SurfaceMaker):
-            return component.scatter(contact)
+    for path, role, fields in _recorded(scene, aging, recorded):
+        if path == "surface":  # the other components need not be imported
+            maker = _installed(role, fields)
+            return maker.scatter(contact) if isinstance(maker, SurfaceMaker) else None
     return None
 
 
@@ -74,11 +75,16 @@ def components_of(
     """
     found: list[tuple[str, Component]] = []
     for path, role, fields in _recorded(scene, aging, contact):
-        try:
-            found += nested(registry.current().fromdict(role, fields), path)
-        except ChemageError:  # another version of the plugin, or none
-            continue
+        if (component := _installed(role, fields)) is not None:
+            found += nested(component, path)
     return found
+
+
+def _installed(role: str, fields: Mapping[str, Any]) -> Component | None:
+    try:
+        return registry.current().fromdict(role, fields)
+    except ChemageError:  # another version of the plugin, or none
+        return None
 
 
 def _recorded(

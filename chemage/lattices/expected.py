@@ -30,8 +30,8 @@ def expected_events(chemistry: Chemistry, pressure: float, hold_time: float, tem
     """
     rayleigh = np.sqrt(-4 / np.pi * np.log1p(-_middles(PRESSURES))) * pressure
     intrinsic = chemistry.forming.quantile(_middles(FORMING))
-    barriers = [effective_forming(intrinsic, chemistry.activation_volume, np.array([value])) for value in rayleigh]
-    forming = _rates(np.stack(barriers), chemistry, temperature)[..., None]
+    barriers = effective_forming(intrinsic, chemistry.activation_volume, rayleigh[:, None])
+    forming = _rates(barriers, chemistry, temperature)[..., None]
     share = 1.0 if chemistry.interaction is None else COUPLED
     if chemistry.breaking is None:
         return share * float(-np.expm1(-_product(forming, hold_time)).mean())

@@ -87,7 +87,7 @@ def main() -> None:
     for name in ("to_sealed_json", "from_sealed_json"):
         setattr(folder, name, hash_timed(getattr(seals, name)))
     os.fsync = timed("syncing", os.fsync)
-    with tempfile.TemporaryDirectory(dir=".") as name:
+    with tempfile.TemporaryDirectory() as name:
         here = Path(name).resolve()
 
         os.chdir(here)

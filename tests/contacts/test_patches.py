@@ -30,7 +30,7 @@ def around(i, j, shape, periodic, corners):
                 yield x, y
 
 
-def flooded(contact, periodic):
+def flooded(contact, periodic, corners=True):
     """The patches as sets of pixels, by flood fill."""
     left = {(int(i), int(j)) for i, j in np.argwhere(contact)}
     found = []
@@ -39,7 +39,7 @@ def flooded(contact, periodic):
         while edge:
             pixel = edge.pop()
             patch.add(pixel)
-            for other in around(*pixel, contact.shape, periodic, corners=True):
+            for other in around(*pixel, contact.shape, periodic, corners):
                 if other in left:
                     left.remove(other)
                     edge.append(other)
@@ -63,6 +63,15 @@ def test_labels_tell_the_patches_apart(contact, periodic):
     assert sorted(np.unique(labels[contact])) == list(range(1, count + 1))
     for patch in flooded(contact, periodic):
         assert len({int(labels[pixel]) for pixel in patch}) == 1
+
+
+@contacts
+def test_without_corners_only_edges_connect(contact, periodic):
+    labels, count = label_patches(contact, periodic, corners=False)
+    expected = flooded(contact, periodic, corners=False)
+    assert count == len(expected)
+    assert ((labels > 0) == contact).all()
+    assert all(len({int(labels[pixel]) for pixel in patch}) == 1 for patch in expected)
 
 
 @contacts

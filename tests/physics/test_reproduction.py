@@ -14,7 +14,7 @@ from chemage_studies.reproduction import (
     claims,
     command,
     estimates,
-    figures_more,
+    figures_supplement,
     pages,
     patches,
     published,
@@ -53,8 +53,8 @@ def test_every_target_of_the_paper_is_there():
     assert {*(f"fig{number}" for number in range(1, 7)), "table1", "kappa"} <= set(studies.TARGETS)
     assert {"maps", "areas", "barriers", "estimates"} <= set(studies.TARGETS)
     assert {"interaction", "temperature", "tips"} <= set(studies.TARGETS)
-    assert set(figures_more.DRAW) == set(pages.CAPTIONS)
-    assert set(studies.TARGETS) - set(figures_more.DRAW) <= {"estimates", "calibration"}
+    assert set(figures_supplement.DRAW) == set(pages.CAPTIONS)
+    assert set(studies.TARGETS) - set(figures_supplement.DRAW) <= {"estimates", "calibration"}
 
 
 def test_every_target_is_drawn_and_written(coarse: tuple[dict[str, chemage.SweepResult], Path]):
@@ -63,7 +63,7 @@ def test_every_target_is_drawn_and_written(coarse: tuple[dict[str, chemage.Sweep
     names = [name for name in studies.TARGETS if name not in ("temperature", "tips")]
     found = command.write({"rough": results["rough"]}, names, folder, seeds=(SEED,), pixels=PIXELS)
     text = (folder / "reproduction.md").read_text(encoding="utf-8")
-    for name in figures_more.DRAW.keys() & set(names):
+    for name in figures_supplement.DRAW.keys() & set(names):
         assert (folder / "figures" / f"{name}.png").stat().st_size > 10_000
         assert f"figures/{name}.png" in text
     assert {line.target for line in found.lines} == {"kappa", "table1", "fig3", "fig6"}
@@ -397,7 +397,7 @@ def test_the_page_is_of_several_surfaces_that_tuned_nothing():
 
 def test_every_figure_of_the_page_exists():
     text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
-    for name in figures_more.DRAW:
+    for name in figures_supplement.DRAW:
         assert f"(figures/reproduction/{name}.png)" in text
         assert (DOCS / "figures" / "reproduction" / f"{name}.png").is_file()
 

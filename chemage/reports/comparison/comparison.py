@@ -97,9 +97,7 @@ class Comparison:
             for time in self.times:
                 rows.append((f"{label} at {time:g} s", _row_at(curves, unit, time)))
             rows.append((f"{label} at the last hold time", _row_at(curves, unit, None)))
-        rows += [
-            (label, partial(_elastic_text, name=name)) for name, label in _ELASTIC.items() if name in self._limits()
-        ]
+        rows += [(_ELASTIC[name], partial(_elastic_text, name=name)) for name in self._limits()]
         rows += self._measured_rows()
         rows += [
             ("last hold time", lambda one: _text(one.last(), "s")),

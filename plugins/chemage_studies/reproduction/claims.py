@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from chemage_studies.reproduction.numbers import Studies, by_volume, circle, rows
-from chemage_studies.reproduction.points import LOAD, SEED, SLOPE, Mean, Point, curve, grouped, mean
+from chemage_studies.reproduction.points import LOAD, SEED, SLOPE, Mean, Point, by, curve, mean
 from chemage_studies.reproduction.published import SLOPES
 from chemage_studies.reproduction.verdicts import Claim
 
@@ -37,7 +37,7 @@ def _fig2(studies: Studies) -> Iterable[Claim]:
 
 
 def _logarithmic(points: list[Point]) -> Claim:
-    chosen = grouped(points, LOAD)[(20000.0,)]
+    chosen = by(points, LOAD)[20000.0]
     times, drop = chosen[0].hold_times, curve(chosen, lambda p: p.friction_drop)
     inside = (times >= 0.999) & (times <= 1.001e5)
     straight = np.corrcoef(np.log10(times[inside]), drop[inside])[0, 1] ** 2
@@ -50,8 +50,8 @@ def _logarithmic(points: list[Point]) -> Claim:
 
 
 def _over_loads(points: list[Point], time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    groups = grouped(points, LOAD)
-    loads = np.array([load for (load,) in groups])
+    groups = by(points, LOAD)
+    loads = np.array(list(groups))
     drop = np.array([mean(p.at(time) for p in group).value for group in groups.values()])
     area = np.array([mean(p.summary["area_fraction"] for p in group).value for group in groups.values()])
     return loads, drop, area
@@ -95,11 +95,11 @@ def _coefficient_claim(points: list[Point]) -> Claim:
 
 
 def _pressure_claim(points: list[Point]) -> Claim:
-    groups = grouped(points, LOAD)
-    reference = _cumulative(groups[(20000.0,)], "pressures")
+    groups = by(points, LOAD)
+    reference = _cumulative(groups[20000.0], "pressures")
     distances = {
         load / 1000: float(np.max(np.abs(_cumulative(group, "pressures") - reference)))
-        for (load,), group in groups.items()
+        for load, group in groups.items()
     }
     small = max(value for load, value in distances.items() if load <= 100)
     return Claim(
@@ -132,7 +132,7 @@ def _fig3(studies: Studies) -> Iterable[Claim]:
 def _trend_claim(volumes: dict[float, list[Point]]) -> Claim:
     parts, holds = [], []
     for volume, points in volumes.items():
-        by_slope = {key[0]: found for key, found in grouped(circle(points), SLOPE).items()}
+        by_slope = by(circle(points), SLOPE)
         for time in (1.0, 1e3):
             values = [mean(p.at(time) / p.summary["load"] for p in by_slope[h]).value for h in SLOPES]
             trend = "rises" if values[-1] > values[0] else "falls"
@@ -161,7 +161,7 @@ def crossing(lower: list[Point], upper: list[Point]) -> float:
 def _reversal_claim(points: list[Point]) -> Claim:
     found = {}
     for row, group in rows(points):
-        by_slope = {key[0]: chosen for key, chosen in grouped(group, SLOPE).items()}
+        by_slope = by(group, SLOPE)
         found[row.name] = crossing(by_slope[SLOPES[0]], by_slope[SLOPES[-1]])
     return Claim(
         "fig3",
@@ -197,7 +197,7 @@ def _onset_claim(volumes: dict[float, list[Point]]) -> Claim:
 
 def against_area(points: Sequence[Point], time: float) -> tuple[np.ndarray, np.ndarray]:
     """A/A0 and Δμ at a hold time (s), means over surfaces, (rows, slopes)."""
-    groups = [[g for _, g in grouped(group, SLOPE).items()] for _, group in rows(points)]
+    groups = [list(by(group, SLOPE).values()) for _, group in rows(points)]
     area = [[mean(p.summary["area_fraction"] for p in g).value for g in one] for one in groups]
     drop = [[mean(p.at(time) / p.summary["load"] for p in g).value for g in one] for one in groups]
     return np.array(area), np.array(drop)
@@ -216,7 +216,7 @@ class _Line(NamedTuple):
     def of(cls, points: Sequence[Point], time: float) -> _Line:
         area, drop = (part.ravel() for part in against_area(points, time))
         offsets = []
-        for group in grouped(points, SEED).values():
+        for group in by(points, SEED).values():
             x, y = (part.ravel() for part in against_area(group, time))
             offsets.append(float(np.polyfit(x, y, 1)[1] / y.mean()))
         line = np.polynomial.Polynomial.fit(area, drop, 1)
@@ -276,7 +276,7 @@ def _others_claim(volumes: dict[float, list[Point]]) -> Claim:
 
 def _fig4(studies: Studies) -> Iterable[Claim]:
     with_volume = by_volume(studies["slopes"])[6.4]
-    groups = {slope: group for (slope,), group in grouped(with_volume, SLOPE).items()}
+    groups = by(with_volume, SLOPE)
     pressure = [mean(p.summary["mean_contact_pressure"] for p in groups[h]).value for h in SLOPES]
     means, widths = [], []
     for slope in SLOPES:
@@ -304,7 +304,7 @@ def morphology(points: Sequence[Point]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _fig5(studies: Studies) -> Iterable[Claim]:
-    for (slope,), group in grouped(by_volume(studies["rows"])[0.0], SLOPE).items():
+    for slope, group in by(by_volume(studies["rows"])[0.0], SLOPE).items():
         x, y = morphology(group)
         rise, height = np.polyfit(x, y, 1)
         change = rise * (x.max() - x.min()) / (height + rise * x.mean())
@@ -338,7 +338,7 @@ def _table1(studies: Studies) -> Iterable[Claim]:
 
 
 def _interaction(studies: Studies) -> Iterable[Claim]:
-    groups = {key[0]: found for key, found in grouped(studies["interaction"], "interaction.strength").items()}
+    groups = by(studies["interaction"], "interaction.strength")
     drop = {strength: mean(p.at(1e3) for p in group).value for strength, group in groups.items()}
     shown = ", ".join(f"{strength:g} eV {value / drop[0.0]:.3f}" for strength, value in drop.items())
     early, late = drop[0.0] - drop[0.5], drop[0.5] - drop[1.0]
@@ -364,7 +364,7 @@ def summit(kelvin: Sequence[float], values: Sequence[float]) -> float:
 
 def _temperature(studies: Studies) -> Iterable[Claim]:
     for study, name in (("warm rough", "rough contact"), ("warm tip", "tip")):
-        groups = {t: group for (t,), group in grouped(studies[study], "hold.temperature").items()}
+        groups = by(studies[study], "hold.temperature")
         kelvin = list(groups)
         betas = [mean(p.beta() for p in group).value for group in groups.values()]
         tops = {
@@ -382,7 +382,7 @@ def _temperature(studies: Studies) -> Iterable[Claim]:
 
 
 def _tips(studies: Studies) -> Iterable[Claim]:
-    for (radius,), group in grouped(studies["tips"], "surface.radius").items():
+    for radius, group in by(studies["tips"], "surface.radius").items():
         load = np.array([p.changes[LOAD] for p in group])
         drop = np.array([p.at(1e3) for p in group])
         slope, offset = np.polyfit(load, drop, 1)

@@ -109,7 +109,7 @@ def write(
     """Write figures and page of completed sweeps, by base, into ``folder``, and return the comparisons."""
     from chemage import fresh_file, versions
     from chemage.reports.figures import save_figures
-    from chemage_studies.reproduction import claims, estimates, figures_more, numbers, pages
+    from chemage_studies.reproduction import claims, estimates, figures_supplement, numbers, pages
     from chemage_studies.reproduction.calibration import bands, times
     from chemage_studies.reproduction.points import Point, studies_of
 
@@ -123,7 +123,7 @@ def write(
         bands(computed) if "calibration" in names else [],
         times(computed) if "calibration" in names else {},
     )
-    drawn = {name: figures_more.DRAW[name](computed) for name in names if name in figures_more.DRAW}
+    drawn = {name: figures_supplement.DRAW[name](computed) for name in names if name in figures_supplement.DRAW}
     save_figures(drawn, folder / "figures", force=True)
     text = pages.page(found, names, seeds=seeds, pixels=pixels, figures="figures", versions=versions())
     with fresh_file(folder / "reproduction.md", force=True) as part:

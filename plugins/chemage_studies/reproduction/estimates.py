@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from chemage_studies.reproduction import published
-from chemage_studies.reproduction.numbers import Studies, by_volume
-from chemage_studies.reproduction.points import SLOPE, VOLUME, Mean, Point, grouped, mean
+from chemage_studies.reproduction.numbers import Studies, by_volume, front
+from chemage_studies.reproduction.points import SLOPE, Mean, Point, by, mean
 from chemage_studies.reproduction.published import SLOPES, Published
 from chemage_studies.reproduction.studies import LITERAL_VOLUME, PARTIAL
-from chemage_studies.reproduction.studies import VOLUME as WITH_PRESSURE
 from chemage_studies.reproduction.verdicts import COMMON, DISAGREES, PREDICTED, Estimate, Line
 
 #: share of the elastic contact area that plasticity leaves in the paper's estimate
@@ -24,11 +23,6 @@ class Variant:
     def __init__(self, name: str, points: list[Point], window: tuple[float, float] | None = None) -> None:
         self.name = name
         self.beta: Mean = mean(p.beta(window) if window else p.beta() for p in points)
-
-
-def front(studies: Studies, hydroxylation: float, volume: float = WITH_PRESSURE) -> list[Point]:
-    """The points of Fig. 6 with a hydroxylation and an activation volume (nm³)."""
-    return grouped(studies["front"], "chemistry.hydroxylation", VOLUME)[hydroxylation, volume]
 
 
 def variants(studies: Studies) -> list[Variant]:
@@ -67,7 +61,7 @@ def _macroscopic(studies: Studies) -> Estimate:
 
 def _inverse_slope(studies: Studies) -> Estimate:
     with_volume = by_volume(studies["slopes"])[6.4]
-    groups = {slope: group for (slope,), group in grouped(with_volume, SLOPE).items()}
+    groups = by(with_volume, SLOPE)
     products = {slope: mean(p.beta() * slope for p in groups[slope]) for slope in SLOPES}
     products[0.4] = mean(p.beta() * 0.4 for p in front(studies, 1.0))
     values = np.array([one.value for one in products.values()])

@@ -10,9 +10,9 @@ from chemage.reports.figures import GREY, PALETTE, draw_map, pooled
 from chemage_studies.reproduction import published
 from chemage_studies.reproduction.claims import morphology
 from chemage_studies.reproduction.drawing import SMALL, band, bars, density, figure, legend, letter
-from chemage_studies.reproduction.estimates import front, variants
-from chemage_studies.reproduction.numbers import Studies, by_volume, circle, rows
-from chemage_studies.reproduction.points import LOAD, SEED, SLOPE, Mean, Point, grouped, mean
+from chemage_studies.reproduction.estimates import variants
+from chemage_studies.reproduction.numbers import Studies, by_volume, circle, front, rows
+from chemage_studies.reproduction.points import LOAD, SEED, SLOPE, Mean, Point, by, mean
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,7 +64,7 @@ def _outline(part: tuple[float, float, float, float]) -> tuple[list[float], list
 def fig2(studies: Studies) -> Figure:
     """Draw barriers and pressures at three loads, and ΔF and Δμ against time, load and contact area."""
     made, axes = figure(4, rows=2, width=3.9, height=3.4)
-    groups = {load / 1000: group for (load,), group in grouped(studies["loads"], LOAD).items()}
+    groups = {load / 1000: group for load, group in by(studies["loads"], LOAD).items()}
     chosen = {load: groups[load] for load in (20.0, 100.0, 500.0)}
     _intrinsic(axes[0], next(iter(chosen.values()))[0])
     for (load, group), colour in zip(chosen.items(), PALETTE, strict=False):
@@ -117,7 +117,7 @@ def fig3(studies: Studies) -> Figure:
         over_time, *over_area = axes[3 * line : 3 * line + 3]
         title = "ΔV = 6.4 Å$^3$" if volume else "ΔV = 0"
         for row, of_row in rows(points):
-            for (slope,), group in grouped(of_row, SLOPE).items():
+            for slope, group in by(of_row, SLOPE).items():
                 colour = _SLOPE_COLOURS[slope]
                 band(over_time, group, lambda p: p.coefficient, color=colour, lw=0.7)
                 over_time.plot(
@@ -147,7 +147,7 @@ def fig3(studies: Studies) -> Figure:
 def _reversal(axes: Axes, points: list[Point]) -> None:
     """Draw the hold times at which the order of the slopes reverses, larger."""
     inset = axes.inset_axes((0.09, 0.36, 0.38, 0.34))
-    for (slope,), group in grouped(points, SLOPE).items():
+    for slope, group in by(points, SLOPE).items():
         band(inset, group, lambda p: p.coefficient, color=_SLOPE_COLOURS[slope], lw=1)
     inside = (points[0].hold_times >= 0.3) & (points[0].hold_times <= 30)
     top = max(float(p.coefficient[inside].max()) for p in points)
@@ -163,7 +163,7 @@ def _mean(points: list[Point]) -> np.ndarray:
 def fig4(studies: Studies) -> Figure:
     """Draw the distributions of local pressure and of E_form(t = 0) at three slopes."""
     made, (pressures, barriers) = figure(2)
-    for (slope,), group in grouped(by_volume(studies["slopes"])[6.4], SLOPE).items():
+    for slope, group in by(by_volume(studies["slopes"])[6.4], SLOPE).items():
         style = {"color": _SLOPE_COLOURS[slope], "label": f"h' = {slope:g}"}
         density(pressures, group, "pressures", "pressure_edges", **style)
         density(barriers, group, "barriers_start", "barrier_edges", **style)
@@ -177,8 +177,8 @@ def fig4(studies: Studies) -> Figure:
 def fig5(studies: Studies) -> Figure:
     """Draw Δμ·A0/A at 1e3 s against C/A for the rows of Table 1 at three slopes, without ΔV."""
     made, axes = figure(3, width=4.0, height=3.6)
-    groups = grouped(by_volume(studies["rows"])[0.0], SLOPE)
-    for axis, ((slope,), group) in zip(axes, groups.items(), strict=True):
+    groups = by(by_volume(studies["rows"])[0.0], SLOPE)
+    for axis, (slope, group) in zip(axes, groups.items(), strict=True):
         for (row, of_row), colour in zip(rows(group), PALETTE, strict=False):
             x, y = morphology(of_row)
             axis.plot(x, y, row.marker, ms=4, mfc="none", mew=0.8, color=colour, label=row.name)

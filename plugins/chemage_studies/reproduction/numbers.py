@@ -6,8 +6,9 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 
 from chemage_studies.reproduction import published
-from chemage_studies.reproduction.points import LOAD, ROW, SLOPE, VOLUME, Point, grouped, mean
+from chemage_studies.reproduction.points import LOAD, ROW, SLOPE, VOLUME, Point, by, grouped, mean
 from chemage_studies.reproduction.published import Published
+from chemage_studies.reproduction.studies import VOLUME as WITH_PRESSURE
 from chemage_studies.reproduction.verdicts import Line
 
 Studies = dict[str, list[Point]]
@@ -26,7 +27,7 @@ def rows(points: Sequence[Point]) -> list[tuple[published.Row, list[Point]]]:
 
 def by_volume(points: Sequence[Point]) -> dict[float, list[Point]]:
     """Group points by the activation volume in Å³."""
-    return {6.4 if volume else 0.0: group for (volume,), group in grouped(points, VOLUME).items()}
+    return {6.4 if volume else 0.0: group for volume, group in by(points, VOLUME).items()}
 
 
 def circle(points: Sequence[Point]) -> list[Point]:
@@ -34,12 +35,17 @@ def circle(points: Sequence[Point]) -> list[Point]:
     return rows(points)[0][1]
 
 
+def front(studies: Studies, hydroxylation: float, volume: float = WITH_PRESSURE) -> list[Point]:
+    """The points of Fig. 6 with a hydroxylation and an activation volume (nm³)."""
+    return grouped(studies["front"], "chemistry.hydroxylation", VOLUME)[hydroxylation, volume]
+
+
 def _line(target: str, quantity: str, paper: str, points: Sequence[Point], name: str) -> Line:
     return Line(target, quantity, Published.of(paper), mean(p.summary[name] for p in points))
 
 
 def _kappa(studies: Studies) -> Iterable[Line]:
-    by_load = {load / 1000: group for (load,), group in grouped(studies["loads"], LOAD).items()}
+    by_load = {load / 1000: group for load, group in by(studies["loads"], LOAD).items()}
     for load, paper in published.AREA_FRACTION.items():
         yield _line("kappa", f"A/A0 at {load:g} µN", paper, by_load[load], "area_fraction")
     yield _line("kappa", "κ at 20 µN, h' = 0.1", published.KAPPA, by_load[20.0], "kappa")
@@ -62,9 +68,7 @@ def _fig3(studies: Studies) -> Iterable[Line]:
 
 
 def _fig6(studies: Studies) -> Iterable[Line]:
-    first = grouped(studies["front"], VOLUME, "chemistry.hydroxylation", "chemistry.front_factor")
-    group = next(iter(first.values()))
-    yield _line("fig6", "β, h' = 0.4, half hydroxylated, front", published.FIG_6_BETA, group, "beta")
+    yield _line("fig6", "β, h' = 0.4, half hydroxylated, front", published.FIG_6_BETA, front(studies, 0.5), "beta")
 
 
 def _tips(studies: Studies) -> Iterable[Line]:

@@ -46,29 +46,6 @@ class PatchStudy(NamedTuple):
 # -- ways to count ----------------------------------------------------------------------------------------------------
 
 
-def _four(contact: np.ndarray, periodic: bool) -> int:
-    """Number of patches connected by edges of pixels only."""
-    from scipy import ndimage
-
-    labels, count = ndimage.label(contact)  # pyright: ignore[reportGeneralTypeIssues]
-    if not periodic:
-        return int(count)
-    joined = {}
-
-    def root(one: int) -> int:
-        while joined.get(one, one) != one:
-            one = joined[one]
-        return one
-
-    for first, last in ((labels[0], labels[-1]), (labels[:, 0], labels[:, -1])):
-        for a, b in np.unique(np.stack([first, last])[:, (first > 0) & (last > 0)], axis=1).T:
-            a, b = root(int(a)), root(int(b))
-            if a != b:
-                joined[a] = b
-                count -= 1
-    return int(count)
-
-
 def _large(contact: np.ndarray, least: int) -> int:
     labels, count = label_patches(contact, True)
     return int(np.count_nonzero(np.bincount(labels.ravel(), minlength=count + 1)[1:] >= least))
@@ -81,9 +58,9 @@ def _above(pressure: np.ndarray, share: float) -> int:
 
 COUNTS: dict[str, Callable[[np.ndarray], int]] = {
     "as computed": lambda p: label_patches(p > 0, True)[1],
-    "4 neighbours": lambda p: _four(p > 0, periodic=True),
+    "4 neighbours": lambda p: label_patches(p > 0, True, corners=False)[1],
     "cut at the edges": lambda p: label_patches(p > 0, False)[1],
-    "both": lambda p: _four(p > 0, periodic=False),
+    "both": lambda p: label_patches(p > 0, False, corners=False)[1],
     "without single pixels": lambda p: _large(p > 0, 2),
     "p > 2 % of the mean": lambda p: _above(p, 0.02),
     "p > 10 % of the mean": lambda p: _above(p, 0.1),

@@ -120,6 +120,11 @@ def grouped(points: Iterable[Point], *paths: str) -> dict[tuple[Any, ...], list[
     return groups
 
 
+def by(points: Iterable[Point], path: str) -> dict[Any, list[Point]]:
+    """Group the points by their value at one ``path``, as :func:`grouped` does by several."""
+    return {value: group for (value,), group in grouped(points, path).items()}
+
+
 def curve(points: list[Point], quantity: Callable[[Point], np.ndarray]) -> np.ndarray:
     """Average an array over points; same shape."""
     return np.mean([quantity(point) for point in points], axis=0)

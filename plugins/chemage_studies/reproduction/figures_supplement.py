@@ -10,9 +10,8 @@ import numpy as np
 from chemage.reports.figures import GREY, PALETTE, pooled
 from chemage_studies.reproduction import figures, published
 from chemage_studies.reproduction.drawing import bars, density, figure, legend
-from chemage_studies.reproduction.estimates import front
-from chemage_studies.reproduction.numbers import Studies, rows
-from chemage_studies.reproduction.points import LOAD, SEED, Point, grouped, mean
+from chemage_studies.reproduction.numbers import Studies, front, rows
+from chemage_studies.reproduction.points import LOAD, SEED, Point, by, mean
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,7 +45,7 @@ def maps(studies: Studies) -> Figure:
 def areas(studies: Studies) -> Figure:
     """Draw the contact area against load."""
     made, (axes,) = figure(1)
-    groups = {load / 1000: group for (load,), group in grouped(studies["loads"], LOAD).items()}
+    groups = {load / 1000: group for load, group in by(studies["loads"], LOAD).items()}
     found = [mean(p.summary["area_fraction"] for p in group) for group in groups.values()]
     bars(axes, list(groups), found, fmt="o-", color=PALETTE[0])
     for load, value in published.AREA_FRACTION.items():
@@ -62,7 +61,7 @@ def areas(studies: Studies) -> Figure:
 def barriers(studies: Studies) -> Figure:
     """Draw the distribution of E_form(t = 0) at every load, and its mean against load."""
     made, (left, right) = figure(2)
-    groups = {load / 1000: group for (load,), group in grouped(studies["loads"], LOAD).items()}
+    groups = {load / 1000: group for load, group in by(studies["loads"], LOAD).items()}
     means = []
     for (load, group), colour in zip(groups.items(), PALETTE, strict=False):
         density(left, group, "barriers_start", "barrier_edges", color=colour, label=f"{load:g} µN", lw=0.9)
@@ -79,7 +78,7 @@ def barriers(studies: Studies) -> Figure:
 def interaction(studies: Studies) -> Figure:
     """Draw ΔF against the strength of the interaction."""
     made, (axes,) = figure(1)
-    groups = {key[0]: group for key, group in grouped(studies["interaction"], "interaction.strength").items()}
+    groups = by(studies["interaction"], "interaction.strength")
     for time, colour in zip(_TIMES, PALETTE, strict=False):
         drop = [mean(p.at(time) / 1000 for p in g) for g in groups.values()]
         bars(axes, list(groups), drop, fmt="o-", color=colour, label=f"{time:g} s")
@@ -107,7 +106,7 @@ def kappa(studies: Studies) -> Figure:
     from chemage.contacts.theory import bgt_area_fraction, persson_area_fraction
 
     made, (left, middle, right) = figure(3, width=4.3)
-    groups = list(grouped(studies["loads"], LOAD).values())
+    groups = list(by(studies["loads"], LOAD).values())
     x = np.array([_reduced(group[0]) for group in groups])
     for name, label, style in (
         ("area", "pixels in contact", {"fmt": "o", "ms": 4}),
@@ -150,7 +149,7 @@ def temperature(studies: Studies) -> Figure:
     made, axes = figure(2, width=4.4)
     names = (("warm rough", "rough"), ("warm tip", "tip"))
     for (study, name), colour in zip(names, PALETTE, strict=False):
-        groups = {t: group for (t,), group in grouped(studies[study], "hold.temperature").items()}
+        groups = by(studies[study], "hold.temperature")
         kelvin = list(groups)
         bars(axes[0], kelvin, [mean(p.beta() for p in g) for g in groups.values()], fmt="o-", color=colour, label=name)
         for time, dashes in ((1e2, "--"), (1e4, "-")):
@@ -168,8 +167,8 @@ def temperature(studies: Studies) -> Figure:
 def tips(studies: Studies) -> Figure:
     """Draw ΔF and β of tips against load, with the published β of atomic force microscopy."""
     made, (left, right) = figure(2)
-    groups = grouped(studies["tips"], "surface.radius")
-    for ((radius,), group), colour in zip(groups.items(), PALETTE, strict=False):
+    groups = by(studies["tips"], "surface.radius")
+    for (radius, group), colour in zip(groups.items(), PALETTE, strict=False):
         load = [p.changes[LOAD] for p in group]
         error = [p.friction_drop_stderr[p.index(1e3)] for p in group]
         drop = [p.at(1e3) for p in group]
