@@ -16,6 +16,7 @@ from chemage.foundation.components import Component as Component
 from chemage.lattices.site_grid import ContactSites as ContactSites
 from chemage.contacts.solution import ContactSolution as ContactSolution
 from chemage.contacts.role import ContactSolver as ContactSolver
+from chemage.contacts.statistics import ContactStatistics as ContactStatistics
 from chemage.foundation.errors import ConvergenceError as ConvergenceError
 from chemage.foundation.errors import DamagedError as DamagedError
 from chemage.foundation.units import EV_PER_GPA_NM3 as EV_PER_GPA_NM3
@@ -70,7 +71,9 @@ from chemage.foundation.checks import checked_states as checked_states
 from chemage.lattices.chemistry import chemistry as chemistry
 from chemage.reports.comparison.comparison import compare_files as compare_files
 from chemage.lattices.site_grid import contact_sites as contact_sites
+from chemage.lattices.statistics import contact_statistics as contact_statistics
 from chemage.foundation.units import convert as convert
+from chemage.lattices.statistics import coordination as coordination
 from chemage.ageing.fitting import fit_aging as fit_aging
 from chemage.foundation.checks import force as force
 from chemage.foundation.files import fresh_file as fresh_file
@@ -160,3 +163,4 @@ def observable(kind: Literal["barrier-spectrum"], *, lower: float | str = ..., u
 @overload
 def observable(kind: Literal["pressure-spectrum"], *, upper: float | str = ..., bins: int = ...) -> Observable: ...
 
+def ageing_method(kind: Literal["closure"], *, accuracy: float = ..., engine: Any = ..., folder: str = ...) -> AgeingMethod: ...

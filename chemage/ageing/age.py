@@ -149,7 +149,7 @@ def _provenance(request: AgeingRequest) -> dict[str, Any]:
 
 def _by_method(method: AgeingMethod, request: AgeingRequest) -> Aging:
     """The result of a method, which must be of the whole contact and at the hold times that were asked for."""
-    expect("method", method, AgeingMethod, 'make one with chemage.ageing("...")')
+    expect("method", method, AgeingMethod, 'make one with chemage.ageing_method("...")')
     contact, chemistry = request.contact, request.chemistry
     check_method(method, chemistry, request.engine, request.rupture, request.observe)
     found = method.age(request)

@@ -114,8 +114,8 @@ class AgeingMethod(Component, ABC):
         return {}
 
 
-def ageing(kind: str, **options: Any) -> Any:
-    """A method of ageing: ``chemage.age(contact, chemistry, method=chemage.ageing("closure"), ...)``."""
+def ageing_method(kind: str, **options: Any) -> Any:
+    """A method of ageing: ``chemage.age(contact, chemistry, method=chemage.ageing_method("closure"), ...)``."""
     return registry.current().make("ageing", kind, options)
 
 

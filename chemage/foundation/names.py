@@ -9,13 +9,14 @@ NAMES = {
     "ageing.fitting": "FIT_WINDOW Fit fit_aging",
     "ageing.hold_times": "hold_times",
     "ageing.measurements": "Measurements read_measurements",
-    "ageing.methods": "AgedBonds AgeingMethod AgeingRequest ageing",
+    "ageing.methods": "AgedBonds AgeingMethod AgeingRequest ageing_method",
     "ageing.observables": "Observable observable",
     "ageing.outputs": "Output",
     "ageing.plotted": "Maps Observed PlottedResult",
     "contacts.patches": "label_patches",
     "contacts.role": "ContactSolver",
     "contacts.solution": "ContactSolution",
+    "contacts.statistics": "ContactStatistics",
     "contacts.stage": "contact solve_contact",
     "experiments.provenance": "versions",
     "experiments.run": "Run run",
@@ -40,6 +41,7 @@ NAMES = {
     "lattices.lattice": "ReactionLattice",
     "lattices.role": "Barriers Interaction",
     "lattices.site_grid": "ContactSites contact_sites",
+    "lattices.statistics": "contact_statistics coordination",
     "lattices.stage": "barriers build_lattice interaction",
     "plugins.choices": "Choice",
     "plugins.hooks": "hookimpl",
@@ -59,6 +61,8 @@ NAMES = {
 }
 #: public name -> the module it is in
 HOME = {name: module for module, names in NAMES.items() for name in names.split()}
+#: role -> the function that makes a component of it, where a module has the name of the role
+FACTORIES = {"ageing": "ageing_method"}
 #: public modules -> their full name
 MODULES = {
     "options": "cli.options",

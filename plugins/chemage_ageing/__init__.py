@@ -1,0 +1,27 @@
+"""Methods of ageing: ``closure`` (bonds per area from uniform contacts and the rim, integrated over the pressures)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from chemage import hookimpl
+
+if TYPE_CHECKING:
+    from chemage_ageing.closure import Closure as Closure
+
+_HOME = {"Closure": "closure"}
+
+__all__ = ["Closure"]
+
+
+@hookimpl
+def chemage_register() -> dict[str, dict[str, str]]:
+    return {"ageing": {"closure": "chemage_ageing.closure:Closure"}}
+
+
+def __getattr__(name: str) -> Any:
+    from importlib import import_module
+
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
