@@ -14,6 +14,8 @@ from chemage.foundation.progress import progress_bars, reported
 
 if TYPE_CHECKING:
     from chemage.ageing.aging import Aging
+    from chemage.contacts.solution import ContactSolution
+    from chemage.contacts.statistics import ContactStatistics
     from chemage.experiments.run import Run
     from chemage.reports.comparison.comparison import Comparison
 
@@ -84,12 +86,8 @@ def print_run(result: Run) -> None:
     from chemage.foundation.text import mean_text
 
     contact, aging, fit = result.contact, result.aging, result.fit()
-    (nx, ny), kind = contact.shape, result.scene["surface"]["kind"]
     rows: list[tuple[str, str]] = [
-        (
-            "surface",
-            f"{kind}, {nx} x {ny} pixels of {contact.pixel_size:g} nm, rms slope {contact.rms_slope:.4g}",
-        ),
+        ("surface", _surface(result)),
         (
             "contact",
             f"{result.scene['contact']['kind']}, load {contact.load:g} nN, E* {contact.modulus:g} GPa"
@@ -97,8 +95,7 @@ def print_run(result: Run) -> None:
         ),
         ("area fraction A/A0", f"{contact.area_fraction:.5f}"),
         ("kappa", f"{contact.kappa:.3f}"),
-        ("patches", f"{contact.patches}"),
-        ("perimeter to area C/A", f"{contact.perimeter_to_area:.4f} /nm"),
+        *_of_map(contact),
         ("mean contact pressure", f"{contact.mean_contact_pressure:.4g} GPa"),
     ]
     if aging is not None:
@@ -132,6 +129,28 @@ def print_run(result: Run) -> None:
     terminal.show_pairs(result.scene.get("title") or result.name, rows)
     for note in result.notes:
         terminal.say(f"note: {note}")
+
+
+def _surface(result: Run) -> str:
+    from chemage.contacts.statistics import ContactStatistics
+
+    contact, kind = result.contact, result.scene["surface"]["kind"]
+    if isinstance(contact, ContactStatistics):
+        return f"{kind}, {contact.nominal_area:.5g} nm² without a map, rms slope {contact.rms_slope:.4g}"
+    nx, ny = contact.shape
+    return f"{kind}, {nx} x {ny} pixels of {contact.pixel_size:g} nm, rms slope {contact.rms_slope:.4g}"
+
+
+def _of_map(contact: ContactSolution | ContactStatistics) -> list[tuple[str, str]]:
+    """The rows that need the map of the contact."""
+    from chemage.contacts.statistics import ContactStatistics
+
+    if isinstance(contact, ContactStatistics):
+        return [("patches, rim", "not known: the contact has no map")]
+    return [
+        ("patches", f"{contact.patches}"),
+        ("perimeter to area C/A", f"{contact.perimeter_to_area:.4f} /nm"),
+    ]
 
 
 def _kinetics(aging: Aging) -> str:

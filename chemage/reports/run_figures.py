@@ -9,6 +9,7 @@ import numpy as np
 
 from chemage.ageing.plotted import Maps, PlottedResult
 from chemage.contacts.solution import ContactSolution
+from chemage.contacts.statistics import ContactStatistics
 from chemage.experiments.run import Run
 from chemage.experiments.sections import components_of
 from chemage.reports.figures import BLUE, GREEN, GREY, ORANGE, blank, draw_map, panels, pooled, save_figures
@@ -46,12 +47,14 @@ def pressure_figure(contact: ContactSolution) -> Figure:
     return figure
 
 
-def map_figures(contact: ContactSolution, surface: Surface | None = None) -> dict[str, Figure]:
+def map_figures(contact: ContactSolution | ContactStatistics, surface: Surface | None = None) -> dict[str, Figure]:
     """Draw each map as a figure for narrow pages: ``heights``, ``pressure``, ``patch`` (around the largest one)."""
     made = {}
     if surface is not None:
         made["heights"], axes = blank(4.9, 3.9)
         _draw_heights(axes, surface)
+    if isinstance(contact, ContactStatistics):
+        return made
     made["pressure"], axes = blank(4.9, 3.9)
     _draw_pressure(axes, contact)
     if contact.patches:
@@ -176,7 +179,7 @@ def brought_figures(run: Run) -> dict[str, Brought]:
     """Draw the figures that plugins bring to a run: name -> figure and caption."""
     aging = run.aging
     chemistry = chemistry_of(aging.provenance) if aging is not None else None
-    maps = Maps(run.contact, run.surface)
+    maps = Maps(run.contact if isinstance(run.contact, ContactSolution) else None, run.surface)
     label = f"{run.name} (approximate)" if run.approximate else run.name
     result = PlottedResult(label, aging, chemistry, BLUE, scene=run.scene, load_maps=lambda: maps)
     return plugin_figures([Source(result, components_of(run.scene, aging), run.plugins)])
@@ -186,7 +189,7 @@ def figures(run: Run) -> dict[str, Figure]:
     """Draw every figure for which the run has data: name -> figure."""
     made = {
         "surface": surface_figure(run.surface) if run.surface is not None else None,
-        "pressure": pressure_figure(run.contact),
+        "pressure": pressure_figure(run.contact) if isinstance(run.contact, ContactSolution) else None,
         **{name: brought.figure for name, brought in brought_figures(run).items()},
         "friction": friction_figure(run),
     }

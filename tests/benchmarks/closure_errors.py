@@ -1,8 +1,8 @@
 """Errors of ageing ``closure`` on five tips and five rough contacts at two strengths of the interaction.
 
-The reference is the kinetics of every site; nothing in the closure was fitted to a contact. The table of the chemistry is made first, if it is not kept from an
-earlier run (``--folder`` for a fresh one). Run with ``python tests/benchmarks/closure_errors.py``; it takes about five
-minutes, and writes a table in Markdown.
+The reference is the kinetics of every site; nothing in the closure was fitted to a contact. The table of the chemistry
+is made first, if it is not kept from an earlier run (``--folder`` for a fresh one). Run with
+``python tests/benchmarks/closure_errors.py``; it takes about five minutes, and writes a table in Markdown.
 """
 
 from __future__ import annotations

@@ -37,6 +37,7 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ],
     ("contact", "fft-bem"): [{"modulus": "35.3 GPa"}, {"modulus": 35.3, "tolerance": 1e-7, "gap": True}],
     ("contact", "hertz"): [{"modulus": "35.3 GPa"}],
+    ("contact", "persson"): [{"modulus": "35.3 GPa"}],
     ("barriers", "gaussian"): [
         {"mean": "1.1 eV", "std": "0.02 eV"},
         {"mean": 1.1, "std": 0.1, "lower": 1.0, "upper": 1.15},
@@ -54,6 +55,7 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ("engine", "next-reaction"): [{}],
     ("engine", "independent"): [{}],
     ("engine", "auto"): [{}],
+    ("ageing", "closure"): [{}],
     ("rupture", "mean-force"): [{}, {"bond_force": "100 pN", "front_factor": 0.15}],
     ("observable", "barrier-spectrum"): [{}, {"lower": "0.9 eV", "upper": 1.2, "bins": 7}],
     ("observable", "pressure-spectrum"): [{}, {"upper": "1 GPa", "bins": 7}],
