@@ -17,6 +17,7 @@ from chemage.lattices.site_grid import ContactSites as ContactSites
 from chemage.contacts.solution import ContactSolution as ContactSolution
 from chemage.contacts.role import ContactSolver as ContactSolver
 from chemage.contacts.statistics import ContactStatistics as ContactStatistics
+from chemage.contacts.theories import ContactTheory as ContactTheory
 from chemage.foundation.errors import ConvergenceError as ConvergenceError
 from chemage.foundation.errors import DamagedError as DamagedError
 from chemage.foundation.units import EV_PER_GPA_NM3 as EV_PER_GPA_NM3
@@ -43,6 +44,7 @@ from chemage.sweeps.result import Point as Point
 from chemage.foundation.units import Pressure as Pressure
 from chemage.lattices.lattice import ReactionLattice as ReactionLattice
 from chemage.surfaces.reading import Reader as Reader
+from chemage.surfaces.measures import Roughness as Roughness
 from chemage.experiments.run import Run as Run
 from chemage.friction.role import Rupture as Rupture
 from chemage.friction.force import RuptureForce as RuptureForce
@@ -133,6 +135,8 @@ def surface(kind: Literal["sphere"], *, radius: float | str, pixels: int | Seque
 def contact(kind: Literal["fft-bem"], *, modulus: float | str, tolerance: float = ..., pressure_tolerance: float | None = ..., precision: Literal['single', 'double', 'mixed'] = ..., boundary: Literal['auto', 'periodic', 'free'] = ..., levels: int | None = ..., max_iterations: int = ..., on_failure: Literal['raise', 'return'] = ..., gap: bool = ..., thickness: float | str | None = ..., poisson_ratio: float | str = ..., fft: Literal['scipy', 'ducc0', 'pyfftw', 'mkl_fft'] = ..., threads: int | None = ...) -> ContactSolver: ...
 @overload
 def contact(kind: Literal["hertz"], *, modulus: float | str, gap: bool = ...) -> ContactSolver: ...
+@overload
+def contact(kind: Literal["persson"], *, modulus: float | str, kappa: float | None = ...) -> ContactSolver: ...
 
 @overload
 def barriers(kind: Literal["gaussian"], *, mean: float | str, std: float | str, lower: float | str | None = ..., upper: float | str | None = ...) -> Barriers: ...

@@ -121,7 +121,7 @@ def _without_map(scene: Scene, surface: Mapping[str, float], solve: Mapping[str,
     if chemistry is not None and not isinstance(chemistry.site_density, str) and fraction is not None:
         sites = fraction * area * chemistry.site_density * chemistry.hydroxylation
     if scene.ages and scene.ageing is not None and scene.hold is not None:
-        found = {} if sites is None else scene.ageing.expected(sites, {}, scene.hold.replicas)
+        found = scene.ageing.expected(0.0, {}, scene.hold.replicas)  # there is no site in memory
     known = {name: value for name, value in surface.items() if name not in ("nx", "ny", "pixel_size")}
     seconds = found.get("cpu_seconds")
     return Cost(known, fraction, sites, solve.get("cpu_seconds"), seconds, solve.get("bytes"), found.get("bytes"), 0, 0)

@@ -37,7 +37,7 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ],
     ("contact", "fft-bem"): [{"modulus": "35.3 GPa"}, {"modulus": 35.3, "tolerance": 1e-7, "gap": True}],
     ("contact", "hertz"): [{"modulus": "35.3 GPa"}],
-    ("contact", "persson"): [{"modulus": "35.3 GPa"}],
+    ("contact", "persson"): [{"modulus": "35.3 GPa"}, {"modulus": 35.3, "kappa": 2.1}],
     ("barriers", "gaussian"): [
         {"mean": "1.1 eV", "std": "0.02 eV"},
         {"mean": 1.1, "std": 0.1, "lower": 1.0, "upper": 1.15},
