@@ -37,7 +37,7 @@ def contact_statistics(contact: ContactSolution, chemistry: Chemistry) -> Contac
     mean = np.bincount(place, pressure, CLASSES)[there] / counts[there]
     most, lacking = 0, np.zeros(pressure.size, np.int64)
     if chemistry.interaction is not None and pressure.size:
-        most = coordination(chemistry.interaction, sites.spacing)
+        most = coordination(chemistry.interaction, sites.spacing)  # pyright: ignore[reportArgumentType]
         found = np.count_nonzero(neighbours_of(sites, chemistry.interaction) >= 0, axis=1)
         lacking = np.clip(most - found, 0, most)
     joint = np.bincount(place * (most + 1) + lacking, minlength=CLASSES * (most + 1)).reshape(CLASSES, most + 1)

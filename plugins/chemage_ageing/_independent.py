@@ -35,7 +35,7 @@ def bonded_share(chemistry: Chemistry, temperature: float, hold_times: np.ndarra
     # a power of two, so that contacts share the result
     shifts = 1 << max(4, int(np.ceil(shift.max(initial=0.0)) + 3).bit_length())
     shifts = min(shifts, nodes + 4)
-    curves = _curves(chemistry, kt, hold_times.tobytes(), nodes, shifts)
+    curves = _curves(chemistry, kt, hold_times.tobytes(), nodes, shifts)  # pyright: ignore[reportArgumentType]
     return interpolated(curves, np.minimum(shift, shifts - 2.0)) * chemistry.hydroxylation
 
 

@@ -62,13 +62,11 @@ def keep(path: Path, setting: Setting, took: Took, nodes: dict[int, Node]) -> st
     """Write a table; what prevents it in words, else nothing."""
     numbers = sorted(nodes)
     buffer = io.BytesIO()
-    np.savez(
-        buffer,
-        about=np.frombuffer(json.dumps(_about(setting, took)).encode(), dtype=np.uint8),
-        numbers=np.array(numbers),
-        replicas=np.array([nodes[number].replicas for number in numbers]),
-        **{name: np.stack([getattr(nodes[number], name) for number in numbers]) for name in _ARRAYS},
-    )
+    arrays: dict[str, Any] = {name: np.stack([getattr(nodes[number], name) for number in numbers]) for name in _ARRAYS}
+    arrays["about"] = np.frombuffer(json.dumps(_about(setting, took)).encode(), dtype=np.uint8)
+    arrays["numbers"] = np.array(numbers)
+    arrays["replicas"] = np.array([nodes[number].replicas for number in numbers])
+    np.savez(buffer, **arrays)
     body = buffer.getvalue()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -80,8 +78,8 @@ def keep(path: Path, setting: Setting, took: Took, nodes: dict[int, Node]) -> st
 
 
 def _about(setting: Setting, took: Took) -> dict[str, Any]:
-    plain: dict[str, Any] = json.loads(json.dumps([setting.identity(), took.plugins, took.approximate], default=str))
-    return {"identity": plain[0], "plugins": plain[1], "approximate": plain[2]}
+    about = {"identity": setting.identity(), "plugins": took.plugins, "approximate": took.approximate}
+    return json.loads(json.dumps(about, default=str))
 
 
 def _checksum(body: bytes) -> str:

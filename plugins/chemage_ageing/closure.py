@@ -37,7 +37,8 @@ TAIL = 1e-6
 MOST_NODES = 4000
 
 _lock = threading.Lock()
-_tables: dict[Path, dict[int, _table.Node]] = {}
+#: file, and what took part in the table -> its nodes
+_tables: dict[tuple[Path, str], dict[int, _table.Node]] = {}
 
 
 class Closure(AgeingMethod):
@@ -127,7 +128,7 @@ class Closure(AgeingMethod):
             self.engine,
             request.temperature,
             spacing,
-            coordination(request.chemistry.interaction, spacing),
+            coordination(request.chemistry.interaction, spacing),  # pyright: ignore[reportArgumentType]
             _table.decades_of(request.hold_times),
             self.accuracy,
         )
@@ -163,8 +164,9 @@ class Closure(AgeingMethod):
     ) -> tuple[dict[int, _table.Node], tuple[str, ...]]:
         """The table at the pressures that are needed: known, read, or computed now and kept."""
         path = _keeping.path_of(setting, Path(self.folder) if self.folder else _keeping.cache_folder())
+        name = path, repr(took)
         with _lock:
-            known = dict(_tables.get(path, {}))
+            known = dict(_tables.get(name, {}))
             missing = [number for number in needed if number not in known]
             if not missing:
                 return known, ()
@@ -176,7 +178,7 @@ class Closure(AgeingMethod):
                 known |= _table.compute(setting, missing, request.threads, request.progress)
                 if problem := _keeping.keep(path, setting, took, known):
                     notes.append(problem)
-            _tables[path] = known
+            _tables[name] = known
             return known, tuple(notes)
 
 
