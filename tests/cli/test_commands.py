@@ -90,7 +90,16 @@ def test_check_json_is_one_object(command, small):
     plan = json.loads(done.out)
     assert plan["keys"] == load_scene(small, {"contact.load": 0}).keys()
     assert any("the load is 0" in note for note in plan["notes"])
-    assert list(plan["stages"]) == ["surface", "contact", "forming", "breaking", "interaction", "kinetics", "rupture"]
+    assert list(plan["stages"]) == [
+        "surface",
+        "contact",
+        "forming",
+        "breaking",
+        "interaction",
+        "sites",
+        "kinetics",
+        "rupture",
+    ]
 
 
 @pytest.mark.parametrize("name", ["silica-rough", "silica-tip", "silica-afm-tip", "silica-linear-tip"])
