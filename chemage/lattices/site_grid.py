@@ -208,6 +208,7 @@ def _reconstructed(contact: ContactSolution, shape: tuple[int, int], spacing: fl
     else:
         shift = (BEYOND if contact.gap is not None else BEYOND_WITHOUT_GAP) - REACH * sizes
     most = kernels.most_sites(place, inside, grid, shape, periodic)
+    require(16.0 * most, f"{most:.3g} places for sites in and around the contact", "use a smaller site_density")
     sites, values = np.empty(most, np.int64), np.empty(most)
     count = kernels.place_sites(place, inside, level, grid, shape, periodic, shift, sites, values)
     if not count:  # the contact is smaller than the distance of sites

@@ -723,7 +723,7 @@ def restrict_between(lo, hi, blocks, x, rows, columns, coarse):
 
 @njit(**_OPTIONS)
 def local_between(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
-    """As ``local``, where ``rows`` and ``columns`` interpolate ``coarse``. The last block has at least REACH columns."""
+    """As ``local``, where ``rows`` and ``columns`` interpolate ``coarse``; the last block has REACH columns or more."""
     nx, ny = x.shape
     per_row = blocks.per_row
     sums = np.zeros((REACH + 1) * LINE, x.dtype)

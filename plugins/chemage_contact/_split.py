@@ -4,10 +4,12 @@ The idea of multilevel multi-integration (A. Brandt, A. A. Lubrecht, J. Comput. 
 particle-particle particle-mesh sums (R. W. Hockney, J. W. Eastwood, Computer Simulation Using Particles), on a pixel
 grid: symbol = W·symbol + (1 - W)·symbol with a Gaussian W that the coarse grid resolves. The coarse part goes through
 restriction, a Fourier transform on the coarse grid and interpolation; the rest is a stencil of nine by nine pixels,
-fitted so that the relative error over all wave vectors is smallest. A coarse pixel is ``RATIO`` fine ones wide, or
-slightly less where a side does not divide into so many: interpolation is then from a table, and the stencil the same. It costs a fraction of the Fourier transform of the
+fitted so that the relative error over all wave vectors is smallest. It costs a fraction of the Fourier transform of the
 fine grid, even less where little is in contact, and is accurate to about 10 %: not enough for a solution, but enough to
 compute corrections to one.
+
+A coarse pixel is ``RATIO`` fine ones wide. It is slightly less wide where a side is no multiple of that; the weights of
+interpolation are then tables, and the stencil is the same.
 """
 
 from __future__ import annotations

@@ -286,6 +286,11 @@ def test_a_density_that_does_not_fit_the_contact_is_one_error(contacts, density,
         chemistry(site_density=density).on(contacts[64])
 
 
+def test_more_sites_than_memory_holds_are_refused_before_memory_is_asked_for(contacts):
+    with pytest.raises(InputError, match=r"sites in contact.*site_density"):
+        chemistry(site_density=1e10).on(contacts[64])
+
+
 def test_the_option_goes_round():
     for density in ("pixel", 2.5, "4.9 /nm**2", "4.9e14 /cm**2"):
         made = chemistry(site_density=density)
@@ -345,6 +350,11 @@ def test_keys_contain_the_sites_where_they_are_not_pixels():
 def test_a_scene_whose_sites_do_not_fit_is_refused_before_it_runs():
     from chemage.experiments.estimate import plan
 
-    for density in (1e40, 1e-40):
+    for density in (1e40, 1e-40, 1e12):
         with pytest.raises(InputError, match="site_density"):
             plan(parse_scene(scene(site_density=density)))
+    tip = scene(site_density=1e12)
+    # a solver that does not estimate the area of contact beforehand
+    tip["surface"] = {"kind": "sphere", "radius": 30, "pixels": 32, "pixel_size": 1.0}
+    with pytest.raises(InputError, match="sites per pixel: .* site_density"):
+        plan(parse_scene(tip))
