@@ -728,7 +728,8 @@ def local_between(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
     per_row = blocks.per_row
     sums = np.zeros((REACH + 1) * LINE, x.dtype)
     fine = np.zeros((per_row, 2, blocks.width), x.dtype)
-    ready = np.full(per_row, -1)  # coarse row that ``fine`` was interpolated from, block by block
+    # coarse row that each line of ``fine`` was interpolated from: the odd and even ones take turns, block by block
+    ready = np.full((per_row, 2), -1)
     for row in range(lo, hi):
         base = rows.lower[row]
         for s in range(per_row):
@@ -738,10 +739,11 @@ def local_between(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
                 continue
             _, start, stop = _block(blocks, b, ny)
             n = stop - start
-            if ready[s] != base:
-                ready[s] = base
-                for f in range(2):
-                    source = coarse[(base + f) % coarse.shape[0]]
+            for needed in range(base, base + 2):
+                f = needed % 2
+                if ready[s, f] != needed:
+                    ready[s, f] = needed
+                    source = coarse[needed % coarse.shape[0]]
                     for j in range(n):
                         value = source[columns.lower[start + j]]
                         step = source[columns.upper[start + j]] - value
@@ -756,5 +758,5 @@ def local_between(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
                 if right == 0:
                     _pair_rows(x, above, below, _U(0), _U(REACH), sums, _U(line + REACH + n))
             _stencil_columns(sums, stencil, _U(n + 2 * REACH))
-            weight = rows.weight[row]
+            weight = rows.weight[row] if base % 2 == 0 else x.dtype.type(1) - rows.weight[row]
             part[b, 0] = _stencil_rows(sums, fine, _U(s), weight, x, out, _U(row), _U(start), _U(n))
