@@ -1,6 +1,6 @@
 """The reference rough contact solved on coarser grids, with the sites as they are: errors of bonds and of β.
 
-    python tests/benchmarks/site_errors.py [seeds of the surface]      # 3 7 11: about five minutes
+    python tests/benchmarks/site_errors.py [seeds of the surface]      # 3 7 11: five to ten minutes
 
 Scene silica-rough with sites 0.4518 nm apart. The contact is solved on 2500² pixels, one per site, and on grids 2 and 4
 times coarser, which sample the same surface; all replicas have their random numbers in common. Printed are the

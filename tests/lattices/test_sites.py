@@ -372,3 +372,11 @@ def test_pressure_and_gap_at_the_rim_of_hertz_have_one_factor():
         factor = peak * math.sqrt(1 - (1 - distance / edge) ** 2) / math.sqrt(distance)
         gap = 4 * factor / (3 * 35.3) * distance**1.5
         assert _gap(line, edge, radius) == pytest.approx(gap, rel=2 * distance / edge)
+
+
+def test_a_stored_contact_without_gap_is_aged_and_says_so(contacts, tmp_path):
+    ca.write(tmp_path / "contact.h5", contacts[64].model_copy(update={"gap": None}))
+    again = ca.read(tmp_path / "contact.h5")
+    assert again.gap is None
+    aged = ca.age(again, chemistry(), engine=ca.engine("rejection-free"), hold_times=[1.0], temperature=300, replicas=1)
+    assert "the rim halfway between pixels because the contact has no gap" in aged.site_grid

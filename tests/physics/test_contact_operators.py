@@ -265,7 +265,7 @@ def test_shares_cover_everything_once_and_balance_the_active_blocks(threads):
     mask = np.zeros((640, 5), np.uint8)
     mask[500:620] = rng.random((120, 5)) < 0.9
     mask[::7] = 1
-    shares = Active(mask.ravel(), 64, 5, threads)
+    shares = Active(mask.ravel(), 1024, 5, threads)
     for edges, size in ((shares.block_edges, 3200), (shares.row_edges, 640), (shares.coarse_edges, 160)):
         assert edges[0] == 0
         assert edges[-1] == size
