@@ -140,7 +140,8 @@ def test_show_reads_other_formats_through_readers(command, small):
     assert "pixel_size" in done.err  # a bare .npy does not say
 
 
-@pytest.mark.parametrize(("suffix", "begins"), [pytest.param("pdf", PDF, marks=pytest.mark.long), ("svg", b"<?xml")])
+@pytest.mark.long
+@pytest.mark.parametrize(("suffix", "begins"), [("pdf", PDF), ("svg", b"<?xml")])
 def test_plot_draws_every_figure(command, result, suffix, begins):
     done = command("plot", result, "--format", suffix)
     assert done.status == 0, done.err
@@ -249,6 +250,7 @@ def test_plugins_check_is_content(command):
 # -- terminals -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_terminal_without_greek_letters(small):
     environment = {**os.environ, "PYTHONIOENCODING": "ascii", "LC_ALL": "C"}
     words = [sys.executable, "-m", "chemage.cli", "check", "silica-rough"]

@@ -64,6 +64,7 @@ def test_json_and_csv_are_one_document_each(two, command):
     assert float(rows[1]["beta"]) == alone["beta"]
 
 
+@pytest.mark.long
 def test_figures_and_measurements_are_drawn_and_fitted(two, command):
     (two / "afm.csv").write_text(TABLE, encoding="utf-8")
     done = command("compare", "at40.h5", "at80.h5", "--measured", "afm.csv", "--figures", "out", "--format", "svg")

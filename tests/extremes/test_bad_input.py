@@ -360,6 +360,7 @@ def test_only_chemage_objects_are_stored(small):
     assert not (small.parent / "x.h5").exists()
 
 
+@pytest.mark.long
 def test_titles_are_text_not_markup(command, small):
     title = "[/bold] $\\frac{ [link=x] :smile: 100 %"
     done = command("run", small, "--set", f"title={json.dumps(title)}")

@@ -10,6 +10,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 SCRIPT = """
 import sys, warnings
 from pathlib import Path
@@ -124,8 +126,9 @@ for kind, (put, get) in WAYS.items():
 """
 
 
-def test_no_damage_is_believed(tmp_path):
-    count = 250 * int(os.environ.get("CHEMAGE_FUZZ", "1"))
+@pytest.mark.parametrize("count", [60, pytest.param(250, marks=pytest.mark.long)])
+def test_no_damage_is_believed(tmp_path, count):
+    count *= int(os.environ.get("CHEMAGE_FUZZ", "1"))
     done = subprocess.run(
         [sys.executable, "-X", "faulthandler", "-c", SCRIPT, str(count), str(tmp_path)],
         capture_output=True,

@@ -57,6 +57,7 @@ def test_every_target_of_the_paper_is_there():
     assert set(studies.TARGETS) - set(figures_supplement.DRAW) <= {"estimates", "calibration"}
 
 
+@pytest.mark.long
 def test_every_target_is_drawn_and_written(coarse: tuple[dict[str, chemage.SweepResult], Path]):
     results, folder = coarse
     assert not any(result.failed for result in results.values())

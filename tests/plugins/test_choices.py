@@ -166,6 +166,7 @@ def test_plugins_are_left_out_by_a_variable(tiny):
     assert "CHEMAGE_PLUGINS names tinny, which is not installed" in message
 
 
+@pytest.mark.long
 def test_plugins_are_left_out_by_an_option(tiny):
     def listed(*words):
         done = subprocess.run(

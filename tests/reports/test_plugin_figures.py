@@ -55,7 +55,9 @@ ROLES = {
 }
 
 
-@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize(
+    "role", [pytest.param(role, marks=() if role == "engine" else pytest.mark.long) for role in ROLES]
+)
 def test_a_component_of_any_role_brings_figures(tiny, parts, tmp_path, role):
     base, section, options = ROLES[role]
     seen = []
@@ -156,6 +158,7 @@ def alone(run):
     return Comparison([Entry.of(run)])
 
 
+@pytest.mark.long
 def test_the_command_line_writes_the_result_and_says_what_failed(tiny, parts, command, tmp_path, monkeypatch):
     def draw(self, figure, axes, results):
         raise SystemExit("leave")
@@ -246,6 +249,7 @@ def loaded(tiny, load):
     return ran(tiny, contact={"kind": "tiny-even", "load": load})
 
 
+@pytest.mark.long
 def test_a_plugin_of_hooks_draws_the_results_in_which_it_took_part(tiny, tmp_path):
     plugin(CAP + FIGURES)
     for load in (10.0, 30.0, 40.0):

@@ -73,6 +73,7 @@ def test_it_is_said_in_words():
             Scatter(wrong)
 
 
+@pytest.mark.long
 def test_a_run_says_it_beside_the_error_of_the_replicas(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     changes = ["--set", "surface.pixels=256", "--set", "surface.zeta=15", "--set", "contact.load='2 uN'"]
