@@ -19,10 +19,20 @@ from chemage import load_scene, registry
 PNG, PDF = b"\x89PNG\r\n\x1a\n", b"%PDF-"
 
 
+@pytest.fixture(scope="module")
+def made():
+    """The content of the file that :func:`result` made the first time."""
+    return []
+
+
 @pytest.fixture
-def result(command, small):
-    assert command("run", small, "--no-figures").status == 0
-    return small.parent / "small.h5"
+def result(command, small, made):
+    file = small.parent / "small.h5"
+    if not made:
+        assert command("run", small, "--no-figures").status == 0
+        made.append(file.read_bytes())
+    file.write_bytes(made[0])
+    return file
 
 
 # -- help and usage --------------------------------------------------------------------------------------------------

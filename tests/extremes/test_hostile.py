@@ -1,7 +1,8 @@
 """Whatever is given to whatever is public: an answer in finite numbers, or an error of chemage. No signal, no hang.
 
 The calls are made in a process of their own, so that one that ends the interpreter is seen. ``CHEMAGE_FUZZ`` sets how
-many are made (with ``--long``); case n is the same everywhere, and ``python tests/stubs/hostile.py n n+1`` makes it again.
+many are made with ``--long``; case n is the same everywhere, and ``python tests/stubs/hostile.py n n+1`` makes it
+again.
 """
 
 from __future__ import annotations

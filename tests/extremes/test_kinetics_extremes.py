@@ -226,7 +226,7 @@ def test_barriers_pushed_below_zero_and_back(kind):
     """Couplings carry barriers through zero: fixed-point energies come back exactly, the rate below zero is ν."""
     lattice = grid(2, 3, low=-0.12, high=0.12, forming=0.06, breaking=0.08, spread=0.05, attempt_frequency=1.0)
     t = 3.0
-    assert agree(sampled(kind, lattice, 300.0, t, 1200), exact(lattice, 300.0, [t])[0]) > CHANCE
+    assert agree(sampled(kind, lattice, 300.0, t, 600), exact(lattice, 300.0, [t])[0]) > CHANCE
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -275,7 +275,7 @@ def test_tiny_and_two_wide_periodic_grids(kind, rows, columns):
     """On a grid two or three pixels wide one pixel is a neighbour on both sides; it counts once."""
     lattice = grid(rows, columns)
     t = 1.0 / (NU * math.exp(-0.8 / (KB * 300)))
-    assert agree(sampled(kind, lattice, 300.0, t, 700), exact(lattice, 300.0, [t])[0]) > CHANCE
+    assert agree(sampled(kind, lattice, 300.0, t, 500), exact(lattice, 300.0, [t])[0]) > CHANCE
 
 
 @pytest.mark.parametrize("kind", COUPLED_ONCE)
@@ -284,7 +284,7 @@ def test_a_patch_that_spans_the_periodic_boundary(kind):
     lattice = grid(5, 7, sites=[0, 1, 6, 28, 34], low=0.02, high=0.1)
     assert np.count_nonzero(lattice.neighbours >= 0) > 12
     t = 1.5 / (NU * math.exp(-0.8 / (KB * 300)))
-    assert agree(sampled(kind, lattice, 300.0, t, 900), exact(lattice, 300.0, [t])[0]) > CHANCE
+    assert agree(sampled(kind, lattice, 300.0, t, 500), exact(lattice, 300.0, [t])[0]) > CHANCE
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -357,7 +357,7 @@ def test_another_engine_can_continue_a_history(kind):
     t = 1.0 / (NU * math.exp(-0.8 / (KB * 300)))
     other = "bkl" if kind != "bkl" else "rejection-free"
     seen = np.zeros(64)
-    for seed in range(800):
+    for seed in range(400):
         half = chemage.engine(other).run(lattice, [0.4 * t], temperature=300, seed=seed)
         history = chemage.engine(kind).run(lattice, [t], temperature=300, seed=seed, start=half)
         seen[history.state @ (1 << np.arange(6))] += 1
@@ -370,7 +370,7 @@ def test_a_start_state_counts_with_its_couplings(kind):
     t = 0.6 / (NU * math.exp(-0.8 / (KB * 300)))
     begin = np.array([1, 0, 1, 1, 0, 0], bool)
     seen = np.zeros(64)
-    for seed in range(800):
+    for seed in range(400):
         history = chemage.engine(kind).run(lattice, [t], temperature=300, seed=seed, start=begin)
         seen[history.state @ (1 << np.arange(6))] += 1
     assert agree(seen, exact(lattice, 300.0, [t], start=int(begin @ (1 << np.arange(6))))[0]) > CHANCE

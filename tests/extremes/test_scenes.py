@@ -24,7 +24,10 @@ def cases(*given):
 
 
 def carried_out(small, *, drawn, **changes):
-    """The small scene with dotted changes (``a__b`` is ``a.b``), run in this process; if ``drawn``, its figures must be sound."""
+    """The small scene with dotted changes (``a__b`` is ``a.b``), run in this process.
+
+    If ``drawn``, its figures must be sound.
+    """
     result = chemage.run(load_scene(small, {name.replace("__", "."): value for name, value in changes.items()}))
     json.dumps(result.summary(), allow_nan=False)
     if drawn:
@@ -178,8 +181,9 @@ def timed(small):
     return change
 
 
-def test_one_hold_time_and_one_replica(timed):
-    result = carried_out(timed(10.0), drawn=True, hold__replicas=1)
+@DRAWN
+def test_one_hold_time_and_one_replica(timed, drawn):
+    result = carried_out(timed(10.0), drawn=drawn, hold__replicas=1)
     assert result.aging.bonds.shape == (1, 1)
     summary = result.summary()
     assert summary["friction_drop_stderr"] == [None]
@@ -246,13 +250,15 @@ def test_without_activation_volume_pressure_only_decides_who_is_in_contact(small
     assert np.array_equal(one.sites, contact.sites)
 
 
-def test_without_forming_only_the_contact_is_computed(small):
+@DRAWN
+def test_without_forming_only_the_contact_is_computed(small, drawn):
     data = {name: part for name, part in load_scene(small).todict().items() if name in ("name", "surface", "contact")}
     scene = parse_scene(data)
     assert (scene.chemistry, scene.hold, scene.engine) == (None, None, None)
     result = chemage.run(scene)
     assert result.aging is None
-    assert look(result).keys() == {"surface", "pressure"}
+    if drawn:
+        assert look(result).keys() == {"surface", "pressure"}
     summary = result.summary()
     assert summary["engine"] is None
     assert (summary["hold_times"], summary["friction_drop"]) == ([], [])

@@ -147,7 +147,7 @@ def trio(flicker: float, others: float) -> tuple[ReactionLattice, np.ndarray, fl
 def test_the_acceleration_follows_the_master_equation(kind, flicker):
     lattice, matrix, temperature = trio(flicker, 1.0)
     engine = chemage.engine(kind, superbasins=True)
-    times, runs = np.array([0.02, 0.3, 0.3, 2.0]), 1500
+    times, runs = np.array([0.02, 0.3, 0.3, 2.0]), 800
     seen = np.zeros((times.size, 8))
     bonds = np.zeros((times.size, 4))
     formed = np.empty(runs)

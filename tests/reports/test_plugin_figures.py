@@ -315,6 +315,7 @@ def test_observables_draw_as_before(tiny):
     assert (one.label, one.chemistry, one.color, one.contact, one.surface) == ("one", None, "C0", None, None)
 
 
+@pytest.mark.long
 def test_nothing_of_matplotlib_is_imported_with_the_components():
     import subprocess
 
