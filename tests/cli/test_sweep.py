@@ -268,7 +268,8 @@ def on_a_terminal(words, answer=""):
     return os.waitstatus_to_exitcode(status), seen.decode()
 
 
-@pytest.mark.parametrize(("answer", "status"), [("n\n", 2), pytest.param("y\n", 0, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize(("answer", "status"), [("n\n", 2), ("y\n", 0)])
 def test_a_terminal_is_asked_and_then_shows_bars(scene, answer, status):
     slow(scene, 0.1)
     limit = "from chemage.cli.app import main; from chemage.sweeps import running; running.MANY_POINTS = 5; main()"

@@ -67,6 +67,7 @@ def test_its_own_tests_can_fail(project):
         source.write_text(right)
 
 
+@pytest.mark.long
 def test_it_is_listed_and_checked(project):
     listed, checked, shown = chemage(
         project, ["plugins", "list", "--json"], ["plugins", "check"], ["plugins", "show", "weibull"]

@@ -205,7 +205,9 @@ def test_two_figures_of_one_name_are_both_drawn_and_reported(tiny, parts):
     assert "'coin-same'" in other
 
 
-@pytest.mark.parametrize("name", ["a/b", "../up", "", ".hidden", "two\nlines"])
+@pytest.mark.parametrize(
+    "name", ["../up", "", *(pytest.param(name, marks=pytest.mark.long) for name in ("a/b", ".hidden", "two\nlines"))]
+)
 def test_a_name_that_is_no_file_is_left_out(tiny, parts, name):
     drawing(parts.Flat, "mine", {name: "A."}, level)
     run = ran(tiny, forming={"kind": "mine"})
