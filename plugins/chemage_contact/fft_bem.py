@@ -263,6 +263,8 @@ class FFTBEM(ContactSolver):
             levels=self.levels,
             library=self.fft,
             pressure_tolerance=self.pressure_tolerance,
+            # a contact without gap keeps the bits it had before there was a split operator for every size
+            any_size=self.gap,
         )
 
     def _team(self) -> Team:

@@ -73,6 +73,30 @@ INPUTS: dict[tuple[str, str], dict[str, Any]] = {
 EXPECTED_FAILURES: dict[tuple[str, str, str], str] = {}
 
 
+#: checks that take longest, of engines other than the default; `auto` runs one of the others
+LONGEST = {
+    "going_on_keeps_the_rates",
+    "barrierless_is_the_attempt_frequency",
+    "one_site_is_the_closed_form",
+    "rates_follow_the_temperature",
+}
+OTHERS = {
+    "coupled_sites_are_refused_or_right",
+    "barriers_end_at_zero",
+    "sites_keep_their_own_rates",
+    "rates_follow_the_attempt_frequency",
+    "empty_slots_are_skipped",
+    "start_is_taken",
+}
+SLOW = {
+    "rejection-free": set(),
+    "bkl": LONGEST,
+    "next-reaction": LONGEST,
+    "independent": LONGEST,
+    "auto": LONGEST | OTHERS,
+}
+
+
 def own_kinds() -> set[tuple[str, str]]:
     """(role, kind) of the distribution chemage; what else is installed here is not this project's to test."""
     return {
@@ -90,7 +114,9 @@ def cases() -> list[Any]:
         for number, options in enumerate(alternatives):
             for check in checks_for(registry.current().role(role), **INPUTS.get((role, kind), {})):
                 reason = EXPECTED_FAILURES.get((role, kind, check.name))
-                marks = [pytest.mark.xfail(reason=reason, raises=AssertionError)] if reason else []
+                marks: list[Any] = [pytest.mark.xfail(reason=reason, raises=AssertionError)] if reason else []
+                if role == "engine" and check.name in SLOW[kind]:
+                    marks.append(pytest.mark.long)
                 name = f"{role}-{kind}-{number}-{check.name}"
                 found.append(pytest.param(role, kind, options, check, id=name, marks=marks))
     return found
