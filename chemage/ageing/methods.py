@@ -118,7 +118,7 @@ class AgeingMethod(Component, ABC):
 
 
 def ageing_method(kind: str, **options: Any) -> Any:
-    """A method of ageing: ``chemage.age(contact, chemistry, method=chemage.ageing_method("closure"), ...)``."""
+    """A method of ageing: ``chemage.age(contact, chemistry, method=chemage.ageing_method("..."), ...)``."""
     return registry.current().make("ageing", kind, options)
 
 
