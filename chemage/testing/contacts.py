@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from functools import wraps
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -99,21 +98,10 @@ def _tolerance(component: ContactSolver, least: float) -> float:
     return max(least, component.declared_error or 0.0)
 
 
-def _check_of_maps(function: Callable[..., None]) -> Callable[..., None]:
-    """Declare a check of contacts that have a map of the pressure."""
-
-    @wraps(function)
-    def check(component: ContactSolver, **inputs: Any) -> None:
-        if not isinstance(component, ContactTheory):
-            function(component, **inputs)
-
-    return check_of("contact")(check)
-
-
 # -- the form of the answer -------------------------------------------------------------------------------------------
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _contact_carries_the_load(component: ContactSolver, surfaces: Sequence[Surface] = (), force_tolerance=1e-6) -> None:
     """The pressure (GPa) adds up to the load (nN), is nowhere negative, and some but not all pixels are in contact."""
     for surface, load in _solvable(component, surfaces):
@@ -128,7 +116,7 @@ def _contact_carries_the_load(component: ContactSolver, surfaces: Sequence[Surfa
         require(solution.pressure.min() >= 0, "negative pressure")
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _contact_is_deterministic(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """The same contact gives the same bytes, whatever was solved before; the surface stays as it was."""
     solvable = _solvable(component, surfaces)
@@ -141,7 +129,7 @@ def _contact_is_deterministic(component: ContactSolver, surfaces: Sequence[Surfa
     require([surface.heights.tobytes() for surface, _ in solvable] == heights, "the heights of the surface changed")
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Grid, pixel size, periodicity and roughness are the surface's, the modulus is the solver's, and all that it
     implements is there."""
@@ -172,7 +160,7 @@ def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surf
         require_plain(solution.convergence, "convergence")
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _no_load_is_no_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """At load 0 no pixel is in contact."""
     for surface, _ in _solvable(component, surfaces):
@@ -180,7 +168,7 @@ def _no_load_is_no_contact(component: ContactSolver, surfaces: Sequence[Surface]
         require(solution.sites.size == 0 and solution.load == 0, f"{solution.sites.size} pixels in contact at load 0")
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _wrong_load_is_refused(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Negative and infinite loads, and loads in another dimension, are InputErrors; a load may have its unit."""
     surface, load = _solvable(component, surfaces)[0]
@@ -192,7 +180,7 @@ def _wrong_load_is_refused(component: ContactSolver, surfaces: Sequence[Surface]
     )
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _contact_cost_is_estimated(component: ContactSolver) -> None:
     """``expected()`` returns finite numbers, from few or many properties of a surface."""
     many = {"nx": 64.0, "ny": 48.0, "pixel_size": 0.5, "rms_slope": 0.1, "shortest_wavelength": 4.0}
@@ -205,7 +193,7 @@ def _contact_cost_is_estimated(component: ContactSolver) -> None:
 # -- where the contact is ---------------------------------------------------------------------------------------------
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _summits_touch_first(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """At a load of a fraction of a pixel's, the highest pixel carries it: heights are not upside down, mirrored,
     transposed or shifted by a pixel."""
@@ -229,7 +217,7 @@ def _summits_touch_first(component: ContactSolver, surfaces: Sequence[Surface] =
         )
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _contact_turns_with_the_surface(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Mirroring, transposing or (where periodic) shifting the surface does the same to the pressure, and no more."""
     for surface, load in _solvable(component, surfaces):
@@ -261,7 +249,7 @@ def _contact_turns_with_the_surface(component: ContactSolver, surfaces: Sequence
             )
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _gap_is_closed_in_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Where a gap (nm) is given: it is nowhere negative, and zero where the pressure is positive, to a hundredth of the
     rms height or ten times the declared error of it."""
@@ -276,7 +264,7 @@ def _gap_is_closed_in_contact(component: ContactSolver, surfaces: Sequence[Surfa
         require(gap <= 10 * scale, f"a gap of {gap:g} nm where the pressure is positive")
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _contact_scales(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Lengths ×3 and load ×9, stresses and load ×2, or a raised surface are equivalent: no unit and no length is
     hidden in the solver."""
@@ -305,7 +293,7 @@ def _contact_scales(component: ContactSolver, surfaces: Sequence[Surface] = ()) 
             require(same, f"{what}: the pressure differs")
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _contact_grows_with_load(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """A larger load brings more pixels into contact, and where it is given, a larger approach (nm)."""
     for surface, load in _solvable(component, surfaces):
@@ -322,7 +310,7 @@ def _contact_grows_with_load(component: ContactSolver, surfaces: Sequence[Surfac
 # -- how large the pressure is ----------------------------------------------------------------------------------------
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _known_contacts_are_found(component: ContactSolver) -> None:
     """Where ``declared_error`` is given: flat, sinusoidal (Westergaard) and spherical (Hertz) surfaces on an elastic
     half-space have the pressure of the closed form, to within that error."""
@@ -349,7 +337,7 @@ def _known_contacts_are_found(component: ContactSolver) -> None:
     require(solved, "declares an error, but refuses all surfaces with a closed form")
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _contact_obeys_the_half_space(component: ContactSolver) -> None:
     """Where ``declared_error`` is given: on periodic rough surfaces the gap that follows from the pressure is zero in
     contact and positive outside, to within that error; a solution that is given up early is found."""
@@ -383,7 +371,7 @@ def _declared(component: ContactSolver) -> float:
     return float(error)  # pyright: ignore[reportArgumentType]
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _start_changes_nothing(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """The solution does not depend on ``start``, be it of another load or of another surface."""
     for surface, load in _solvable(component, surfaces):
@@ -419,7 +407,7 @@ def _elsewhere(component: ContactSolver, surface: Surface) -> ContactSolution | 
 # -- speed, and grids -------------------------------------------------------------------------------------------------
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _speed_does_not_change_the_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Options in ``speed_only``, such as the number of threads, do not change a bit of the pressure."""
     for surface, load in _solvable(component, surfaces):
@@ -431,7 +419,7 @@ def _speed_does_not_change_the_contact(component: ContactSolver, surfaces: Seque
             )
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _trade_is_from_fast_to_accurate(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """The values of each option of ``trade`` give the same contact, the last ones nearly so."""
     surface, load = _solvable(component, surfaces)[0]
@@ -452,7 +440,7 @@ def _trade_is_from_fast_to_accurate(component: ContactSolver, surfaces: Sequence
         )
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _reference_solves_the_same_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """``reference()`` returns a solver of the same class, with the same contact up to the errors of the component."""
     reference = component.reference()
@@ -464,7 +452,7 @@ def _reference_solves_the_same_contact(component: ContactSolver, surfaces: Seque
         )
 
 
-@_check_of_maps
+@check_of("contact", unless=(ContactTheory,))
 def _odd_grids_are_solved(component: ContactSolver) -> None:
     """Grids that are not square, odd, one pixel wide or one pixel are solved, or refused with an InputError."""
     for shape in ((15, 32), (9, 7), (1, 16), (1, 1)):
@@ -480,7 +468,7 @@ def _odd_grids_are_solved(component: ContactSolver) -> None:
 
 
 @check_of("contact")
-def _statistics_carry_the_load(component: ContactSolver, **_: Any) -> None:
+def _statistics_carry_the_load(component: ContactSolver) -> None:
     """Of a theory, which gives no map: the pressures of its statistics add up to the load at any load, the area grows
     with the load and is no larger than the nominal area, and a map is refused."""
     if not isinstance(component, ContactTheory):
