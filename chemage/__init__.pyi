@@ -87,6 +87,7 @@ from chemage.experiments.scene_files import load_scene as load_scene
 from chemage.sweeps.result import load_sweep as load_sweep
 from chemage.surfaces.stage import make_surface as make_surface
 from chemage.foundation.messages import nearest as nearest
+from chemage.store.maps import open_maps as open_maps
 from chemage.experiments.scene_files import override as override
 from chemage.experiments.scene import parse_scene as parse_scene
 from chemage.plugins.settings import plugin_options as plugin_options

@@ -51,6 +51,7 @@ NAMES = {
     "plugins.settings": "plugin_options prefer_plugins",
     "reports.comparison.comparison": "compare_files",
     "reports.page": "write_report",
+    "store.maps": "open_maps",
     "store.results": "read write",
     "surfaces.measures": "Roughness",
     "surfaces.reading": "Reader reader_for",

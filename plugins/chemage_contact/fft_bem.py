@@ -117,7 +117,7 @@ class FFTBEM(ContactSolver):
         if not {"nx", "ny"} <= surface.keys():
             return {}
         pixels = surface["nx"] * surface["ny"]
-        known = {"bytes": pixels * {"single": 40.0, "mixed": 55.0, "double": 65.0}[self.precision]}
+        known = {"bytes": pixels * {"single": 50.0, "mixed": 70.0, "double": 88.0}[self.precision]}
         if self.gap:
             known["gap_bytes"] = pixels * float(np.dtype(iteration.PRECISIONS[self.precision][0]).itemsize)
             known["bytes"] += known["gap_bytes"]
