@@ -1,0 +1,202 @@
+"""Ageing from the kinetics of a random sample of the sites."""
+
+from __future__ import annotations
+
+import contextvars
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from chemage import AgedBonds, AgeingMethod, AgeingRequest, Chemistry, Engine, InputError, Unit
+from chemage import build_lattice, run_kinetics
+from chemage_sampling._independent import Independent
+from chemage_sampling._windows import Windows, square_of
+
+#: windows to a replica that the error can be estimated from
+FEWEST = 20
+
+
+class Sample(AgeingMethod):
+    """The bonds of the whole contact from the kinetics of windows of it that are drawn at random.
+
+    The grid of sites is cut into squares. Each replica draws squares, with a probability in proportion to their sites in
+    contact and with replacement, and follows the bonds of their sites and of a margin around them, which interacts with
+    them but is not counted. The bonds are scaled up by the probabilities (Hansen & Hurwitz, Ann. Math. Stat. 14, 333
+    (1943)), which is free of bias, and corrected by the bonds of independent sites, which are known for every square
+    without simulation: a regression estimator, whose coefficient comes from the other half of the windows, so that it
+    is free of bias too. What is left is the bias of a margin of finite width.
+    """
+
+    kind = "sample"
+    cite: ClassVar[tuple[str, ...]] = ("M. H. Hansen, W. N. Hurwitz, Ann. Math. Stat. 14, 333 (1943)",)
+    trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {"share": (0.02, 0.05, 0.1, 0.2)}
+
+    share: Annotated[float, Unit("", gt=0, le=0.5)]
+    """share of the sites that each replica counts, on average; above one half, every site costs no more"""
+    window: int = Field(default=16, ge=1, le=4096)
+    """side of a window, in sites"""
+    margin: int = Field(default=3, ge=0, le=64)
+    """width of the margin around a window, in sites"""
+
+    def check(self, chemistry: Chemistry, engine: Engine) -> None:
+        """See :meth:`chemage.AgeingMethod.check`."""
+        if not engine.restart:
+            raise InputError(
+                f"ageing 'sample' asks for the states of sites, and engine {engine.kind!r} cannot resume from a history "
+                "(restart = False), so that they are not known; use another engine"
+            )
+
+    def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:
+        """The cost of the sites in windows and margins."""
+        simulated = min(1.0, self.share * (1 + 2 * self.margin / self.window) ** 2)
+        known = {}
+        if "cpu_seconds" in kinetics:
+            known["cpu_seconds"] = replicas * (simulated * kinetics["cpu_seconds"] + 1e-7 * sites)
+        if "bytes" in kinetics:
+            known["bytes"] = simulated * kinetics["bytes"] + 40.0 * sites
+        return known
+
+    def age(self, request: AgeingRequest) -> AgedBonds:
+        """See :meth:`chemage.AgeingMethod.age`.
+
+        Raises
+        ------
+        InputError
+            A window is larger than the contact, or the share is less than 20 windows.
+        """
+        chemistry, contact = request.chemistry, request.contact
+        touching = chemistry.sites_of(contact)
+        if not touching.sites.size:
+            nothing = np.zeros((request.replicas, request.hold_times.size), np.int64)
+            return AgedBonds(nothing, nothing[:, 0])
+        windows = Windows.of(touching.shape, touching.periodic, touching.sites, self.window)
+        count = round(self.share * touching.sites.size / windows.mean_held)
+        if count < FEWEST:
+            raise InputError.of(
+                "share",
+                self.share,
+                f"is {count} windows of {self.window} x {self.window} sites, which hold {windows.mean_held:.0f} of the "
+                f"{touching.sites.size} sites in contact each; the error cannot be known from fewer than {FEWEST}",
+                "take a larger share or a smaller window, or leave out [ageing] for the kinetics of every site",
+            )
+        independent = Independent.of(
+            chemistry, float(touching.pressure.max()), request.hold_times, request.temperature
+        )
+        compared = independent.bonds(
+            touching.pressure,
+            np.searchsorted(windows.squares, square_of(touching.sites, touching.shape, self.window)),
+            windows.squares.size,
+        )
+
+        def replica(number: int) -> _Drawn:
+            return self._replica(request, windows, count, number)
+
+        done = _each(replica, request)
+        return self._estimated(request, windows, compared, done)
+
+    def _replica(self, request: AgeingRequest, windows: Windows, count: int, number: int) -> _Drawn:
+        disorder, noise = request.seeds(number)
+        drawn = windows.drawn(disorder, count)
+        chosen = np.unique(drawn)
+        among = windows.sites_around(chosen, self.margin)
+        lattice = build_lattice(request.chemistry, request.contact, disorder, sites=among)
+        history = run_kinetics(
+            request.engine,
+            lattice,
+            request.hold_times,
+            temperature=request.temperature,
+            seed=noise,
+            states=True,
+            contact=request.contact,
+            chemistry=request.chemistry,
+        )
+        assert history.states is not None
+        at = np.searchsorted(windows.squares[chosen], square_of(lattice.sites, windows.shape, windows.side))
+        at = np.minimum(at, chosen.size - 1)
+        inside = windows.squares[chosen][at] == square_of(lattice.sites, windows.shape, windows.side)
+        bonds = np.stack([np.bincount(at[inside & state], minlength=chosen.size) for state in history.states], axis=-1)
+        return _Drawn(
+            drawn,
+            bonds[np.searchsorted(chosen, drawn)],
+            lattice.sites.size,
+            history.engine,
+            history.notes,
+            lattice.plugins | history.plugins,
+            [*lattice.approximate, *history.approximate],
+        )
+
+    def _estimated(
+        self, request: AgeingRequest, windows: Windows, compared: np.ndarray, done: list[_Drawn]
+    ) -> AgedBonds:
+        sites = int(windows.held.sum())
+        # what each window says of the whole: (replicas, windows, m)
+        scale = np.stack([sites / windows.held[one.drawn] for one in done])[..., None]
+        bonds = np.stack([one.bonds for one in done]) * scale
+        known = np.stack([compared[one.drawn] for one in done]) * scale - compared.sum(axis=0)
+        values = np.empty(bonds.shape)
+        for half in (0, 1):
+            own, other = slice(half, None, 2), slice(1 - half, None, 2)
+            values[:, own] = bonds[:, own] - _coefficient(bonds[:, other], known[:, other]) * known[:, own]
+        estimates, windowed = values.mean(axis=1), values.var(axis=1, ddof=1) / values.shape[1]
+        mean = estimates.mean(axis=0)
+        error = np.sqrt(windowed.sum(axis=0)) / len(done)
+        relative = np.divide(error, mean, out=np.full(mean.shape, np.nan), where=mean > 0)
+        reactive = sites * request.chemistry.hydroxylation
+        simulated = np.mean([one.sites for one in done]) / sites
+        notes = (
+            f"kinetics of {len(done[0].drawn)} windows a replica, {100 * simulated:.2g} % of {sites} sites with margins",
+        )
+        return AgedBonds(
+            bonds=np.clip(estimates, 0.0, reactive),
+            sites=np.full(len(done), float(reactive)),
+            errors={"sampling": np.maximum(relative, 0.0)},
+            error_sources={"sampling": "measured from the scatter of the windows; part of the scatter of the replicas"},
+            notes=(*notes, *done[0].notes),
+            engine=done[0].engine,
+            plugins={name: source for one in done for name, source in one.plugins.items()},
+            approximate=[entry for one in done for entry in one.approximate],
+        )
+
+
+class _Drawn(NamedTuple):
+    """The windows of one replica."""
+
+    #: (windows,) positions in the squares
+    drawn: np.ndarray
+    #: (windows, m) bonds
+    bonds: np.ndarray
+    #: sites simulated, those of margins included
+    sites: int
+    engine: str
+    notes: tuple[str, ...]
+    plugins: Mapping[str, str]
+    approximate: list[dict[str, Any]]
+
+
+def _coefficient(bonds: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """The coefficient of the regression of ``bonds`` on ``known``, (replicas, windows, m) both: (m,)."""
+    centred = known - known.mean(axis=(0, 1))
+    spread = (centred**2).sum(axis=(0, 1))
+    together = (centred * bonds).sum(axis=(0, 1))
+    return np.divide(together, spread, out=np.zeros(spread.shape), where=spread > 0)
+
+
+def _each(task: Callable[[int], _Drawn], request: AgeingRequest) -> list[_Drawn]:
+    """``task`` of every replica, some at a time; the first failure stops the rest."""
+    at_once = max(1, min(request.replicas, request.threads // request.engine.concurrency()))
+    done: list[_Drawn] = []
+    with ThreadPoolExecutor(at_once) as pool:
+        running = [pool.submit(contextvars.copy_context().run, task, number) for number in range(request.replicas)]
+        try:
+            for number, one in enumerate(running):
+                done.append(one.result())
+                if request.progress is not None:
+                    request.progress(number + 1, request.replicas)
+        except BaseException:
+            for one in running:
+                one.cancel()
+            raise
+    return done
