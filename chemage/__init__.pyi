@@ -2,6 +2,9 @@
 from collections.abc import Sequence
 from typing import Any, Literal, overload
 
+from chemage.ageing.methods import AgedBonds as AgedBonds
+from chemage.ageing.methods import AgeingMethod as AgeingMethod
+from chemage.ageing.methods import AgeingRequest as AgeingRequest
 from chemage.ageing.aging import Aging as Aging
 from chemage.lattices.role import Barriers as Barriers
 from chemage.kinetics.history import BondHistory as BondHistory
@@ -156,3 +159,4 @@ def rupture(kind: Literal["mean-force"], *, bond_force: float | str | None = ...
 def observable(kind: Literal["barrier-spectrum"], *, lower: float | str = ..., upper: float | str = ..., bins: int = ...) -> Observable: ...
 @overload
 def observable(kind: Literal["pressure-spectrum"], *, upper: float | str = ..., bins: int = ...) -> Observable: ...
+

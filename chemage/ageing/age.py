@@ -14,11 +14,12 @@ from chemage.ageing.aging import Aging
 from chemage.ageing.checkpoints import run_with_checkpoints
 from chemage.ageing.elasticity import compared
 from chemage.ageing.measuring import Seen, check_outputs, measure, stacked
+from chemage.ageing.methods import AgedBonds, AgeingMethod, AgeingRequest, check_method, left_out_plugins
 from chemage.ageing.observables import Observable
 from chemage.ageing.seeds import Common, check_common, identity, origin, replica_seeds
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, checked_count, checked_seed, expect, temperature_value
-from chemage.foundation.errors import InputError
+from chemage.foundation.errors import InputError, PluginError
 from chemage.foundation.hashes import content_hash
 from chemage.foundation.memory import require
 from chemage.foundation.threads import available
@@ -32,7 +33,7 @@ from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.stage import build_lattice
 from chemage.plugins.participation import Plugins
-from chemage.plugins.sources import approximations, components_in
+from chemage.plugins.sources import approximations, components_in, providers
 
 
 def age(
@@ -50,6 +51,7 @@ def age(
     threads: int | None = None,
     progress: Callable[[int, int], None] | None = None,
     checkpoints: Path | None = None,
+    method: AgeingMethod | None = None,
 ) -> Aging:
     """Age a contact: ``replicas`` times draw the disorder, run the kinetics to every hold time, count the bonds.
 
@@ -81,11 +83,35 @@ def age(
         Called with (replicas done, replicas in all).
     checkpoints
         A folder in which every replica is kept while it runs; an interrupted call resumes, with equal results.
+    method
+        Another way to find the bonds, see :class:`chemage.AgeingMethod`; default: the kinetics of every site.
     """
     _check(contact, chemistry, engine, rupture, observe, common, replicas, seed, threads)
-    states = wants_states(engine, rupture, observe)
-    sites = chemistry.sites_of(contact)
     times, kelvin = _check_run(hold_times, temperature, replicas, checkpoints, progress)
+    request = AgeingRequest(
+        contact,
+        chemistry,
+        engine,
+        times,
+        kelvin,
+        replicas,
+        seed,
+        common,
+        rupture,
+        tuple(observe),
+        threads or available(),
+        progress,
+        checkpoints,
+    )
+    return _by_kinetics(request) if method is None else _by_method(method, request)
+
+
+def _by_kinetics(request: AgeingRequest) -> Aging:
+    """The result of the kinetics of every site, replica by replica."""
+    contact, chemistry, engine = request.contact, request.chemistry, request.engine
+    times, kelvin, seed, common = request.hold_times, request.temperature, request.seed, request.common
+    rupture, observe, checkpoints = request.rupture, request.observe, request.checkpoints
+    states = wants_states(engine, rupture, observe)
     run = identity(contact, chemistry, engine, kelvin)
     options = content_hash([engine.digest(), chemistry.digest(), times.tolist(), kelvin, origin(seed), common])
 
@@ -102,19 +128,65 @@ def age(
         return _finished(contact, chemistry, lattice, history, rupture, observe)
 
     # threads inside a run take their processors away from the other replicas
-    at_once = max(1, min(replicas, (threads or available()) // engine.concurrency()))
-    done = list(_in_order(replica, replicas, at_once, progress))
-    provenance = {
+    at_once = max(1, min(request.replicas, request.threads // engine.concurrency()))
+    done = list(_in_order(replica, request.replicas, at_once, request.progress))
+    provenance = _provenance(request) | {"seed": str(seed), "common": common}
+    return _aging(contact, chemistry, done, times, kelvin, provenance)
+
+
+def _provenance(request: AgeingRequest) -> dict[str, Any]:
+    contact, chemistry, rupture, observe = request.contact, request.chemistry, request.rupture, request.observe
+    sites = chemistry.sites_of(contact)
+    return {
         "chemistry": {name: value for name, value in chemistry.todict().items() if name not in chemistry.limits},
-        "engine": engine.todict(),
-        "seed": str(seed),
-        "common": common,
+        "engine": request.engine.todict(),
         "contact": contact.provenance,
         **({} if sites.rule == "pixels" else {"sites": sites.describe(contact)}),
         **({} if rupture is None else {"rupture": rupture.todict()}),
         **({"observe": [one.todict() for one in observe]} if observe else {}),
     }
-    return _aging(contact, chemistry, done, times, kelvin, provenance)
+
+
+def _by_method(method: AgeingMethod, request: AgeingRequest) -> Aging:
+    """The result of a method, which must be of the whole contact and at the hold times that were asked for."""
+    expect("method", method, AgeingMethod, 'make one with chemage.ageing("...")')
+    contact, chemistry = request.contact, request.chemistry
+    check_method(method, chemistry, request.engine, request.rupture, request.observe)
+    found = method.age(request)
+    if not isinstance(found, AgedBonds):
+        raise PluginError(f"ageing {method.kind!r} gave {type(found).__name__}; its method age must give an AgedBonds")
+    own = [method, request.engine, chemistry, *request.observe, *([] if request.rupture is None else [request.rupture])]
+    plugins = contact.plugins | providers(*own) | found.plugins
+    provenance = _provenance(request) | {"ageing": method.todict()}
+    if method.replicates:
+        provenance |= {"seed": str(request.seed), "common": request.common}
+    outputs = {name: output for one in request.observe for name, output in one.outputs.items()}
+    try:
+        aging = Aging(
+            hold_times=request.hold_times,
+            bonds=found.bonds,
+            sites=found.sites,
+            events=found.events,
+            load=contact.load,
+            temperature=request.temperature,
+            bond_force=chemistry.bond_force,
+            front_factor=chemistry.front_factor,
+            rupture_force=found.rupture_force,
+            errors=dict(found.errors),
+            error_sources=dict(found.error_sources),
+            engine=found.engine or request.engine.kind,
+            notes=(*found.notes, *left_out_plugins(method, plugins)),
+            contact=contact.summary(),
+            elasticity=compared(contact, chemistry),
+            observables=dict(found.observables),
+            outputs={name: output.todict() for name, output in outputs.items()},
+            provenance=provenance,
+        )
+    except InputError as error:
+        raise PluginError(f"ageing {method.kind!r} gave no valid result: {error}") from error
+    if aging.replicas != (request.replicas if method.replicates else 1):
+        raise PluginError(f"ageing {method.kind!r} gave {aging.replicas} replicas of {request.replicas}")
+    return aging.noting(plugins, [*contact.approximate, *found.approximate, *approximations(*own)])
 
 
 def wants_states(engine: Engine, rupture: Rupture | None, observe: Sequence[Observable]) -> bool:

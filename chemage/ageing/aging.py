@@ -14,7 +14,17 @@ from chemage.ageing.outputs import Output
 from chemage.ageing.seeds import COMMON
 from chemage.foundation.checks import check_times
 from chemage.foundation.errors import InputError
-from chemage.foundation.records import Doubles, Indices, Named, Number, Plain, PositiveNumber, Record
+from chemage.foundation.records import (
+    Counts,
+    Doubles,
+    Indices,
+    Named,
+    Number,
+    Plain,
+    PositiveNumber,
+    Record,
+    require_finite,
+)
 from chemage.foundation.statistics import half_width, standard_error
 from chemage.lattices.site_grid import ONE_PER_PIXEL
 
@@ -29,16 +39,16 @@ class Aging(Record):
         "events": (("replica",), "", "bonds formed and broken"),
         "rupture_force": (("replica", "hold_times"), "nN", "force that breaks all bonds"),
     }
-    added = ("rupture_force", "outputs", "elasticity")
+    added = ("rupture_force", "outputs", "elasticity", "errors", "error_sources", "events")
 
     hold_times: Doubles
     """(m,) s"""
-    bonds: Indices
-    """(replicas, m)"""
-    sites: Indices
-    """(replicas,)"""
-    events: Indices
-    """(replicas,)"""
+    bonds: Counts
+    """(replicas, m), of the whole contact; float64 where a method estimates them, see :class:`AgeingMethod`"""
+    sites: Counts
+    """(replicas,), of the whole contact"""
+    events: Indices | None = None
+    """(replicas,); None: not known"""
     load: Number
     """nN"""
     temperature: PositiveNumber
@@ -49,6 +59,11 @@ class Aging(Record):
     """fraction of the bonds that are loaded at the same time as the detachment front passes"""
     rupture_force: Doubles | None = None
     """force that breaks all bonds, nN, (replicas, m); None: bonds × ``bond_force`` × ``front_factor``"""
+    errors: Named = {}
+    """what an error is due to -> (m,) relative standard error, or bound, of the mean number of bonds, nan where it
+    is not known; it is not part of the scatter of the replicas"""
+    error_sources: dict[str, str] = {}
+    """the same names -> how that error is known, in words"""
     engine: str = ""
     notes: tuple[str, ...] = ()
     """notes of the first replica's run"""
@@ -69,13 +84,16 @@ class Aging(Record):
             raise ValueError(f"hold_times: shape {self.hold_times.shape}; give a one-dimensional array")
         if self.bonds.ndim != 2 or self.bonds.shape[1] != self.hold_times.size or self.bonds.shape[0] < 1:
             raise ValueError(f"bonds: shape {self.bonds.shape}; give (replicas, {self.hold_times.size})")
-        if not self.sites.shape == self.events.shape == self.bonds.shape[:1]:
+        require_finite("sites", self.sites, "give counts")
+        counts = {name: counted for name in ("sites", "events") if (counted := getattr(self, name)) is not None}
+        if any(counted.shape != self.bonds.shape[:1] for counted in counts.values()):
             raise ValueError(f"sites, events: give one number for each of the {self.bonds.shape[0]} replicas")
         check_times(self.hold_times)
-        for name in ("bonds", "sites", "events"):
-            if int(getattr(self, name).min(initial=0)) < 0:
-                raise ValueError(f"{name}: {getattr(self, name).min()} is negative; give counts")
-        if (too_many := self.bonds > self.sites[:, None]).any():
+        require_finite("bonds", self.bonds, "give counts")
+        for name, counted in {"bonds": self.bonds, **counts}.items():
+            if counted.min(initial=0) < 0:
+                raise ValueError(f"{name}: {counted.min()} is negative; give counts")
+        if (too_many := self.bonds > self.sites[:, None] * (1 + 1e-12)).any():  # the rounding of estimates
             replica, at = np.argwhere(too_many)[0]
             raise ValueError(
                 f"bonds: {self.bonds[replica, at]} of replica {replica} at {self.hold_times[at]:g} s, which has only "
@@ -88,15 +106,27 @@ class Aging(Record):
                 )
             if not (np.isfinite(self.rupture_force) & (self.rupture_force >= 0)).all():
                 raise ValueError("rupture_force: has numbers that are negative or not finite; give forces in nN")
+        self._check_errors()
         for name, output in self.outputs.items():
             values = self.observables.get(name)
             if values is None or values.ndim != 1 + len(output["dims"]):
                 raise ValueError(f"outputs: {name!r} does not belong to an observable with dims {output['dims']}")
         return self
 
+    def _check_errors(self) -> None:
+        if self.errors.keys() != self.error_sources.keys():
+            raise ValueError(f"error_sources: say how each of the errors {', '.join(self.errors) or '(none)'} is known")
+        for name, error in self.errors.items():
+            if error.shape != self.hold_times.shape or error.dtype.kind != "f":
+                raise ValueError(f"errors: {name!r} must be one relative error for each of the hold times")
+            if (error < 0).any() or np.isinf(error).any():
+                raise ValueError(f"errors: {name!r} has numbers that are negative or infinite; give relative errors")
+
     def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
         """See :meth:`Record.declared`; of ``observables/...`` what the observable declares."""
         field, _, key = name.partition("/")
+        if field == "errors":
+            return ("hold_times",), "", self.error_sources.get(key, "")
         if field != "observables" or key not in self.outputs:
             return super().declared(name)
         output = Output(**self.outputs[key])
@@ -123,6 +153,18 @@ class Aging(Record):
     def replicas(self) -> int:
         """Number of replicas."""
         return self.bonds.shape[0]
+
+    @property
+    def method(self) -> str | None:
+        """Kind of the method of ageing; None for the kinetics of every site."""
+        return self.provenance.get("ageing", {}).get("kind")
+
+    @property
+    def error_words(self) -> str:
+        """The errors of the mean that the scatter of the replicas does not contain, at the last hold time, in words."""
+        last = [(name, float(error[-1])) for name, error in self.errors.items() if error.size]
+        parts = [f"{name} {100 * error:.2g} % ({self.error_sources[name]})" for name, error in last]
+        return "; ".join(parts)
 
     @property
     def rupture(self) -> str | None:

@@ -1,4 +1,4 @@
-"""What can be plugged into this stage: observables, and the hook that measures on a finished replica."""
+"""What can be plugged into this stage: observables, methods of ageing, and the hook that measures on a replica."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ if TYPE_CHECKING:
     from chemage.kinetics.history import BondHistory
     from chemage.lattices.lattice import ReactionLattice
 
-ROLES = {"observable": "chemage.ageing.observables:Observable"}
+ROLES = {
+    "observable": "chemage.ageing.observables:Observable",
+    "ageing": "chemage.ageing.methods:AgeingMethod",
+}
 
 
 @hookspec

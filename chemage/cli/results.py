@@ -22,7 +22,7 @@ def show(file: FileArg, as_json: JsonOpt = False) -> None:
     """Print the content of a result file."""
     from chemage.ageing.aging import Aging
     from chemage.ageing.elasticity import elastic_measures
-    from chemage.experiments.run import Run
+    from chemage.experiments.run import Run, bond_errors
     from chemage.foundation.approximations import in_words
     from chemage.foundation.text import jsonable
     from chemage.store.results import read
@@ -39,7 +39,9 @@ def show(file: FileArg, as_json: JsonOpt = False) -> None:
         for name, value in thing.todict().items()
     }
     if isinstance(thing, Aging):
-        del fields["observables"], fields["outputs"], fields["elasticity"]
+        for name in ("observables", "outputs", "elasticity", "errors", "error_sources"):
+            del fields[name]
+        fields |= bond_errors(thing)
         fields |= elastic_measures(thing)
         if as_json:
             fields["observables"] = {name: one.summary() for name, one in thing.measured.items()}
@@ -103,12 +105,14 @@ def print_run(result: Run) -> None:
         last = f"at {aging.hold_times[-1]:g} s"
         rows += [
             ("sites", f"{aging.sites.mean():.0f}, {aging.site_grid}"),
-            ("engine", f"{aging.engine}, {aging.replicas} replicas, {aging.events.sum()} events"),
+            ("engine", _kinetics(aging)),
             ("rupture law", aging.rupture or ("mean force per bond" if aging.rupture_force is None else "a plugin's")),
-            ("random numbers", aging.random_numbers or "not recorded"),
+            ("random numbers", aging.random_numbers or ("none" if aging.method else "not recorded")),
             (f"friction drop {last}", mean_text(aging.friction_drop[:, -1], "nN")),
             (f"friction coefficient drop {last}", mean_text(aging.friction_coefficient_drop[:, -1])),
         ]
+        if aging.errors:
+            rows.append((f"errors of the mean {last}", aging.error_words))
         rows += elastic_rows(aging)
         rows += measured_rows(aging)
     if fit is not None:
@@ -128,6 +132,13 @@ def print_run(result: Run) -> None:
     terminal.show_pairs(result.scene.get("title") or result.name, rows)
     for note in result.notes:
         terminal.say(f"note: {note}")
+
+
+def _kinetics(aging: Aging) -> str:
+    """Engine, method of ageing, replicas and events, in words."""
+    by = f" by ageing {aging.method!r}" if aging.method else ""
+    events = "" if aging.events is None else f", {aging.events.sum()} events"
+    return f"{aging.engine}{by}, {aging.replicas} replica{'s' if aging.replicas > 1 else ''}{events}"
 
 
 def measured_rows(aging: Aging) -> list[tuple[str, str]]:

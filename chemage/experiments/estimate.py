@@ -89,7 +89,12 @@ def _cost(scene: Scene) -> Cost:
         coupled = scene.chemistry.interaction is not None
         replica = call_with(scene.engine.expected, sites, coupled, events=_events(scene, surface, fraction))
     seconds = replica.get("cpu_seconds") if reacting else 0.0
+    if seconds is not None and scene.hold is not None:
+        seconds *= scene.hold.replicas
     replica_bytes = replica.get("bytes") if reacting else 0.0
+    if reacting and scene.ageing is not None and sites is not None and scene.hold is not None:
+        other = scene.ageing.expected(sites, replica, scene.hold.replicas)
+        seconds, replica_bytes = other.get("cpu_seconds"), other.get("bytes")
     if replica_bytes is not None and sites is not None and scene.hold is not None and scene.keeps_states:
         replica_bytes += sites * scene.hold.hold_times.size
     return Cost(
@@ -97,7 +102,7 @@ def _cost(scene: Scene) -> Cost:
         fraction,
         sites,
         solve.get("cpu_seconds"),
-        None if seconds is None else seconds * (scene.hold.replicas if scene.hold else 1),
+        seconds,
         solve.get("bytes"),
         replica_bytes,
         gap,
@@ -165,11 +170,14 @@ def _stages(scene: Scene, known: Mapping[str, float]) -> dict[str, str]:
     if grids := scene.site_grids:
         gap = getattr(scene.solver, "gap", False) is True
         stages["sites"] = in_words(*grids, gap=gap)
-    times = hold.hold_times
+    times, method = hold.hold_times, scene.ageing
+    replicas = f", {hold.replicas} replicas, seed {hold.seed}" if method is None or method.replicates else ""
     stages["kinetics"] = (
-        f"{engine.kind}, {hold.temperature:g} K, {times.size} hold times from {times[0]:g} to {times[-1]:g} s, "
-        f"{hold.replicas} replicas, seed {hold.seed}"
+        f"{engine.kind}, {hold.temperature:g} K, {times.size} hold times from {times[0]:g} to {times[-1]:g} s{replicas}"
     )
+    if method is not None:
+        means = "" if method.replicates else ": the mean over replicas alone"
+        stages["ageing"] = f"{method.kind}, instead of the kinetics of every site{means}"
     mean = f"mean force of {chemistry.bond_force:g} nN per bond, front factor {chemistry.front_factor:g}"
     stages["rupture"] = scene.rupture.kind if scene.rupture is not None else mean
     return stages

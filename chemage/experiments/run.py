@@ -107,6 +107,7 @@ class Run:
             "name": self.name,
             "solver": self.scene["contact"]["kind"],
             "engine": aging.engine if aging else None,
+            **({"ageing": aging.method} if aging and aging.method else {}),
             "rupture": aging.rupture if aging else None,
             **contact.summary(),
             "converged": contact.converged,
@@ -116,7 +117,7 @@ class Run:
             "sites": float(aging.sites.mean()) if aging else contact.sites.size,
             "site_grid": aging.site_grid if aging else None,
             "replicas": aging.replicas if aging else 0,
-            "events": int(aging.events.sum()) if aging else 0,
+            "events": (None if aging.events is None else int(aging.events.sum())) if aging else 0,
             "common_random_numbers": aging.provenance.get("common") if aging else None,
             "hold_times": aging.hold_times.tolist() if aging else [],
             "friction_drop": aging.mean_friction_drop.tolist() if aging else [],
@@ -127,6 +128,7 @@ class Run:
             "friction_coefficient_drop_half_width": (
                 aging.friction_coefficient_drop_half_width.tolist() if aging else []
             ),
+            **bond_errors(aging),
             "observables": {name: one.summary() for name, one in aging.measured.items()} if aging else {},
             "beta": fit.beta if fit else None,
             "beta_stderr": fit.beta_stderr if fit else None,
@@ -178,6 +180,16 @@ class Run:
             aging=parts.get("aging"),
             **{**fields, "cite": tuple(fields["cite"])},
         )
+
+
+def bond_errors(aging: Aging | None) -> dict[str, Any]:
+    """The errors of the mean beside the scatter of the replicas; empty where there are none."""
+    if aging is None or not aging.errors:
+        return {}
+    return {
+        "bond_errors": {name: error.tolist() for name, error in aging.errors.items()},
+        "bond_error_sources": aging.error_sources,
+    }
 
 
 def _is_sound(name: str, value: Any) -> bool:
@@ -264,6 +276,7 @@ def aged(scene: Scene, contact: ContactSolution, **changes: Any) -> Aging | None
         "replicas": scene.hold.replicas,
         "seed": scene.hold.seed,
         "common": scene.hold.common,
+        "method": scene.ageing,
         "rupture": scene.rupture,
         "observe": scene.observe,
     }

@@ -27,6 +27,7 @@ from chemage.ageing.age import wants_states
 from chemage.ageing.fitting import FIT_WINDOW
 from chemage.ageing.hold_times import hold_times
 from chemage.ageing.measuring import check_outputs
+from chemage.ageing.methods import AgeingMethod, check_method
 from chemage.ageing.observables import Observable
 from chemage.ageing.seeds import Common
 from chemage.contacts.role import ContactSolver
@@ -134,6 +135,8 @@ class Scene(_Section):
     """nN"""
     chemistry: Chemistry | None = None
     engine: SerializeAsAny[Engine] | None = None
+    ageing: SerializeAsAny[AgeingMethod] | None = None
+    """how the bonds are found; None: by the kinetics of every site"""
     rupture: SerializeAsAny[Rupture] | None = None
     hold: Hold | None = None
     fit: FitWindow = FitWindow()
@@ -183,11 +186,14 @@ class Scene(_Section):
     @property
     def keeps_states(self) -> bool:
         """Whether the rupture law or an observable asks for the state of every site at every hold time."""
-        return self.engine is not None and wants_states(self.engine, self.rupture, self.observe)
+        if self.engine is None or self.ageing is not None:
+            return False
+        return wants_states(self.engine, self.rupture, self.observe)
 
     def components(self) -> list[Component]:
         """Every component of the scene."""
-        parts: list[Component | None] = [self.surface, self.contact, self.engine, self.rupture, *self.observe]
+        parts: list[Component | None] = [self.surface, self.contact, self.engine, self.ageing, self.rupture]
+        parts += self.observe
         if self.chemistry is not None:
             parts += [self.chemistry.forming, self.chemistry.breaking, self.chemistry.interaction]
         return [part for part in parts if part is not None]
@@ -211,6 +217,8 @@ class Scene(_Section):
             data["chemistry"] = {name: own[name] for name in _CHEMISTRY_OPTIONS if name in own}
         if self.hold is not None and self.engine is not None:
             data["engine"] = options_of(self.engine)
+            if self.ageing is not None:
+                data["ageing"] = options_of(self.ageing)
             if self.rupture is not None:
                 data["rupture"] = options_of(self.rupture)
             data["hold"] = self.hold.model_dump(mode="json", exclude_none=True)
@@ -277,8 +285,8 @@ class Scene(_Section):
         if "chemistry" in data:
             data["chemistry"].pop("site_density", None)  # see _site_key
         kinetic = [data.get(name) for name in ("forming", "breaking", "interaction", "chemistry", "engine", "hold")]
-        # without a rupture law the key is that of scenes written before there were any
-        law = [{"rupture": data["rupture"]}] if "rupture" in data else []
+        # without these the key is that of scenes written before there were any
+        law = [{name: data[name]} for name in ("ageing", "rupture") if name in data]
         aging = key("aging", contact, *kinetic, data.get("observe"), *law, *self._site_key())
         result = [aging, data.get("fit")]
         if limits := self.chemistry.given_limits() if self.chemistry is not None else {}:
@@ -309,6 +317,7 @@ ROLE_OF = {
     "breaking": "barriers",
     "interaction": "interaction",
     "engine": "engine",
+    "ageing": "ageing",
     "rupture": "rupture",
 }
 SECTIONS = ["name", "title", *ROLE_OF, "chemistry", "hold", "fit", "observe", "plugins", "sweep"]
@@ -395,11 +404,8 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
             check_outputs(observe)
         except PluginError as error:
             problems.append(("observe", str(error)))
-    if engine is not None and not problems:
-        try:
-            wants_states(engine, made.get("rupture"), observe)
-        except InputError as error:
-            problems.take("engine", error)
+    if engine is not None and chemistry is not None and not problems:
+        _check_ageing(made.get("ageing"), chemistry, engine, made.get("rupture"), observe, problems)
     if not problems:
         try:
             return Scene(
@@ -411,6 +417,7 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
                 load=float(load or 0.0),
                 chemistry=chemistry,
                 engine=engine,
+                ageing=made.get("ageing"),
                 rupture=made.get("rupture"),
                 hold=hold,
                 fit=fit,
@@ -421,6 +428,23 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
         except ValidationError as error:
             problems.extend((path.replace("surface_seed", "surface.seed"), message) for path, message in explain(error))
     raise SceneError(source, problems)
+
+
+def _check_ageing(
+    method: AgeingMethod | None,
+    chemistry: Chemistry,
+    engine: Engine,
+    rupture: Rupture | None,
+    observe: Sequence[Observable],
+    problems: _Problems,
+) -> None:
+    try:
+        if method is None:
+            wants_states(engine, rupture, observe)
+        else:
+            check_method(method, chemistry, engine, rupture, observe)
+    except InputError as error:
+        problems.take("engine" if method is None else "ageing", error)
 
 
 def _check_size(data: Any, source: str) -> None:
@@ -491,7 +515,7 @@ def _section(cls: type[Any], name: str, sections: Mapping[str, Any], problems: _
 
 def _chemistry(sections: Mapping[str, Any], made: Mapping[str, Any], problems: _Problems) -> Chemistry | None:
     if "forming" not in sections:
-        for name in ("breaking", "interaction", "chemistry", "hold", "rupture"):
+        for name in ("breaking", "interaction", "chemistry", "hold", "ageing", "rupture"):
             if name in sections:
                 problems.append((name, "needs [forming], the barriers to forming a bond; add it, or leave this out"))
         return None

@@ -9,6 +9,7 @@ NAMES = {
     "ageing.fitting": "FIT_WINDOW Fit fit_aging",
     "ageing.hold_times": "hold_times",
     "ageing.measurements": "Measurements read_measurements",
+    "ageing.methods": "AgedBonds AgeingMethod AgeingRequest ageing",
     "ageing.observables": "Observable observable",
     "ageing.outputs": "Output",
     "ageing.plotted": "Maps Observed PlottedResult",

@@ -98,6 +98,8 @@ def _array(*dtypes: type[np.generic]) -> BeforeValidator:
 Reals = Annotated[np.ndarray, _array(np.float64, np.float32)]
 Doubles = Annotated[np.ndarray, _array(np.float64)]
 Indices = Annotated[np.ndarray, _array(np.int64)]
+#: whole numbers, or estimates of them
+Counts = Annotated[np.ndarray, _array(np.int64, np.float64)]
 Shorts = Annotated[np.ndarray, _array(np.int32)]
 Flags = Annotated[np.ndarray, _array(np.bool_)]
 Named = Annotated[dict[str, np.ndarray], AfterValidator(lambda value: {n: frozen(a) for n, a in value.items()})]

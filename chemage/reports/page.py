@@ -259,6 +259,8 @@ def _curves_table(one: Entry) -> Table:
     title = f"Means over {aging.replicas} replicas with 95 % intervals (Student's t)"
     if aging.replicas == 1:
         title = "One replica: there is no error"
+    if aging.errors:
+        title += f". Errors of the mean at the last hold time: {aging.error_words}"
     return Table(title, columns, rows, wide=True)
 
 

@@ -109,7 +109,7 @@ class Table:
             # points written before there was such a number
             missing = np.full(len(summary["hold_times"]), np.nan)
             curves = {name: np.array(summary.get(name, missing), dtype=np.float64) for name in CURVES}
-            bonds = np.array(point["aging"]["bonds"] if point["aging"] else [], dtype=np.int32, ndmin=2)
+            bonds = _counts(point["aging"]["bonds"] if point["aging"] else [])
             rows[number] = (np.array(summary["hold_times"], dtype=np.float64), curves, bonds)
         return cls(
             swept={path: _column(values) for path, values in swept.items()},
@@ -236,6 +236,11 @@ class Table:
         return xarray.Dataset(variables).set_coords(coordinates)
 
 
+def _counts(bonds: Sequence[Any]) -> np.ndarray:
+    found = np.array(bonds, ndmin=2)
+    return found if found.size and found.dtype.kind == "f" else found.astype(np.int32)
+
+
 def error_text(error: Mapping[str, Any] | None) -> str:
     """Format the error of a point as ``stage: type: message``; empty without one."""
     return f"{error['stage']}: {error['type']}: {error['message']}" if error else ""
@@ -262,7 +267,9 @@ def _padded(count: int, rows: Mapping[int, tuple[np.ndarray, dict[str, np.ndarra
     longest = max((times.size for times, _, _ in rows.values()), default=0)
     replicas = max((bonds.shape[0] for _, _, bonds in rows.values() if bonds.size), default=0)
     curves = {name: np.full((count, longest), np.nan) for name in CURVES}
-    times, bonds = np.full((count, longest), np.nan), np.full((count, replicas, longest), -1, dtype=np.int32)
+    # methods of ageing may estimate the bonds, which are then no whole numbers
+    kind = np.result_type(np.int32, *(bonds.dtype for _, _, bonds in rows.values()))
+    times, bonds = np.full((count, longest), np.nan), np.full((count, replicas, longest), -1, dtype=kind)
     for number, (own, values, counts) in rows.items():
         times[number, : own.size] = own
         for name, curve in values.items():

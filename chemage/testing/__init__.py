@@ -17,6 +17,7 @@ on the machine.
 """
 
 from chemage.testing import every_component, figures  # noqa: F401  (declare the checks of every component)
+from chemage.testing.ageing_methods import check_ageing_method
 from chemage.testing.barriers import check_barriers
 from chemage.testing.checks import (
     Check,
@@ -39,6 +40,7 @@ __all__ = [
     "Check",
     "CheckFailed",
     "ChecksFailed",
+    "check_ageing_method",
     "check_barriers",
     "check_component",
     "check_contact_solver",

@@ -97,6 +97,8 @@ class Comparison:
             for time in self.times:
                 rows.append((f"{label} at {time:g} s", _row_at(curves, unit, time)))
             rows.append((f"{label} at the last hold time", _row_at(curves, unit, None)))
+        if any(map(_further_errors, self.results)):
+            rows.append(("further errors of the mean", lambda one: _further_errors(one) or "-"))
         rows += [(_ELASTIC[name], partial(_elastic_text, name=name)) for name in self._limits()]
         rows += self._measured_rows()
         rows += [
@@ -172,6 +174,7 @@ class Comparison:
             "sites": one.sites,
             "site_grid": one.site_grid,
             "replicas": one.aging.replicas if one.aging else 0,
+            **({"further_errors": _further_errors(one)} if any(map(_further_errors, self.results)) else {}),
             "plugins": dict(one.plugins),
             **({"approximate": one.approximate} if any(each.approximate for each in self.results) else {}),
             "fit_window": list(one.window),
@@ -352,6 +355,11 @@ def _scatter_text(one: Entry) -> str:
     if one.scatter is None or one.fit is None:
         return "-"
     return one.scatter.text(one.fit.relative_stderr) or "one surface"
+
+
+def _further_errors(one: Entry) -> str:
+    """The errors of the mean beside the scatter of the replicas, in words."""
+    return one.aging.error_words if one.aging is not None else ""
 
 
 def _elastic_text(one: Entry, name: str) -> str:

@@ -1,0 +1,158 @@
+"""The role that finds the bonds of a contact in another way than by the kinetics of every site."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from chemage.ageing.observables import Observable
+from chemage.ageing.seeds import Common
+from chemage.contacts.solution import ContactSolution
+from chemage.foundation.checks import Seed
+from chemage.foundation.components import Component
+from chemage.foundation.errors import InputError
+from chemage.friction.role import Rupture
+from chemage.kinetics.role import Engine
+from chemage.lattices.chemistry import Chemistry
+from chemage.plugins import registry
+from chemage.plugins.participation import Plugins
+from chemage.plugins.sources import implementing
+
+#: hooks that see the sites of a replica
+_SITE_HOOKS = ("chemage_build_lattice", "chemage_run_kinetics", "chemage_rupture_bonds", "chemage_observe")
+
+
+@dataclass(frozen=True)
+class AgeingRequest:
+    """What a method of ageing receives: the validated arguments of :func:`chemage.age`."""
+
+    contact: ContactSolution
+    chemistry: Chemistry
+    engine: Engine
+    #: (m,) s, non-decreasing
+    hold_times: np.ndarray
+    #: K
+    temperature: float
+    replicas: int
+    seed: Seed
+    common: Common
+    rupture: Rupture | None = None
+    observe: tuple[Observable, ...] = ()
+    #: threads that may compute at the same time
+    threads: int = 1
+    #: called with (steps done, steps in all)
+    progress: Callable[[int, int], None] | None = None
+    #: where intermediate results may be kept; a method that is fast has no need of it
+    checkpoints: Path | None = None
+
+
+@dataclass(frozen=True)
+class AgedBonds:
+    """What a method of ageing gives: the bonds of the whole contact, and how well it knows them."""
+
+    #: (replicas, m), or (1, m) where the method gives the mean alone; of the whole contact, never of a part of it;
+    #: float64 where they are estimated
+    bonds: np.ndarray
+    #: (replicas,) or (1,): reactive sites of the whole contact, float64 where they are expected
+    sites: np.ndarray
+    #: (replicas,) or (1,): bonds formed and broken on the whole contact; None: not known
+    events: np.ndarray | None = None
+    #: (replicas, m) nN of the whole contact; None: bonds times the mean force and the front factor of the chemistry
+    rupture_force: np.ndarray | None = None
+    #: what the error is due to -> (m,) relative standard error, or bound, of the mean number of bonds, beside the
+    #: scatter of the replicas
+    errors: Mapping[str, np.ndarray] = field(default_factory=dict)
+    #: the same names -> how that error is known, in words
+    error_sources: Mapping[str, str] = field(default_factory=dict)
+    #: name -> (replicas, ...), where the method measures observables
+    observables: Mapping[str, np.ndarray] = field(default_factory=dict)
+    #: what users should know, in words
+    notes: tuple[str, ...] = ()
+    #: what computed the kinetics
+    engine: str = ""
+    #: plugins that answered or changed a stage on the way: name -> distribution and version
+    plugins: Plugins = field(default_factory=dict)
+    #: what was approximate on the way
+    approximate: Sequence[Mapping[str, Any]] = ()
+
+
+class AgeingMethod(Component, ABC):
+    """Role ``ageing``: the bonds of a contact against hold time, in another way than by the kinetics of every site."""
+
+    role = "ageing"
+    error_of: ClassVar[str] = "the mean number of bonds"
+    #: gives the bonds of each replica, which has its own disorder and noise; False: the mean of infinitely many alone
+    replicates: ClassVar[bool] = True
+    #: measures the observables of the request
+    observes: ClassVar[bool] = False
+    #: applies the rupture law of the request
+    ruptures: ClassVar[bool] = False
+
+    @abstractmethod
+    def age(self, request: AgeingRequest) -> AgedBonds:
+        """Give the bonds of the whole contact at each hold time."""
+
+    def check(self, chemistry: Chemistry, engine: Engine) -> None:
+        """Refuse, before anything is computed, what :meth:`age` would refuse. Used by ``chemage check``.
+
+        Raises
+        ------
+        InputError
+            Naming what the method cannot treat, and the remedy.
+        """
+
+    def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:
+        """Estimate the cost, as far as it is known: ``cpu_seconds`` of all replicas, ``bytes`` of one.
+
+        ``kinetics`` is what :meth:`Engine.expected` states for one replica of all ``sites`` of the contact.
+        """
+        return {}
+
+
+def ageing(kind: str, **options: Any) -> Any:
+    """A method of ageing: ``chemage.age(contact, chemistry, method=chemage.ageing("closure"), ...)``."""
+    return registry.current().make("ageing", kind, options)
+
+
+def check_method(
+    method: AgeingMethod,
+    chemistry: Chemistry,
+    engine: Engine,
+    rupture: Rupture | None,
+    observe: Sequence[Observable],
+) -> None:
+    """Refuse what a method of ageing cannot give.
+
+    Raises
+    ------
+    InputError
+        With what it cannot give, and the remedy.
+    """
+    remedy = "or leave out the ageing method, for the kinetics of every site"
+    if observe and not method.observes:
+        kinds = ", ".join(repr(one.kind) for one in observe)
+        raise InputError(
+            f"ageing {method.kind!r} gives numbers of bonds, not which sites are bonded, so that observable {kinds} "
+            f"cannot be measured; leave it out, {remedy}"
+        )
+    if rupture is not None and not method.ruptures:
+        raise InputError(
+            f"ageing {method.kind!r} gives numbers of bonds, not which sites are bonded, so that the rupture law "
+            f"{rupture.kind!r} cannot be applied; use bond_force and front_factor of the chemistry, {remedy}"
+        )
+    method.check(chemistry, engine)
+
+
+def left_out_plugins(method: AgeingMethod, took_part: Plugins) -> tuple[str, ...]:
+    """A note of the plugins that would see the sites of a replica and did not."""
+    missed = [name for name in implementing(*_SITE_HOOKS) if name not in took_part]
+    if not missed:
+        return ()
+    return (
+        f"ageing {method.kind!r} does not give the sites of a replica to plugins: {', '.join(missed)} took no part",
+    )
