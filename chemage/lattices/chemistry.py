@@ -102,9 +102,7 @@ class Chemistry(Component):
             sites, pressure = sites[kept], pressure[kept]
         if self.interaction is not None:
             # that of every site is shared by the replicas
-            graph = (
-                neighbours_of(touching, self.interaction) if whole else graph_of(touching, self.interaction, sites)
-            )
+            graph = neighbours_of(touching, self.interaction) if whole else graph_of(touching, self.interaction, sites)
         fields: dict[str, Any] = {
             "pixels": touching.shape,
             "sites": sites,

@@ -44,7 +44,7 @@ def build_lattice(
     )
     if sites is not None and not np.isin(lattice.sites, sites).all():
         raise PluginError(
-            f"chemage_build_lattice: {', '.join(plugins) or 'a plugin'} gave sites that were not asked for, so that the "
-            "contact cannot be sampled; the hook must keep to its argument sites, or leave the plugin out"
+            f"chemage_build_lattice: {', '.join(plugins) or 'a plugin'} gave sites that were not asked for, so that "
+            "the contact cannot be sampled; the hook must keep to its argument sites, or leave the plugin out"
         )
     return lattice.noting(providers(chemistry) | plugins, approximations(chemistry))

@@ -15,8 +15,8 @@ FORMING, BREAKING, PRESSURES = 512, 8, 33
 class Independent(NamedTuple):
     """The share of reactive sites that are bonded, by pressure and time.
 
-    The closed form of a site that forms its bond at the rate k_f and breaks it at k_b, over quantiles of the barriers. It
-    need not be exact, because it only has to resemble the bonds.
+    The closed form of a site that forms its bond at the rate k_f and breaks it at k_b, over quantiles of the barriers.
+    It need not be exact, because it only has to resemble the bonds.
     """
 
     #: GPa

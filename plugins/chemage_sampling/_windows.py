@@ -35,10 +35,7 @@ class Windows(NamedTuple):
         InputError
             A square is larger than the grid.
         """
-        if side > min(shape):
-            raise InputError.of(
-                "window", side, f"is larger than the contact, which has {shape[0]} x {shape[1]} sites", "give less"
-            )
+        fitting(side, shape)
         squares, held = np.unique(square_of(sites, shape, side), return_counts=True)
         return cls(shape, periodic, side, sites, squares, held)
 
@@ -82,6 +79,14 @@ class Windows(NamedTuple):
         lengths = last - first
         steps = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
         return np.repeat(first, lengths) + steps
+
+
+def fitting(side: int, shape: tuple[int, int]) -> None:
+    """Refuse windows larger than the grid of sites."""
+    if side > min(shape):
+        raise InputError.of(
+            "window", side, f"is larger than the contact of {shape[0]} x {shape[1]} sites", "take a smaller window"
+        )
 
 
 def square_of(sites: np.ndarray, shape: tuple[int, int], side: int) -> np.ndarray:

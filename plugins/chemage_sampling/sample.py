@@ -10,10 +10,21 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from chemage import AgedBonds, AgeingMethod, AgeingRequest, Chemistry, Engine, InputError, Unit
-from chemage import build_lattice, run_kinetics
+from chemage import (
+    AgedBonds,
+    AgeingMethod,
+    AgeingRequest,
+    BondHistory,
+    Chemistry,
+    Engine,
+    InputError,
+    ReactionLattice,
+    Unit,
+    build_lattice,
+    run_kinetics,
+)
 from chemage_sampling._independent import Independent
-from chemage_sampling._windows import Windows, square_of
+from chemage_sampling._windows import Windows, fitting, square_of
 
 #: windows to a replica that the error can be estimated from
 FEWEST = 20
@@ -22,8 +33,8 @@ FEWEST = 20
 class Sample(AgeingMethod):
     """The bonds of the whole contact from the kinetics of windows of it that are drawn at random.
 
-    The grid of sites is cut into squares. Each replica draws squares, with a probability in proportion to their sites in
-    contact and with replacement, and follows the bonds of their sites and of a margin around them, which interacts with
+    The grid of sites is cut into squares. Each replica draws squares with replacement, with a probability in proportion
+    to their sites in contact, and follows the bonds of their sites and of a margin around them, which interacts with
     them but is not counted. The bonds are scaled up by the probabilities (Hansen & Hurwitz, Ann. Math. Stat. 14, 333
     (1943)), which is free of bias, and corrected by the bonds of independent sites, which are known for every square
     without simulation: a regression estimator, whose coefficient comes from the other half of the windows, so that it
@@ -45,9 +56,13 @@ class Sample(AgeingMethod):
         """See :meth:`chemage.AgeingMethod.check`."""
         if not engine.restart:
             raise InputError(
-                f"ageing 'sample' asks for the states of sites, and engine {engine.kind!r} cannot resume from a history "
-                "(restart = False), so that they are not known; use another engine"
+                f"ageing 'sample' asks for the states of sites, and engine {engine.kind!r} cannot resume from a "
+                "history (restart = False), so that they are not known; use another engine"
             )
+
+    def check_sites(self, shape: tuple[int, int], touching: float | None) -> None:
+        """See :meth:`chemage.AgeingMethod.check_sites`."""
+        fitting(self.window, shape)
 
     def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:
         """The cost of the sites in windows and margins."""
@@ -65,7 +80,7 @@ class Sample(AgeingMethod):
         Raises
         ------
         InputError
-            A window is larger than the contact, or the share is less than 20 windows.
+            A window is larger than the contact.
         """
         chemistry, contact = request.chemistry, request.contact
         touching = chemistry.sites_of(contact)
@@ -75,62 +90,50 @@ class Sample(AgeingMethod):
         windows = Windows.of(touching.shape, touching.periodic, touching.sites, self.window)
         count = round(self.share * touching.sites.size / windows.mean_held)
         if count < FEWEST:
-            raise InputError.of(
-                "share",
-                self.share,
-                f"is {count} windows of {self.window} x {self.window} sites, which hold {windows.mean_held:.0f} of the "
-                f"{touching.sites.size} sites in contact each; the error cannot be known from fewer than {FEWEST}",
-                "take a larger share or a smaller window, or leave out [ageing] for the kinetics of every site",
-            )
-        independent = Independent.of(
-            chemistry, float(touching.pressure.max()), request.hold_times, request.temperature
-        )
+            return self._every_site(request)
+        independent = Independent.of(chemistry, float(touching.pressure.max()), request.hold_times, request.temperature)
         compared = independent.bonds(
             touching.pressure,
             np.searchsorted(windows.squares, square_of(touching.sites, touching.shape, self.window)),
             windows.squares.size,
         )
 
-        def replica(number: int) -> _Drawn:
+        def replica(number: int) -> _Replica:
             return self._replica(request, windows, count, number)
 
         done = _each(replica, request)
         return self._estimated(request, windows, compared, done)
 
-    def _replica(self, request: AgeingRequest, windows: Windows, count: int, number: int) -> _Drawn:
-        disorder, noise = request.seeds(number)
-        drawn = windows.drawn(disorder, count)
+    def _every_site(self, request: AgeingRequest) -> AgedBonds:
+        """The bonds of a contact that is too small to be sampled."""
+
+        def replica(number: int) -> _Replica:
+            lattice, history = _followed(request, number, None)
+            return _Replica.of(lattice, history, history.bonds, np.empty(0, np.int64))
+
+        done = _each(replica, request)
+        why = (
+            f"every site was followed: a share of {self.share:g} is fewer than {FEWEST} windows, from which the error "
+            "cannot be known"
+        )
+        sites = np.array([one.sites for one in done])
+        return AgedBonds(np.stack([one.bonds for one in done]), sites, **_joined(done, why))
+
+    def _replica(self, request: AgeingRequest, windows: Windows, count: int, number: int) -> _Replica:
+        drawn = windows.drawn(request.seeds(number)[0], count)
         chosen = np.unique(drawn)
-        among = windows.sites_around(chosen, self.margin)
-        lattice = build_lattice(request.chemistry, request.contact, disorder, sites=among)
-        history = run_kinetics(
-            request.engine,
-            lattice,
-            request.hold_times,
-            temperature=request.temperature,
-            seed=noise,
-            states=True,
-            contact=request.contact,
-            chemistry=request.chemistry,
-        )
+        lattice, history = _followed(request, number, windows.sites_around(chosen, self.margin))
         assert history.states is not None
-        at = np.searchsorted(windows.squares[chosen], square_of(lattice.sites, windows.shape, windows.side))
-        at = np.minimum(at, chosen.size - 1)
-        inside = windows.squares[chosen][at] == square_of(lattice.sites, windows.shape, windows.side)
-        bonds = np.stack([np.bincount(at[inside & state], minlength=chosen.size) for state in history.states], axis=-1)
-        return _Drawn(
-            drawn,
-            bonds[np.searchsorted(chosen, drawn)],
-            lattice.sites.size,
-            history.engine,
-            history.notes,
-            lattice.plugins | history.plugins,
-            [*lattice.approximate, *history.approximate],
-        )
+        squares, square = windows.squares[chosen], square_of(lattice.sites, windows.shape, windows.side)
+        at = np.minimum(np.searchsorted(squares, square), chosen.size - 1)
+        counted = squares[at] == square
+        bonds = np.stack([np.bincount(at[counted & state], minlength=chosen.size) for state in history.states], axis=-1)
+        return _Replica.of(lattice, history, bonds[np.searchsorted(chosen, drawn)], drawn)
 
     def _estimated(
-        self, request: AgeingRequest, windows: Windows, compared: np.ndarray, done: list[_Drawn]
+        self, request: AgeingRequest, windows: Windows, compared: np.ndarray, done: list[_Replica]
     ) -> AgedBonds:
+        """Scale the windows up; ``compared`` are the bonds of independent sites in every square, (squares, m)."""
         sites = int(windows.held.sum())
         # what each window says of the whole: (replicas, windows, m)
         scale = np.stack([sites / windows.held[one.drawn] for one in done])[..., None]
@@ -140,40 +143,73 @@ class Sample(AgeingMethod):
         for half in (0, 1):
             own, other = slice(half, None, 2), slice(1 - half, None, 2)
             values[:, own] = bonds[:, own] - _coefficient(bonds[:, other], known[:, other]) * known[:, own]
-        estimates, windowed = values.mean(axis=1), values.var(axis=1, ddof=1) / values.shape[1]
-        mean = estimates.mean(axis=0)
+        estimates = values.mean(axis=1)
+        mean, windowed = estimates.mean(axis=0), values.var(axis=1, ddof=1) / values.shape[1]
         error = np.sqrt(windowed.sum(axis=0)) / len(done)
-        relative = np.divide(error, mean, out=np.full(mean.shape, np.nan), where=mean > 0)
         reactive = sites * request.chemistry.hydroxylation
-        simulated = np.mean([one.sites for one in done]) / sites
-        notes = (
-            f"kinetics of {len(done[0].drawn)} windows a replica, {100 * simulated:.2g} % of {sites} sites with margins",
-        )
+        followed = np.mean([one.sites for one in done]) / reactive
+        note = f"{done[0].drawn.size} windows a replica; {100 * followed:.2g} % of the sites were followed"
         return AgedBonds(
-            bonds=np.clip(estimates, 0.0, reactive),
-            sites=np.full(len(done), float(reactive)),
-            errors={"sampling": np.maximum(relative, 0.0)},
-            error_sources={"sampling": "measured from the scatter of the windows; part of the scatter of the replicas"},
-            notes=(*notes, *done[0].notes),
-            engine=done[0].engine,
-            plugins={name: source for one in done for name, source in one.plugins.items()},
-            approximate=[entry for one in done for entry in one.approximate],
+            np.clip(estimates, 0.0, reactive),
+            np.full(len(done), reactive),
+            errors={"sampling": np.divide(error, mean, out=np.full(mean.shape, np.nan), where=mean > 0)},
+            error_sources={"sampling": "from the scatter of the windows; part of the scatter of the replicas"},
+            **_joined(done, note),
         )
 
 
-class _Drawn(NamedTuple):
-    """The windows of one replica."""
+class _Replica(NamedTuple):
+    """What is kept of a replica."""
 
-    #: (windows,) positions in the squares
-    drawn: np.ndarray
-    #: (windows, m) bonds
+    #: (windows, m) bonds in each window that was drawn, or (m,) in all
     bonds: np.ndarray
-    #: sites simulated, those of margins included
+    #: (windows,) their positions among the squares
+    drawn: np.ndarray
+    #: sites that were followed, those of margins included
     sites: int
     engine: str
     notes: tuple[str, ...]
-    plugins: Mapping[str, str]
-    approximate: list[dict[str, Any]]
+    plugins: Mapping[str, Any]
+    approximate: list[Any]
+
+    @classmethod
+    def of(cls, lattice: ReactionLattice, history: BondHistory, bonds: np.ndarray, drawn: np.ndarray) -> _Replica:
+        return cls(
+            bonds,
+            drawn,
+            lattice.sites.size,
+            history.engine,
+            history.notes,
+            lattice.plugins | history.plugins,
+            [*lattice.approximate, *history.approximate],
+        )
+
+
+def _followed(request: AgeingRequest, number: int, sites: np.ndarray | None) -> tuple[ReactionLattice, BondHistory]:
+    """The kinetics of a replica on ``sites`` with their states, or on every site without."""
+    disorder, noise = request.seeds(number)
+    lattice = build_lattice(request.chemistry, request.contact, disorder, sites=sites)
+    history = run_kinetics(
+        request.engine,
+        lattice,
+        request.hold_times,
+        temperature=request.temperature,
+        seed=noise,
+        states=sites is not None,
+        contact=request.contact,
+        chemistry=request.chemistry,
+    )
+    return lattice, history
+
+
+def _joined(done: list[_Replica], note: str) -> dict[str, Any]:
+    """What the replicas say beside their bonds."""
+    return {
+        "notes": (note, *done[0].notes),
+        "engine": done[0].engine,
+        "plugins": {name: source for one in done for name, source in one.plugins.items()},
+        "approximate": [entry for one in done for entry in one.approximate],
+    }
 
 
 def _coefficient(bonds: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -184,11 +220,11 @@ def _coefficient(bonds: np.ndarray, known: np.ndarray) -> np.ndarray:
     return np.divide(together, spread, out=np.zeros(spread.shape), where=spread > 0)
 
 
-def _each(task: Callable[[int], _Drawn], request: AgeingRequest) -> list[_Drawn]:
+def _each(task: Callable[[int], _Replica], request: AgeingRequest) -> list[_Replica]:
     """``task`` of every replica, some at a time; the first failure stops the rest."""
     at_once = max(1, min(request.replicas, request.threads // request.engine.concurrency()))
-    done: list[_Drawn] = []
-    with ThreadPoolExecutor(at_once) as pool:
+    done: list[_Replica] = []
+    with ThreadPoolExecutor(at_once, thread_name_prefix="chemage-replica") as pool:
         running = [pool.submit(contextvars.copy_context().run, task, number) for number in range(request.replicas)]
         try:
             for number, one in enumerate(running):
