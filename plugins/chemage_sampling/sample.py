@@ -26,8 +26,8 @@ from chemage import (
 from chemage_sampling._independent import Independent
 from chemage_sampling._windows import Windows, fitting, square_of
 
-#: windows to a replica that the error can be estimated from
-FEWEST = 20
+#: windows of a replica, and of all together, that the error can be estimated from
+FEWEST, FEWEST_IN_ALL = 6, 20
 
 
 class Sample(AgeingMethod):
@@ -89,7 +89,7 @@ class Sample(AgeingMethod):
             return AgedBonds(nothing, nothing[:, 0])
         windows = Windows.of(touching.shape, touching.periodic, touching.sites, self.window)
         count = round(self.share * touching.sites.size / windows.mean_held)
-        if count < FEWEST:
+        if count < FEWEST or count * request.replicas < FEWEST_IN_ALL:
             return self._every_site(request)
         independent = Independent.of(chemistry, float(touching.pressure.max()), request.hold_times, request.temperature)
         compared = independent.bonds(
@@ -112,10 +112,7 @@ class Sample(AgeingMethod):
             return _Replica.of(lattice, history, history.bonds, np.empty(0, np.int64))
 
         done = _each(replica, request)
-        why = (
-            f"every site was followed: a share of {self.share:g} is fewer than {FEWEST} windows, from which the error "
-            "cannot be known"
-        )
+        why = f"every site was followed: a share of {self.share:g} is too few windows to know the error from"
         sites = np.array([one.sites for one in done])
         return AgedBonds(np.stack([one.bonds for one in done]), sites, **_joined(done, why))
 
