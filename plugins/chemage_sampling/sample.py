@@ -49,7 +49,7 @@ class Sample(AgeingMethod):
     """share of the sites that each replica counts, on average; above one half, every site costs no more"""
     window: int = Field(default=16, ge=1, le=4096)
     """side of a window, in sites"""
-    margin: int = Field(default=3, ge=0, le=64)
+    margin: int = Field(default=4, ge=0, le=64)
     """width of the margin around a window, in sites"""
 
     def check(self, chemistry: Chemistry, engine: Engine) -> None:
