@@ -16,6 +16,8 @@ from chemage.foundation.components import Component as Component
 from chemage.lattices.site_grid import ContactSites as ContactSites
 from chemage.contacts.solution import ContactSolution as ContactSolution
 from chemage.contacts.role import ContactSolver as ContactSolver
+from chemage.contacts.statistics import ContactStatistics as ContactStatistics
+from chemage.contacts.theories import ContactTheory as ContactTheory
 from chemage.foundation.errors import ConvergenceError as ConvergenceError
 from chemage.foundation.errors import DamagedError as DamagedError
 from chemage.foundation.units import EV_PER_GPA_NM3 as EV_PER_GPA_NM3
@@ -42,6 +44,7 @@ from chemage.sweeps.result import Point as Point
 from chemage.foundation.units import Pressure as Pressure
 from chemage.lattices.lattice import ReactionLattice as ReactionLattice
 from chemage.surfaces.reading import Reader as Reader
+from chemage.surfaces.measures import Roughness as Roughness
 from chemage.experiments.run import Run as Run
 from chemage.friction.role import Rupture as Rupture
 from chemage.friction.force import RuptureForce as RuptureForce
@@ -70,7 +73,9 @@ from chemage.foundation.checks import checked_states as checked_states
 from chemage.lattices.chemistry import chemistry as chemistry
 from chemage.reports.comparison.comparison import compare_files as compare_files
 from chemage.lattices.site_grid import contact_sites as contact_sites
+from chemage.lattices.statistics import contact_statistics as contact_statistics
 from chemage.foundation.units import convert as convert
+from chemage.lattices.statistics import coordination as coordination
 from chemage.ageing.fitting import fit_aging as fit_aging
 from chemage.foundation.checks import force as force
 from chemage.foundation.files import fresh_file as fresh_file
@@ -82,6 +87,7 @@ from chemage.experiments.scene_files import load_scene as load_scene
 from chemage.sweeps.result import load_sweep as load_sweep
 from chemage.surfaces.stage import make_surface as make_surface
 from chemage.foundation.messages import nearest as nearest
+from chemage.store.maps import open_maps as open_maps
 from chemage.experiments.scene_files import override as override
 from chemage.experiments.scene import parse_scene as parse_scene
 from chemage.plugins.settings import plugin_options as plugin_options
@@ -130,6 +136,8 @@ def surface(kind: Literal["sphere"], *, radius: float | str, pixels: int | Seque
 def contact(kind: Literal["fft-bem"], *, modulus: float | str, tolerance: float = ..., pressure_tolerance: float | None = ..., precision: Literal['single', 'double', 'mixed'] = ..., boundary: Literal['auto', 'periodic', 'free'] = ..., levels: int | None = ..., max_iterations: int = ..., on_failure: Literal['raise', 'return'] = ..., gap: bool = ..., thickness: float | str | None = ..., poisson_ratio: float | str = ..., fft: Literal['scipy', 'ducc0', 'pyfftw', 'mkl_fft'] = ..., threads: int | None = ...) -> ContactSolver: ...
 @overload
 def contact(kind: Literal["hertz"], *, modulus: float | str, gap: bool = ...) -> ContactSolver: ...
+@overload
+def contact(kind: Literal["persson"], *, modulus: float | str, kappa: float | None = ...) -> ContactSolver: ...
 
 @overload
 def barriers(kind: Literal["gaussian"], *, mean: float | str, std: float | str, lower: float | str | None = ..., upper: float | str | None = ...) -> Barriers: ...

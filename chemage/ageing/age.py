@@ -14,10 +14,11 @@ from chemage.ageing.aging import Aging
 from chemage.ageing.checkpoints import run_with_checkpoints
 from chemage.ageing.elasticity import compared
 from chemage.ageing.measuring import Seen, check_outputs, measure, stacked
-from chemage.ageing.methods import AgedBonds, AgeingMethod, AgeingRequest, check_method, left_out_plugins
+from chemage.ageing.methods import AgedBonds, AgeingMethod, AgeingRequest, check_contact, check_method, left_out_plugins
 from chemage.ageing.observables import Observable
 from chemage.ageing.seeds import Common, check_common, identity, origin, replica_seeds
 from chemage.contacts.solution import ContactSolution
+from chemage.contacts.statistics import ContactStatistics
 from chemage.foundation.checks import Seed, check_times, checked_count, checked_seed, expect, temperature_value
 from chemage.foundation.errors import InputError, PluginError
 from chemage.foundation.hashes import content_hash
@@ -37,7 +38,7 @@ from chemage.plugins.sources import approximations, components_in, providers
 
 
 def age(
-    contact: ContactSolution,
+    contact: ContactSolution | ContactStatistics,
     chemistry: Chemistry,
     *,
     engine: Engine,
@@ -87,6 +88,9 @@ def age(
         Another way to find the bonds, see :class:`chemage.AgeingMethod`; default: the kinetics of every site.
     """
     _check(contact, chemistry, engine, rupture, observe, common, replicas, seed, threads)
+    if method is not None:
+        expect("method", method, AgeingMethod, 'make one with chemage.ageing_method("...")')
+    check_contact("contact: it", isinstance(contact, ContactStatistics), method)
     times, kelvin = _check_run(hold_times, temperature, replicas, checkpoints, progress)
     request = AgeingRequest(
         contact,
@@ -109,6 +113,7 @@ def age(
 def _by_kinetics(request: AgeingRequest) -> Aging:
     """The result of the kinetics of every site, replica by replica."""
     contact, chemistry, engine = request.contact, request.chemistry, request.engine
+    assert isinstance(contact, ContactSolution)
     times, kelvin, seed, common = request.hold_times, request.temperature, request.seed, request.common
     rupture, observe, checkpoints = request.rupture, request.observe, request.checkpoints
     states = wants_states(engine, rupture, observe)
@@ -136,12 +141,16 @@ def _by_kinetics(request: AgeingRequest) -> Aging:
 
 def _provenance(request: AgeingRequest) -> dict[str, Any]:
     contact, chemistry, rupture, observe = request.contact, request.chemistry, request.rupture, request.observe
-    sites = chemistry.sites_of(contact)
+    if isinstance(contact, ContactSolution):
+        sites = chemistry.sites_of(contact)
+        grid = {} if sites.rule == "pixels" else {"sites": sites.describe(contact)}
+    else:
+        grid = {"sites": {"words": f"{chemistry.site_density} per nm² of contact, no grid"}}
     return {
         "chemistry": {name: value for name, value in chemistry.todict().items() if name not in chemistry.limits},
         "engine": request.engine.todict(),
         "contact": contact.provenance,
-        **({} if sites.rule == "pixels" else {"sites": sites.describe(contact)}),
+        **grid,
         **({} if rupture is None else {"rupture": rupture.todict()}),
         **({"observe": [one.todict() for one in observe]} if observe else {}),
     }
@@ -149,7 +158,6 @@ def _provenance(request: AgeingRequest) -> dict[str, Any]:
 
 def _by_method(method: AgeingMethod, request: AgeingRequest) -> Aging:
     """The result of a method, which must be of the whole contact and at the hold times that were asked for."""
-    expect("method", method, AgeingMethod, 'make one with chemage.ageing("...")')
     contact, chemistry = request.contact, request.chemistry
     check_method(method, chemistry, request.engine, request.rupture, request.observe)
     found = method.age(request)
@@ -281,7 +289,8 @@ def _check(
     seed: Any,
     threads: Any,
 ) -> None:
-    expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
+    if not isinstance(contact, ContactStatistics):
+        expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
     expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
     if rupture is not None:

@@ -14,6 +14,7 @@ import numpy as np
 from chemage.ageing.observables import Observable
 from chemage.ageing.seeds import Common, identity, replica_seeds
 from chemage.contacts.solution import ContactSolution
+from chemage.contacts.statistics import ContactStatistics
 from chemage.foundation.checks import Seed
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
@@ -32,7 +33,7 @@ _SITE_HOOKS = ("chemage_build_lattice", "chemage_run_kinetics", "chemage_rupture
 class AgeingRequest:
     """What a method of ageing receives: the validated arguments of :func:`chemage.age`."""
 
-    contact: ContactSolution
+    contact: ContactSolution | ContactStatistics
     chemistry: Chemistry
     engine: Engine
     #: (m,) s, non-decreasing
@@ -97,6 +98,8 @@ class AgeingMethod(Component, ABC):
     error_of: ClassVar[str] = "the mean number of bonds"
     #: gives the bonds of each replica, which has its own disorder and noise; False: the mean of infinitely many alone
     replicates: ClassVar[bool] = True
+    #: needs the map of the pressure; False: the statistics of the contact are enough
+    needs_map: ClassVar[bool] = True
     #: measures the observables of the request
     observes: ClassVar[bool] = False
     #: applies the rupture law of the request
@@ -133,8 +136,8 @@ class AgeingMethod(Component, ABC):
         return {}
 
 
-def ageing(kind: str, **options: Any) -> Any:
-    """A method of ageing: ``chemage.age(contact, chemistry, method=chemage.ageing("closure"), ...)``."""
+def ageing_method(kind: str, **options: Any) -> Any:
+    """A method of ageing: ``chemage.age(contact, chemistry, method=chemage.ageing_method("..."), ...)``."""
     return registry.current().make("ageing", kind, options)
 
 
@@ -165,6 +168,29 @@ def check_method(
             f"{rupture.kind!r} cannot be applied; use bond_force and front_factor of the chemistry, {remedy}"
         )
     method.check(chemistry, engine)
+
+
+def check_contact(contact: str, statistics: bool, method: AgeingMethod | None) -> None:
+    """Refuse the ageing of a contact of which ``statistics`` are all there is, unless they are enough.
+
+    Raises
+    ------
+    InputError
+        With the methods that are enough.
+    """
+    if not statistics or (method is not None and not method.needs_map):
+        return
+    plugins = registry.current()
+    enough = [repr(kind) for kind in plugins.kinds("ageing") if not _needs_map(plugins.component("ageing", kind))]
+    what = "the kinetics of every site have" if method is None else f"ageing {method.kind!r} has"
+    raise InputError(
+        f"{contact} gives statistics and no map of the pressure, so that {what} no sites; set the kind of [ageing] to "
+        f"{' or '.join(enough) or 'one that needs no map (none is installed)'}, or use a contact that is solved"
+    )
+
+
+def _needs_map(cls: Any) -> bool:
+    return cls.needs_map
 
 
 def left_out_plugins(method: AgeingMethod, took_part: Plugins) -> tuple[str, ...]:

@@ -14,6 +14,8 @@ from chemage.foundation.progress import progress_bars, reported
 
 if TYPE_CHECKING:
     from chemage.ageing.aging import Aging
+    from chemage.contacts.solution import ContactSolution
+    from chemage.contacts.statistics import ContactStatistics
     from chemage.experiments.run import Run
     from chemage.reports.comparison.comparison import Comparison
 
@@ -61,6 +63,10 @@ def plot(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="folder of the figures; default: FILE-figures")
     ] = None,
+    window: Annotated[
+        str | None,
+        typer.Option(metavar='"X0 X1 Y0 Y1"', help="draw this part of the maps alone, every pixel of it; nm, or units"),
+    ] = None,
     fmt: FormatOpt = "png",
     force: ForceOpt = False,
 ) -> None:
@@ -69,11 +75,25 @@ def plot(
     from chemage.reports import run_figures
     from chemage.store.results import read
 
+    if window is not None:
+        _plot_window(file, window, out, fmt, force)
+        return
     thing = read(file)
     if not isinstance(thing, Run):
         raise user_error(f"{file} holds one {type(thing).__name__}, not a run; `chemage run` makes files to plot")
     with progress_bars() as report, reported(report, "drawing"):
         pictures = run_figures.save(thing, out or file.with_name(f"{file.stem}-figures"), force=force, suffix=fmt)
+    for picture in pictures:
+        terminal.say(picture)
+
+
+def _plot_window(file: Path, window: str, out: Path | None, fmt: str, force: bool) -> None:
+    from chemage.reports.figures import save_figures
+    from chemage.reports.window_figure import window_figure
+
+    with progress_bars() as report, reported(report, "drawing"):
+        made = {"window": window_figure(file, window)}
+        pictures = save_figures(made, out or file.with_name(f"{file.stem}-figures"), force=force, suffix=fmt)
     for picture in pictures:
         terminal.say(picture)
 
@@ -84,12 +104,8 @@ def print_run(result: Run) -> None:
     from chemage.foundation.text import mean_text
 
     contact, aging, fit = result.contact, result.aging, result.fit()
-    (nx, ny), kind = contact.shape, result.scene["surface"]["kind"]
     rows: list[tuple[str, str]] = [
-        (
-            "surface",
-            f"{kind}, {nx} x {ny} pixels of {contact.pixel_size:g} nm, rms slope {contact.rms_slope:.4g}",
-        ),
+        ("surface", _surface(result)),
         (
             "contact",
             f"{result.scene['contact']['kind']}, load {contact.load:g} nN, E* {contact.modulus:g} GPa"
@@ -97,8 +113,7 @@ def print_run(result: Run) -> None:
         ),
         ("area fraction A/A0", f"{contact.area_fraction:.5f}"),
         ("kappa", f"{contact.kappa:.3f}"),
-        ("patches", f"{contact.patches}"),
-        ("perimeter to area C/A", f"{contact.perimeter_to_area:.4f} /nm"),
+        *_of_map(contact),
         ("mean contact pressure", f"{contact.mean_contact_pressure:.4g} GPa"),
     ]
     if aging is not None:
@@ -132,6 +147,28 @@ def print_run(result: Run) -> None:
     terminal.show_pairs(result.scene.get("title") or result.name, rows)
     for note in result.notes:
         terminal.say(f"note: {note}")
+
+
+def _surface(result: Run) -> str:
+    from chemage.contacts.statistics import ContactStatistics
+
+    contact, kind = result.contact, result.scene["surface"]["kind"]
+    if isinstance(contact, ContactStatistics):
+        return f"{kind}, {contact.nominal_area:.5g} nm² without a map, rms slope {contact.rms_slope:.4g}"
+    nx, ny = contact.shape
+    return f"{kind}, {nx} x {ny} pixels of {contact.pixel_size:g} nm, rms slope {contact.rms_slope:.4g}"
+
+
+def _of_map(contact: ContactSolution | ContactStatistics) -> list[tuple[str, str]]:
+    """The rows that need the map of the contact."""
+    from chemage.contacts.statistics import ContactStatistics
+
+    if isinstance(contact, ContactStatistics):
+        return [("patches, rim", "not known: the contact has no map")]
+    return [
+        ("patches", f"{contact.patches}"),
+        ("perimeter to area C/A", f"{contact.perimeter_to_area:.4f} /nm"),
+    ]
 
 
 def _kinetics(aging: Aging) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from chemage.contacts.theories import ContactTheory
 from chemage.experiments.cost import Cost
 from chemage.experiments.limits import check_limits, check_parts, duration, long_run
 from chemage.experiments.scene import Scene
@@ -77,6 +78,8 @@ def _cost(scene: Scene) -> Cost:
         error.add_note(f"in [surface] of scene {scene.name!r}")
         raise
     solve = scene.solver.expected(surface, scene.load)
+    if isinstance(scene.contact, ContactTheory):
+        return _without_map(scene, surface, solve)
     gap = solve.get("gap_bytes", 0.0)
     fraction, sites, replica = solve.get("area_fraction"), None, {}
     pixels = surface.get("nx", 0.0) * surface.get("ny", 0.0)
@@ -110,6 +113,20 @@ def _cost(scene: Scene) -> Cost:
     )
 
 
+def _without_map(scene: Scene, surface: Mapping[str, float], solve: Mapping[str, float]) -> Cost:
+    """The cost of a contact of which there is no map, and so no pixels."""
+    fraction, sites = solve.get("area_fraction"), None
+    area = surface.get("nx", 0.0) * surface.get("ny", 0.0) * surface.get("pixel_size", 0.0) ** 2
+    chemistry, found = scene.chemistry, {"cpu_seconds": 0.0, "bytes": 0.0}
+    if chemistry is not None and not isinstance(chemistry.site_density, str) and fraction is not None:
+        sites = fraction * area * chemistry.site_density * chemistry.hydroxylation
+    if scene.ages and scene.ageing is not None and scene.hold is not None:
+        found = scene.ageing.expected(0.0, {}, scene.hold.replicas)  # there is no site in memory
+    known = {name: value for name, value in surface.items() if name not in ("nx", "ny", "pixel_size")}
+    seconds = found.get("cpu_seconds")
+    return Cost(known, fraction, sites, solve.get("cpu_seconds"), seconds, solve.get("bytes"), found.get("bytes"), 0, 0)
+
+
 def _events(scene: Scene, surface: Mapping[str, float], fraction: float | None) -> float | None:
     """Events per site that a replica is expected to have, as far as it is known."""
     area = surface.get("nx", 0.0) * surface.get("ny", 0.0) * surface.get("pixel_size", 0.0) ** 2 * (fraction or 0.0)
@@ -135,10 +152,11 @@ def plan(scene: Scene) -> Plan:
         carrying = 1.0 if known.area_fraction is None else min(1.0, 2 * known.area_fraction)
         stored = (8 + 8 * carrying) * known.pixels + known.gap_bytes
         numbers |= {"nx": known.surface["nx"], "ny": known.surface["ny"], "file": stored}
-        if known.area_fraction is not None:
-            numbers["area_fraction"] = known.area_fraction
+    if known.pixels or isinstance(scene.contact, ContactTheory):
         if known.sites is not None:
             numbers["sites"] = known.sites
+        if known.area_fraction is not None:
+            numbers["area_fraction"] = known.area_fraction
     if known.contact_cpu_seconds is not None and known.kinetics_cpu_seconds is not None:
         numbers["cpu_seconds"] = known.contact_cpu_seconds + known.kinetics_cpu_seconds
     if known.contact_bytes is not None and known.replica_bytes is not None:
@@ -154,7 +172,8 @@ def _stages(scene: Scene, known: Mapping[str, float]) -> dict[str, str]:
     grid = f", {known['nx']:.0f} x {known['ny']:.0f} pixels" if "nx" in known and "ny" in known else ""
     stages = {
         "surface": f"{scene.surface.kind}{grid}, seed {scene.surface_seed}",
-        "contact": f"{scene.contact.kind} at {scene.load:g} nN",
+        "contact": f"{scene.contact.kind} at {scene.load:g} nN"
+        + (", a theory: statistics and no map" if isinstance(scene.contact, ContactTheory) else ""),
     }
     chemistry, hold, engine = scene.chemistry, scene.hold, scene.engine
     if chemistry is None or hold is None or engine is None:

@@ -19,6 +19,8 @@ from chemage.ageing.elasticity import elastic_measures, elastic_notes
 from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
+from chemage.contacts.statistics import ContactStatistics
+from chemage.contacts.theories import ContactTheory
 from chemage.experiments.estimate import cost
 from chemage.experiments.limits import LongRunWarning, check_limits, check_parts, long_run
 from chemage.experiments.provenance import versions
@@ -42,7 +44,7 @@ class Run:
     """A finished run. Everything needed to repeat it is in ``scene`` and ``versions``."""
 
     scene: dict[str, Any]
-    contact: ContactSolution
+    contact: ContactSolution | ContactStatistics
     surface: Surface | None = None
     aging: Aging | None = None
     #: wall seconds of each stage
@@ -110,11 +112,9 @@ class Run:
             **({"ageing": aging.method} if aging and aging.method else {}),
             "rupture": aging.rupture if aging else None,
             **contact.summary(),
-            "converged": contact.converged,
-            "residual": contact.residual,
-            "iterations": contact.iterations,
+            **_solve(contact),
             "notes": list(self.notes),
-            "sites": float(aging.sites.mean()) if aging else contact.sites.size,
+            "sites": float(aging.sites.mean()) if aging else _sites(contact),
             "site_grid": aging.site_grid if aging else None,
             "replicas": aging.replicas if aging else 0,
             "events": (None if aging.events is None else int(aging.events.sum())) if aging else 0,
@@ -155,7 +155,9 @@ class Run:
 
     def parts(self) -> dict[str, Record]:
         """The objects to store, by group name."""
-        found = {"surface": self.surface, "contact": self.contact, "aging": self.aging}
+        statistics = isinstance(self.contact, ContactStatistics)
+        contact = {"statistics" if statistics else "contact": self.contact}
+        found = {"surface": self.surface, **contact, "aging": self.aging}
         return {name: part for name, part in found.items() if part is not None}
 
     def attributes(self) -> dict[str, str]:
@@ -166,7 +168,8 @@ class Run:
     def from_parts(cls, parts: Mapping[str, Any], attributes: Mapping[str, Any]) -> Run:
         """The inverse of :meth:`parts` and :meth:`attributes`."""
         missing = [name for name in ("scene", "timings", "versions", "keys", "cite") if name not in attributes]
-        if missing or "contact" not in parts:
+        contact = parts.get("contact") or parts.get("statistics")
+        if missing or contact is None:
             raise StoreError(f"not a complete run: without {', '.join(missing) or 'a contact'}")
         try:
             fields = {name: json.loads(attributes[name]) for name in ("scene", "timings", "versions", "keys", "cite")}
@@ -175,11 +178,22 @@ class Run:
         if wrong := [name for name, value in fields.items() if not _is_sound(name, value)]:
             raise StoreError(f"not a complete run: damaged {', '.join(wrong)}")
         return cls(
-            contact=parts["contact"],
+            contact=contact,
             surface=parts.get("surface"),
             aging=parts.get("aging"),
             **{**fields, "cite": tuple(fields["cite"])},
         )
+
+
+def _solve(contact: ContactSolution | ContactStatistics) -> dict[str, Any]:
+    """How the contact was solved; nothing of that where it was not."""
+    if isinstance(contact, ContactStatistics):
+        return {"converged": True, "residual": 0.0, "iterations": 0}
+    return {"converged": contact.converged, "residual": contact.residual, "iterations": contact.iterations}
+
+
+def _sites(contact: ContactSolution | ContactStatistics) -> float | None:
+    return None if isinstance(contact, ContactStatistics) else contact.sites.size
 
 
 def bond_errors(aging: Aging | None) -> dict[str, Any]:
@@ -215,7 +229,7 @@ def run(
     progress: Progress | None = None,
     threads: int | None = None,
     surface: Surface | None = None,
-    contact: ContactSolution | None = None,
+    contact: ContactSolution | ContactStatistics | None = None,
     checkpoints: Path | None = None,
 ) -> Run:
     """Run a scene end to end: every stage that it contains.
@@ -237,7 +251,7 @@ def _run(
     progress: Progress | None,
     threads: int | None,
     surface: Surface | None,
-    contact: ContactSolution | None,
+    contact: ContactSolution | ContactStatistics | None,
     checkpoints: Path | None,
 ) -> Run:
     known = cost(scene)
@@ -247,6 +261,9 @@ def _run(
         warnings.warn(message, LongRunWarning, stacklevel=3)
     report = progress or (lambda stage, done, total: None)
     timings: dict[str, float] = {}
+    if contact is None and isinstance(scene.contact, ContactTheory):
+        with _timed("contact", scene, timings, report):
+            contact = scene.contact.statistics(surface or scene.surface, scene.load, scene.surface_seed)
     if contact is None:
         if surface is None:
             with _timed("surface", scene, timings, report):
@@ -262,7 +279,7 @@ def _run(
     return Run(scene.todict(), contact, surface, aging, timings, took_part, keys, tuple(scene.cite()))
 
 
-def aged(scene: Scene, contact: ContactSolution, **changes: Any) -> Aging | None:
+def aged(scene: Scene, contact: ContactSolution | ContactStatistics, **changes: Any) -> Aging | None:
     """The ageing of ``scene`` on ``contact``, with ``changes`` to the arguments of :func:`chemage.age`; None if the
     scene stops at the contact."""
     if not scene.ages:
@@ -284,7 +301,7 @@ def aged(scene: Scene, contact: ContactSolution, **changes: Any) -> Aging | None
         return age(contact, scene.chemistry, **(arguments | changes))
 
 
-def run_keys(scene: Scene, contact: ContactSolution, aging: Aging | None) -> dict[str, str]:
+def run_keys(scene: Scene, contact: ContactSolution | ContactStatistics, aging: Aging | None) -> dict[str, str]:
     """The keys of the stages of a finished run, in which the plugins that took part enter."""
     made = contact.provenance.get("surface")
     plugins = {"surface": made.get("plugins", {}) if isinstance(made, Mapping) else {}, "contact": contact.plugins}

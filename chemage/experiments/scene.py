@@ -27,10 +27,11 @@ from chemage.ageing.age import wants_states
 from chemage.ageing.fitting import FIT_WINDOW
 from chemage.ageing.hold_times import hold_times
 from chemage.ageing.measuring import check_outputs
-from chemage.ageing.methods import AgeingMethod, check_method
+from chemage.ageing.methods import AgeingMethod, check_contact, check_method
 from chemage.ageing.observables import Observable
 from chemage.ageing.seeds import Common
 from chemage.contacts.role import ContactSolver
+from chemage.contacts.theories import ContactTheory
 from chemage.foundation.booleans import no_booleans
 from chemage.foundation.checks import check_times, force
 from chemage.foundation.components import Component
@@ -168,7 +169,7 @@ class Scene(_Section):
     @property
     def site_grids(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
         """Pixels and sites along the sides of the surface; None without ageing, and where they are not known before."""
-        if self.chemistry is None or not self.ages:
+        if self.chemistry is None or not self.ages or isinstance(self.contact, ContactTheory):
             return None
         try:
             known = self.surface.expected()
@@ -405,7 +406,7 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
         except PluginError as error:
             problems.append(("observe", str(error)))
     if engine is not None and chemistry is not None and not problems:
-        _check_ageing(made.get("ageing"), chemistry, engine, made.get("rupture"), observe, problems)
+        _check_ageing(made, chemistry, engine, observe, problems)
     if not problems:
         try:
             return Scene(
@@ -431,14 +432,15 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
 
 
 def _check_ageing(
-    method: AgeingMethod | None,
+    made: Mapping[str, Any],
     chemistry: Chemistry,
     engine: Engine,
-    rupture: Rupture | None,
     observe: Sequence[Observable],
     problems: _Problems,
 ) -> None:
+    method, rupture, contact = made.get("ageing"), made.get("rupture"), made["contact"]
     try:
+        check_contact(f"contact {contact.kind!r}", isinstance(contact, ContactTheory), method)
         if method is None:
             wants_states(engine, rupture, observe)
         else:

@@ -24,6 +24,7 @@ from chemage.ageing.aging import Aging
 from chemage.ageing.paired import paired_difference
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
+from chemage.contacts.theories import ContactTheory, no_map
 from chemage.experiments.extrapolation import vanishing_pixels
 from chemage.experiments.run import aged
 from chemage.experiments.scene import Scene
@@ -135,6 +136,8 @@ class _Measurement:
         self.found = Tradeoff(scene.name)
 
     def run(self) -> Tradeoff:
+        if isinstance(self.scene.contact, ContactTheory):
+            raise InputError(no_map(self.scene.contact, "there is no pressure whose error could be measured"))
         self.report(f"the scene as it is, to compile; then {planned(self.scene)}")
         surface = make_surface(self.scene.surface, self.scene.surface_seed)
         contact = solve_contact(self.scene.contact, surface, self.scene.load)

@@ -9,13 +9,15 @@ NAMES = {
     "ageing.fitting": "FIT_WINDOW Fit fit_aging",
     "ageing.hold_times": "hold_times",
     "ageing.measurements": "Measurements read_measurements",
-    "ageing.methods": "AgedBonds AgeingMethod AgeingRequest ageing",
+    "ageing.methods": "AgedBonds AgeingMethod AgeingRequest ageing_method",
     "ageing.observables": "Observable observable",
     "ageing.outputs": "Output",
     "ageing.plotted": "Maps Observed PlottedResult",
     "contacts.patches": "label_patches",
     "contacts.role": "ContactSolver",
     "contacts.solution": "ContactSolution",
+    "contacts.statistics": "ContactStatistics",
+    "contacts.theories": "ContactTheory",
     "contacts.stage": "contact solve_contact",
     "experiments.provenance": "versions",
     "experiments.run": "Run run",
@@ -40,6 +42,7 @@ NAMES = {
     "lattices.lattice": "ReactionLattice",
     "lattices.role": "Barriers Interaction",
     "lattices.site_grid": "ContactSites contact_sites",
+    "lattices.statistics": "contact_statistics coordination",
     "lattices.stage": "barriers build_lattice interaction",
     "plugins.choices": "Choice",
     "plugins.hooks": "hookimpl",
@@ -48,7 +51,9 @@ NAMES = {
     "plugins.settings": "plugin_options prefer_plugins",
     "reports.comparison.comparison": "compare_files",
     "reports.page": "write_report",
+    "store.maps": "open_maps",
     "store.results": "read write",
+    "surfaces.measures": "Roughness",
     "surfaces.reading": "Reader reader_for",
     "surfaces.role": "SurfaceMaker",
     "surfaces.scatter": "Scatter",
@@ -59,6 +64,8 @@ NAMES = {
 }
 #: public name -> the module it is in
 HOME = {name: module for module, names in NAMES.items() for name in names.split()}
+#: role -> the function that makes a component of it, where a module has the name of the role
+FACTORIES = {"ageing": "ageing_method"}
 #: public modules -> their full name
 MODULES = {
     "options": "cli.options",

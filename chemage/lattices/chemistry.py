@@ -19,7 +19,8 @@ from chemage.lattices.role import Barriers, Interaction
 from chemage.lattices.site_grid import ContactSites, Density, contact_sites
 from chemage.plugins.choices import Choice
 
-#: sites per nm²: hydroxyl groups of amorphous silica, Zhuravlev, Colloids Surf. A 173, 1 (2000)
+#: sites per nm²: hydroxyl groups of fully hydroxylated amorphous silica, the arithmetic mean of Zhuravlev, Colloids
+#: Surf. A 173, 1 (2000); least squares give 4.6 there
 SITE_DENSITY = 4.9
 
 

@@ -26,11 +26,13 @@ BYTES_PER_SITE = 40.0
 #: A contact of "loaded" pixels reaches this many pixels beyond the rim, (π − 1 + ln 2)/24 · 4/π of Yastrebov, Anciaux &
 #: Molinari, J. Mech. Phys. Solids 107, 469 (2017), as the outline of pixels is 4/π times as long as the rim, ...
 REACH = (math.pi - 1 + math.log(2)) / 24 * 4 / math.pi
-#: ... and the rim reconstructed from such a contact reaches this many pixels beyond the true one (measured on spheres,
-#: see docs/model.md); without the gap this many, with pixels in contact if their centres are, and both.
-BEYOND, BEYOND_WITHOUT_GAP, BEYOND_CENTRES, BEYOND_CENTRES_WITHOUT_GAP = 0.04, 0.04, 0.0, -0.11
-#: how fast the share of a site in contact falls with the distance of the rim, per spacing, averaged over directions
-FALL = 1.13
+#: ... and the rim reconstructed from such a contact reaches this many pixels further; without the gap this many. Then
+#: both for pixels in contact if their centres are. Measured by tests/benchmarks/site_constants.py, on rough surfaces
+#: (the first two) and on spheres, with a scatter of 0.01, 0.01, 0.01 and 0.03.
+BEYOND, BEYOND_WITHOUT_GAP, BEYOND_CENTRES, BEYOND_CENTRES_WITHOUT_GAP = 0.04, 0.02, 0.0, -0.10
+#: how fast the share of a site in contact falls as the rim moves, per spacing, where half of it is: the length of the
+#: rim in the site, 1/max(|cos|, |sin|) of its direction, averaged over directions
+FALL = 4 / math.pi * math.log(1 + math.sqrt(2))
 #: passes in which the rim and its normal are found
 PASSES = 2
 
@@ -135,10 +137,11 @@ def contact_sites(contact: ContactSolution, density: Density) -> ContactSites:
     both grids are the same, the pressures are those of the pixels. Where sites are larger, each has the mean pressure
     of the pixels in its square, and is in contact where about half of the square is. Where they are smaller, pressure
     and rim are reconstructed between the pixels: with the distance d from the rim the pressure inside is proportional
-    to √d, the gap outside to d^(3/2) (K. L. Johnson, Contact Mechanics, ch. 5), so that the square of the pressure and
-    the gap to the power ⅔, both on one scale, are a function that is smooth across the rim. It is interpolated by cubic
-    convolution. The load on every neighbourhood of pixels and the whole load are kept. In either case the sites in
-    contact are an estimate of the pixels that would be in contact on a grid of one pixel per site.
+    to √d, the gap outside to d^(3/2) (as in the contact of Hertz, K. L. Johnson, Contact Mechanics, eqs. 3.39 and
+    3.42, expanded at its rim), so that the square of the pressure and the gap to the power ⅔, both on one scale, are a
+    function that is smooth across the rim. It is interpolated by cubic convolution. The load on every neighbourhood of
+    pixels and the whole load are kept. In either case the sites in contact are an estimate of the pixels that would be
+    in contact on a grid of one pixel per site.
 
     Results are kept as long as the contact is, because replicas share them.
     """
@@ -208,6 +211,7 @@ def _reconstructed(contact: ContactSolution, shape: tuple[int, int], spacing: fl
     else:
         shift = (BEYOND if contact.gap is not None else BEYOND_WITHOUT_GAP) - REACH * sizes
     most = kernels.most_sites(place, inside, grid, shape, periodic)
+    require(16.0 * most, f"{most:.3g} places for sites in and around the contact", "use a smaller site_density")
     sites, values = np.empty(most, np.int64), np.empty(most)
     count = kernels.place_sites(place, inside, level, grid, shape, periodic, shift, sites, values)
     if not count:  # the contact is smaller than the distance of sites

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 from pydantic import BeforeValidator, SerializeAsAny
 
 from chemage.foundation.errors import ChemageError
+from chemage.foundation.names import FACTORIES
 from chemage.plugins.registry import current
 
 _T = TypeVar("_T")
@@ -39,6 +40,6 @@ def _chosen(role: Any, value: Any) -> Any:
     except ChemageError as error:
         raise ValueError(str(error)) from None
     if not isinstance(value, role):
-        made = f'chemage.{role.role}("...")' if role.role != "reader" else "a reader"
+        made = f'chemage.{FACTORIES.get(role.role, role.role)}("...")' if role.role != "reader" else "a reader"
         raise ValueError(f"expected a component made with {made}, its kind, or a table with kind and options")
     return value

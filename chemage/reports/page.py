@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 from chemage.ageing.aging import Aging
 from chemage.ageing.elasticity import elastic_notes
 from chemage.contacts.solution import ContactSolution
+from chemage.contacts.statistics import ContactStatistics
 from chemage.experiments.run import Run
 from chemage.foundation.errors import InputError
 from chemage.foundation.files import fresh_file, preflight
@@ -215,7 +216,9 @@ def _result(one: Entry, key: str, name: str) -> tuple[Section, list[str]]:
     assert one.whole is not None
     thing = one.whole()
     run = thing if isinstance(thing, Run) else None
-    contact = run.contact if run is not None else (thing if isinstance(thing, ContactSolution) else None)
+    contact = (
+        run.contact if run is not None else (thing if isinstance(thing, ContactSolution | ContactStatistics) else None)
+    )
     alone = Comparison([one])
     rows = [(label, texts[0]) for label, texts in alone.table()]
     notes = [f"approximate: {one.approximate}"] if one.approximate else []
@@ -239,9 +242,9 @@ def _result(one: Entry, key: str, name: str) -> tuple[Section, list[str]]:
     return Section(key, name, parts=parts), list(run.cite) if run is not None else []
 
 
-def _notes(run: Run | None, contact: ContactSolution | None) -> list[str]:
+def _notes(run: Run | None, contact: ContactSolution | ContactStatistics | None) -> list[str]:
     notes = list(run.notes if run is not None else contact.notes if contact is not None else ())
-    if contact is not None and not contact.converged:
+    if isinstance(contact, ContactSolution) and not contact.converged:
         notes.insert(0, f"The contact did NOT converge: residual {contact.residual:.3g}.")
     return notes
 
@@ -285,6 +288,8 @@ def _provenance(one: Entry, thing: Any) -> Table:
 
 def _solver(run: Run) -> str:
     contact = run.contact
+    if isinstance(contact, ContactStatistics):
+        return f"{run.scene['contact']['kind']}, a theory: nothing is solved"
     state = "converged" if contact.converged else "NOT CONVERGED"
     return f"{run.scene['contact']['kind']}, {state}, residual {contact.residual:.3g}, {contact.iterations} iterations"
 

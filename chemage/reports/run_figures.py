@@ -9,6 +9,7 @@ import numpy as np
 
 from chemage.ageing.plotted import Maps, PlottedResult
 from chemage.contacts.solution import ContactSolution
+from chemage.contacts.statistics import ContactStatistics
 from chemage.experiments.run import Run
 from chemage.experiments.sections import components_of
 from chemage.reports.figures import BLUE, GREEN, GREY, ORANGE, blank, draw_map, panels, pooled, save_figures
@@ -46,12 +47,14 @@ def pressure_figure(contact: ContactSolution) -> Figure:
     return figure
 
 
-def map_figures(contact: ContactSolution, surface: Surface | None = None) -> dict[str, Figure]:
+def map_figures(contact: ContactSolution | ContactStatistics, surface: Surface | None = None) -> dict[str, Figure]:
     """Draw each map as a figure for narrow pages: ``heights``, ``pressure``, ``patch`` (around the largest one)."""
     made = {}
     if surface is not None:
         made["heights"], axes = blank(4.9, 3.9)
         _draw_heights(axes, surface)
+    if isinstance(contact, ContactStatistics):
+        return made
     made["pressure"], axes = blank(4.9, 3.9)
     _draw_pressure(axes, contact)
     if contact.patches:
@@ -86,7 +89,9 @@ def _draw_largest_patch(axes: Axes, contact: ContactSolution) -> None:
     part = contact.pressure[x0:x1, y0:y1]
     extent = (x0 * a, x1 * a, y0 * a, y1 * a)
     draw_map(axes, np.ma.masked_equal(part, 0.0), extent, "pressure (GPa)", **_pressure_style(contact))
-    axes.add_collection(_outlines(part > 0, x0, y0, a))
+    # thinner where pixels are small, so that outlines leave the pressure to be seen
+    width = min(0.8, 160 / max(part.shape))
+    axes.add_collection(_outlines(part > 0, x0, y0, a, width))
     axes.set_title("around the largest patch" if contact.patches else "no contact")
 
 
@@ -94,7 +99,7 @@ def _count(number: int, one: str, many: str) -> str:
     return f"{number} {one if number == 1 else many}"
 
 
-def _outlines(contact: np.ndarray, x0: int, y0: int, pixel: float) -> Any:
+def _outlines(contact: np.ndarray, x0: int, y0: int, pixel: float, width: float) -> Any:
     """The pixel edges between contact and gap in a (nx, ny) map whose corner is pixel (x0, y0)."""
     from matplotlib.collections import LineCollection
 
@@ -103,7 +108,7 @@ def _outlines(contact: np.ndarray, x0: int, y0: int, pixel: float) -> Any:
     i, j = np.nonzero(np.diff(contact, axis=1))
     level = np.stack([np.stack([i, j + 1], -1), np.stack([i + 1, j + 1], -1)], 1)
     edges = (np.concatenate([upright, level]) + np.array([x0, y0])) * pixel
-    return LineCollection(list(edges), colors=GREEN, linewidths=0.8, capstyle="round")
+    return LineCollection(list(edges), colors=GREEN, linewidths=width, capstyle="round")
 
 
 def _around_largest_patch(contact: ContactSolution) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -176,7 +181,7 @@ def brought_figures(run: Run) -> dict[str, Brought]:
     """Draw the figures that plugins bring to a run: name -> figure and caption."""
     aging = run.aging
     chemistry = chemistry_of(aging.provenance) if aging is not None else None
-    maps = Maps(run.contact, run.surface)
+    maps = Maps(run.contact if isinstance(run.contact, ContactSolution) else None, run.surface)
     label = f"{run.name} (approximate)" if run.approximate else run.name
     result = PlottedResult(label, aging, chemistry, BLUE, scene=run.scene, load_maps=lambda: maps)
     return plugin_figures([Source(result, components_of(run.scene, aging), run.plugins)])
@@ -186,7 +191,7 @@ def figures(run: Run) -> dict[str, Figure]:
     """Draw every figure for which the run has data: name -> figure."""
     made = {
         "surface": surface_figure(run.surface) if run.surface is not None else None,
-        "pressure": pressure_figure(run.contact),
+        "pressure": pressure_figure(run.contact) if isinstance(run.contact, ContactSolution) else None,
         **{name: brought.figure for name, brought in brought_figures(run).items()},
         "friction": friction_figure(run),
     }

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from chemage.foundation.errors import PluginError
-from chemage.foundation.names import HOME, MODULES
+from chemage.foundation.names import FACTORIES, HOME, MODULES
 from chemage.plugins import registry
 
 _HEAD = """# Made by `chemage plugins stubs`; do not edit.
@@ -29,15 +29,15 @@ def stub_text(distribution: str | None = None) -> str:
     type checker; use its class, or make a stub of your own.
     """
     plugins = registry.current()
-    factories = [role for role in plugins.roles if role in HOME]
+    factories = {role: name for role in plugins.roles if (name := FACTORIES.get(role, role)) in HOME}
     lines = [_HEAD]
-    for name in sorted({*HOME, "__version__"} - set(factories)):
+    for name in sorted({*HOME, "__version__"} - set(factories.values())):
         home = "foundation.version" if name == "__version__" else HOME[name]
         lines.append(f"from chemage.{home} import {name} as {name}\n")
     for name, module in sorted(MODULES.items()):
         package, _, last = module.rpartition(".")
         lines.append(f"from chemage{'.' * bool(package)}{package} import {last} as {name}\n")
-    for role in factories:
+    for role, factory in factories.items():
         base = plugins.role(role).__name__
         kinds = [kind for kind in plugins.kinds(role) if _is_of(distribution, role, kind)]
         for kind in kinds:
@@ -47,7 +47,7 @@ def stub_text(distribution: str | None = None) -> str:
                 warnings.warn(f"not in the stubs: {error}", registry.PluginWarning, stacklevel=2)
                 continue
             arguments = f", *, {', '.join(options)}" if options else ""
-            lines.append(f'\n@overload\ndef {role}(kind: Literal["{kind}"]{arguments}) -> {base}: ...')
+            lines.append(f'\n@overload\ndef {factory}(kind: Literal["{kind}"]{arguments}) -> {base}: ...')
         if len(kinds) == 1:  # one overload is none
             lines[-1] = lines[-1].replace("@overload\n", "")
         lines.append("\n")

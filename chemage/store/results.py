@@ -12,6 +12,7 @@ from typing import Any
 
 from chemage.ageing.aging import Aging
 from chemage.contacts.solution import ContactSolution
+from chemage.contacts.statistics import ContactStatistics
 from chemage.experiments.run import Run
 from chemage.foundation.codec import is_ours, read_records, write_records
 from chemage.foundation.errors import InputError, StoreError
@@ -25,6 +26,7 @@ from chemage.surfaces.surface import Surface
 GROUPS: dict[str, type[Record]] = {
     "surface": Surface,
     "contact": ContactSolution,
+    "statistics": ContactStatistics,
     "lattice": ReactionLattice,
     "history": BondHistory,
     "aging": Aging,

@@ -8,6 +8,7 @@ from typing import ClassVar, Self
 
 from chemage.foundation.checks import Seed
 from chemage.foundation.components import Component
+from chemage.surfaces.measures import Roughness
 from chemage.surfaces.scatter import Scatter
 from chemage.surfaces.surface import Surface
 
@@ -27,6 +28,13 @@ class SurfaceMaker(Component, ABC):
         ``rms_slope``, ``shortest_wavelength`` (nm), ``radius`` (of a sphere, nm), ``periodic`` (1 or 0).
         Used by ``chemage check``."""
         return {}
+
+    def roughness(self, seed: Seed = 0) -> Roughness:
+        """The roughness of the surface of ``seed``, for theories that need no heights.
+
+        Here the surface is made and measured; override it where the roughness is known without.
+        """
+        return Roughness.of(self.make(seed))
 
     def scatter(self, contact: Mapping[str, float]) -> Scatter | None:
         """How much β differs between surfaces of other seeds, of which one has a ``contact`` with these measures

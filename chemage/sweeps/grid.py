@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from chemage.contacts.theories import ContactTheory, no_map
 from chemage.experiments.estimate import cost
 from chemage.experiments.limits import check_limits
 from chemage.experiments.scene import REQUIRED, SECTIONS, Scene, parse_scene
@@ -308,6 +309,8 @@ def shown(value: Any) -> str:
 
 
 def _add(result: Survey, point: int, scene: Scene, known: dict[str, int]) -> None:
+    if isinstance(scene.contact, ContactTheory):
+        raise InputError(no_map(scene.contact, "a sweep has no contact to store; run each scene by itself"))
     keys, costs = scene.task_keys(), cost(scene)
     result.classes |= registered_classes(scene.components())
     check_limits(scene, costs)

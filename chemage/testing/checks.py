@@ -71,7 +71,7 @@ class Check(NamedTuple):
         return tuple(name for name in getattr(self.function, "needs", ()) if self.inputs.get(name) is None)
 
     def __call__(self, component: Component) -> None:
-        if self.missing:
+        if self.missing or isinstance(component, getattr(self.function, "unless", ())):
             return
         name = f"{component.role} {component.kind!r}"
         try:
@@ -116,14 +116,17 @@ def _strict_warnings() -> Iterator[None]:
 CHECKS: dict[str, list[Callable[..., None]]] = {}
 
 
-def check_of(role: str, needs: tuple[str, ...] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def check_of(
+    role: str, needs: tuple[str, ...] = (), unless: tuple[type, ...] = ()
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Declare a function as a check of ``role``, or of every component if ``role`` is empty.
 
-    ``needs`` are inputs without which there is nothing to check.
+    ``needs`` are inputs without which there is nothing to check; components of the classes ``unless`` are not checked.
     """
 
     def mark(function: Callable[..., None]) -> Callable[..., None]:
         function.needs = needs  # pyright: ignore[reportFunctionMemberAccess]
+        function.unless = unless  # pyright: ignore[reportFunctionMemberAccess]
         CHECKS.setdefault(role, []).append(function)
         return function
 

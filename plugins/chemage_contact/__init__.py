@@ -1,4 +1,4 @@
-"""Contact solvers: ``fft-bem`` (any surface) and ``hertz`` (the closed form of a sphere)."""
+"""Contacts: ``fft-bem`` (any surface), ``hertz`` (the closed form of a sphere), ``persson`` (theory without a map)."""
 
 from __future__ import annotations
 
@@ -9,15 +9,22 @@ from chemage import hookimpl
 if TYPE_CHECKING:
     from chemage_contact.fft_bem import FFTBEM as FFTBEM
     from chemage_contact.hertz import Hertz as Hertz
+    from chemage_contact.persson import Persson as Persson
 
-_HOME = {"FFTBEM": "fft_bem", "Hertz": "hertz"}
+_HOME = {"FFTBEM": "fft_bem", "Hertz": "hertz", "Persson": "persson"}
 
-__all__ = ["FFTBEM", "Hertz"]
+__all__ = ["FFTBEM", "Hertz", "Persson"]
 
 
 @hookimpl
 def chemage_register() -> dict[str, dict[str, str]]:
-    return {"contact": {"fft-bem": "chemage_contact.fft_bem:FFTBEM", "hertz": "chemage_contact.hertz:Hertz"}}
+    return {
+        "contact": {
+            "fft-bem": "chemage_contact.fft_bem:FFTBEM",
+            "hertz": "chemage_contact.hertz:Hertz",
+            "persson": "chemage_contact.persson:Persson",
+        }
+    }
 
 
 def __getattr__(name: str) -> Any:

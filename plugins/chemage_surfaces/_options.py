@@ -11,8 +11,8 @@ from pydantic import BeforeValidator
 import chemage
 from chemage import Seed, SurfaceMaker
 
-#: pixels of the largest grid; its heights alone take 128 GiB
-MOST_PIXELS = 2**34
+#: pixels of the largest grid: no machine holds its heights, but theories of contact need none
+MOST_PIXELS = 2**43
 
 
 def _count(side: Any) -> int:

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage import Length, Scatter, Seed, Surface, SurfaceMaker, Unit, checked_seed
+from chemage import Length, Roughness, Scatter, Seed, Surface, SurfaceMaker, Unit, checked_seed
 from chemage.foundation.memory import require
 from chemage.foundation.threads import available
 from chemage_surfaces._options import Pixels, provenance
@@ -76,6 +76,24 @@ class SelfAffine(SurfaceMaker):
         }
         return known if self.rms_slope is None else {**known, "rms_slope": self.rms_slope}
 
+    def roughness(self, seed: Seed = 0) -> Roughness:
+        """The rms slope and height of the spectrum, without any heights, so that the surface may have any size.
+
+        One of the two is an option, which every surface has exactly; the other is the mean over surfaces, in the limit
+        of many waves.
+        """
+        nx, ny = self.pixels
+        longest = max(nx, ny) * self.pixel_size
+        ratio = 2 * np.pi / longest * np.sqrt(_moment(self, 3.0) / _moment(self, 1.0))
+        slope = self.rms_slope if self.rms_slope is not None else (self.rms_height or 0.0) * ratio
+        height = self.rms_height if self.rms_height is not None else slope / ratio
+        return Roughness(
+            rms_slope=slope,
+            rms_height=height,
+            nominal_area=nx * ny * self.pixel_size**2,
+            provenance=provenance(self, seed),
+        )
+
     def scatter(self, contact: Mapping[str, float]) -> Scatter:
         """Standard deviation of β over its mean between seeds, 0.16 N_p^(−1/2) (A/A0)^(−1/4), from the patches N_p and
         the area fraction of one of them.
@@ -130,3 +148,16 @@ class SelfAffine(SurfaceMaker):
         )
         heights.setflags(write=False)
         return Surface(heights=heights, pixel_size=self.pixel_size, periodic=True, provenance=provenance(self, seed))
+
+
+def _moment(maker: SelfAffine, power: float) -> float:
+    """∫ q^power C(q) dq between the cut-offs, q in units of q_L and C = 1 on the plateau."""
+    plateau = (maker.eta ** (power + 1) - 1) / (power + 1)
+    decay = power - 2 - 2 * maker.hurst
+    if abs(decay + 1) < 1e-9:
+        tail = np.log(maker.zeta / maker.eta)
+    else:
+        tail = (maker.zeta ** (decay + 1) - maker.eta ** (decay + 1)) / (decay + 1)
+    found = plateau + maker.eta ** (2 + 2 * maker.hurst) * tail
+    # a spectrum of one wavenumber
+    return float(found) if found > 0 else 1.0

@@ -253,6 +253,7 @@ def test_two_observables_of_one_name_are_refused(contact):
         age(contact, observe=[Watch(), Watch()])
 
 
+@pytest.mark.long
 def test_classes_that_are_not_packaged_are_named_from_many_threads(contact):
     """Reading a source is not safe in two threads at once (Python 3.11)."""
     for _ in range(20):

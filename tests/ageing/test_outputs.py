@@ -294,7 +294,7 @@ def test_show_and_json_have_them(two, command):
     assert "array, hold_times 8" in command("show", "aging.h5").out
 
 
-def test_compare_and_report_have_rows_of_them(two):
+def test_compare_has_rows_of_them(two):
     made = compare_files(["a.h5", "b.h5"])
     rows = dict(made.table())
     assert rows["bond_share"][1] == "-"
@@ -309,6 +309,10 @@ def test_compare_and_report_have_rows_of_them(two):
     assert float(lines[0]["observable.bond_energy at last (eV)"]) == pytest.approx(energy)
     assert "observable.bond_energy_half_width at last (eV)" in lines[0]
     assert lines[1]["observable.bond_share"] == ""
+
+
+@pytest.mark.long
+def test_a_report_has_rows_of_them(two):
     text = page.html(["a.h5"])
     assert "bond_energy at the last hold time" in text
     assert "bond_share" in text

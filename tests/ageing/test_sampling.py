@@ -7,8 +7,8 @@ import pytest
 
 import chemage
 from chemage import fromdict
-from chemage_sampling._independent import Independent
-from chemage_sampling._windows import Windows, square_of
+from chemage_ageing._independent import grouped_bonds
+from chemage_ageing._windows import Windows, square_of
 
 TIMES = [1e-3, 1.0, 1e3]
 
@@ -174,12 +174,12 @@ def test_independent_sites_follow_the_closed_form():
         hydroxylation=0.5,
     )
     times, pressure = np.array([0.0, 1e-2, 1.0, 1e6]), np.array([0.0, 2.0, 4.0])
-    found = Independent.of(silica, 4.0, times, 300.0).bonds(pressure, np.array([0, 1, 1]), 2)
+    found = grouped_bonds(silica, 300.0, times, pressure, np.array([0, 1, 1]), 2)
     lowered = 0.0064 * chemage.EV_PER_GPA_NM3 * pressure
     form, broken = (1e13 * np.exp(-energy / (chemage.KB * 300.0)) for energy in (0.7 - lowered, 0.75))
     share = 0.5 * form / (form + broken) * -np.expm1(-(form + broken) * times[:, None])
     expected = np.stack([share[:, 0], share[:, 1] + share[:, 2]])
-    assert np.allclose(found, expected, rtol=1e-5, atol=1e-12)
+    assert np.allclose(found, expected, rtol=2e-4, atol=1e-12)  # what is said of the quadrature
 
 
 def test_an_engine_that_gives_no_states_is_refused(monkeypatch):

@@ -37,6 +37,7 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ],
     ("contact", "fft-bem"): [{"modulus": "35.3 GPa"}, {"modulus": 35.3, "tolerance": 1e-7, "gap": True}],
     ("contact", "hertz"): [{"modulus": "35.3 GPa"}],
+    ("contact", "persson"): [{"modulus": "35.3 GPa"}, {"modulus": 35.3, "kappa": 2.1}],
     ("barriers", "gaussian"): [
         {"mean": "1.1 eV", "std": "0.02 eV"},
         {"mean": 1.1, "std": 0.1, "lower": 1.0, "upper": 1.15},
@@ -54,6 +55,8 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ("engine", "next-reaction"): [{}],
     ("engine", "independent"): [{}],
     ("engine", "auto"): [{}],
+    ("ageing", "closure"): [{}],
+    ("ageing", "sample"): [{"share": 0.3, "window": 4}],
     ("rupture", "mean-force"): [{}, {"bond_force": "100 pN", "front_factor": 0.15}],
     ("observable", "barrier-spectrum"): [{}, {"lower": "0.9 eV", "upper": 1.2, "bins": 7}],
     ("observable", "pressure-spectrum"): [{}, {"upper": "1 GPa", "bins": 7}],
@@ -69,6 +72,30 @@ INPUTS: dict[tuple[str, str], dict[str, Any]] = {
 
 #: (role, kind, check) -> why it cannot hold
 EXPECTED_FAILURES: dict[tuple[str, str, str], str] = {}
+
+
+#: checks that take longest, of engines other than the default; `auto` runs one of the others
+LONGEST = {
+    "going_on_keeps_the_rates",
+    "barrierless_is_the_attempt_frequency",
+    "one_site_is_the_closed_form",
+    "rates_follow_the_temperature",
+}
+OTHERS = {
+    "coupled_sites_are_refused_or_right",
+    "barriers_end_at_zero",
+    "sites_keep_their_own_rates",
+    "rates_follow_the_attempt_frequency",
+    "empty_slots_are_skipped",
+    "start_is_taken",
+}
+SLOW = {
+    "rejection-free": set(),
+    "bkl": LONGEST,
+    "next-reaction": LONGEST,
+    "independent": LONGEST,
+    "auto": LONGEST | OTHERS,
+}
 
 
 def own_kinds() -> set[tuple[str, str]]:
@@ -88,7 +115,9 @@ def cases() -> list[Any]:
         for number, options in enumerate(alternatives):
             for check in checks_for(registry.current().role(role), **INPUTS.get((role, kind), {})):
                 reason = EXPECTED_FAILURES.get((role, kind, check.name))
-                marks = [pytest.mark.xfail(reason=reason, raises=AssertionError)] if reason else []
+                marks: list[Any] = [pytest.mark.xfail(reason=reason, raises=AssertionError)] if reason else []
+                if role == "engine" and check.name in SLOW[kind]:
+                    marks.append(pytest.mark.long)
                 name = f"{role}-{kind}-{number}-{check.name}"
                 found.append(pytest.param(role, kind, options, check, id=name, marks=marks))
     return found

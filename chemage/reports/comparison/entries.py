@@ -17,6 +17,7 @@ from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.ageing.measured import Measured
 from chemage.contacts.solution import ContactSolution
+from chemage.contacts.statistics import ContactStatistics
 from chemage.experiments.run import Run
 from chemage.experiments.sections import components_of, scatter_of
 from chemage.foundation.approximations import in_words
@@ -81,7 +82,7 @@ class Entry:
         if isinstance(thing, Aging):
             approximate = in_words(thing.approximate)
             return cls(name, source, "", {}, thing.contact, thing, None, thing.plugins, approximate)
-        if isinstance(thing, ContactSolution):
+        if isinstance(thing, ContactSolution | ContactStatistics):
             own = thing.summary(), None, _pressures(thing), thing.plugins, in_words(thing.approximate)
             return cls(name, source, "", {}, *own, provenance=thing.provenance)
         raise InputError(
@@ -194,7 +195,13 @@ class Entry:
         return {path: value for path, value in _flat({**left, "chemistry": limits}) if path != "hold.temperature"}
 
 
-def _pressures(contact: ContactSolution) -> tuple[np.ndarray, np.ndarray] | None:
+def _pressures(contact: ContactSolution | ContactStatistics) -> tuple[np.ndarray, np.ndarray] | None:
+    if isinstance(contact, ContactStatistics):
+        if contact.pressure.size < 2:
+            return None
+        edges = np.linspace(0.0, float(contact.pressure[-1]), 51)
+        counts, _ = np.histogram(contact.pressure, edges, weights=contact.area)
+        return edges, counts / (contact.contact_area * np.diff(edges))
     return contact.pressure_histogram(bins=min(50, max(5, contact.sites.size // 20))) if contact.sites.size else None
 
 

@@ -180,7 +180,7 @@ def comparison_brought(results: Sequence[Entry]) -> dict[str, Brought]:
         whole = results[number].whole
         thing = whole() if whole is not None else None
         if isinstance(thing, Run):
-            return Maps(thing.contact, thing.surface)
+            return Maps(thing.contact if isinstance(thing.contact, ContactSolution) else None, thing.surface)
         return Maps(thing) if isinstance(thing, ContactSolution) else Maps()
 
     sources = []

@@ -13,6 +13,7 @@ import chemage as ca
 from chemage import ContactSolution, Surface
 
 FFT: Any = type(ca.contact("fft-bem", modulus=35.3))
+Persson: Any = type(ca.contact("persson", modulus=35.3))
 HERTZ: Any = type(ca.contact("hertz", modulus=35.3))
 
 
@@ -213,6 +214,12 @@ MUTANTS: dict[str, tuple[Any, str]] = {
     "a gap below zero": (
         lambda: solver("gap", lambda self, s, *g: s if s.gap is None else changed(s, gap=-s.gap)),
         "gap_is_closed_in_contact",
+    ),
+    "statistics of half the load": (
+        lambda: mutant(Persson, "half", _statistics=lambda self, r, load: Persson._statistics(self, r, 0.5 * load))(
+            modulus=35.3
+        ),
+        "statistics_carry_the_load",
     ),
     "remembers the last contact": (lambda: solver("memory", _remembering), "contact_is_deterministic"),
     "changes the surface": (lambda: solver("writes", _writes, base=Bed), "contact_is_deterministic"),

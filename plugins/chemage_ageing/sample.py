@@ -23,8 +23,8 @@ from chemage import (
     build_lattice,
     run_kinetics,
 )
-from chemage_sampling._independent import Independent
-from chemage_sampling._windows import Windows, fitting, square_of
+from chemage_ageing._independent import grouped_bonds
+from chemage_ageing._windows import Windows, fitting, square_of
 
 #: windows of a replica, and of all together, that the error can be estimated from
 FEWEST, FEWEST_IN_ALL = 6, 20
@@ -91,11 +91,9 @@ class Sample(AgeingMethod):
         count = round(self.share * touching.sites.size / windows.mean_held)
         if count < FEWEST or count * request.replicas < FEWEST_IN_ALL:
             return self._every_site(request)
-        independent = Independent.of(chemistry, float(touching.pressure.max()), request.hold_times, request.temperature)
-        compared = independent.bonds(
-            touching.pressure,
-            np.searchsorted(windows.squares, square_of(touching.sites, touching.shape, self.window)),
-            windows.squares.size,
+        square = np.searchsorted(windows.squares, square_of(touching.sites, touching.shape, self.window))
+        compared = grouped_bonds(
+            chemistry, request.temperature, request.hold_times, touching.pressure, square, windows.squares.size
         )
 
         def replica(number: int) -> _Replica:

@@ -8,7 +8,7 @@ import numpy as np
 
 from chemage import InputError, random
 
-STREAM = "chemage-sampling/windows"
+STREAM = "chemage-ageing/windows"
 
 
 class Windows(NamedTuple):

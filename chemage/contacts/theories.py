@@ -1,0 +1,59 @@
+"""Contacts from the roughness of a surface alone: statistics, and no map of the pressure."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+from chemage.contacts.role import ContactSolver
+from chemage.contacts.solution import ContactSolution
+from chemage.contacts.statistics import ContactStatistics
+from chemage.foundation.checks import Seed, expect, force
+from chemage.foundation.errors import InputError
+from chemage.plugins.sources import approximations, providers
+from chemage.surfaces.measures import Roughness
+from chemage.surfaces.role import SurfaceMaker
+from chemage.surfaces.surface import Surface
+
+
+class ContactTheory(ContactSolver, ABC):
+    """A contact of role ``contact`` that needs no heights and gives no map: area and distribution of the pressure."""
+
+    exact: ClassVar[bool] = False
+    error_of: ClassVar[str] = "the contact area"
+    implemented_properties: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def _statistics(self, roughness: Roughness, load: float) -> ContactStatistics:
+        """Predict the contact under ``load`` in nN (finite, ≥ 0)."""
+
+    def statistics(
+        self, surface: Roughness | Surface | SurfaceMaker, load: float | str, seed: Seed = 0
+    ) -> ContactStatistics:
+        """The contact of ``surface`` under ``load`` (nN, or a string with its unit).
+
+        A maker of surfaces is asked for its roughness (:meth:`SurfaceMaker.roughness`), which for a spectrum needs no
+        heights, so that the surface may have any size.
+
+        Raises
+        ------
+        InputError
+            The load is negative or not finite.
+        """
+        parts: list[ContactSolver | SurfaceMaker] = [self]
+        if isinstance(surface, SurfaceMaker):
+            parts.append(surface)
+            surface = surface.roughness(seed)
+        elif isinstance(surface, Surface):
+            surface = Roughness.of(surface)
+        expect("surface", surface, Roughness, "give a surface, the maker of one, or its Roughness")
+        made = self._statistics(surface, force(load))
+        return made.noting(surface.plugins | providers(*parts), [*surface.approximate, *approximations(*parts)])
+
+    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+        raise InputError(no_map(self, "the pressure at each pixel cannot be given; call its method statistics"))
+
+
+def no_map(theory: ContactSolver, what: str) -> str:
+    """The one sentence of what a contact without a map cannot do."""
+    return f"contact {theory.kind!r} gives statistics and no map, so that {what}; or use a contact that is solved"

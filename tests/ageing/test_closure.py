@@ -1,0 +1,234 @@
+"""Ageing ``closure``: exact without interaction, close to the kinetics with it, kept on disk."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import chemage as ca
+from chemage import InputError
+from chemage_ageing import _keeping, _table
+from chemage_ageing._independent import bonded_share
+
+KT = ca.KB * 300.0
+TIMES = np.array([0.0, 1.0, 10.0, 100.0, 1000.0])
+
+
+@pytest.fixture(autouse=True)
+def small_tables(monkeypatch, tmp_path):
+    """Tables of a few hundred sites in a folder of the test."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    for name, value in (("SIDE", 32), ("BLOCK", 8), ("PERIOD", 16), ("WIDTH", 4), ("MOST", 4)):
+        monkeypatch.setattr(_table, name, value)
+    monkeypatch.setattr("chemage_ageing.closure._tables", {})
+    return tmp_path / "cache" / "chemage"
+
+
+def chemistry(**options) -> ca.Chemistry:
+    own = {"forming": ca.barriers("uniform", lower=0.75, upper=1.1), "activation_volume": 0.0064}
+    return ca.chemistry(**{**own, "site_density": "pixel", **options})
+
+
+def interacting(**options) -> ca.Chemistry:
+    return chemistry(interaction=ca.interaction("elastic-pairs", strength=0.1), **options)
+
+
+def uniform(pressure: float, shape=(40, 30), where=None) -> ca.ContactSolution:
+    values = np.full(shape, pressure) if where is None else np.where(where, pressure, 0.0)
+    load = float(values.sum()) * 0.2
+    return ca.ContactSolution(pressure=values, load=load, pixel_size=math.sqrt(0.2), modulus=35.3)
+
+
+def aged(contact, own, **options) -> ca.Aging:
+    fields = {"engine": ca.engine("rejection-free"), "temperature": 300.0, "hold_times": TIMES}
+    return ca.age(contact, own, **{"method": ca.ageing_method("closure"), **fields, **options})
+
+
+# -- sites that do not interact ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("breaking", [None, 0.95])
+def test_one_barrier_under_one_pressure_is_one_exponential(breaking):
+    """ρ = a/(a + b) [1 − exp(−(a + b) t)], times the sites that are reactive."""
+    own = chemistry(
+        forming=ca.barriers("gaussian", mean=1.0, std=0.0),
+        breaking=ca.barriers("gaussian", mean=breaking, std=0.0) if breaking else None,
+        hydroxylation=0.8,
+    )
+    forming = 1e13 * math.exp(-(1.0 - 2.0 * own.activation_volume * ca.EV_PER_GPA_NM3) / KT)
+    both = forming + (1e13 * math.exp(-breaking / KT) if breaking else 0.0)
+    found = aged(uniform(2.0), own)
+    exact = 0.8 * 1200 * forming / both * -np.expm1(-both * TIMES)
+    np.testing.assert_allclose(found.bonds[0], exact, rtol=3e-4)
+    assert found.sites[0] == pytest.approx(960, rel=1e-12)
+    assert found.engine == "quadrature"
+
+
+def test_distributions_of_both_barriers_are_those_of_a_dense_quadrature():
+    own = chemistry(breaking=ca.barriers("uniform", lower=0.8, upper=1.0))
+    ranks = (np.arange(3000) + 0.5) / 3000
+    pressure = np.array([0.0, 0.5, 3.0])
+    found = bonded_share(own, 300.0, TIMES, pressure)
+    for row, p in zip(found, pressure, strict=True):
+        energy = own.forming.quantile(ranks) - p * own.activation_volume * ca.EV_PER_GPA_NM3
+        a = 1e13 * np.exp(-np.maximum(energy, 0) / KT)[:, None]
+        both = a + 1e13 * np.exp(-own.breaking.quantile(ranks[::10]) / KT)
+        exact = [float(np.mean(a / both * -np.expm1(-both * time))) for time in TIMES]
+        np.testing.assert_allclose(row, exact, rtol=2e-3)
+
+
+def test_no_table_is_made_without_interaction(small_tables):
+    aged(uniform(2.0), chemistry())
+    aged(uniform(2.0), chemistry(interaction=ca.interaction("elastic-pairs", strength=0.1)), hold_times=[1.0])
+    assert len(list(small_tables.glob("*.table"))) == 1
+
+
+def test_a_contact_without_pressure_has_no_bonds():
+    found = aged(uniform(0.0), interacting())
+    assert not found.bonds.any()
+    assert not found.sites.any()
+
+
+# -- sites that interact ----------------------------------------------------------------------------------------------
+
+
+def _agrees(contact, own, allowed: float) -> None:
+    """Within what the small table and 60 replicas of the kinetics can tell, and ``allowed`` on top."""
+    found = aged(contact, own)
+    full = aged(contact, own, method=None, replicas=60, seed=3)
+    mean, noise = full.bonds.mean(axis=0), full.bonds.std(axis=0, ddof=1) / math.sqrt(60)
+    spread = 5 * np.hypot(noise, found.errors["closure"] * found.bonds[0])
+    assert (np.abs(found.bonds[0] - mean) <= spread + allowed * mean).all(), (found.bonds[0], mean)
+    assert found.sites[0] == pytest.approx(full.sites.mean(), rel=0.05)
+
+
+def test_a_uniform_contact_has_the_bonds_of_its_kinetics():
+    _agrees(uniform(1.7), interacting(), 0.01)
+
+
+def test_a_contact_half_of_whose_sites_are_reactive():
+    _agrees(uniform(1.7), interacting(hydroxylation=0.5), 0.01)
+
+
+def test_bonds_that_break():
+    _agrees(uniform(1.7), interacting(breaking=ca.barriers("gaussian", mean=0.85, std=0.02)), 0.01)
+
+
+def test_isolated_sites_are_exactly_independent():
+    """x = 1: every neighbour is missing, and the interaction changes nothing."""
+    where = np.zeros((40, 32), dtype=bool)
+    where[::4, ::4] = True
+    found = aged(uniform(1.7, (40, 32), where), interacting())
+    alone = aged(uniform(1.7, (40, 32), where), chemistry())
+    np.testing.assert_allclose(found.bonds, alone.bonds, rtol=1e-9, atol=1e-9)
+
+
+def test_stripes_have_more_bonds_per_site_than_their_inside():
+    where = np.broadcast_to(np.arange(32) % 8 < 3, (40, 32))
+    stripes = uniform(1.7, (40, 32), where)
+    _agrees(stripes, interacting(), 0.02)
+    inside = aged(uniform(1.7), interacting())
+    assert aged(stripes, interacting()).bonds[0, -1] / where.sum() > 1.02 * inside.bonds[0, -1] / 1200
+
+
+def test_bonds_do_not_depend_on_bond_force_and_grow_with_the_contact():
+    one = aged(uniform(1.7), interacting())
+    strong = aged(uniform(1.7), interacting(bond_force=6.0))
+    np.testing.assert_array_equal(one.bonds, strong.bonds)
+    np.testing.assert_array_equal(strong.friction_drop, 2 * one.friction_drop)
+    np.testing.assert_allclose(aged(uniform(1.7, (80, 30)), interacting()).bonds, 2 * one.bonds, rtol=1e-12)
+
+
+def test_what_it_gives_is_said():
+    found = aged(uniform(1.7), interacting())
+    assert (found.replicas, found.events, found.method, found.engine) == (1, None, "closure", "next-reaction")
+    assert found.errors["closure"].min() > 0.003
+    assert "standard error" in found.error_words
+    assert found.approximate[-1]["kind"] == "closure"
+
+
+# -- tables -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_table_is_made_once_and_kept(small_tables, monkeypatch):
+    done = []
+    first = aged(uniform(1.7), interacting(), progress=lambda k, n: done.append((k, n)))
+    assert done[-1][0] == done[-1][1] > 1
+    monkeypatch.setattr("chemage_ageing.closure._tables", {})  # another process
+    monkeypatch.setattr(_table, "compute", lambda *_: pytest.fail("computed again"))
+    again = aged(uniform(1.7), interacting())
+    np.testing.assert_array_equal(again.bonds, first.bonds)
+    assert again == first
+
+
+def test_a_table_grows_with_the_pressure_and_its_nodes_do_not_change(small_tables, monkeypatch):
+    low = aged(uniform(0.3), interacting())
+    aged(uniform(4.0), interacting())
+    monkeypatch.setattr("chemage_ageing.closure._tables", {})
+    np.testing.assert_array_equal(aged(uniform(0.3), interacting()).bonds, low.bonds)
+    assert len(list(small_tables.glob("*.table"))) == 1
+
+
+def test_every_chemistry_temperature_and_accuracy_has_a_table_of_its_own(small_tables):
+    contact = uniform(0.2, (8, 8))
+    aged(contact, interacting())
+    aged(contact, interacting(hydroxylation=0.9))
+    aged(contact, interacting(), temperature=310.0)
+    aged(contact, interacting(), method=ca.ageing_method("closure", accuracy=0.02))
+    assert len(list(small_tables.glob("*.table"))) == 4
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda b: b[:-100], lambda b: b[:200] + b"xx" + b[202:], lambda b: b"", lambda b: b"no"]
+)
+def test_a_damaged_table_is_computed_again_and_that_is_said(small_tables, monkeypatch, damage):
+    first = aged(uniform(0.3), interacting())
+    (path,) = small_tables.glob("*.table")
+    path.write_bytes(damage(path.read_bytes()))
+    monkeypatch.setattr("chemage_ageing.closure._tables", {})
+    again = aged(uniform(0.3), interacting())
+    np.testing.assert_array_equal(again.bonds, first.bonds)
+    assert any("is damaged" in note and "computed again" in note for note in again.notes)
+    assert path.stat().st_size > 1000
+
+
+def test_a_folder_that_cannot_be_written_is_a_note(tmp_path):
+    (tmp_path / "file").write_text("here")
+    method = ca.ageing_method("closure", folder=str(tmp_path / "file" / "below"))
+    found = aged(uniform(0.3), interacting(), method=method)
+    assert found.bonds[0, -1] > 0
+    assert any("could not be kept" in note or "cannot be read" in note for note in found.notes)
+    assert method.digest() == ca.ageing_method("closure").digest()
+
+
+def test_cache_folders(monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
+    assert _keeping.cache_folder().as_posix() == "/somewhere/chemage"
+
+
+# -- refusals ---------------------------------------------------------------------------------------------------------
+
+
+def test_an_approximate_engine_of_the_scene_is_not_replaced_by_an_exact_one():
+    class Rough(type(ca.engine("rejection-free"))):
+        kind = "rough"
+        exact = False
+
+    with pytest.raises(
+        InputError, match="tabulates with engine 'next-reaction', but the scene asks for the approximate"
+    ):
+        aged(uniform(0.3), interacting(), engine=Rough())
+
+
+def test_an_engine_that_cannot_treat_the_interaction_is_refused():
+    with pytest.raises(InputError, match="treats sites that do not interact"):
+        aged(uniform(0.3), interacting(), method=ca.ageing_method("closure", engine="independent"))
+
+
+def test_more_pressures_than_a_table_can_have_are_refused():
+    areas, pressure = np.ones(5000), np.linspace(1.0, 1e7, 5000)
+    wide = ca.ContactStatistics(pressure=pressure, area=areas, load=1.0, nominal_area=1e6, modulus=35.3)
+    with pytest.raises(InputError, match="out of its range, leave out"):
+        aged(wide, interacting(site_density=4.9))
