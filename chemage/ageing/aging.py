@@ -61,7 +61,7 @@ class Aging(Record):
     """force that breaks all bonds, nN, (replicas, m); None: bonds × ``bond_force`` × ``front_factor``"""
     errors: Named = {}
     """what an error is due to -> (m,) relative standard error, or bound, of the mean number of bonds, nan where it
-    is not known; it is not part of the scatter of the replicas"""
+    is not known; beside the scatter of the replicas, or a part of it, as ``error_sources`` says"""
     error_sources: dict[str, str] = {}
     """the same names -> how that error is known, in words"""
     engine: str = ""

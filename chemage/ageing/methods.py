@@ -5,13 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from chemage.ageing.observables import Observable
-from chemage.ageing.seeds import Common
+from chemage.ageing.seeds import Common, identity, replica_seeds
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
 from chemage.foundation.checks import Seed
@@ -51,6 +52,14 @@ class AgeingRequest:
     #: where intermediate results may be kept; a method that is fast has no need of it
     checkpoints: Path | None = None
 
+    @cached_property
+    def _identity(self) -> tuple[int, ...]:
+        return identity(self.contact, self.chemistry, self.engine, self.temperature)
+
+    def seeds(self, replica: int) -> tuple[np.random.SeedSequence, np.random.SeedSequence]:
+        """The seeds of the disorder and of the kinetic noise that ``replica`` has in the kinetics of every site."""
+        return replica_seeds(self.seed, replica, self.common, self._identity)
+
 
 @dataclass(frozen=True)
 class AgedBonds:
@@ -66,7 +75,7 @@ class AgedBonds:
     #: (replicas, m) nN of the whole contact; None: bonds times the mean force and the front factor of the chemistry
     rupture_force: np.ndarray | None = None
     #: what the error is due to -> (m,) relative standard error, or bound, of the mean number of bonds, beside the
-    #: scatter of the replicas
+    #: scatter of the replicas, or the part of that which has another cause than the disorder; the words say which
     errors: Mapping[str, np.ndarray] = field(default_factory=dict)
     #: the same names -> how that error is known, in words
     error_sources: Mapping[str, str] = field(default_factory=dict)
@@ -107,6 +116,16 @@ class AgeingMethod(Component, ABC):
         ------
         InputError
             Naming what the method cannot treat, and the remedy.
+        """
+
+    def check_sites(self, shape: tuple[int, int], touching: float | None) -> None:
+        """Refuse, before anything is computed, a grid of ``shape`` sites, about ``touching`` of them in contact (None:
+        not known). Used by ``chemage check``.
+
+        Raises
+        ------
+        InputError
+            Naming what does not fit, and the remedy.
         """
 
     def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:

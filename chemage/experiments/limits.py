@@ -73,7 +73,9 @@ def check_parts(scene: Scene, known: Cost) -> None:
         if scene.ages and scene.engine is not None and scene.chemistry is not None:
             if {"nx", "ny", "pixel_size"} <= known.surface.keys():
                 pixels = int(known.surface["nx"]), int(known.surface["ny"])
-                site_shape(pixels, known.surface["pixel_size"], scene.chemistry.site_density)
+                shape = site_shape(pixels, known.surface["pixel_size"], scene.chemistry.site_density)
+                if scene.ageing is not None:
+                    scene.ageing.check_sites(shape, known.sites)
             scene.engine.check(scene.chemistry.interaction is not None)
     except InputError as error:
         error.add_note(f"in the stage {stage!r} of scene {scene.name!r}")

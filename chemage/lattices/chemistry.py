@@ -11,6 +11,7 @@ from chemage.contacts.solution import ContactSolution
 from chemage.foundation import random
 from chemage.foundation.checks import Seed, checked_seed, expect
 from chemage.foundation.components import Component
+from chemage.foundation.errors import InputError
 from chemage.foundation.units import EV_PER_GPA_NM3, Force, Frequency, Pressure, UnitOrWord, Volume
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.neighbours import coupling_of, graph_of, neighbours_of
@@ -83,25 +84,26 @@ class Chemistry(Component):
         expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
         return contact_sites(contact, self.site_density)
 
-    def on(self, contact: ContactSolution, seed: Seed = 0) -> ReactionLattice:
-        """The reactive sites of ``contact``.
+    def on(self, contact: ContactSolution, seed: Seed = 0, *, sites: np.ndarray | None = None) -> ReactionLattice:
+        """The reactive sites of ``contact``, or those of them that are among ``sites`` (ascending flat indices).
 
         Every random number belongs to a site (or a pair of sites), known by its place on the grid of sites: at the same
         seed a site keeps its barriers, its couplings and its hydroxylation when load, temperature, activation volume or
-        the pixels of the contact change.
+        the pixels of the contact change, or when other sites are left out.
         """
         expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
         if not isinstance(seed, np.random.SeedSequence):
             seed = checked_seed(seed)
         touching = self.sites_of(contact)
-        sites, pressure, graph = touching.sites, touching.pressure, None
+        whole = sites is None and self.hydroxylation == 1
+        sites, pressure = (touching.sites, touching.pressure) if sites is None else _chosen(touching, sites)
+        graph = None
         if self.hydroxylation < 1:
             kept = random.uniforms(seed, random.HYDROXYLATION, sites) < self.hydroxylation
             sites, pressure = sites[kept], pressure[kept]
-            if self.interaction is not None:
-                graph = graph_of(touching, self.interaction, sites)
-        elif self.interaction is not None:
-            graph = neighbours_of(touching, self.interaction)
+        if self.interaction is not None:
+            # that of every site is shared by the replicas
+            graph = neighbours_of(touching, self.interaction) if whole else graph_of(touching, self.interaction, sites)
         fields: dict[str, Any] = {
             "pixels": touching.shape,
             "sites": sites,
@@ -120,6 +122,17 @@ class Chemistry(Component):
         if self.interaction is not None and graph is not None:
             fields |= {"neighbours": graph, "coupling": coupling_of(touching, self.interaction, sites, graph, seed)}
         return ReactionLattice(**fields)
+
+
+def _chosen(touching: ContactSites, sites: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Sites in contact and their pressures, of those that are asked for by their flat indices."""
+    chosen = np.asarray(sites)
+    if chosen.ndim != 1 or chosen.dtype.kind not in "iu" or (chosen[1:] <= chosen[:-1]).any():
+        raise InputError("sites: give ascending flat indices of sites, each once")
+    at = np.searchsorted(touching.sites, chosen)
+    if (at == touching.sites.size).any() or (touching.sites[at] != chosen).any():
+        raise InputError("sites: some are not in contact; choose from chemistry.sites_of(contact).sites")
+    return touching.sites[at], touching.pressure[at]
 
 
 def chemistry(**options: Any) -> Chemistry:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from chemage.plugins.hooks import hookimpl, hookspec
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from chemage.contacts.solution import ContactSolution
     from chemage.foundation.checks import Seed
     from chemage.lattices.chemistry import Chemistry
@@ -16,13 +18,21 @@ ROLES = {"barriers": "chemage.lattices.role:Barriers", "interaction": "chemage.l
 
 
 @hookspec(firstresult=True)
-def chemage_build_lattice(chemistry: Chemistry, contact: ContactSolution, seed: Seed) -> ReactionLattice | None:
-    """Turn a contact into reactive sites. Return None to leave it to the next plugin; chemage itself answers last."""
+def chemage_build_lattice(
+    chemistry: Chemistry, contact: ContactSolution, seed: Seed, sites: np.ndarray | None
+) -> ReactionLattice | None:
+    """Turn a contact into reactive sites. Return None to leave it to the next plugin; chemage itself answers last.
+
+    ``sites``, where it is not None, are ascending flat indices of sites in contact: a sample, and no other site is
+    wanted.
+    """
 
 
 class Default:
     """The chemistry's own method."""
 
     @hookimpl(trylast=True)
-    def chemage_build_lattice(self, chemistry: Chemistry, contact: ContactSolution, seed: Seed) -> ReactionLattice:
-        return chemistry.on(contact, seed)
+    def chemage_build_lattice(
+        self, chemistry: Chemistry, contact: ContactSolution, seed: Seed, sites: np.ndarray | None
+    ) -> ReactionLattice:
+        return chemistry.on(contact, seed, sites=sites)

@@ -40,7 +40,7 @@ class Single(Engine):
 
     kind = "single"
     interacting = False
-    restart = False
+    restart = True  # the times of all events are known from the start
 
     def _run(
         self,

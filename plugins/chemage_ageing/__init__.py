@@ -1,4 +1,5 @@
-"""Methods of ageing: ``closure`` (bonds per area from uniform contacts and the rim, integrated over the pressures)."""
+"""Methods of ageing: ``closure`` (bonds per area from uniform contacts and the rim, integrated over the pressures) and
+``sample`` (the kinetics of windows of the contact)."""
 
 from __future__ import annotations
 
@@ -8,15 +9,17 @@ from chemage import hookimpl
 
 if TYPE_CHECKING:
     from chemage_ageing.closure import Closure as Closure
+    from chemage_ageing.sample import Sample as Sample
 
-_HOME = {"Closure": "closure"}
+_HOME = {"Closure": "closure", "Sample": "sample"}
 
-__all__ = ["Closure"]
+__all__ = ["Closure", "Sample"]
 
 
 @hookimpl
 def chemage_register() -> dict[str, dict[str, str]]:
-    return {"ageing": {"closure": "chemage_ageing.closure:Closure"}}
+    """The methods of this package."""
+    return {"ageing": {"closure": "chemage_ageing.closure:Closure", "sample": "chemage_ageing.sample:Sample"}}
 
 
 def __getattr__(name: str) -> Any:

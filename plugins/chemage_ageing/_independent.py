@@ -10,6 +10,8 @@ from chemage import EV_PER_GPA_NM3, KB, Chemistry
 
 #: nodes per k_BT of the grid of energies; cubic interpolation between them errs by 1e-4 of a rate at most
 PER_KT = 4
+#: pressures between which the bonds of groups of sites are interpolated
+PRESSURES = 33
 #: panels of the quadrature over the barriers, each half as wide as the one above it: the lowest react first
 PANELS, FINE_PANELS, FINE, COARSE = 48, 10, 256, 32
 
@@ -37,6 +39,26 @@ def bonded_share(chemistry: Chemistry, temperature: float, hold_times: np.ndarra
     shifts = min(shifts, nodes + 4)
     curves = _curves(chemistry, kt, hold_times.tobytes(), nodes, shifts)  # pyright: ignore[reportArgumentType]
     return interpolated(curves, np.minimum(shift, shifts - 2.0)) * chemistry.hydroxylation
+
+
+def grouped_bonds(
+    chemistry: Chemistry,
+    temperature: float,
+    hold_times: np.ndarray,
+    pressure: np.ndarray,
+    group: np.ndarray,
+    groups: int,
+) -> np.ndarray:
+    """Expected bonds in each of ``groups`` groups of sites if none interacts, (groups, m), within about 1e-3.
+
+    Site i is under ``pressure[i]`` GPa and in ``group[i]``; between 33 pressures is interpolated.
+    """
+    nodes = np.linspace(0.0, float(pressure.max(initial=0.0)) or 1.0, PRESSURES)
+    right = np.clip(np.searchsorted(nodes, pressure), 1, PRESSURES - 1)
+    part = np.clip(pressure / nodes[1] - (right - 1), 0.0, 1.0)
+    at, shape = group * PRESSURES + right, groups * PRESSURES
+    weights = np.bincount(at, part, shape) + np.bincount(at - 1, 1 - part, shape)
+    return weights.reshape(groups, PRESSURES) @ bonded_share(chemistry, temperature, hold_times, nodes)
 
 
 @lru_cache(maxsize=32)

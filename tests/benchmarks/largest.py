@@ -2,9 +2,9 @@
 
     python tests/benchmarks/largest.py [PIXELS ...]
 
-Each size runs in a process of its own: pixels of .4518 nm, rms slope .1, H = .8, waves of 7.5 nm to a third of the side,
-a nominal pressure of 15.6 MPa (A/A0 = .9 %), in single precision, two replicas. Memory is the largest resident set.
-16384 x 16384 pixels need 13 GB.
+Each size runs in a process of its own: pixels of .4518 nm, rms slope .1, H = .8, waves of 7.5 nm to a third of the
+side, a nominal pressure of 15.6 MPa (A/A0 = .9 %), in single precision, two replicas. Memory is the largest resident
+set. 16384 x 16384 pixels need 13 GB.
 """
 
 from __future__ import annotations

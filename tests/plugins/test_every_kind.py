@@ -56,6 +56,7 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ("engine", "independent"): [{}],
     ("engine", "auto"): [{}],
     ("ageing", "closure"): [{}],
+    ("ageing", "sample"): [{"share": 0.3, "window": 4}],
     ("rupture", "mean-force"): [{}, {"bond_force": "100 pN", "front_factor": 0.15}],
     ("observable", "barrier-spectrum"): [{}, {"lower": "0.9 eV", "upper": 1.2, "bins": 7}],
     ("observable", "pressure-spectrum"): [{}, {"upper": "1 GPa", "bins": 7}],
