@@ -47,6 +47,7 @@ NAMES = {
     "reports.comparison.comparison": "compare_files",
     "reports.page": "write_report",
     "store.results": "read write",
+    "surfaces.height_map": "HeightMap",
     "surfaces.reading": "Reader reader_for",
     "surfaces.role": "SurfaceMaker",
     "surfaces.scatter": "Scatter",
