@@ -1,4 +1,5 @@
-"""Surfaces (``self-affine``, ``sphere``, ``from-file``) and readers of height maps (``npy``, ``text``, ``hdf5``)."""
+"""Surfaces (``self-affine``, ``sphere``, ``from-file``, ``measured``, ``roughened``), and readers of height maps
+(``npy``, ``text``, ``hdf5``)."""
 
 from __future__ import annotations
 
@@ -7,23 +8,29 @@ from typing import TYPE_CHECKING, Any
 from chemage import hookimpl
 
 if TYPE_CHECKING:
+    from chemage_surfaces._maps import surface_of as surface_of
     from chemage_surfaces.from_file import FromFile as FromFile
+    from chemage_surfaces.measured import Measured as Measured
     from chemage_surfaces.readers import Hdf5 as Hdf5
     from chemage_surfaces.readers import Npy as Npy
     from chemage_surfaces.readers import Text as Text
+    from chemage_surfaces.roughened import Roughened as Roughened
     from chemage_surfaces.self_affine import SelfAffine as SelfAffine
     from chemage_surfaces.sphere import Sphere as Sphere
 
 _HOME = {
     "FromFile": "from_file",
     "Hdf5": "readers",
+    "Measured": "measured",
     "Npy": "readers",
+    "Roughened": "roughened",
     "SelfAffine": "self_affine",
     "Sphere": "sphere",
     "Text": "readers",
+    "surface_of": "_maps",
 }
 
-__all__ = ["FromFile", "Hdf5", "Npy", "SelfAffine", "Sphere", "Text"]
+__all__ = ["FromFile", "Hdf5", "Measured", "Npy", "Roughened", "SelfAffine", "Sphere", "Text", "surface_of"]
 
 
 @hookimpl
@@ -34,6 +41,8 @@ def chemage_register() -> dict[str, dict[str, str]]:
             "self-affine": "chemage_surfaces.self_affine:SelfAffine",
             "sphere": "chemage_surfaces.sphere:Sphere",
             "from-file": "chemage_surfaces.from_file:FromFile",
+            "measured": "chemage_surfaces.measured:Measured",
+            "roughened": "chemage_surfaces.roughened:Roughened",
         },
         "reader": {
             "npy": "chemage_surfaces.readers:Npy",

@@ -33,7 +33,9 @@ FilePath = Annotated[str, BeforeValidator(lambda value: str(value) if isinstance
 #: nm per unit of heights, from a number or the name of a unit
 HeightUnit = Annotated[float, Unit("nm", gt=0), BeforeValidator(_named_unit)]
 #: edges of a pixel along x and y, nm, from one length (a square) or two
-PixelSides = Annotated[tuple[Length, Length], BeforeValidator(_sides, json_schema_input_type=Length | tuple[Length, Length])]
+PixelSides = Annotated[
+    tuple[Length, Length], BeforeValidator(_sides, json_schema_input_type=Length | tuple[Length, Length])
+]
 
 #: identifies the content of a file without reading it: size, modification time (ns), inode, device
 Stamp = tuple[int, int, int, int]
@@ -55,17 +57,20 @@ def content_hash(path: str, stamp: Stamp) -> str:
         raise StoreError(f"{path}: {error.strerror or error}") from None
 
 
-def require_stated(found: HeightMap, height_unit: float | None, pixel_size: tuple[float, float] | None) -> None:
-    """Ask for the unit of heights and the size of pixels, where neither the file nor the user states them."""
+def stated(
+    found: HeightMap, height_unit: float | None, pixel_size: tuple[float, float] | None
+) -> tuple[float, tuple[float, float]]:
+    """The unit of heights and the sides of pixels, both nm; asks for them where neither file nor user states them."""
+    if height_unit is not None and pixel_size is not None:
+        return height_unit, pixel_size
     wanted = {}
     if height_unit is None:
         wanted["height_unit"] = '"um"'
     if pixel_size is None:
         wanted["pixel_size"] = '"4.5 nm"'
-    if wanted:
-        one, it = ("one", "it") if len(wanted) == 1 else ("them", "them")
-        give = " and ".join(f"{name} = {example}" for name, example in wanted.items())
-        raise InputError(f"{', '.join(wanted)}: {found.source} does not state {one}; give {it}, such as {give}")
+    one, it = ("one", "it") if len(wanted) == 1 else ("them", "them")
+    give = " and ".join(f"{name} = {example}" for name, example in wanted.items())
+    raise InputError(f"{', '.join(wanted)}: {found.source} does not state {one}; give {it}, such as {give}")
 
 
 def surface_of(found: HeightMap) -> Surface:
@@ -82,15 +87,13 @@ def surface_of(found: HeightMap) -> Surface:
             f"{found.source}: {len(bad)} of {found.heights.size} heights are missing or infinite, the first at pixel "
             f'({bad[0, 0]}, {bad[0, 1]}); fill them with the surface "measured" and missing = "interpolate", or crop'
         )
-    require_stated(found, found.height_unit, found.pixel_size)
-    assert found.pixel_size is not None and found.height_unit is not None
-    dx, dy = found.pixel_size
+    unit, (dx, dy) = stated(found, found.height_unit, found.pixel_size)
     if abs(dx - dy) > SQUARE * dx:
         raise InputError(
             f"{found.source}: pixels of {dx:.6g} x {dy:.6g} nm are not square; make them so with the surface "
             f'"measured" and resample = "{min(dx, dy):.6g} nm"'
         )
-    return Surface(heights=in_nm(found.heights, found.height_unit), pixel_size=dx, periodic=found.periodic)
+    return Surface(heights=in_nm(found.heights, unit), pixel_size=dx, periodic=found.periodic)
 
 
 def in_nm(heights: np.ndarray, unit: float) -> np.ndarray:
