@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from chemage import hookimpl
 
 if TYPE_CHECKING:
+    from chemage_surfaces._maps import HeightUnit as HeightUnit
     from chemage_surfaces._maps import surface_of as surface_of
     from chemage_surfaces.from_file import FromFile as FromFile
     from chemage_surfaces.measured import Measured as Measured
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 _HOME = {
     "FromFile": "from_file",
     "Hdf5": "readers",
+    "HeightUnit": "_maps",
     "Measured": "measured",
     "Npy": "readers",
     "Roughened": "roughened",
@@ -30,7 +32,18 @@ _HOME = {
     "surface_of": "_maps",
 }
 
-__all__ = ["FromFile", "Hdf5", "Measured", "Npy", "Roughened", "SelfAffine", "Sphere", "Text", "surface_of"]
+__all__ = [
+    "FromFile",
+    "Hdf5",
+    "HeightUnit",
+    "Measured",
+    "Npy",
+    "Roughened",
+    "SelfAffine",
+    "Sphere",
+    "Text",
+    "surface_of",
+]
 
 
 @hookimpl
