@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from chemage_surfaces.readers import Npy as Npy
     from chemage_surfaces.readers import Text as Text
     from chemage_surfaces.roughened import Roughened as Roughened
+    from chemage_surfaces.roughness_fit import RoughnessFit as RoughnessFit
+    from chemage_surfaces.roughness_fit import fit_roughness as fit_roughness
     from chemage_surfaces.self_affine import SelfAffine as SelfAffine
     from chemage_surfaces.sphere import Sphere as Sphere
 
@@ -26,9 +28,11 @@ _HOME = {
     "Measured": "measured",
     "Npy": "readers",
     "Roughened": "roughened",
+    "RoughnessFit": "roughness_fit",
     "SelfAffine": "self_affine",
     "Sphere": "sphere",
     "Text": "readers",
+    "fit_roughness": "roughness_fit",
     "surface_of": "_maps",
 }
 
@@ -39,9 +43,11 @@ __all__ = [
     "Measured",
     "Npy",
     "Roughened",
+    "RoughnessFit",
     "SelfAffine",
     "Sphere",
     "Text",
+    "fit_roughness",
     "surface_of",
 ]
 
@@ -63,6 +69,14 @@ def chemage_register() -> dict[str, dict[str, str]]:
             "hdf5": "chemage_surfaces.readers:Hdf5",
         },
     }
+
+
+@hookimpl
+def chemage_cli() -> list[tuple[str, Any]]:
+    """The command ``chemage roughness``."""
+    from chemage_surfaces.command import roughness
+
+    return [("roughness", roughness)]
 
 
 def __getattr__(name: str) -> Any:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +85,7 @@ def binned(surface: Surface) -> Binned:
     if not surface.periodic:
         heights = _steps.hann(heights - _steps.trend(heights, 1))
     nx, ny = heights.shape
-    spectrum = np.asarray(sfft.rfft2(heights, workers=available()))
+    spectrum: Any = sfft.rfft2(heights, workers=available())
     power = (spectrum.real**2 + spectrum.imag**2) * (surface.pixel_size**2 / heights.size)
     q = wavenumbers((nx, ny), surface.pixel_size)
     weight = np.full(power.shape, 1.0)
@@ -117,8 +118,10 @@ def wavenumbers(shape: tuple[int, int], pixel_size: float) -> Floats:
 
 def _logs(data: Binned) -> tuple[Floats, Floats]:
     """Logarithms of the densities without their bias, and their variances."""
-    variance = polygamma(1, data.modes)
-    return np.log(data.density) - digamma(data.modes) + np.log(data.modes), variance
+    variance: Any = polygamma(1, data.modes)
+    bias: Any = digamma(data.modes)
+    values: Any = np.log(data.density) - bias + np.log(data.modes)
+    return values, variance
 
 
 def _weighted(design: Floats, values: Floats, variance: Floats) -> tuple[Floats, Floats, float]:
@@ -141,8 +144,9 @@ def _weighted(design: Floats, values: Floats, variance: Floats) -> tuple[Floats,
     return found, np.linalg.inv(normal) * max(misfit, 1.0), misfit
 
 
-def fit_power_law(data: Binned, hurst: float | None = None) -> PowerLaw:
-    """Fit Hurst exponent (unless given) and density to all bins of ``data``.
+def fit_power_law(data: Binned, hurst: float | None = None, roll: float = 0.0) -> PowerLaw:
+    """Fit Hurst exponent (unless given) and density to all bins of ``data``; below ``roll`` (1/nm) the density is that
+    at ``roll``.
 
     Raises
     ------
@@ -155,7 +159,7 @@ def fit_power_law(data: Binned, hurst: float | None = None) -> PowerLaw:
         raise ValueError("the spectrum is zero in this range")
     values, variance = _logs(data)
     at = math.exp(float(np.average(np.log(data.q), weights=1 / variance)))
-    x = np.log(data.q / at)
+    x = np.log(np.maximum(data.q, roll) / at)
     if hurst is None:
         design = np.stack([np.ones_like(x), -2 * x], axis=1)
         found, covariance, misfit = _weighted(design, values + 2 * x, variance)
