@@ -128,7 +128,7 @@ def _weighted(design: Floats, values: Floats, variance: Floats) -> tuple[Floats,
     """Robust weighted least squares: parameters, their covariance, and the mean of Huber's loss as χ² per degree of
     freedom."""
     weight = 1 / variance
-    found = np.zeros(design.shape[1])
+    found: Any = np.zeros(design.shape[1])
     normal = np.eye(design.shape[1])
     for _ in range(50):
         normal = (design * weight[:, None]).T @ design

@@ -193,26 +193,33 @@ class Roughened(SurfaceMaker):
 
     def draw(self, figure: str, axes: Axes, results: Sequence[Any]) -> None:
         """The spectra before and after, of one result or of several."""
-        drawn = False
         for one in results:
-            if one.surface is None or "roughened" not in one.surface.provenance:
+            if one.surface is not None:
+                q, density = (values[1:] for values in one.surface.psd(_BINS))
+                filled = density > 1e-12 * density.max(initial=0.0)
+                axes.loglog(q[filled], density[filled], color=one.color, label=f"{one.label}, carried on")
+            record = _recorded(one)
+            if record is None:
                 continue
-            record = one.surface.provenance["roughened"]
             before = record["spectrum"]
-            q, density = (values[1:] for values in one.surface.psd(_BINS))
-            filled = density > 1e-12 * density.max()
-            axes.loglog(q[filled], density[filled], color=one.color, label=f"{one.label}, carried on")
             axes.loglog(before["q"], before["density"], "o", ms=3, mfc="none", color=one.color, label="measured image")
             law = np.array([record["fit_from_q"], 2 * math.pi / one.component.shortest])
             fitted = record["density"] * (law / record["join"]) ** (-2 - 2 * record["hurst"])
             axes.loglog(law, fitted, "--", color="0.3", lw=1, label=f"H = {record['hurst']:.2f}")
             axes.axvline(record["join"], color="0.6", lw=0.8)
-            drawn = True
-        if not drawn:
-            axes.text(0.5, 0.5, "the surface is not stored", ha="center", transform=axes.transAxes)
-            return
         axes.set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C (nm⁴)")
-        axes.legend()
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend()
+        else:
+            axes.text(0.5, 0.5, "the file does not hold the surface", ha="center", transform=axes.transAxes)
+
+
+def _recorded(one: Any) -> dict[str, Any] | None:
+    """What :func:`_record` noted with the surface of a result, or with its contact; None where neither has it."""
+    made = [one.surface.provenance] if one.surface is not None else []
+    if one.contact is not None:
+        made.append(one.contact.provenance.get("surface"))
+    return next((part["roughened"] for part in made if isinstance(part, Mapping) and "roughened" in part), None)
 
 
 class _Plan(NamedTuple):
