@@ -57,7 +57,9 @@ def find_spikes(heights: Floats, threshold: float, periodic: bool) -> NDArray[np
     if not known.all():
         nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
         whole = heights[tuple(nearest)]  # pyright: ignore[reportArgumentType]
-    smooth = ndimage.median_filter(whole, size=5, mode="wrap" if periodic else "reflect")
+    # a slope goes on beyond the edges, where it would otherwise look like a feature
+    padded = np.pad(whole, 2, mode="wrap") if periodic else np.pad(whole, 2, mode="reflect", reflect_type="odd")
+    smooth = ndimage.median_filter(padded, size=5)[2:-2, 2:-2]
     away = np.abs(whole - smooth)
     scale = max(1.4826 * float(np.median(away[known])), 0.01 * float(smooth.std()))
     # rounding of a flat image far from zero is no spike

@@ -13,7 +13,10 @@ def roughness(
     reader: Annotated[str | None, typer.Option(help="kind of the reader; default: by the ending of the file")] = None,
     height_unit: Annotated[str | None, typer.Option(help="unit of the heights; default: as the file states")] = None,
     pixel_size: Annotated[str | None, typer.Option(help="edge of a pixel; default: as the file states")] = None,
-    detrend: Annotated[str, typer.Option(help="trend to subtract: none, mean, plane or quadratic")] = "plane",
+    detrend: Annotated[
+        str | None,
+        typer.Option(help="trend to subtract: none, mean, plane or quadratic; default: plane, and mean if periodic"),
+    ] = None,
     missing: Annotated[str, typer.Option(help="missing heights: refuse or interpolate")] = "refuse",
     spikes: Annotated[str, typer.Option(help="spikes: refuse, keep or interpolate")] = "refuse",
     periodic: Annotated[bool | None, typer.Option(help="whether the image is one period; default: as stated")] = None,
@@ -31,7 +34,12 @@ def roughness(
     from chemage_surfaces.measured import Measured
     from chemage_surfaces.roughness_fit import fit_roughness, section
 
-    image: dict[str, Any] = {"path": str(path), "detrend": detrend, "missing": missing, "spikes": spikes}
+    image: dict[str, Any] = {
+        "path": str(path),
+        "detrend": detrend or ("mean" if periodic else "plane"),
+        "missing": missing,
+        "spikes": spikes,
+    }
     image |= {"reader": reader, "height_unit": height_unit, "pixel_size": pixel_size, "periodic": periodic}
     made = Measured(**{name: value for name, value in image.items() if value is not None}).make()
     found = fit_roughness(made, resolution=resolution)

@@ -144,6 +144,11 @@ def _made(maker: Measured, reader: Reader, stamp: Stamp) -> Surface:
         steps.append({"step": "crop", "first_pixel": taken[:2], "pixels": taken[2:]})
     heights = _complete(maker, heights, image.source, periodic, steps)
     if maker.detrend != "none":
+        if periodic and maker.detrend != "mean":
+            raise InputError(
+                f"detrend = {maker.detrend!r}: {image.source} is periodic, and without this trend its edges would not "
+                'fit; give "mean" or "none", or periodic = false'
+            )
         surface = _steps.trend(heights, _DEGREES[maker.detrend])
         heights = heights - surface
         steps.append({"step": "detrend", "trend": maker.detrend, "range_nm": float(np.ptp(surface))})

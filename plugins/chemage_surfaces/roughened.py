@@ -171,10 +171,11 @@ class Roughened(SurfaceMaker):
         longest = FIT_RANGE * resolution if self.fit_from is None else self.fit_from
         spectrum = _fitting.binned(measured)
         data = spectrum.part(2 * math.pi / longest, join)
-        if data.cut is not None:
+        cut = spectrum.part(0, join).cut
+        if cut is not None:
             raise InputError(
                 f"resolution = {resolution:g} nm: the spectrum of the image ends at a wavelength of "
-                f"{2 * math.pi / data.cut:.4g} nm; give this resolution"
+                f"{2 * math.pi / cut:.4g} nm; give this resolution"
             )
         try:
             law = _fitting.fit_power_law(data, self.hurst)

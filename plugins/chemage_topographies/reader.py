@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from os import PathLike
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,6 +13,8 @@ from chemage import ChemageError, HeightMap, InputError, Length, PluginError, Re
 from chemage.foundation.errors import shortened
 from chemage_surfaces import HeightUnit, surface_of
 
+#: formats without a mark, which the library finds in any file of a certain size
+UNMARKED = ("hgt", "nms")
 INSTALL = "pip install 'chemage[topographies]'"
 
 
@@ -70,6 +73,8 @@ class Topography(Reader):
                 found = channel.topography(**known)
                 heights = np.ma.filled(np.ma.asarray(found.heights(), dtype=np.float64), np.nan)
                 kind, label = str(file.format()), str(channel.channel_id)
+            if (kind in UNMARKED and Path(name).suffix.lower() != f".{kind}") or not heights.size:
+                raise ValueError("nothing in it says so")
         except ChemageError:
             raise
         except Exception as error:  # each format has errors of its own
