@@ -132,12 +132,13 @@ def _weighted(design: Floats, values: Floats, variance: Floats) -> tuple[Floats,
     normal = np.eye(design.shape[1])
     for _ in range(50):
         normal = (design * weight[:, None]).T @ design
-        new = np.linalg.solve(normal, design.T @ (weight * values))
+        new: Any = np.linalg.solve(normal, design.T @ (weight * values))
         away = np.abs(values - design @ new) / np.sqrt(variance)
         weight = np.minimum(1.0, ROBUST / np.maximum(away, 1e-300)) / variance
-        if np.allclose(new, found, rtol=1e-12, atol=1e-12):
-            break
+        settled = np.allclose(new, found, rtol=1e-12, atol=1e-12)
         found = new
+        if settled:
+            break
     away = np.abs(values - design @ found) / np.sqrt(variance)
     loss = np.where(away <= ROBUST, away**2, 2 * ROBUST * away - ROBUST**2).sum()
     misfit = float(loss / max(len(values) - design.shape[1], 1))
