@@ -142,7 +142,8 @@ def _weighted(design: Floats, values: Floats, variance: Floats) -> tuple[Floats,
     away = np.abs(values - design @ found) / np.sqrt(variance)
     loss = np.where(away <= ROBUST, away**2, 2 * ROBUST * away - ROBUST**2).sum()
     misfit = float(loss / max(len(values) - design.shape[1], 1))
-    return found, np.linalg.inv(normal) * max(misfit, 1.0), misfit
+    covariance: Any = np.linalg.inv(normal) * max(misfit, 1.0)
+    return found, covariance, misfit
 
 
 def fit_power_law(data: Binned, hurst: float | None = None, roll: float = 0.0) -> PowerLaw:

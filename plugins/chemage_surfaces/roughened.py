@@ -196,7 +196,7 @@ class Roughened(SurfaceMaker):
         """The spectra before and after, of one result or of several."""
         for one in results:
             if one.surface is not None:
-                q, density = (values[1:] for values in one.surface.psd(_BINS))
+                q, density = one.surface.psd(_BINS)
                 filled = density > 1e-12 * density.max(initial=0.0)
                 axes.loglog(q[filled], density[filled], color=one.color, label=f"{one.label}, carried on")
             record = _recorded(one)
@@ -206,7 +206,7 @@ class Roughened(SurfaceMaker):
             axes.loglog(before["q"], before["density"], "o", ms=3, mfc="none", color=one.color, label="measured image")
             law = np.array([record["fit_from_q"], 2 * math.pi / one.component.shortest])
             fitted = record["density"] * (law / record["join"]) ** (-2 - 2 * record["hurst"])
-            axes.loglog(law, fitted, "--", color="0.3", lw=1, label=f"H = {record['hurst']:.2f}")
+            axes.loglog(law, fitted, "--", color="0.2", lw=1, zorder=3, label=f"H = {record['hurst']:.2f}")
             axes.axvline(record["join"], color="0.6", lw=0.8)
         axes.set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C (nm⁴)")
         if axes.get_legend_handles_labels()[0]:
