@@ -10,6 +10,7 @@ from chemage.foundation.errors import ChemageError as ChemageError
 from chemage.lattices.chemistry import Chemistry as Chemistry
 from chemage.plugins.choices import Choice as Choice
 from chemage.foundation.components import Component as Component
+from chemage.lattices.site_grid import ContactSites as ContactSites
 from chemage.contacts.solution import ContactSolution as ContactSolution
 from chemage.contacts.role import ContactSolver as ContactSolver
 from chemage.foundation.errors import ConvergenceError as ConvergenceError
@@ -66,6 +67,7 @@ from chemage.foundation.checks import checked_seed as checked_seed
 from chemage.foundation.checks import checked_states as checked_states
 from chemage.lattices.chemistry import chemistry as chemistry
 from chemage.reports.comparison.comparison import compare_files as compare_files
+from chemage.lattices.site_grid import contact_sites as contact_sites
 from chemage.foundation.units import convert as convert
 from chemage.ageing.fitting import fit_aging as fit_aging
 from chemage.foundation.checks import force as force
@@ -78,6 +80,7 @@ from chemage.experiments.scene_files import load_scene as load_scene
 from chemage.sweeps.result import load_sweep as load_sweep
 from chemage.surfaces.stage import make_surface as make_surface
 from chemage.foundation.messages import nearest as nearest
+from chemage.store.maps import open_maps as open_maps
 from chemage.experiments.scene_files import override as override
 from chemage.experiments.scene import parse_scene as parse_scene
 from chemage.plugins.settings import plugin_options as plugin_options
@@ -129,7 +132,7 @@ def surface(kind: Literal["sphere"], *, radius: float | str, pixels: int | Seque
 @overload
 def contact(kind: Literal["fft-bem"], *, modulus: float | str, tolerance: float = ..., pressure_tolerance: float | None = ..., precision: Literal['single', 'double', 'mixed'] = ..., boundary: Literal['auto', 'periodic', 'free'] = ..., levels: int | None = ..., max_iterations: int = ..., on_failure: Literal['raise', 'return'] = ..., gap: bool = ..., thickness: float | str | None = ..., poisson_ratio: float | str = ..., fft: Literal['scipy', 'ducc0', 'pyfftw', 'mkl_fft'] = ..., threads: int | None = ...) -> ContactSolver: ...
 @overload
-def contact(kind: Literal["hertz"], *, modulus: float | str) -> ContactSolver: ...
+def contact(kind: Literal["hertz"], *, modulus: float | str, gap: bool = ...) -> ContactSolver: ...
 
 @overload
 def barriers(kind: Literal["gaussian"], *, mean: float | str, std: float | str, lower: float | str | None = ..., upper: float | str | None = ...) -> Barriers: ...

@@ -236,6 +236,7 @@ class Tiny:
             "surface": {"kind": "tiny-tip"},
             "contact": {"kind": "tiny-even", "load": 10.0},
             "forming": {"kind": "tiny-flat"},
+            "chemistry": {"site_density": "pixel"},
             "engine": {"kind": "tiny-coin"},
             "hold": {"times": [1.0, 10.0, 100.0, 1000.0], "replicas": 2},
             "fit": {"start": 1.0, "stop": 1e3},

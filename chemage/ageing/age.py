@@ -84,6 +84,7 @@ def age(
     """
     _check(contact, chemistry, engine, rupture, observe, common, replicas, seed, threads)
     states = wants_states(engine, rupture, observe)
+    sites = chemistry.sites_of(contact)
     times, kelvin = _check_run(hold_times, temperature, replicas, checkpoints, progress)
     run = identity(contact, chemistry, engine, kelvin)
     options = content_hash([engine.digest(), chemistry.digest(), times.tolist(), kelvin, origin(seed), common])
@@ -109,6 +110,7 @@ def age(
         "seed": str(seed),
         "common": common,
         "contact": contact.provenance,
+        **({} if sites.rule == "pixels" else {"sites": sites.describe(contact)}),
         **({} if rupture is None else {"rupture": rupture.todict()}),
         **({"observe": [one.todict() for one in observe]} if observe else {}),
     }

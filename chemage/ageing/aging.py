@@ -16,6 +16,7 @@ from chemage.foundation.checks import check_times
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Doubles, Indices, Named, Number, Plain, PositiveNumber, Record
 from chemage.foundation.statistics import half_width, standard_error
+from chemage.lattices.site_grid import ONE_PER_PIXEL
 
 
 class Aging(Record):
@@ -112,6 +113,11 @@ class Aging(Record):
         if (common := self.provenance.get("common")) not in COMMON:
             return ""
         return f"seed {self.provenance.get('seed', '?')}, {COMMON[common]}"
+
+    @property
+    def site_grid(self) -> str:
+        """What the grid of sites is to the pixels of the contact, in words."""
+        return self.provenance.get("sites", {}).get("words", ONE_PER_PIXEL)
 
     @property
     def replicas(self) -> int:

@@ -19,6 +19,7 @@ from chemage.foundation.hashes import content_hash
 from chemage.foundation.random import CommonSeed
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
+from chemage.lattices.site_grid import site_shape
 
 #: the random numbers that replica r of every run with one seed has in common
 Common = Literal["none", "disorder", "all"]
@@ -73,12 +74,14 @@ def check_common(common: str) -> None:
 def identity(contact: ContactSolution, chemistry: Chemistry, engine: Engine, temperature: float) -> tuple[int, ...]:
     """Four 32-bit words that differ between runs that simulate different things.
 
-    Of the contact enter its grid, its load, and how the pressure is distributed over it; of the chemistry what decides
-    the bonds; of the engine its kind. Options that only change the speed do not enter, nor do the hold times.
+    Of the contact enter its grid, that of the sites where it is another, its load, and how the pressure is distributed
+    over it; of the chemistry what decides the bonds; of the engine its kind. Options that only change the speed do not
+    enter, nor do the hold times.
     """
     chemical = chemistry.identity()
-    for name in ("bond_force", "front_factor"):
+    for name in ("bond_force", "front_factor", "site_density"):
         chemical.pop(name, None)
+    sites = site_shape(contact.shape, contact.pixel_size, chemistry.site_density)
     content = [
         contact.shape,
         f"{contact.pixel_size:.9g} {contact.load:.9g} {contact.modulus:.9g}",
@@ -86,6 +89,7 @@ def identity(contact: ContactSolution, chemistry: Chemistry, engine: Engine, tem
         chemical,
         engine.kind,
         temperature,
+        *([sites] if sites != contact.shape else []),
     ]
     return tuple(int(word) for word in np.frombuffer(bytes.fromhex(content_hash(content)), "<u4"))
 

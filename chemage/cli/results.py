@@ -59,6 +59,10 @@ def plot(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="folder of the figures; default: FILE-figures")
     ] = None,
+    window: Annotated[
+        str | None,
+        typer.Option(metavar='"X0 X1 Y0 Y1"', help="draw this part of the maps alone, every pixel of it; nm, or units"),
+    ] = None,
     fmt: FormatOpt = "png",
     force: ForceOpt = False,
 ) -> None:
@@ -67,11 +71,25 @@ def plot(
     from chemage.reports import run_figures
     from chemage.store.results import read
 
+    if window is not None:
+        _plot_window(file, window, out, fmt, force)
+        return
     thing = read(file)
     if not isinstance(thing, Run):
         raise user_error(f"{file} holds one {type(thing).__name__}, not a run; `chemage run` makes files to plot")
     with progress_bars() as report, reported(report, "drawing"):
         pictures = run_figures.save(thing, out or file.with_name(f"{file.stem}-figures"), force=force, suffix=fmt)
+    for picture in pictures:
+        terminal.say(picture)
+
+
+def _plot_window(file: Path, window: str, out: Path | None, fmt: str, force: bool) -> None:
+    from chemage.reports.figures import save_figures
+    from chemage.reports.window_figure import window_figure
+
+    with progress_bars() as report, reported(report, "drawing"):
+        made = {"window": window_figure(file, window)}
+        pictures = save_figures(made, out or file.with_name(f"{file.stem}-figures"), force=force, suffix=fmt)
     for picture in pictures:
         terminal.say(picture)
 
@@ -102,7 +120,7 @@ def print_run(result: Run) -> None:
     if aging is not None:
         last = f"at {aging.hold_times[-1]:g} s"
         rows += [
-            ("sites", f"{aging.sites.mean():.0f}"),
+            ("sites", f"{aging.sites.mean():.0f}, {aging.site_grid}"),
             ("engine", f"{aging.engine}, {aging.replicas} replicas, {aging.events.sum()} events"),
             ("rupture law", aging.rupture or ("mean force per bond" if aging.rupture_force is None else "a plugin's")),
             ("random numbers", aging.random_numbers or "not recorded"),

@@ -43,6 +43,10 @@ class ContactSolver(Component, ABC):
             As :meth:`solve`, as far as it is known.
         """
 
+    def with_gap(self) -> Self:
+        """This solver, with the gap in its solutions if it has the option ``gap``, for sites smaller than pixels."""
+        return self.replace(gap=True) if getattr(self, "gap", None) is False else self
+
     def reference(self) -> Self:
         """The solver with which ``chemage tradeoff`` measures the errors of this one: the same contact, as accurately
         as this class can solve it.

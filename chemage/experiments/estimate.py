@@ -17,6 +17,7 @@ from chemage.foundation.errors import ChemageError
 from chemage.foundation.threads import available
 from chemage.foundation.units import EV_PER_GPA_NM3, KB
 from chemage.lattices.expected import expected_events
+from chemage.lattices.site_grid import in_words
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Plan:
         if "area_fraction" in known:
             rows.append(("expected area fraction", f"{known['area_fraction']:.3g}"))
         if "sites" in known:
-            rows.append(("expected sites", f"{known['sites']:.3g} per replica"))
+            rows.append(("expected sites", f"{known['sites']:.3g} in contact per replica"))
         if "cpu_seconds" in known:
             rows.append(("expected cost", f"about {known['cpu_seconds']:.2g} CPU seconds once kernels are compiled"))
         if "memory" in known:
@@ -75,12 +76,14 @@ def _cost(scene: Scene) -> Cost:
     except ChemageError as error:
         error.add_note(f"in [surface] of scene {scene.name!r}")
         raise
-    solve = scene.contact.expected(surface, scene.load)
+    solve = scene.solver.expected(surface, scene.load)
     gap = solve.get("gap_bytes", 0.0)
     fraction, sites, replica = solve.get("area_fraction"), None, {}
     pixels = surface.get("nx", 0.0) * surface.get("ny", 0.0)
     if fraction is not None and pixels:
-        sites = fraction * pixels * (scene.chemistry.hydroxylation if scene.chemistry else 1.0)
+        grids = scene.site_grids
+        count = grids[1][0] * grids[1][1] if grids else pixels
+        sites = fraction * count * (scene.chemistry.hydroxylation if scene.chemistry else 1.0)
     reacting = scene.engine is not None and scene.hold is not None
     if scene.engine is not None and scene.chemistry is not None and sites is not None:
         coupled = scene.chemistry.interaction is not None
@@ -159,6 +162,9 @@ def _stages(scene: Scene, known: Mapping[str, float]) -> dict[str, str]:
     )
     stages["breaking"] = chemistry.breaking.kind if chemistry.breaking else "not modelled: bonds last"
     stages["interaction"] = chemistry.interaction.kind if chemistry.interaction else "not modelled: no neighbour list"
+    if grids := scene.site_grids:
+        gap = getattr(scene.solver, "gap", False) is True
+        stages["sites"] = in_words(*grids, gap=gap)
     times = hold.hold_times
     stages["kinetics"] = (
         f"{engine.kind}, {hold.temperature:g} K, {times.size} hold times from {times[0]:g} to {times[-1]:g} s, "
@@ -181,7 +187,7 @@ def _notes(scene: Scene, known: Mapping[str, float], numbers: dict[str, float]) 
         )
     if numbers.get("sites", math.inf) < 100:
         notes.append(
-            f"only about {numbers['sites']:.0f} pixels will be in contact; averages need many replicas or seeds"
+            f"only about {numbers['sites']:.0f} sites will be in contact; averages need many replicas or seeds"
         )
     if numbers.get("area_fraction", 0.0) > 0.95:
         notes.append("the contact is expected to be nearly full")

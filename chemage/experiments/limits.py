@@ -8,6 +8,7 @@ from chemage.experiments.scene import Scene
 from chemage.foundation.errors import InputError
 from chemage.foundation.memory import require
 from chemage.foundation.threads import available
+from chemage.lattices.site_grid import BYTES_PER_SITE, site_shape
 
 #: runs that take longer than this say so first, s
 LONG = 3600.0
@@ -48,9 +49,13 @@ def check_limits(scene: Scene, known: Cost) -> None:
     require(contact, f"[surface] {grid}", "use fewer pixels")
     if scene.hold is not None:
         count, times = scene.hold.replicas, scene.hold.hold_times.size
-        require(
-            replicas, f"[hold] {count} replicas at {times} hold times", "ask for fewer replicas, or fewer hold times"
-        )
+        grids = scene.site_grids
+        if grids and scene.load > 0:  # a contact has one pixel at least
+            least = grids[1][0] * grids[1][1] / (grids[0][0] * grids[0][1])
+            require(BYTES_PER_SITE * least, f"[chemistry] {least:.3g} sites per pixel", "use a smaller site_density")
+        on = f" on {grids[1][0]} x {grids[1][1]} sites" if grids and grids[1] != grids[0] else ""
+        remedy = "ask for fewer replicas, or fewer hold times" + (", or use a smaller site_density" if on else "")
+        require(replicas, f"[hold] {count} replicas at {times} hold times{on}", remedy)
 
 
 def check_parts(scene: Scene, known: Cost) -> None:
@@ -66,6 +71,9 @@ def check_parts(scene: Scene, known: Cost) -> None:
         scene.contact.check(known.surface, scene.load)
         stage = "ageing"
         if scene.ages and scene.engine is not None and scene.chemistry is not None:
+            if {"nx", "ny", "pixel_size"} <= known.surface.keys():
+                pixels = int(known.surface["nx"]), int(known.surface["ny"])
+                site_shape(pixels, known.surface["pixel_size"], scene.chemistry.site_density)
             scene.engine.check(scene.chemistry.interaction is not None)
     except InputError as error:
         error.add_note(f"in the stage {stage!r} of scene {scene.name!r}")

@@ -114,6 +114,7 @@ class Run:
             "iterations": contact.iterations,
             "notes": list(self.notes),
             "sites": float(aging.sites.mean()) if aging else contact.sites.size,
+            "site_grid": aging.site_grid if aging else None,
             "replicas": aging.replicas if aging else 0,
             "events": int(aging.events.sum()) if aging else 0,
             "common_random_numbers": aging.provenance.get("common") if aging else None,
@@ -294,7 +295,7 @@ def _timed(stage: str, scene: Scene, timings: dict[str, float], report: Progress
 
 def _solved(scene: Scene, surface: Surface, checkpoints: Path | None) -> ContactSolution:
     if checkpoints is None:
-        return solve_contact(scene.contact, surface, scene.load)
+        return solve_contact(scene.solver, surface, scene.load)
     try:
         checkpoints.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -302,11 +303,11 @@ def _solved(scene: Scene, surface: Surface, checkpoints: Path | None) -> Contact
     path, key = checkpoints / "contact.h5", scene.keys()["contact"]
     other = f"{checkpoints} holds checkpoints of another scene; choose another folder"
     hooks = ("chemage_solve_contact",)
-    call = {"solver": scene.contact, "surface": surface, "load": scene.load, "start": None}
+    call = {"solver": scene.solver, "surface": surface, "load": scene.load, "start": None}
     solution = resumed(
         path, "contact", ContactSolution, key, other, run=key, before=surface.plugins, hooks=hooks, **call
     )
     if solution is None:
-        solution = solve_contact(scene.contact, surface, scene.load)
+        solution = solve_contact(scene.solver, surface, scene.load)
         keep(path, "contact", solution, key, run=key, before=surface.plugins, hooks=hooks)
     return solution

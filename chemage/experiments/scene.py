@@ -41,6 +41,7 @@ from chemage.foundation.units import Temperature, Time, convert
 from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
+from chemage.lattices.site_grid import site_rule, site_shape
 from chemage.plugins import in_use, registry
 from chemage.plugins.options import PluginOptions
 from chemage.plugins.settings import joined, options_for
@@ -162,6 +163,24 @@ class Scene(_Section):
         return self.chemistry is not None and self.hold is not None and self.engine is not None
 
     @property
+    def site_grids(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
+        """Pixels and sites along the sides of the surface; None without ageing, and where they are not known before."""
+        if self.chemistry is None or not self.ages:
+            return None
+        try:
+            known = self.surface.expected()
+            pixels = int(known["nx"]), int(known["ny"])
+            return pixels, site_shape(pixels, known["pixel_size"], self.chemistry.site_density)
+        except (ChemageError, KeyError):  # reported where the scene is checked
+            return None
+
+    @property
+    def solver(self) -> ContactSolver:
+        """The contact solver, with the gap where sites are smaller than pixels."""
+        grids = self.site_grids
+        return self.contact.with_gap() if grids and site_rule(*grids) == "reconstructed" else self.contact
+
+    @property
     def keeps_states(self) -> bool:
         """Whether the rupture law or an observable asks for the state of every site at every hold time."""
         return self.engine is not None and wants_states(self.engine, self.rupture, self.observe)
@@ -173,11 +192,13 @@ class Scene(_Section):
             parts += [self.chemistry.forming, self.chemistry.breaking, self.chemistry.interaction]
         return [part for part in parts if part is not None]
 
-    def _sections(self, options_of: Callable[[Component], dict[str, Any]]) -> dict[str, Any]:
+    def _sections(
+        self, options_of: Callable[[Component], dict[str, Any]], solver: ContactSolver | None = None
+    ) -> dict[str, Any]:
         """Every section that is there; ``options_of`` gives the options of a component."""
         data: dict[str, Any] = {
             "surface": {**options_of(self.surface), "seed": self.surface_seed},
-            "contact": {**options_of(self.contact), "load": self.load},
+            "contact": {**options_of(solver or self.contact), "load": self.load},
         }
         if self.chemistry is not None:
             parts = self.chemistry
@@ -245,7 +266,7 @@ class Scene(_Section):
         return self._keys(extra)
 
     def _keys(self, extra: Mapping[str, Any]) -> dict[str, str]:
-        data = self._sections(lambda component: component.identity())
+        data = self._sections(lambda component: component.identity(), self.solver)
 
         def key(stage: str, *parts: Any) -> str:
             more = [extra[stage]] if extra.get(stage) else []
@@ -253,14 +274,23 @@ class Scene(_Section):
 
         surface = key("surface", data["surface"])
         contact = key("contact", surface, data["contact"])
+        if "chemistry" in data:
+            data["chemistry"].pop("site_density", None)  # see _site_key
         kinetic = [data.get(name) for name in ("forming", "breaking", "interaction", "chemistry", "engine", "hold")]
         # without a rupture law the key is that of scenes written before there were any
         law = [{"rupture": data["rupture"]}] if "rupture" in data else []
-        aging = key("aging", contact, *kinetic, data.get("observe"), *law)
+        aging = key("aging", contact, *kinetic, data.get("observe"), *law, *self._site_key())
         result = [aging, data.get("fit")]
         if limits := self.chemistry.given_limits() if self.chemistry is not None else {}:
             result.append(limits)
         return {"surface": surface, "contact": contact, "aging": aging, "result": content_hash(result)}
+
+    def _site_key(self) -> list[Any]:
+        """What the key of ageing contains of the sites: nothing where they are pixels, as before there was a choice."""
+        grids = self.site_grids
+        if self.chemistry is None or not self.ages or (grids and grids[0] == grids[1]):
+            return []
+        return [{"sites": grids[1] if grids else self.chemistry.site_density}]
 
     def digest(self) -> str:
         """Content hash of the whole scene."""

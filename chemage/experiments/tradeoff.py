@@ -130,7 +130,8 @@ class _Reference:
 
 class _Measurement:
     def __init__(self, scene: Scene, report: Report) -> None:
-        self.scene, self.report = scene, report
+        # every contact has the gap if sites need it
+        self.scene, self.report = scene.model_copy(update={"contact": scene.solver}), report
         self.found = Tradeoff(scene.name)
 
     def run(self) -> Tradeoff:

@@ -30,6 +30,8 @@ R = TypeVar("R", bound=Record)
 _FLOAT = "$float"
 #: the first bytes of an HDF5 file
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+#: Maps above this many bytes are stored in squares of _CHUNK pixels, so that a part can be read without the rest.
+_LARGE, _CHUNK = 1 << 24, 512
 
 
 # -- values and arrays ------------------------------------------------------------------------------------------------
@@ -250,8 +252,10 @@ def _write_array(group: Any, name: str, values: np.ndarray, dims: tuple[str, ...
     if values.dtype == np.bool_:
         values, attributes = values.astype(np.int8), {**attributes, "dtype": "bool"}
     options: dict[str, Any] = {}
+    if values.ndim == 2 and values.nbytes > _LARGE:
+        options["chunks"] = tuple(min(_CHUNK, length) for length in values.shape)
     if _compresses(values):
-        options = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+        options |= {"compression": "gzip", "compression_opts": 1, "shuffle": True}
     variable = group.create_variable(name, dims, values.dtype, data=values, **options)
     for key, value in attributes.items():
         variable.attrs[key] = value
@@ -263,6 +267,21 @@ def _compresses(values: np.ndarray) -> bool:
 
 
 # -- HDF5, reading ----------------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """A chemage file, verified and open for reading (an h5py file).
+
+    Raises
+    ------
+    StoreError
+        The file is missing, not one of chemage's, or newer than this chemage.
+    DamagedError
+        What it holds is not what was written.
+    """
+    with _verified(path) as (file, _):
+        yield file
 
 
 def is_ours(path: Path) -> bool:
@@ -283,7 +302,7 @@ def _damaged(path: Path) -> Iterator[None]:
     """What h5py raises on a damaged file depends on which byte is wrong."""
     try:
         yield
-    except StoreError:
+    except ChemageError:
         raise
     except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise DamagedError(f"{path} is damaged: {' '.join(str(error).split())}") from error
@@ -315,6 +334,26 @@ def _opened(path: Path) -> Iterator[Any]:
         yield file
 
 
+@contextlib.contextmanager
+def _verified(source: Path) -> Iterator[tuple[Any, bool]]:
+    """An open chemage file of a known layout, and whether it carries a seal, which then fits."""
+    if not source.exists():
+        raise StoreError(f"{source} does not exist")
+    try:
+        verified = check_seal(source)
+    except DamagedError:
+        raise
+    except OSError as error:
+        raise StoreError(f"{source} cannot be read: {error.strerror}") from error
+    with _opened(source) as file:
+        if "chemage_format" not in file.attrs:
+            raise StoreError(f"{source} is an HDF5 file, but not one of chemage's")
+        if int(_scalar(file.attrs["chemage_format"])) > FORMAT:
+            version = _scalar(file.attrs.get("chemage", "a newer version"))
+            raise StoreError(f"{source} was written by chemage {version}; update chemage to read it")
+        yield file, verified
+
+
 def read_records(
     path: str | os.PathLike[str], classes: Mapping[str, type[Record]]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -328,20 +367,8 @@ def read_records(
         What it holds is not what was written.
     """
     source = Path(path)
-    if not source.exists():
-        raise StoreError(f"{source} does not exist")
-    try:
-        verified = check_seal(source)
-    except DamagedError:
-        raise
-    except OSError as error:
-        raise StoreError(f"{source} cannot be read: {error.strerror}") from error
-    with _opened(source) as file:
-        if "chemage_format" not in file.attrs:
-            raise StoreError(f"{source} is an HDF5 file, but not one of chemage's")
+    with _verified(source) as (file, verified):
         attributes = {name: _scalar(value) for name, value in file.attrs.items() if not name.startswith("_")}
-        if int(attributes["chemage_format"]) > FORMAT:
-            raise StoreError(f"{source} was written by chemage {attributes.get('chemage')}; update chemage to read it")
         records = {}
         for name, cls in classes.items():
             if name in file:

@@ -185,6 +185,27 @@ class Unit:
         return f"Unit({self.unit!r})"
 
 
+class UnitOrWord(Unit):
+    """As :class:`Unit`, for a quantity or one word in its place: ``Annotated[float | str, UnitOrWord("no", "nm")]``."""
+
+    def __init__(self, word: str, unit: str, **bounds: Any) -> None:
+        super().__init__(unit, **bounds)
+        self.word = word
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        number = core_schema.float_schema(allow_inf_nan=False, **self._bounds)
+
+        def read(value: object, check: core_schema.ValidatorFunctionWrapHandler) -> object:
+            return value if isinstance(value, str) and value == self.word else check(self._read(value))
+
+        return core_schema.no_info_wrap_validator_function(
+            read,
+            number,
+            json_schema_input_schema=core_schema.union_schema([number, core_schema.str_schema()]),
+            serialization=core_schema.plain_serializer_function_ser_schema(lambda value: value),
+        )
+
+
 def unit_of(field: FieldInfo) -> str:
     """The unit of a field of a model; empty where it is no quantity."""
     # the unit of an optional field is one level deeper

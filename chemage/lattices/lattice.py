@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from pydantic import model_validator
 
+from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import checked_states
+from chemage.foundation.errors import InputError
 from chemage.foundation.records import Doubles, Indices, Plain, PositiveNumber, Reals, Record, Shorts, require_finite
 
 if TYPE_CHECKING:
@@ -34,6 +36,7 @@ class ReactionLattice(Record):
     arrays = {
         "sites": (("sites",), "", "flat pixel index"),
         "positions": (("sites", "xy"), "nm", "position of the site"),
+        "pressure": (("sites",), "GPa", "pressure on the site"),
         "forming": (("sites",), "eV", "barrier to forming a bond with no neighbour bonded"),
         "breaking": (("sites",), "eV", "barrier to breaking the bond"),
         "neighbours": (("sites", "slot"), "", "position of the neighbour in the list of sites, -1 = none"),
@@ -41,14 +44,18 @@ class ReactionLattice(Record):
     }
 
     later = frozenset({"provenance"})
-    added = ("positions",)
+    added = ("positions", "pressure", "origin")
 
     pixels: tuple[int, int]
-    """(nx, ny) of the grid the sites lie on"""
+    """(nx, ny) of the grid the sites lie on: that of the pixels of the contact, or a grid of sites of its own"""
     sites: Indices
     """(n,) int64 flat index of the pixel of each site, ascending; without ``positions`` no pixel twice"""
     positions: Doubles | None = None
     """(n, 2) x and y in nm, from the corner of the grid; None: one site in the centre of each pixel in ``sites``"""
+    pressure: Reals | None = None
+    """(n,) GPa; None: that of the pixels of the contact, which are the sites"""
+    origin: tuple[float, float] | None = None
+    """corner of the grid of sites, nm from that of the pixels of the contact; None: the same corner"""
     forming: Doubles
     """(n,) eV"""
     breaking: Doubles | None = None
@@ -94,6 +101,12 @@ class ReactionLattice(Record):
             require_finite(name, values, "give barriers in eV")
             if n and max(float(values.max()), -float(values.min())) > LARGEST_BARRIER:
                 raise ValueError(f"{name}: beyond {LARGEST_BARRIER:g} eV, out of range; give barriers in eV")
+        if self.pressure is not None:
+            if self.pressure.shape != (n,):
+                raise ValueError(f"pressure: shape {self.pressure.shape}, but there are {n} sites; give one per site")
+            require_finite("pressure", self.pressure, "give pressures in GPa")
+        if self.origin is not None and not np.isfinite(self.origin).all():
+            raise ValueError(f"origin: {self.origin} is not finite; give x and y in nm")
         if self.positions is not None:
             self._check_positions(self.positions, n)
         self._check_graph(n)
@@ -164,6 +177,23 @@ class ReactionLattice(Record):
         index.setflags(write=False)
         return index
 
+    def pressures(self, contact: ContactSolution) -> np.ndarray:
+        """The pressure on each site of this lattice, (n,) GPa, which was made on ``contact``.
+
+        Raises
+        ------
+        InputError
+            The lattice has no pressures, and its grid is not that of the pixels of ``contact``.
+        """
+        if self.pressure is not None:
+            return self.pressure
+        if self.pixels != contact.shape:
+            raise InputError(
+                f"the lattice is on {self.pixels[0]} x {self.pixels[1]} sites and has no pressure, but the contact has "
+                f"{contact.shape[0]} x {contact.shape[1]} pixels; give the contact that the lattice was made on"
+            )
+        return contact.pressure.ravel()[self.sites]
+
     def per_pixel(self, values: np.ndarray) -> np.ndarray:
         """The sum of ``values`` (n,) over the sites of each pixel: (nx, ny) float64, 0 where there is no site."""
         sums = np.bincount(self.sites, weights=values, minlength=self.pixels[0] * self.pixels[1])
@@ -180,6 +210,8 @@ class ReactionLattice(Record):
         plane = np.stack([(x + 0.5) * step, (y + 0.5) * step], axis=1)
         if self.positions is not None:
             plane = 10.0 * self.positions
+        if self.origin is not None:
+            plane = plane + 10.0 * np.array(self.origin)
         atoms = Atoms(
             numbers=np.where(bonded, 8, 1),
             positions=np.column_stack([plane, np.zeros(n)]),

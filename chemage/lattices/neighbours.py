@@ -7,19 +7,19 @@ import weakref
 
 import numpy as np
 
-from chemage.contacts.solution import ContactSolution
 from chemage.foundation.calls import call_with
 from chemage.foundation.checks import Seed
 from chemage.foundation.records import frozen
 from chemage.lattices.role import Interaction
+from chemage.lattices.site_grid import ContactSites
 
 _lock = threading.Lock()
-#: by the identity of a contact, and gone with it
+#: by the identity of the sites of a contact, and gone with them
 _graphs: dict[int, dict[Interaction, np.ndarray]] = {}
 
 
-def neighbours_of(contact: ContactSolution, interaction: Interaction) -> np.ndarray:
-    """Which pixels in contact are neighbours under ``interaction``: (n, k) int32, -1 = none; read-only."""
+def neighbours_of(contact: ContactSites, interaction: Interaction) -> np.ndarray:
+    """Which sites in contact are neighbours under ``interaction``: (n, k) int32, -1 = none; read-only."""
     # one replica at a time makes it, and the others wait for it
     with _lock:
         known = _graphs.get(id(contact))
@@ -31,20 +31,20 @@ def neighbours_of(contact: ContactSolution, interaction: Interaction) -> np.ndar
         return known[interaction]
 
 
-def graph_of(contact: ContactSolution, interaction: Interaction, sites: np.ndarray) -> np.ndarray:
-    """Which of ``sites``, pixels in contact, are neighbours under ``interaction``: (n, k) int32, -1 = none."""
+def graph_of(contact: ContactSites, interaction: Interaction, sites: np.ndarray) -> np.ndarray:
+    """Which of ``sites``, in contact, are neighbours under ``interaction``: (n, k) int32, -1 = none."""
     return call_with(
         interaction.neighbours,
         contact.shape,
         contact.periodic,
         sites,
-        pixel_size=contact.pixel_size,
+        pixel_size=contact.spacing,
         positions=None,
     )
 
 
 def coupling_of(
-    contact: ContactSolution, interaction: Interaction, sites: np.ndarray, neighbours: np.ndarray, seed: Seed
+    contact: ContactSites, interaction: Interaction, sites: np.ndarray, neighbours: np.ndarray, seed: Seed
 ) -> np.ndarray:
     """What a bonded neighbour adds to the forming barrier of each of ``sites``: (n, k) eV."""
     return call_with(
@@ -52,7 +52,7 @@ def coupling_of(
         sites,
         neighbours,
         seed,
-        pixel_size=contact.pixel_size,
+        pixel_size=contact.spacing,
         positions=None,
         pixels=contact.shape,
         periodic=contact.periodic,

@@ -86,7 +86,9 @@ def _draw_largest_patch(axes: Axes, contact: ContactSolution) -> None:
     part = contact.pressure[x0:x1, y0:y1]
     extent = (x0 * a, x1 * a, y0 * a, y1 * a)
     draw_map(axes, np.ma.masked_equal(part, 0.0), extent, "pressure (GPa)", **_pressure_style(contact))
-    axes.add_collection(_outlines(part > 0, x0, y0, a))
+    # thinner where pixels are small, so that outlines leave the pressure to be seen
+    width = min(0.8, 160 / max(part.shape))
+    axes.add_collection(_outlines(part > 0, x0, y0, a, width))
     axes.set_title("around the largest patch" if contact.patches else "no contact")
 
 
@@ -94,7 +96,7 @@ def _count(number: int, one: str, many: str) -> str:
     return f"{number} {one if number == 1 else many}"
 
 
-def _outlines(contact: np.ndarray, x0: int, y0: int, pixel: float) -> Any:
+def _outlines(contact: np.ndarray, x0: int, y0: int, pixel: float, width: float) -> Any:
     """The pixel edges between contact and gap in a (nx, ny) map whose corner is pixel (x0, y0)."""
     from matplotlib.collections import LineCollection
 
@@ -103,7 +105,7 @@ def _outlines(contact: np.ndarray, x0: int, y0: int, pixel: float) -> Any:
     i, j = np.nonzero(np.diff(contact, axis=1))
     level = np.stack([np.stack([i, j + 1], -1), np.stack([i + 1, j + 1], -1)], 1)
     edges = (np.concatenate([upright, level]) + np.array([x0, y0])) * pixel
-    return LineCollection(list(edges), colors=GREEN, linewidths=0.8, capstyle="round")
+    return LineCollection(list(edges), colors=GREEN, linewidths=width, capstyle="round")
 
 
 def _around_largest_patch(contact: ContactSolution) -> tuple[tuple[int, int], tuple[int, int]]:

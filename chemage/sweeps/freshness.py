@@ -111,7 +111,7 @@ class _Check:
                 self.new_in_contact,
                 "chemage_solve_contact",
                 solution,
-                solver=scene.contact,
+                solver=scene.solver,
                 surface=surface,
                 load=scene.load,
                 start=None,

@@ -113,7 +113,7 @@ def _solution(scene: Scene, owner: str) -> ContactSolution:
         if surface is None:
             surface = make_surface(scene.surface, scene.surface_seed)
             _surfaces.put(name, surface)
-        return solve_contact(scene.contact, surface, scene.load)
+        return solve_contact(scene.solver, surface, scene.load)
 
 
 def _keep(folder: Folder, key: str, solution: ContactSolution, owner: str) -> ContactSolution:

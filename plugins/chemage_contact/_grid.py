@@ -40,6 +40,8 @@ class Settings:
     pressure_tolerance: float | None = None
     #: an entry of ``_descent.METHODS``: 0 uses every acceleration
     method: int = 0
+    #: whether the split operator may be used on grids whose sides are no multiples of its ratio
+    any_size: bool = False
 
 
 class Grid:
@@ -75,9 +77,7 @@ class Grid:
         self._symbol = symbol if self.state != self.work else None
         self._double = self.operator if self.work == np.float64 else None
         nx, ny = substrate.shape
-        per_row = math.ceil(ny / kernels.WIDTH)
-        self.width = min(ny, 16 * math.ceil(ny / per_row / 16))
-        self.per_row = math.ceil(ny / self.width)
+        self.width, self.per_row = kernels.widths(ny)
         blocks = nx * self.per_row
         #: sums of the last kernel, block by block
         self.part = np.zeros((blocks, 7))

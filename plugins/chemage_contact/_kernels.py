@@ -15,6 +15,7 @@ together are named tuples, which numba compiles as if they were passed one by on
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -88,6 +89,13 @@ class Axis(NamedTuple):
     lower: Array
     upper: Array
     weight: Array
+
+
+def widths(columns: int) -> tuple[int, int]:
+    """Pixels per block of a row of ``columns``, and blocks per row."""
+    per_row = math.ceil(columns / WIDTH)
+    width = min(columns, 16 * math.ceil(columns / per_row / 16))
+    return width, math.ceil(columns / width)
 
 
 @njit(**_OPTIONS)
@@ -671,4 +679,84 @@ def local(lo, hi, blocks, x, stencil, coarse, out, part):
                 if right == 0:
                     _pair_rows(x, above, below, _U(0), _U(REACH), sums, _U(line + REACH + n))
             _stencil_columns(sums, stencil, _U(n + 2 * REACH))
+            part[b, 0] = _stencil_rows(sums, fine, _U(s), weight, x, out, _U(row), _U(start), _U(n))
+
+
+# The same for coarse pixels that are not a whole number of fine ones wide, with tables of interpolation.
+
+
+@njit(**_OPTIONS)
+def restrict_between(lo, hi, blocks, x, rows, columns, coarse):
+    """Rows lo … hi of coarse = Pᵀ x, P the interpolation along ``rows`` and ``columns``; periodic.
+
+    x must be zero in blocks that are not active.
+    """
+    nx, ny = x.shape
+    size = coarse.shape[0]
+    width, per_row, active = blocks.width, blocks.per_row, blocks.active
+    column = np.zeros(ny, x.dtype)
+    for row in range(lo, hi):
+        column[:] = 0
+        touched = False
+        # fine rows strictly between the coarse rows before and behind this one: ceil((row - 1)·nx/size) …
+        first = -(((1 - row) * nx) // size)
+        last = -((-(row + 1) * nx) // size)
+        for k in range(first, last):
+            i = k % nx
+            weight = rows.weight[i] if rows.lower[i] != row else x.dtype.type(1) - rows.weight[i]
+            for s in range(per_row):
+                if active[i * per_row + s]:
+                    start = s * width
+                    stop = min(ny, start + width)
+                    xb, cb = x[i, start:stop], column[start:stop]
+                    for j in range(xb.size):
+                        cb[j] += weight * xb[j]
+                    touched = True
+        out = coarse[row]
+        out[:] = 0
+        if touched:
+            for j in range(ny):
+                upper = columns.weight[j] * column[j]
+                out[columns.lower[j]] += column[j] - upper
+                out[columns.upper[j]] += upper
+
+
+@njit(**_OPTIONS)
+def local_between(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
+    """As ``local``, where ``rows`` and ``columns`` interpolate ``coarse``; the last block has REACH columns or more."""
+    nx, ny = x.shape
+    per_row = blocks.per_row
+    sums = np.zeros((REACH + 1) * LINE, x.dtype)
+    fine = np.zeros((per_row, 2, blocks.width), x.dtype)
+    # coarse row that each line of ``fine`` was interpolated from: the odd and even ones take turns, block by block
+    ready = np.full((per_row, 2), -1)
+    for row in range(lo, hi):
+        base = rows.lower[row]
+        for s in range(per_row):
+            b = row * per_row + s
+            part[b, 0] = 0.0
+            if not blocks.active[b]:
+                continue
+            _, start, stop = _block(blocks, b, ny)
+            n = stop - start
+            for needed in range(base, base + 2):
+                f = needed % 2
+                if ready[s, f] != needed:
+                    ready[s, f] = needed
+                    source = coarse[needed % coarse.shape[0]]
+                    for j in range(n):
+                        value = source[columns.lower[start + j]]
+                        step = source[columns.upper[start + j]] - value
+                        fine[s, f, j] = value + columns.weight[start + j] * step
+            left = REACH if start > 0 else 0
+            right = REACH if stop < ny else 0
+            for a in range(REACH + 1):
+                above, below, line = _U((row - a) % nx), _U((row + a) % nx), a * LINE
+                _pair_rows(x, above, below, _U(start - left), _U(left + n + right), sums, _U(line + REACH - left))
+                if left == 0:
+                    _pair_rows(x, above, below, _U(ny - REACH), _U(REACH), sums, _U(line))
+                if right == 0:
+                    _pair_rows(x, above, below, _U(0), _U(REACH), sums, _U(line + REACH + n))
+            _stencil_columns(sums, stencil, _U(n + 2 * REACH))
+            weight = rows.weight[row] if base % 2 == 0 else x.dtype.type(1) - rows.weight[row]
             part[b, 0] = _stencil_rows(sums, fine, _U(s), weight, x, out, _U(row), _U(start), _U(n))

@@ -7,6 +7,9 @@ restriction, a Fourier transform on the coarse grid and interpolation; the rest 
 fitted so that the relative error over all wave vectors is smallest. It costs a fraction of the Fourier transform of the
 fine grid, even less where little is in contact, and is accurate to about 10 %: not enough for a solution, but enough to
 compute corrections to one.
+
+A coarse pixel is ``RATIO`` fine ones wide. It is slightly less wide where a side is no multiple of that; the weights of
+interpolation are then tables, and the stencil is the same.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels as kernels
-from ._operators import Substrate
+from ._operators import Substrate, fast_length
 from ._transforms import Transforms
 
 if TYPE_CHECKING:
@@ -35,9 +38,17 @@ SPREAD = 0.7 * RATIO
 SAMPLE = 64
 
 
-def suits(body: Substrate) -> bool:
-    """Whether the grid is periodic, divides into coarse pixels, and is large enough for it to pay."""
-    return body.padded == body.shape and all(n % RATIO == 0 and n >= 2 * SAMPLE for n in body.shape)
+def suits(body: Substrate, any_size: bool = False) -> bool:
+    """Whether the grid is periodic, large enough for it to pay, and divides into coarse pixels (or ``any_size``)."""
+    if body.padded != body.shape or min(body.shape) < 2 * SAMPLE:
+        return False
+    # of columns that are not whole coarse pixels, the last block must hold the reach of the stencil
+    width, per_row = kernels.widths(body.shape[1])
+    return _divides(body.shape) or (any_size and body.shape[1] - width * (per_row - 1) >= kernels.REACH)
+
+
+def _divides(shape: tuple[int, int]) -> bool:
+    return all(n % RATIO == 0 for n in shape)
 
 
 class Split:
@@ -45,14 +56,19 @@ class Split:
 
     def __init__(self, body: Substrate, dtype: Any, library: str, team: Team, *, inverse: bool, floating: bool) -> None:
         self._run = team.run
-        coarse = (body.shape[0] // RATIO, body.shape[1] // RATIO)
+        nx, ny = body.shape
+        coarse = (nx // RATIO, ny // RATIO)
+        self._axes: tuple[kernels.Axis, kernels.Axis] | None = None
+        if not _divides(body.shape):
+            coarse = (fast_length(math.ceil(nx / RATIO)), fast_length(math.ceil(ny / RATIO)))
+            self._axes = _axis(nx, coarse[0], np.dtype(dtype)), _axis(ny, coarse[1], np.dtype(dtype))
         self._transforms = Transforms(coarse, coarse, library, team.threads)
-        far = _pixel_symbol(body.regrid(coarse), body, inverse) * _far(coarse)
+        far = _pixel_symbol(body.regrid(coarse), body, inverse) * _far(body.shape, coarse)
         #: of the inverse operator for a uniform displacement
         self.stiffness = float(far[0, 0])
         if floating:
             far[0, 0] = 0.0
-        self._far = _whole(far / RATIO**2, coarse[0]).astype(dtype)
+        self._far = _whole(far / (nx / coarse[0] * (ny / coarse[1])), coarse[0]).astype(dtype)
         self._stencil = _stencil(body.window((SAMPLE, SAMPLE)), inverse).astype(dtype)
         self._coarse = np.empty(coarse, dtype)
 
@@ -61,12 +77,26 @@ class Split:
 
         Σ x·out over each block is in ``part[:, 0]`` afterwards.
         """
-        self._run(kernels.restrict, active.coarse_edges, active.blocks, x, self._coarse)
+        if self._axes is None:
+            self._run(kernels.restrict, active.coarse_edges, active.blocks, x, self._coarse)
+        else:
+            self._run(kernels.restrict_between, len(self._coarse), active.blocks, x, *self._axes, self._coarse)
         spectrum = self._transforms.forward(self._coarse)
         spectrum *= self._far
         far = self._transforms.backward(spectrum)
-        self._run(kernels.local, active.row_edges, active.blocks, x, self._stencil, far, out, part)
+        if self._axes is None:
+            self._run(kernels.local, active.row_edges, active.blocks, x, self._stencil, far, out, part)
+        else:
+            given = x, self._stencil, far, *self._axes
+            self._run(kernels.local_between, active.row_edges, active.blocks, *given, out, part)
         return out
+
+
+def _axis(fine: int, coarse: int, dtype: Any) -> kernels.Axis:
+    """Interpolation along an axis of ``coarse`` pixels to one of ``fine``, periodic."""
+    place = np.arange(fine) * coarse
+    lower = place // fine
+    return kernels.Axis(lower, (lower + 1) % coarse, ((place - lower * fine) / fine).astype(dtype))
 
 
 def _pixel_symbol(body: Substrate, fine: Substrate, inverse: bool) -> Floats:
@@ -80,7 +110,7 @@ def _stencil(window: Substrate, inverse: bool) -> Floats:
     """The stencil of a body. That of a half-space is the same on all grids."""
     small = (SAMPLE // RATIO, SAMPLE // RATIO)
     coarse = _pixel_symbol(window.regrid(small), window, inverse)
-    return _fitted(_pixel_symbol(window, window, inverse), coarse * _far(small))
+    return _fitted(_pixel_symbol(window, window, inverse), coarse * _far((SAMPLE, SAMPLE), small))
 
 
 def _whole(quarter: Array, rows: int) -> Array:
@@ -90,17 +120,18 @@ def _whole(quarter: Array, rows: int) -> Array:
     return np.concatenate([quarter, quarter[1 : rows - quarter.shape[0] + 1][::-1]])
 
 
-def _hat(q: NDArray[np.floating[Any]]) -> Floats:
-    """Transform of the hat function over RATIO, at wave numbers per fine pixel: 1 at zero."""
+def _hat(q: NDArray[np.floating[Any]], ratio: float = RATIO) -> Floats:
+    """Transform of the hat function over ``ratio``, at wave numbers per fine pixel: 1 at zero."""
     half = np.where(q == 0.0, 1.0, 0.5 * q)
-    return np.where(q == 0.0, 1.0, np.sin(half * RATIO) / (RATIO * np.sin(half))) ** 2
+    return np.where(q == 0.0, 1.0, np.sin(half * ratio) / (ratio * np.sin(half))) ** 2
 
 
-def _far(coarse: tuple[int, int]) -> Floats:
+def _far(fine: tuple[int, int], coarse: tuple[int, int]) -> Floats:
     """What the coarse symbol is multiplied by: the Gaussian, and the inverse of restriction and interpolation."""
-    qx = 2.0 * np.pi / (coarse[0] * RATIO) * np.arange(coarse[0] // 2 + 1)[:, None]
-    qy = 2.0 * np.pi / (coarse[1] * RATIO) * np.arange(coarse[1] // 2 + 1)[None, :]
-    return np.exp(-(SPREAD**2) * (qx**2 + qy**2)) / (_hat(qx) * _hat(qy)) ** 2
+    qx = 2.0 * np.pi / fine[0] * np.arange(coarse[0] // 2 + 1)[:, None]
+    qy = 2.0 * np.pi / fine[1] * np.arange(coarse[1] // 2 + 1)[None, :]
+    hats = _hat(qx, fine[0] / coarse[0]) * _hat(qy, fine[1] / coarse[1])
+    return np.exp(-(SPREAD**2) * (qx**2 + qy**2)) / hats**2
 
 
 def _fitted(symbol: Floats, far: Floats) -> Floats:

@@ -15,8 +15,9 @@ from . import _kernels as kernels
 
 Array = NDArray[Any]
 
-#: Number of (active) blocks or rows below which waking another thread takes longer than the work.
-FEW = 512
+#: Numbers of rows, and of pixels in active blocks, below which waking another thread takes longer than the work or
+#: gains nothing.
+FEW, FEW_PIXELS = 700, 1 << 19
 #: Cost of an active block relative to that of one that is skipped.
 ACTIVE_COST = 16
 
@@ -70,7 +71,7 @@ class Active:
         #: as the kernels take them
         self.blocks = kernels.Blocks(width, per_row, mask)
         rows = mask.size // per_row
-        shares = 1 if np.count_nonzero(mask) < FEW else threads
+        shares = 1 if np.count_nonzero(mask) * width < FEW_PIXELS else threads
         self.block_edges, self.row_edges = [0, mask.size], [0, rows]
         self.coarse_edges = [0, rows // kernels.RATIO]
         if shares == 1:

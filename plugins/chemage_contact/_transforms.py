@@ -17,8 +17,8 @@ from scipy import fft as sfft
 
 from chemage import InputError
 
-#: Number of pixels below which one thread is faster than two.
-SHARED = 1 << 17
+#: Number of pixels below which another thread gains nothing.
+SHARED = 1 << 19
 #: Names of the libraries' packages.
 PACKAGES = {"ducc0": "ducc0", "pyfftw": "pyfftw", "mkl_fft": "mkl-fft mkl-service"}
 

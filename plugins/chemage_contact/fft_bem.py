@@ -117,7 +117,7 @@ class FFTBEM(ContactSolver):
         if not {"nx", "ny"} <= surface.keys():
             return {}
         pixels = surface["nx"] * surface["ny"]
-        known = {"bytes": pixels * {"single": 40.0, "mixed": 55.0, "double": 65.0}[self.precision]}
+        known = {"bytes": pixels * {"single": 50.0, "mixed": 70.0, "double": 88.0}[self.precision]}
         if self.gap:
             known["gap_bytes"] = pixels * float(np.dtype(iteration.PRECISIONS[self.precision][0]).itemsize)
             known["bytes"] += known["gap_bytes"]
@@ -263,6 +263,8 @@ class FFTBEM(ContactSolver):
             levels=self.levels,
             library=self.fft,
             pressure_tolerance=self.pressure_tolerance,
+            # a contact without gap keeps the bits it had before there was a split operator for every size
+            any_size=self.gap,
         )
 
     def _team(self) -> Team:

@@ -21,7 +21,7 @@ class Hertz(ContactSolver):
     """
 
     kind = "hertz"
-    implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "displacement")
+    implemented_properties: ClassVar[tuple[str, ...]] = ("pressure", "gap", "displacement")
     declared_error: ClassVar[float | None] = 0.01
     cite: ClassVar[tuple[str, ...]] = (
         "H. Hertz, J. reine angew. Math. 92, 156 (1881)",
@@ -30,14 +30,21 @@ class Hertz(ContactSolver):
 
     modulus: Pressure
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa"""
+    gap: bool = False
+    """whether the solution contains the gap, at the centre of each pixel"""
+
+    def identity(self) -> dict[str, Any]:
+        """As for every component; without ``gap`` where there is none, as before there was this option."""
+        return {name: value for name, value in super().identity().items() if name != "gap" or value}
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
-        """Area fraction πa²/A0 where the radius is known."""
+        """Area fraction πa²/A0 where the radius is known, and memory of the gap."""
         if not {"nx", "ny", "pixel_size", "radius"} <= surface.keys():
             return {}
+        gap = {"gap_bytes": 8.0 * surface["nx"] * surface["ny"]} if self.gap else {}
         edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
         nominal = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2
-        return {"area_fraction": min(math.pi * edge**2 / nominal, 1.0)}
+        return {"area_fraction": min(math.pi * edge**2 / nominal, 1.0), **gap}
 
     def check(self, surface: Mapping[str, float], load: float) -> None:
         """See :meth:`chemage.ContactSolver.check`."""
@@ -75,9 +82,15 @@ class Hertz(ContactSolver):
             nx, ny = surface.shape
             pressure = _pixel_forces(_edges(nx, size), _edges(ny, size), edge, load) / size**2
         total = float(pressure.sum()) * size**2
+        gap = None
+        if self.gap:
+            gap = _gap(surface, edge, radius)
+            gap[pressure > 0] = 0.0
+            gap.setflags(write=False)
         pressure.setflags(write=False)
         return ContactSolution(
             pressure=pressure,
+            gap=gap,
             load=load,
             pixel_size=size,
             modulus=self.modulus,
@@ -109,6 +122,16 @@ def _radius(surface: Surface) -> float:
 def _edges(n: int, size: float) -> np.ndarray:
     """The n + 1 pixel edges along one side, measured from the middle of the grid, nm."""
     return (np.arange(n + 1) - 0.5 * n) * size
+
+
+def _gap(surface: Surface, edge: float, radius: float) -> np.ndarray:
+    """Gap at the centres of pixels, nm: (a²/πR) [√(ρ² − 1) + (ρ² − 2) acos(1/ρ)] at ρ = r/a > 1 (Johnson, eq. 3.42)."""
+    x, y = (_edges(n, surface.pixel_size) for n in surface.shape)
+    r = np.hypot((0.5 * (x[1:] + x[:-1]))[:, None], 0.5 * (y[1:] + y[:-1]))
+    if not edge > 0:
+        return r * r / (2 * radius)
+    rho = np.maximum(r / edge, 1.0)
+    return np.maximum(edge**2 / (math.pi * radius) * (np.sqrt(rho**2 - 1) + (rho**2 - 2) * np.arccos(1 / rho)), 0.0)
 
 
 def _corner_force(x: np.ndarray, y: np.ndarray) -> np.ndarray:

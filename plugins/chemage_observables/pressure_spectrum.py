@@ -35,7 +35,7 @@ class PressureSpectrum(Observable):
     ) -> Mapping[str, np.ndarray]:
         """Compute the bin edges, (bins + 1,) GPa, and two densities per site of the lattice, (bins,) 1/GPa."""
         edges = np.linspace(0.0, self.upper, self.bins + 1)
-        pressure = contact.pressure.ravel()[lattice.sites]
+        pressure = lattice.pressures(contact)
 
         def density(values: np.ndarray) -> np.ndarray:
             counts, _ = np.histogram(values, bins=edges)

@@ -108,7 +108,7 @@ def contact():
 
 
 def chemistry(**options):
-    return ca.chemistry(forming=Ladder(), **options)
+    return ca.chemistry(forming=Ladder(), **{"site_density": "pixel", **options})
 
 
 def age(contact, **options):
@@ -253,6 +253,7 @@ def test_two_observables_of_one_name_are_refused(contact):
         age(contact, observe=[Watch(), Watch()])
 
 
+@pytest.mark.long
 def test_classes_that_are_not_packaged_are_named_from_many_threads(contact):
     """Reading a source is not safe in two threads at once (Python 3.11)."""
     for _ in range(20):

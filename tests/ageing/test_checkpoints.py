@@ -110,6 +110,7 @@ def arguments_of(scene: ca.Scene) -> dict:
     }
 
 
+@pytest.mark.long
 def test_what_other_plugins_made_is_computed_again_and_said(small: ca.Scene, tmp_path: Path):
     """What a plugin has changed must not be taken up without it, nor the other way round."""
 

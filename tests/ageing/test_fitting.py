@@ -68,7 +68,7 @@ def test_errors_weigh_the_rows():
 
 
 @pytest.mark.parametrize("kind", ["residuals", "pairs"])
-@pytest.mark.parametrize(("model", "shape"), [("line", line), ("curve", curve)])
+@pytest.mark.parametrize(("model", "shape"), [("line", line), pytest.param("curve", curve, marks=pytest.mark.long)])
 def test_intervals_hold_the_truth_nineteen_times_in_twenty(model, shape, kind):
     generator = np.random.default_rng(8)
     trials, inside = 160, np.zeros(2)
@@ -107,8 +107,8 @@ def test_replicas_are_drawn_whole_so_that_correlated_errors_count():
     assert 0.90 < inside / trials < 0.99
 
 
-@pytest.mark.parametrize("model", ["line", "curve"])
-@pytest.mark.parametrize("replicas", [2, 3, pytest.param(5, marks=pytest.mark.long), 10])
+@pytest.mark.parametrize("model", ["line", pytest.param("curve", marks=pytest.mark.long)])
+@pytest.mark.parametrize("replicas", [3, *(pytest.param(count, marks=pytest.mark.long) for count in (2, 5, 10))])
 def test_the_intervals_of_a_few_replicas_cover_what_they_say(replicas, model):
     """Replicas that differ by a factor and by a scatter of their own; 0.95 ± 4 standard errors of the trials."""
     generator, trials = np.random.default_rng(replicas), 300 if model == "line" else 100
@@ -127,8 +127,8 @@ def test_the_intervals_of_a_few_replicas_cover_what_they_say(replicas, model):
     assert np.abs(inside / trials - 0.95).max() < 4 * (0.95 * 0.05 / trials) ** 0.5
 
 
-@pytest.mark.parametrize("model", ["line", "curve"])
-@pytest.mark.parametrize("points", [4, pytest.param(6, marks=pytest.mark.long), 25])
+@pytest.mark.parametrize("model", [pytest.param("line", marks=pytest.mark.long), "curve"])
+@pytest.mark.parametrize("points", [4, *(pytest.param(count, marks=pytest.mark.long) for count in (6, 25))])
 def test_the_intervals_of_a_few_measurements_cover_what_they_say(points, model):
     generator, trials = np.random.default_rng(points), 300 if model == "line" else 150
     times, inside = np.geomspace(1.0, 1e4, points), np.zeros(2)

@@ -59,14 +59,17 @@ def correlation(groups: list[np.ndarray]) -> np.ndarray:
 
 
 # 40 × 40 pixels at 1 % are 16 sites, so the sparse contact is larger
-@pytest.mark.parametrize(("fraction", "side"), [(0.01, 120), (0.7, 40)])
-@pytest.mark.parametrize("engine", ["rejection-free", "bkl", "next-reaction"])
+@pytest.mark.parametrize(("fraction", "side"), [pytest.param(0.01, 120, marks=pytest.mark.long), (0.7, 40)])
+@pytest.mark.parametrize(
+    "engine", ["rejection-free", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("bkl", "next-reaction"))]
+)
 def test_replicas_on_different_surfaces_are_independent(engine, fraction, side):
     """66 pairs of surfaces; the standard error of the mean correlation is 0.02. Without hashing: 0.2 to 0.6."""
     found = [beta_and_drop(contact_of(surface, fraction, side), engine) for surface in range(SURFACES)]
     assert np.abs(correlation(found)).max() < 0.09
 
 
+@pytest.mark.long
 def test_engines_are_independent_on_one_contact():
     """36 pairs of engines on one surface each; the standard error of the mean correlation is 0.027."""
     kinds = ("rejection-free", "bkl", "next-reaction")

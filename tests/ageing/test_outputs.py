@@ -69,6 +69,7 @@ def scene(*observe, **sections):
         "surface": {"kind": "sphere", "radius": "30 nm", "pixels": [24, 28], "pixel_size": "0.9 nm"},
         "contact": {"kind": "hertz", "modulus": "35.3 GPa", "load": "50 nN"},
         "forming": {"kind": "uniform", "lower": 0.7, "upper": 1.2},
+        "chemistry": {"site_density": "pixel"},
         "engine": {"kind": "rejection-free"},
         "hold": {"start": "1 ms", "stop": "1e4 s", "per_decade": 1, "replicas": 3},
         "observe": [{"kind": kind} for kind in observe],
@@ -293,7 +294,7 @@ def test_show_and_json_have_them(two, command):
     assert "array, hold_times 8" in command("show", "aging.h5").out
 
 
-def test_compare_and_report_have_rows_of_them(two):
+def test_compare_has_rows_of_them(two):
     made = compare_files(["a.h5", "b.h5"])
     rows = dict(made.table())
     assert rows["bond_share"][1] == "-"
@@ -308,6 +309,10 @@ def test_compare_and_report_have_rows_of_them(two):
     assert float(lines[0]["observable.bond_energy at last (eV)"]) == pytest.approx(energy)
     assert "observable.bond_energy_half_width at last (eV)" in lines[0]
     assert lines[1]["observable.bond_share"] == ""
+
+
+@pytest.mark.long
+def test_a_report_has_rows_of_them(two):
     text = page.html(["a.h5"])
     assert "bond_energy at the last hold time" in text
     assert "bond_share" in text

@@ -56,6 +56,7 @@ def test_what_replicas_share_does_not_count():
     assert paired_difference(first, first) == Difference(0.0, 0.0, 0.0)
 
 
+@pytest.mark.long
 def test_independent_replicas_have_the_errors_of_both():
     """Over many pairs of independent results, the error is √(σ₁² + σ₂²) on average."""
     rng = np.random.default_rng(11)

@@ -114,6 +114,7 @@ def test_ctrl_c_exits_130_without_a_file(small, hook, work):
     assert names(small.parent) == ["small.toml"]
 
 
+@pytest.mark.long
 def test_ctrl_c_while_writing_leaves_no_file(small):
     process = start("MOMENT = 'halfway'" + SLOW_WRITES, small.parent)
     wait_for(process, "halfway")
@@ -139,15 +140,8 @@ def test_ctrl_c_while_drawing_keeps_the_result_and_says_so(command, small, monke
 # -- kill -9 ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "moment",
-    [
-        pytest.param("making pressure", marks=pytest.mark.long),
-        pytest.param("halfway", marks=pytest.mark.long),
-        pytest.param("placing", marks=pytest.mark.long),
-        "placed",
-    ],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("moment", ["making pressure", "halfway", "placing", "placed"])
 def test_kill_9_leaves_no_file_or_a_complete_one(command, small, moment):
     process = start(f"MOMENT = {moment!r}" + SLOW_WRITES, small.parent)
     wait_for(process, moment)
@@ -233,6 +227,7 @@ def test_a_disk_that_fills_up_while_writing_leaves_nothing_half_written(small, t
         assert (folder / "x.h5").read_text() == "old"
 
 
+@pytest.mark.long
 def test_a_disk_that_fills_up_while_drawing_keeps_the_result(command, small, monkeypatch):
     from matplotlib.figure import Figure
 

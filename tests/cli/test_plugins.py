@@ -38,8 +38,8 @@ def everything(site):
     ("source", "said"),
     [
         ("raise RuntimeError('out of coffee')", "RuntimeError: out of coffee"),
-        ("import a_package_nobody_has", "No module named 'a_package_nobody_has'"),
-        ("x = (", "SyntaxError"),
+        pytest.param("import a_package_nobody_has", "No module named 'a_package_nobody_has'", marks=pytest.mark.long),
+        pytest.param("x = (", "SyntaxError", marks=pytest.mark.long),
         ("raise SystemExit(3)", "SystemExit: 3"),
     ],
 )

@@ -80,6 +80,7 @@ def test_the_page_works_in_a_browser_at_every_width_and_in_the_dark(page, browse
     assert paper_dark < 150 < 600 < ink_dark
 
 
+@pytest.mark.long
 def test_curves_take_the_colour_of_the_page(page, browser):
     """Axes drawn in black would vanish at night."""
     for dark, lowest, highest in ((False, 0, 60), (True, 200, 255)):
@@ -94,6 +95,7 @@ def test_curves_take_the_colour_of_the_page(page, browser):
         assert len(near) > 0.8 * len(frames)
 
 
+@pytest.mark.long
 def test_a_wide_table_scrolls_in_a_box_that_the_keyboard_reaches(page, browser):
     browser.open(page, 360)
     boxes = browser.evaluate(
@@ -107,6 +109,7 @@ def test_a_wide_table_scrolls_in_a_box_that_the_keyboard_reaches(page, browser):
         assert width <= 360
 
 
+@pytest.mark.long
 def test_links_of_the_contents_lead_to_their_sections(page, browser):
     browser.open(page, 800)
     for target in browser.evaluate("[...document.querySelectorAll('nav a')].map(a => a.getAttribute('href'))"):
@@ -116,6 +119,7 @@ def test_links_of_the_contents_lead_to_their_sections(page, browser):
         assert abs(top) < 60 or last
 
 
+@pytest.mark.long
 def test_on_paper_it_is_dark_on_white_and_complete(page, browser):
     seen = browser.open(page, 800, dark=True, media="print")
     assert seen["colours"] == ["rgb(0, 0, 0)", "rgb(255, 255, 255)"]
@@ -148,14 +152,24 @@ def test_a_browser_without_a_window_shows_the_same(page, tmp_path, browser_words
 # -- the command ------------------------------------------------------------------------------------------------------
 
 
-def test_an_existing_page_is_kept_unless_forced(page, command):
-    first = page.read_bytes()
+@pytest.fixture
+def existing(small, command):
+    """A page in whose folder there is the result ``at40.h5``."""
+    done = command("run", small, "--no-figures", "--out", "at40.h5")
+    assert done.status == 0, done.err
+    page = small.parent / "report.html"
+    page.write_text("mine")
+    return page
+
+
+def test_an_existing_page_is_kept_unless_forced(existing, command):
+    page, first = existing, existing.read_bytes()
     done = command("report", "at40.h5")
     assert done.status == 2
     assert "already there" in done.err
     assert page.read_bytes() == first
     assert command("report", "at40.h5", "--force").status == 0
-    assert page.read_bytes() != first
+    assert page.read_bytes().startswith(b"<!DOCTYPE html>")
 
 
 @pytest.mark.parametrize(
@@ -167,10 +181,10 @@ def test_an_existing_page_is_kept_unless_forced(page, command):
         (("at40.h5", "--measured", "small.toml", "--out", "new.html"), "small.toml, line"),
     ],
 )
-def test_user_errors_are_one_message_and_leave_nothing(page, command, words, message):
-    before = sorted(path.name for path in page.parent.iterdir())
+def test_user_errors_are_one_message_and_leave_nothing(existing, command, words, message):
+    before = sorted(path.name for path in existing.parent.iterdir())
     done = command("report", *words)
     assert done.status == 2
     assert message in done.err
     assert "Traceback" not in done.err
-    assert sorted(path.name for path in page.parent.iterdir()) == before
+    assert sorted(path.name for path in existing.parent.iterdir()) == before

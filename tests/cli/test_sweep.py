@@ -87,7 +87,7 @@ def test_run_fills_a_folder_and_says_what_came_out(command, scene, tiny):
 
 
 def test_run_json_is_one_object(command, scene):
-    outcome = command("run", scene, "--out", "here", "--json", "--workers", 2)
+    outcome = command("run", scene, "--out", "here", "--json")
     told = json.loads(outcome.out)
     assert (told["points"], told["done"], told["failed"], told["missing"]) == (6, 6, 0, 0)
     assert told["results"]["csv"].endswith("here/results.csv")
@@ -204,10 +204,8 @@ def slow(scene, seconds=0.05):
     scene.write_text(SCENE.replace('kind = "tiny-coin"', f'kind = "tiny-coin"\npause = {seconds}'))
 
 
-@pytest.mark.parametrize(
-    "executor",
-    [pytest.param("serial", marks=pytest.mark.long), "processes", pytest.param("dask", marks=pytest.mark.long)],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("executor", ["serial", "processes", "dask"])
 def test_ctrl_c_keeps_what_is_finished(scene, tiny, executor, command):
     tiny.hold(4, 5)  # two points at least, and then there is time to interrupt
     words = chemage_command("run", scene, "--executor", executor)
@@ -270,6 +268,7 @@ def on_a_terminal(words, answer=""):
     return os.waitstatus_to_exitcode(status), seen.decode()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("answer", "status"), [("n\n", 2), ("y\n", 0)])
 def test_a_terminal_is_asked_and_then_shows_bars(scene, answer, status):
     slow(scene, 0.1)

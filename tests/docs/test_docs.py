@@ -59,7 +59,14 @@ def every(*languages):
 PYTHON = [page for page in PAGES if page != TUTORIAL and any(b.language == "python" for b in blocks(page))]
 
 
-@pytest.mark.parametrize("page", PYTHON, ids=lambda page: page.name)
+#: pages whose code computes for seconds
+LONG = ("kinetics.md", "gallery.md", "comparing.md")
+
+
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, id=page.name, marks=pytest.mark.long if page.name in LONG else ()) for page in PYTHON],
+)
 def test_python_runs_as_written(page, tmp_path, monkeypatch, capsys):
     """The blocks of one page, one after the other, in one namespace and an empty folder."""
     monkeypatch.chdir(tmp_path)

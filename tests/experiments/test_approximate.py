@@ -124,12 +124,18 @@ def test_checkpoints_keep_the_mark(tiny, parts, tmp_path):
     assert ca.run(scene, checkpoints=tmp_path).approximate == WORDS
 
 
-def test_files_comparisons_and_reports_say_so(tiny, parts, command, tmp_path, monkeypatch):
+@pytest.fixture
+def written(tiny, parts, tmp_path, monkeypatch):
+    """Files in the working folder: an approximate run, an exact one, and the ageing of the approximate one alone."""
     approximate(parts.Coin)
     monkeypatch.chdir(tmp_path)
     ca.write("a.h5", ran(tiny, engine={"kind": "coarse"}))
     ca.write("b.h5", ran(tiny))
     ca.write("aging.h5", ca.read("a.h5").aging)
+
+
+@pytest.mark.usefixtures("written")
+def test_files_and_comparisons_say_so(command):
     assert ca.read("a.h5").approximate == WORDS
     shown = " ".join(command("show", "a.h5").out.split())
     assert f"approximate {WORDS[:20]}" in shown
@@ -140,6 +146,12 @@ def test_files_comparisons_and_reports_say_so(tiny, parts, command, tmp_path, mo
     assert dict(made.table())["approximate"] == [WORDS, "-", WORDS]
     assert [one["approximate"] for one in made.numbers()] == [WORDS, "", WORDS]
     assert [row["approximate"] for row in csv.DictReader(made.csv().splitlines())] == [WORDS, "", WORDS]
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("written")
+def test_figures_and_reports_say_so():
+    made = compare_files(["a.h5", "b.h5", "aging.h5"])
     legend = comparison_figures(made)["friction-drop"].axes[0].get_legend()
     labels = [text.get_text() for text in legend.get_texts()]
     assert labels == ["a (approximate)", "b", "aging (approximate)"]
@@ -163,6 +175,11 @@ def test_exact_results_say_nothing(tiny, tmp_path):
     made = compare_files([tmp_path / "a.h5"])
     assert "approximate" not in dict(made.table())
     assert "approximate" not in made.csv()
+
+
+@pytest.mark.long
+def test_reports_of_exact_results_say_nothing(tiny, tmp_path):
+    ca.write(tmp_path / "a.h5", ran(tiny))
     assert "pproximate" not in html([tmp_path / "a.h5"])
 
 

@@ -123,6 +123,7 @@ def test_the_command_show_names_it(capped, tiny, tmp_path, command):
     assert told["versions"]["chemage-cap"] == "2.1"
 
 
+@pytest.mark.long
 def test_a_report_names_it(capped, tiny, tmp_path):
     chemage.write(tmp_path / "x.h5", chemage.run(parse_scene(tiny.scene())))
     page = chemage.write_report([tmp_path / "x.h5"], tmp_path / "x.html").read_text(encoding="utf-8")

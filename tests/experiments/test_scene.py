@@ -107,6 +107,7 @@ def test_an_edited_height_map_is_another_surface(small):
     assert {name for name in one if one[name] != two[name]} == set(one)
 
 
+@pytest.mark.long
 def test_keys_are_the_same_in_every_process(small):
     code = (
         "import json, chemage; s = chemage.load_scene('small.toml');"

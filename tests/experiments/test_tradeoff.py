@@ -56,6 +56,7 @@ def exact_pressure(surface: ca.Surface, load: float, pixels: np.ndarray) -> np.n
     return pressure
 
 
+@pytest.mark.long
 def test_errors_of_the_contact_are_the_true_ones(found: Tradeoff):
     """Against a dense solve that is independent of the project: every error, the smallest included."""
     scene = ca.load_scene("silica-rough", SMALL)
@@ -172,6 +173,7 @@ def test_one_replica_has_differences_without_errors():
         assert math.isnan(row.beta_difference_half_width)
 
 
+@pytest.mark.long
 def test_the_error_of_the_grid_is_estimated():
     """The own grid has an error as well: that of finer grids, which is computed here, within its uncertainty."""
     changes = {**CONTACT_ONLY, "surface.pixels": 256, "surface.pixel_size": "0.2259 nm"}

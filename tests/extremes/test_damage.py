@@ -10,6 +10,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 SCRIPT = """
 import sys, warnings
 from pathlib import Path
@@ -108,9 +110,11 @@ for kind, (put, get) in WAYS.items():
     original = folder / "original.h5"
     original.unlink(missing_ok=True)
     put(original)
-    whole, expected, caught = original.read_bytes(), get(original), 0
+    whole, expected, caught, changed = original.read_bytes(), get(original), 0, 0
     for number in range(count):
-        damaged.write_bytes(spoil(whole, number))
+        spoiled = spoil(whole, number)
+        changed += spoiled != whole
+        damaged.write_bytes(spoiled)
         try:
             found = get(damaged)
         except chemage.ChemageError as error:
@@ -120,12 +124,14 @@ for kind, (put, get) in WAYS.items():
             continue
         if found != expected:
             sys.exit(f"{number}: other content, and no error")
-    print("caught", caught, flush=True)
+    print("caught", caught, "of", changed, flush=True)
 """
 
 
-def test_no_damage_is_believed(tmp_path):
-    count = 250 * int(os.environ.get("CHEMAGE_FUZZ", "1"))
+# some 1.3 % of the changes hit bytes between the blocks of a file, where they are of no consequence
+@pytest.mark.parametrize(("count", "share"), [(60, 0.9), pytest.param(250, 0.97, marks=pytest.mark.long)])
+def test_no_damage_is_believed(tmp_path, count, share):
+    count *= int(os.environ.get("CHEMAGE_FUZZ", "1"))
     done = subprocess.run(
         [sys.executable, "-X", "faulthandler", "-c", SCRIPT, str(count), str(tmp_path)],
         capture_output=True,
@@ -134,7 +140,6 @@ def test_no_damage_is_believed(tmp_path):
         check=False,
     )
     assert done.returncode == 0, (done.stdout[-200:], done.stderr[-2000:])
-    caught = [int(line.split()[1]) for line in done.stdout.splitlines() if line.startswith("caught")]
-    assert len(caught) == 9
-    # nothing is lost where zeros were written over zeros
-    assert min(caught) > 0.9 * count
+    rows = [line.split() for line in done.stdout.splitlines() if line.startswith("caught")]
+    assert len(rows) == 9
+    assert min(int(caught) / int(changed) for _, caught, _, changed in rows) > share

@@ -14,7 +14,10 @@ import chemage
 from chemage import KB, InputError, ReactionLattice, registry
 
 KINDS = registry.current().kinds("engine")
+#: `auto` runs one of the others
+ONCE = [pytest.param(kind, marks=pytest.mark.long if kind == "auto" else ()) for kind in KINDS]
 COUPLED = [kind for kind in KINDS if registry.current().component("engine", kind).interacting]
+COUPLED_ONCE = [pytest.param(kind, marks=pytest.mark.long if kind == "auto" else ()) for kind in COUPLED]
 FAST = ["rejection-free", "bkl", "next-reaction"]
 CHANCE = 1e-5
 NU = 1e13
@@ -218,12 +221,12 @@ def test_couplings_of_five_electronvolt_either_way(kind):
     assert not np.any(state[:, 2] & state[:, 3])
 
 
-@pytest.mark.parametrize("kind", COUPLED)
+@pytest.mark.parametrize("kind", COUPLED_ONCE)
 def test_barriers_pushed_below_zero_and_back(kind):
     """Couplings carry barriers through zero: fixed-point energies come back exactly, the rate below zero is ν."""
     lattice = grid(2, 3, low=-0.12, high=0.12, forming=0.06, breaking=0.08, spread=0.05, attempt_frequency=1.0)
     t = 3.0
-    assert agree(sampled(kind, lattice, 300.0, t, 1200), exact(lattice, 300.0, [t])[0]) > CHANCE
+    assert agree(sampled(kind, lattice, 300.0, t, 600), exact(lattice, 300.0, [t])[0]) > CHANCE
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -263,22 +266,25 @@ def test_no_site_and_one_site(kind):
     assert one.bonds.tolist() == [0, 1]
 
 
-@pytest.mark.parametrize(("rows", "columns"), [(1, 1), (1, 2), (2, 2), (2, 3), (1, 5), (1, 7)])
-@pytest.mark.parametrize("kind", COUPLED)
+@pytest.mark.parametrize(
+    ("rows", "columns"),
+    [(1, 2), (2, 3), *(pytest.param(*shape, marks=pytest.mark.long) for shape in ((1, 1), (2, 2), (1, 5), (1, 7)))],
+)
+@pytest.mark.parametrize("kind", COUPLED_ONCE)
 def test_tiny_and_two_wide_periodic_grids(kind, rows, columns):
     """On a grid two or three pixels wide one pixel is a neighbour on both sides; it counts once."""
     lattice = grid(rows, columns)
     t = 1.0 / (NU * math.exp(-0.8 / (KB * 300)))
-    assert agree(sampled(kind, lattice, 300.0, t, 700), exact(lattice, 300.0, [t])[0]) > CHANCE
+    assert agree(sampled(kind, lattice, 300.0, t, 500), exact(lattice, 300.0, [t])[0]) > CHANCE
 
 
-@pytest.mark.parametrize("kind", COUPLED)
+@pytest.mark.parametrize("kind", COUPLED_ONCE)
 def test_a_patch_that_spans_the_periodic_boundary(kind):
     """Sites in the four corners of a 5 x 7 grid are one patch."""
     lattice = grid(5, 7, sites=[0, 1, 6, 28, 34], low=0.02, high=0.1)
     assert np.count_nonzero(lattice.neighbours >= 0) > 12
     t = 1.5 / (NU * math.exp(-0.8 / (KB * 300)))
-    assert agree(sampled(kind, lattice, 300.0, t, 900), exact(lattice, 300.0, [t])[0]) > CHANCE
+    assert agree(sampled(kind, lattice, 300.0, t, 500), exact(lattice, 300.0, [t])[0]) > CHANCE
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -344,27 +350,27 @@ def test_a_restart_with_other_barriers_keeps_state_and_clock(kind):
     assert open_.bonds.tolist() == [cold.bonds[0], n]
 
 
-@pytest.mark.parametrize("kind", COUPLED)
+@pytest.mark.parametrize("kind", COUPLED_ONCE)
 def test_another_engine_can_continue_a_history(kind):
     """State and clock can be passed from engine to engine without an effect on the distribution."""
     lattice = grid(2, 3)
     t = 1.0 / (NU * math.exp(-0.8 / (KB * 300)))
     other = "bkl" if kind != "bkl" else "rejection-free"
     seen = np.zeros(64)
-    for seed in range(800):
+    for seed in range(400):
         half = chemage.engine(other).run(lattice, [0.4 * t], temperature=300, seed=seed)
         history = chemage.engine(kind).run(lattice, [t], temperature=300, seed=seed, start=half)
         seen[history.state @ (1 << np.arange(6))] += 1
     assert agree(seen, exact(lattice, 300.0, [t])[0]) > CHANCE
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ONCE)
 def test_a_start_state_counts_with_its_couplings(kind):
     lattice = grid(2, 3) if kind in COUPLED else alone(np.full(6, 0.8), np.full(6, 0.85))
     t = 0.6 / (NU * math.exp(-0.8 / (KB * 300)))
     begin = np.array([1, 0, 1, 1, 0, 0], bool)
     seen = np.zeros(64)
-    for seed in range(800):
+    for seed in range(400):
         history = chemage.engine(kind).run(lattice, [t], temperature=300, seed=seed, start=begin)
         seen[history.state @ (1 << np.arange(6))] += 1
     assert agree(seen, exact(lattice, 300.0, [t], start=int(begin @ (1 << np.arange(6))))[0]) > CHANCE

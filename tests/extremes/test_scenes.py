@@ -13,12 +13,20 @@ from chemage import load_scene, parse_scene
 from chemage.reports import run_figures
 
 pytestmark = pytest.mark.drawn
+#: drawing takes most of the time: without it every case is quick, with it long
+DRAWN = pytest.mark.parametrize("drawn", [False, pytest.param(True, marks=pytest.mark.long)])
 
 
-def carried_out(small, *, drawn=True, **changes):
-    """The small scene with dotted changes (``a__b`` is ``a.b``), run in this process; its figures must be sound.
+def cases(*given):
+    """Pairs of a value and whether its figures are drawn, each also without; those with figures are long."""
+    plain = [(value, False) for value, _ in given]
+    return plain + [pytest.param(value, True, marks=pytest.mark.long) for value, drawn in given if drawn]
 
-    Drawing takes most of the time: without ``drawn``, of what looks like another case, they are left out.
+
+def carried_out(small, *, drawn, **changes):
+    """The small scene with dotted changes (``a__b`` is ``a.b``), run in this process.
+
+    If ``drawn``, its figures must be sound.
     """
     result = chemage.run(load_scene(small, {name.replace("__", "."): value for name, value in changes.items()}))
     json.dumps(result.summary(), allow_nan=False)
@@ -65,8 +73,9 @@ def heights(small, values, pixel_size=0.45, periodic=True, load="20 nN"):
 # -- load ------------------------------------------------------------------------------------------------------------
 
 
-def test_no_load_is_a_contact_without_sites(small, command):
-    result = carried_out(small, contact__load=0)
+@DRAWN
+def test_no_load_is_a_contact_without_sites(small, command, drawn):
+    result = carried_out(small, contact__load=0, drawn=drawn)
     assert (result.contact.sites.size, result.contact.patches) == (0, 0)
     assert not result.aging.friction_drop.any()
     assert np.isnan(result.aging.friction_coefficient_drop).all()
@@ -84,16 +93,16 @@ def test_no_load_is_a_contact_without_sites(small, command):
     assert command("show", "small.h5").status == 0
 
 
-@pytest.mark.parametrize("load", [1e-9, 1.0])
-def test_a_vanishing_load_touches_somewhere(small, load):
-    result = carried_out(small, contact__load=load, drawn=load in (1e-9, "20 uN"))
+@pytest.mark.parametrize(("load", "drawn"), cases((1e-9, True), (1.0, False)))
+def test_a_vanishing_load_touches_somewhere(small, load, drawn):
+    result = carried_out(small, contact__load=load, drawn=drawn)
     assert 1 <= result.contact.sites.size < 60
     assert result.contact.pressure.sum() * 0.4518**2 == pytest.approx(load, rel=1e-4)
 
 
-@pytest.mark.parametrize("load", ["20 uN", "1 N"])
-def test_a_load_beyond_full_contact_says_so(small, command, load):
-    result = carried_out(small, contact__load=load, drawn=load in (1e-9, "20 uN"))
+@pytest.mark.parametrize(("load", "drawn"), cases(("20 uN", True), ("1 N", False)))
+def test_a_load_beyond_full_contact_says_so(small, command, load, drawn):
+    result = carried_out(small, contact__load=load, drawn=drawn)
     assert result.contact.area_fraction == 1
     (note,) = [note for note in result.summary()["notes"] if note.startswith("full contact")]
     assert command("show", "x.h5").out.replace("\n", " ").count(note) == 1
@@ -105,7 +114,7 @@ def test_a_load_beyond_full_contact_says_so(small, command, load):
 
 def test_a_single_pixel(small):
     heights(small, np.zeros((1, 1)), load="1 nN")
-    result = carried_out(small)
+    result = carried_out(small, drawn=True)
     assert result.contact.shape == (1, 1)
     assert result.contact.area_fraction == 1
     assert result.contact.pressure[0, 0] == pytest.approx(1 / 0.45**2)
@@ -113,15 +122,15 @@ def test_a_single_pixel(small):
     assert result.aging.bonds.max() <= 1
 
 
-@pytest.mark.parametrize("pixels", [[1, 64], [64, 1], [33, 21], 47])
-def test_grids_that_are_not_square_or_even(small, pixels):
+@pytest.mark.parametrize(("pixels", "drawn"), cases(([1, 64], True), ([64, 1], False), ([33, 21], False), (47, True)))
+def test_grids_that_are_not_square_or_even(small, pixels, drawn):
     result = carried_out(
         small,
         surface__pixels=pixels,
         surface__zeta=3,
         surface__eta=1,
         contact__load="5 nN",
-        drawn=pixels in ([1, 64], 47),
+        drawn=drawn,
     )
     shape = tuple(pixels) if isinstance(pixels, list) else (pixels, pixels)
     assert result.surface.shape == result.contact.shape == shape
@@ -129,6 +138,7 @@ def test_grids_that_are_not_square_or_even(small, pixels):
     assert total == pytest.approx(5, rel=1e-5)
 
 
+@pytest.mark.long
 def test_a_strip_is_stretched_until_it_can_be_seen(small):
     changes = {"surface.pixels": [1200, 20], "surface.zeta": 24, "contact.load": "0.3 uN"}
     result = chemage.run(load_scene(small, changes))
@@ -140,11 +150,17 @@ def test_a_strip_is_stretched_until_it_can_be_seen(small):
 
 
 @pytest.mark.parametrize(
-    ("shape", "periodic"), [((1, 1), True), ((1, 1), False), ((1, 5), False), ((16, 16), True), ((16, 16), False)]
+    ("flat", "drawn"),
+    cases(
+        *(((shape, periodic), True) for shape, periodic in [((1, 1), True), ((1, 1), False), ((1, 5), False)]),
+        (((16, 16), True), False),
+        (((16, 16), False), True),
+    ),
 )
-def test_a_flat_surface(small, shape, periodic):
+def test_a_flat_surface(small, flat, drawn):
+    shape, periodic = flat
     heights(small, np.full(shape, 3.0), periodic=periodic)
-    result = carried_out(small, drawn=shape != (16, 16) or not periodic)
+    result = carried_out(small, drawn=drawn)
     assert (result.surface.rms_height, result.surface.rms_slope) == (0, 0)
     if periodic:
         assert result.contact.area_fraction == 1
@@ -165,21 +181,24 @@ def timed(small):
     return change
 
 
-def test_one_hold_time_and_one_replica(timed):
-    result = carried_out(timed(10.0), hold__replicas=1)
+@DRAWN
+def test_one_hold_time_and_one_replica(timed, drawn):
+    result = carried_out(timed(10.0), drawn=drawn, hold__replicas=1)
     assert result.aging.bonds.shape == (1, 1)
     summary = result.summary()
     assert summary["friction_drop_stderr"] == [None]
     assert summary["beta"] is None
 
 
-def test_hold_time_zero_has_no_bonds(timed):
-    result = carried_out(timed(0.0))
+@DRAWN
+def test_hold_time_zero_has_no_bonds(timed, drawn):
+    result = carried_out(timed(0.0), drawn=drawn)
     assert not result.aging.bonds.any()
 
 
-def test_zero_is_a_hold_time_among_others_and_a_time_may_come_twice(timed):
-    result = carried_out(timed(0.0, 10.0, 10.0, 1000.0))
+@DRAWN
+def test_zero_is_a_hold_time_among_others_and_a_time_may_come_twice(timed, drawn):
+    result = carried_out(timed(0.0, 10.0, 10.0, 1000.0), drawn=drawn)
     assert not result.aging.bonds[:, 0].any()
     assert np.array_equal(result.aging.bonds[:, 1], result.aging.bonds[:, 2])
     assert result.fit() is not None
@@ -189,28 +208,32 @@ def test_hold_times_with_units(timed):
     assert load_scene(timed("1 ms", "2 min")).hold.hold_times.tolist() == [1e-3, 120.0]
 
 
-def test_a_fit_window_without_hold_times_gives_no_beta(small):
-    assert carried_out(small, fit={"start": 1e6, "stop": 1e7}).summary()["beta"] is None
+@DRAWN
+def test_a_fit_window_without_hold_times_gives_no_beta(small, drawn):
+    assert carried_out(small, fit={"start": 1e6, "stop": 1e7}, drawn=drawn).summary()["beta"] is None
 
 
-def test_ages_of_the_universe_and_great_heat(timed):
-    result = carried_out(timed(1e-15, 4e17), hold__temperature=3000, breaking=None)
+@DRAWN
+def test_ages_of_the_universe_and_great_heat(timed, drawn):
+    result = carried_out(timed(1e-15, 4e17), hold__temperature=3000, breaking=None, drawn=drawn)
     assert np.array_equal(result.aging.bonds[:, 1], result.aging.sites)
 
 
 # -- what is left out is not modelled --------------------------------------------------------------------------------
 
 
-def test_without_interaction_there_is_no_neighbour_list(small):
+@DRAWN
+def test_without_interaction_there_is_no_neighbour_list(small, drawn):
     scene = load_scene(small, {"interaction": None})
-    contact = carried_out(small, interaction=None).contact
+    contact = carried_out(small, interaction=None, drawn=drawn).contact
     lattice = scene.chemistry.on(contact, seed=1)
     assert (lattice.neighbours, lattice.coupling, lattice.interacting) == (None, None, False)
     assert load_scene(small).chemistry.on(contact, seed=1).interacting
 
 
-def test_without_breaking_bonds_last(small):
-    result = carried_out(small, breaking=None, interaction=None)
+@DRAWN
+def test_without_breaking_bonds_last(small, drawn):
+    result = carried_out(small, breaking=None, interaction=None, drawn=drawn)
     bonds = result.aging.bonds
     assert (np.diff(bonds, axis=1) >= 0).all()
     assert np.array_equal(result.aging.events, bonds[:, -1])
@@ -227,21 +250,24 @@ def test_without_activation_volume_pressure_only_decides_who_is_in_contact(small
     assert np.array_equal(one.sites, contact.sites)
 
 
-def test_without_forming_only_the_contact_is_computed(small, command):
+@DRAWN
+def test_without_forming_only_the_contact_is_computed(small, drawn):
     data = {name: part for name, part in load_scene(small).todict().items() if name in ("name", "surface", "contact")}
     scene = parse_scene(data)
     assert (scene.chemistry, scene.hold, scene.engine) == (None, None, None)
     result = chemage.run(scene)
     assert result.aging is None
-    assert look(result).keys() == {"surface", "pressure"}
+    if drawn:
+        assert look(result).keys() == {"surface", "pressure"}
     summary = result.summary()
     assert summary["engine"] is None
     assert (summary["hold_times"], summary["friction_drop"]) == ([], [])
     assert result.contact == chemage.run(load_scene(small)).contact
 
 
-def test_no_site_carries_a_hydroxyl(small):
-    result = carried_out(small, chemistry__hydroxylation=0)
+@DRAWN
+def test_no_site_carries_a_hydroxyl(small, drawn):
+    result = carried_out(small, chemistry__hydroxylation=0, drawn=drawn)
     assert result.contact.sites.size > 0
     assert not result.aging.sites.any()
     assert not result.aging.friction_drop.any()

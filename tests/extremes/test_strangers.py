@@ -166,7 +166,8 @@ def test_what_is_printed_does_not_move_the_cursor(command, small, tmp_path):
     assert printable("Δµ\t1\n") == "Δµ\t1\n"
 
 
-@pytest.mark.parametrize("closing", ["| head -1", pytest.param(">&-", marks=pytest.mark.long), "> /dev/full"])
+@pytest.mark.long
+@pytest.mark.parametrize("closing", ["| head -1", ">&-", "> /dev/full"])
 def test_closed_and_full_outputs_leave_no_traceback(small, closing):
     line = f"{sys.executable} -m chemage.cli schema {closing}; exit 0"
     done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)

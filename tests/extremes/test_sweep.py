@@ -178,7 +178,9 @@ def test_a_manifest_of_something_else_is_an_error(tiny, tmp_path, text):
             again()
 
 
-@pytest.mark.parametrize("damage", ["", "{", "[]", "cut", "one digit"])
+@pytest.mark.parametrize(
+    "damage", [*(pytest.param(text, marks=pytest.mark.long) for text in ("", "{", "[]")), "cut", "one digit"]
+)
 def test_a_damaged_manifest_is_written_again(tiny, tmp_path, damage):
     result = chemage.sweep(swept(tiny), tmp_path / "out")
     whole = contents(tmp_path / "out")
@@ -336,7 +338,7 @@ KILLS = (-1, 0, 1, 6, 13)
 @pytest.mark.parametrize(
     ("executor", "workers", "kills"),
     [
-        ("serial", None, (13,)),
+        pytest.param("serial", None, (13,), marks=pytest.mark.long),
         pytest.param("processes", 2, (0, 6), marks=pytest.mark.long),
         pytest.param("serial", None, KILLS, marks=pytest.mark.long),
         pytest.param("processes", 2, KILLS, marks=pytest.mark.long),
@@ -406,7 +408,8 @@ DEATHS = """
 
 
 # for Dask, tests/sweeps/test_executors.py shows what the death of a worker costs
-@pytest.mark.parametrize("executor", ["processes", pytest.param("dask", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("executor", ["processes", "dask"])
 def test_a_killed_worker_costs_its_point_a_retry_and_nothing_else(tiny, tmp_path, executor):
     scene = swept(tiny, DEATHS, hold={"times": [1.0, 10.0], "replicas": 1}, fit={"start": 1.0, "stop": 10.0})
     result = chemage.sweep(scene, tmp_path / "out", executor=executor, workers=2)
@@ -424,7 +427,8 @@ def test_a_killed_worker_costs_its_point_a_retry_and_nothing_else(tiny, tmp_path
     assert len(tiny.computed("contact")) == 1
 
 
-@pytest.mark.parametrize("executor", [pytest.param(name, marks=pytest.mark.long) for name in ("processes", "dask")])
+@pytest.mark.long
+@pytest.mark.parametrize("executor", ["processes", "dask"])
 def test_a_contact_that_kills_its_workers_fails_its_points(tiny, tmp_path, executor):
     text = """
     [sweep]
@@ -484,7 +488,8 @@ kind = "barrier-spectrum"
 """
 
 
-@pytest.mark.parametrize("cluster", [False, pytest.param(True, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("cluster", [False, True])
 def test_every_executor_gives_the_same_bits(tmp_path, cluster):
     """Rough contact, interacting sites, both exact engines: in process, in two processes, on a cluster that runs."""
     scene = {"name": "real", **tomllib.loads(REAL)}

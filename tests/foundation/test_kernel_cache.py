@@ -24,6 +24,7 @@ print(chemage.random.uniforms(1, 2, [3, 4]).size)
 """
 
 
+@pytest.mark.long
 def test_without_a_folder_to_write_to_kernels_go_to_a_temporary_one(tmp_path):
     home, temporary = tmp_path / "home", tmp_path / "temporary"
     home.mkdir()

@@ -78,6 +78,7 @@ def test_every_field_is_part_of_the_digest(make):
         "displacement": 0.5,
         "breaking": np.ones(3),
         "positions": np.array([[0.2, 0.7], [0.7, 0.7], [1.1, 0.7]]),
+        "origin": (0.1, 0.2),
         "contact": {"load": 1.0},
         "elasticity": {"hardness": 10.0},
         "observables": {},
@@ -96,6 +97,8 @@ def test_every_field_is_part_of_the_digest(make):
             change = {name: (np.stack(np.divmod(record.sites, record.pixels[1]), axis=1) + 0.4) * record.pixel_size}
         elif name in optional:
             change = {name: optional[name]}
+        elif name == "pressure" and value is None:
+            change = {name: np.array([1.0, 2.0, 3.0])}
         elif name == "sites" and make.__name__ == "lattice":
             change = {name: value + 1}
         elif isinstance(value, np.ndarray):

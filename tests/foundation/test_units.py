@@ -267,6 +267,7 @@ def test_what_the_table_converts_is_what_pint_converts(unit, other, monkeypatch)
     assert by_table == by_pint
 
 
+@pytest.mark.long
 def test_a_scene_is_read_without_pint():
     code = "import sys, chemage; chemage.load_scene('silica-rough'); sys.exit('pint' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

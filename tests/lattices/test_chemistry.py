@@ -78,7 +78,7 @@ def contact():
 
 
 def chemistry(**options):
-    return ca.chemistry(forming=Ladder(), **options)
+    return ca.chemistry(forming=Ladder(), **{"site_density": "pixel", **options})
 
 
 def test_a_pixel_keeps_its_barrier_when_the_contact_grows(contact):

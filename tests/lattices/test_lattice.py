@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 import chemage as ca
 from chemage import InputError, ReactionLattice
 from chemage.lattices.neighbours import neighbours_of
+from chemage.lattices.site_grid import contact_sites
 
 
 @pytest.fixture
@@ -23,7 +24,7 @@ def lattice(examples):
 
 
 def test_the_neighbour_graph_is_made_once_per_interaction(contact):
-    made = contact()
+    made = contact_sites(contact(), "pixel")
     pairs = ca.interaction("elastic-pairs", strength="0.5 eV", bias=0.1)
     first = neighbours_of(made, pairs)
     assert neighbours_of(made, pairs.replace(strength=0.5)) is first  # equal options, the same graph

@@ -195,7 +195,8 @@ def test_an_interaction_gets_what_it_names(examples):
     pressure = np.ones((8, 3))
     for periodic, energy in ((True, 0.1), (False, 0.05)):
         contact = examples.contact(pressure=pressure, periodic=periodic)  # pixels of 0.5 nm
-        chemistry = ca.chemistry(forming=ca.barriers("uniform", lower=0.8, upper=1.0), interaction=Far())
+        forming = ca.barriers("uniform", lower=0.8, upper=1.0)
+        chemistry = ca.chemistry(forming=forming, interaction=Far(), site_density="pixel")
         lattice = chemistry.on(contact)
         assert lattice.neighbours[9, 1] == 9 + 2 * 3
         assert np.unique(lattice.coupling[lattice.neighbours >= 0]).tolist() == [energy]

@@ -60,6 +60,7 @@ def test_the_calibrated_density_ages_before_the_second_for_which_its_range_was_c
     assert first == pytest.approx(0.43, abs=0.12), "s, and three standard errors of 200 replicas; header of the scene"
 
 
+@pytest.mark.long
 def test_below_a_tenth_of_a_second_ageing_is_linear_and_above_it_logarithmic():
     times, rise = drop("silica-linear-tip")
     early, late = (times > 0.004) & (times < 0.095), times > 0.095

@@ -2,6 +2,7 @@
 scenes have small errors."""
 
 import numpy as np
+import pytest
 
 import chemage as ca
 
@@ -47,6 +48,7 @@ def test_hydroxylation_only_takes_sites_away():
     assert abs(half.sites.size / full.sites.size - 0.5) < 4 * 0.5 / full.sites.size**0.5
 
 
+@pytest.mark.long
 def test_differences_between_loads_have_smaller_errors_than_independent_runs():
     """The paired standard deviation of ΔF(heavy) − ΔF(light) over replicas against that of independent seeds.
 

@@ -23,7 +23,16 @@ STRICT = [("single", 1e-6), ("mixed", 1e-12), ("double", 1e-12)]
 @pytest.mark.parametrize(("precision", "tolerance"), STRICT)
 @pytest.mark.parametrize(
     ("family", "count"),
-    [("few_pixels", 40), ("light", 15), ("spikes", 15), ("outliers", 8), ("worn", 8), ("full", 8), ("layers", 10)],
+    [
+        *(("few_pixels", 14), ("light", 5), ("spikes", 5), ("outliers", 3), ("worn", 3), ("full", 3), ("layers", 4)),
+        *(
+            pytest.param(family, count, marks=pytest.mark.long)
+            for family, count in (
+                *(("few_pixels", 40), ("light", 15), ("spikes", 15), ("outliers", 8)),
+                *(("worn", 8), ("full", 8), ("layers", 10)),
+            )
+        ),
+    ],
 )
 def test_no_claimed_error_is_smaller_than_the_true_one(family, count, precision, tolerance):
     """And a contact that counts as converged keeps the tolerance and bears the load."""
@@ -36,7 +45,7 @@ def test_no_claimed_error_is_smaller_than_the_true_one(family, count, precision,
 
 
 @pytest.mark.parametrize("family", ["few_pixels", "light", "spikes", "outliers", "worn"])
-@pytest.mark.parametrize("precision", ["mixed", "double"])
+@pytest.mark.parametrize("precision", ["mixed", pytest.param("double", marks=pytest.mark.long)])
 def test_hard_contacts_converge_with_the_first_method(family, precision):
     for case in cases(family, 15, seed=1):
         row = check(case, precision, 1e-8)
@@ -44,7 +53,7 @@ def test_hard_contacts_converge_with_the_first_method(family, precision):
         assert not row["stepped"]
 
 
-@pytest.mark.parametrize("precision", ["mixed", "double"])
+@pytest.mark.parametrize("precision", ["mixed", pytest.param("double", marks=pytest.mark.long)])
 def test_few_pixels_bear_the_pressure_of_the_dense_solution(precision):
     for case in cases("few_pixels", 40, seed=2):
         solution = case.solve(precision=precision, tolerance=1e-12)
@@ -102,7 +111,11 @@ def test_the_history_and_the_residual_are_relative_to_the_approach_where_it_is_s
 
 @pytest.mark.parametrize(
     ("family", "tolerance", "precision", "count"),
-    [("moderate", 1e-5, "mixed", 15), ("moderate", 1e-3, "mixed", 10), ("few_pixels", 1e-5, "mixed", 25)],
+    [
+        pytest.param("moderate", 1e-5, "mixed", 15, marks=pytest.mark.long),
+        ("moderate", 1e-3, "mixed", 10),
+        ("few_pixels", 1e-5, "mixed", 25),
+    ],
 )
 def test_the_estimated_error_of_the_pressure_is_within_a_factor_three(family, tolerance, precision, count):
     ratios = estimates(family, tolerance, precision, count, seed=5)

@@ -16,7 +16,7 @@ from chemage_contact._iteration import projected
 from chemage_contact._kernels import Blocks, Heights
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer
 from chemage_contact._resampling import resampled
-from chemage_contact._split import Split, suits
+from chemage_contact._split import Split, _axis, suits
 from chemage_contact._team import Active, Team
 from chemage_surfaces import SelfAffine
 
@@ -136,6 +136,35 @@ def test_interpolation_is_the_transpose_of_restriction():
     assert np.vdot(down, coarse) == pytest.approx(np.vdot(x, up), rel=1e-12)
 
 
+@pytest.mark.parametrize(("shape", "coarse"), [((129, 135), (33, 35)), ((130, 262), (36, 66)), ((128, 133), (32, 36))])
+def test_interpolation_between_pixels_is_the_transpose_of_restriction(shape, coarse):
+    rng = np.random.default_rng(3)
+    x, far = rng.standard_normal(shape), rng.standard_normal(coarse)
+    grid = blocks(shape, 64)
+    down, up, part = np.empty(coarse), np.empty(shape), np.empty((grid.active.size, 1))
+    axes = [_axis(fine, few, np.dtype(float)) for fine, few in zip(shape, coarse, strict=True)]
+    _kernels.restrict_between(0, coarse[0], grid, x, *axes, down)
+    _kernels.local_between(0, shape[0], grid, x, np.zeros((5, 5)), far, *axes, up, part)
+    assert np.vdot(down, far) == pytest.approx(np.vdot(x, up), rel=1e-12)
+    assert part.sum() == pytest.approx(np.vdot(x, up), rel=1e-12)
+
+
+def test_interpolation_between_pixels_is_that_of_whole_coarse_pixels():
+    rng = np.random.default_rng(3)
+    x, far = rng.standard_normal((128, 192)), rng.standard_normal((32, 48))
+    stencil = rng.standard_normal((5, 5))
+    stencil[2:, 4] = stencil[4, 2:] = 0
+    grid = blocks(x.shape, 64)
+    downs, ups, part = np.empty((2, 32, 48)), np.empty((2, 128, 192)), np.empty((grid.active.size, 1))
+    axes = _axis(128, 32, np.dtype(float)), _axis(192, 48, np.dtype(float))
+    _kernels.restrict(0, 32, grid, x, downs[0])
+    _kernels.restrict_between(0, 32, grid, x, *axes, downs[1])
+    _kernels.local(0, 128, grid, x, stencil, far, ups[0], part)
+    _kernels.local_between(0, 128, grid, x, stencil, far, *axes, ups[1], part)
+    np.testing.assert_allclose(downs[1], downs[0], atol=1e-12)
+    np.testing.assert_allclose(ups[1], ups[0], atol=1e-12)
+
+
 def test_stencil_is_a_periodic_convolution():
     from scipy.ndimage import correlate
 
@@ -152,13 +181,20 @@ def test_stencil_is_a_periodic_convolution():
 
 @pytest.mark.parametrize("inverse", [False, True])
 @pytest.mark.parametrize(
-    "body", [PeriodicHalfSpace((256, 128), (0.5, 0.5)), PeriodicLayer((128, 128), (0.5, 0.5), 20.0)]
+    "body",
+    [
+        PeriodicHalfSpace((256, 128), (0.5, 0.5)),
+        PeriodicHalfSpace((250, 133), (0.5, 0.5)),
+        PeriodicLayer((128, 128), (0.5, 0.5), 20.0),
+        PeriodicLayer((128, 131), (0.5, 0.5), 20.0),
+    ],
 )
 def test_split_operator_is_accurate_to_about_ten_per_cent(body, inverse):
     """In the norm of the operator, for white noise and for smooth pressures; this bounds the defect correction."""
-    assert suits(body)
-    team, width = TEAM, 128
-    part = np.empty((body.shape[0] * body.shape[1] // width, 1))
+    assert suits(body, any_size=True)
+    assert suits(body) == all(n % 4 == 0 for n in body.shape)
+    team, (width, _) = TEAM, _kernels.widths(body.shape[1])
+    part = np.empty((blocks(body.shape, width).active.size, 1))
     split = Split(body, np.float64, "scipy", team, inverse=inverse, floating=not inverse)
     unit = 0.5
     symbol = body.inverse() * unit if inverse else body.symbol() / unit
@@ -173,7 +209,8 @@ def test_split_operator_is_accurate_to_about_ten_per_cent(body, inverse):
         x = np.fft.irfft2(np.fft.rfft2(noise) * (q < cut), s=body.shape)
         x -= x.mean()
         exact = np.fft.irfft2(np.fft.rfft2(x) * full, s=body.shape)
-        everywhere = Active(blocks(body.shape, width).active, width, body.shape[1] // width, 1)
+        every = blocks(body.shape, width)
+        everywhere = Active(every.active, width, every.per_row, 1)
         error = split.apply(x, everywhere, np.empty_like(x), part) - exact
 
         def norm(f):
@@ -197,13 +234,38 @@ def test_blocks_that_are_not_active_are_not_written():
     np.testing.assert_allclose(out[seen], everywhere[seen], rtol=1e-12)
 
 
+@pytest.mark.parametrize("shape", [(131, 130), (1, 131), (250, 513), (128, 16385)])
+def test_blocks_hold_the_reach_of_the_stencil_wherever_the_split_operator_is_used(shape):
+    width, per_row = _kernels.widths(shape[1])
+    last = shape[1] - width * (per_row - 1)
+    assert 0 < last <= width <= _kernels.WIDTH or per_row == 1
+    assert suits(PeriodicHalfSpace(shape, (1.0, 1.0)), any_size=True) == (shape[0] >= 128 and last >= _kernels.REACH)
+
+
+@pytest.mark.parametrize("shape", [(129, 250), (625, 130), (144, 129)])
+def test_any_size_has_the_solution_of_transforms_and_needs_few_of_them(shape):
+    """Where the sides are no multiples of four, the split operator is used if the gap is asked for."""
+    rng = np.random.default_rng(6)
+    q = np.hypot(np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1]))
+    heights = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(shape)) / (0.01 + q) ** 1.8 * (q < 0.2), s=shape)
+    surface = Surface(heights=0.1 * heights / np.abs(np.diff(heights, axis=0)).std(), pixel_size=1.0)
+    for mean in (0.02, 0.3):
+        found, one, plain = (
+            FFTBEM(modulus=35.3, tolerance=1e-7, threads=threads, gap=gap).solve(surface, mean * surface.nominal_area)
+            for threads, gap in ((2, True), (1, True), (1, False))
+        )
+        assert found.pressure.tobytes() == one.pressure.tobytes()
+        assert np.linalg.norm(found.pressure - plain.pressure) < 1e-4 * np.linalg.norm(plain.pressure)
+        assert found.convergence["transforms"] < 0.5 * plain.convergence["transforms"]
+
+
 @pytest.mark.parametrize("threads", [1, 2, 3, 7])
 def test_shares_cover_everything_once_and_balance_the_active_blocks(threads):
     rng = np.random.default_rng(9)
     mask = np.zeros((640, 5), np.uint8)
     mask[500:620] = rng.random((120, 5)) < 0.9
     mask[::7] = 1
-    shares = Active(mask.ravel(), 64, 5, threads)
+    shares = Active(mask.ravel(), 1024, 5, threads)
     for edges, size in ((shares.block_edges, 3200), (shares.row_edges, 640), (shares.coarse_edges, 160)):
         assert edges[0] == 0
         assert edges[-1] == size

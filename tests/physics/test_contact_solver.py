@@ -308,7 +308,14 @@ def test_pressures_are_distributed_as_persson_says_at_high_load():
 
 
 @pytest.mark.parametrize(
-    ("hurst", "zeta", "eta"), [(0.8, 150, 3), (0.5, 150, 3), (0.3, 150, 3), (0.8, 15, 3), (0.8, 150, 10), (0.8, 150, 1)]
+    ("hurst", "zeta", "eta"),
+    [
+        *((0.8, 15, 3), (0.3, 150, 3)),
+        *(
+            pytest.param(*one, marks=pytest.mark.long)
+            for one in ((0.8, 150, 3), (0.5, 150, 3), (0.8, 150, 10), (0.8, 150, 1))
+        ),
+    ],
 )
 def test_iterations_stay_few_from_vanishing_load_to_full_contact(hurst, zeta, eta):
     """Fewer than 60 at a tolerance of 1e-6, for the surfaces of the paper's Table 1."""

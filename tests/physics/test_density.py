@@ -93,6 +93,7 @@ def test_a_line_has_its_slope():
     assert slope_of(0.3 * np.log10(TIMES) + 1) == pytest.approx(0.3)
 
 
+@pytest.mark.long
 def test_the_study_writes_its_page_and_a_table_that_md_silica_can_read(tmp_path):
     paths = command.write(tmp_path / "study", quick=True)
     assert all(path.stat().st_size > 0 for path in paths)

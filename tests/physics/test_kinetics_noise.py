@@ -43,7 +43,9 @@ def slopes_and_bonds(kind: str, lattice: ReactionLattice) -> np.ndarray:
     return np.stack([np.polyfit(np.log10(TIMES), bonds.T, 1)[0], bonds[:, -1]])
 
 
-@pytest.mark.parametrize("kind", STREAMS)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=() if kind == "rejection-free" else pytest.mark.long) for kind in STREAMS]
+)
 def test_replicas_of_one_seed_are_independent_on_different_surfaces(kind):
     one, other = (slopes_and_bonds(kind, full_contact(surface=s, interacting=kind != "independent")) for s in (1, 2))
     for a, b in zip(one, other, strict=True):

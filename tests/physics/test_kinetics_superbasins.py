@@ -51,6 +51,7 @@ def test_gamma_variates_are_gamma_variates(shape):
     assert stats.kstest(_gammas(20_000, shape), stats.gamma(shape).cdf).pvalue > CHANCE
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("here", "there", "leave_here", "leave_there"),
     [(50.0, 80.0, 0.5, 0.1), (1e6, 3e3, 0.2, 0.7), (4.0, 1e5, 0.0, 2.0), (30.0, 20.0, 1.5, 0.0)],
@@ -68,6 +69,7 @@ def test_exits_of_the_chain_follow_its_closed_form(here, there, leave_here, leav
     assert np.array_equal(out[:, 3] - out[:, 4], out[:, 2])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("span", [0.003, 0.04, 0.5, 4.0])
 @pytest.mark.parametrize(
     ("here", "there", "leave_here", "leave_there"),
@@ -93,6 +95,7 @@ def test_a_sojourn_cut_short_is_in_the_right_state(here, there, leave_here, leav
     assert np.all(out[gone, 0] <= span)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("flips", [1e12, 1e17, 1e24])
 def test_more_flips_than_a_double_can_count_leave_the_stationary_state(flips):
     here, there = flips, flips / 4.0
@@ -139,12 +142,12 @@ def trio(flicker: float, others: float) -> tuple[ReactionLattice, np.ndarray, fl
     return lattice, matrix, temperature
 
 
-@pytest.mark.parametrize("flicker", [40.0, 3000.0])
+@pytest.mark.parametrize("flicker", [pytest.param(40.0, marks=pytest.mark.long), 3000.0])
 @pytest.mark.parametrize("kind", ENGINES)
 def test_the_acceleration_follows_the_master_equation(kind, flicker):
     lattice, matrix, temperature = trio(flicker, 1.0)
     engine = chemage.engine(kind, superbasins=True)
-    times, runs = np.array([0.02, 0.3, 0.3, 2.0]), 1500
+    times, runs = np.array([0.02, 0.3, 0.3, 2.0]), 800
     seen = np.zeros((times.size, 8))
     bonds = np.zeros((times.size, 4))
     formed = np.empty(runs)
@@ -171,6 +174,7 @@ def test_the_acceleration_follows_the_master_equation(kind, flicker):
     assert abs(_z(formed, expm(augmented * times[-1])[8, 0])) < 4.5
 
 
+@pytest.mark.long
 def test_the_acceleration_follows_the_master_equation_beside_a_list_of_fast_sites(monkeypatch):
     """As on a large lattice: one trio that flickers beside three that do not."""
     monkeypatch.setattr("chemage_kinetics._rejection_free.FAR", 9)

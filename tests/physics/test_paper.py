@@ -43,12 +43,12 @@ def test_reference_beta():
 @pytest.mark.parametrize(
     ("slope", "volume", "published", "tolerance"),
     [
-        (0.05, "6.4 angstrom**3", 0.89, 0.15),
+        pytest.param(0.05, "6.4 angstrom**3", 0.89, 0.15, marks=pytest.mark.long),
         (0.1, "6.4 angstrom**3", 0.45, 0.15),
-        (0.2, "6.4 angstrom**3", 0.20, 0.15),
-        (0.05, 0.0, 0.98, 0.20),
+        pytest.param(0.2, "6.4 angstrom**3", 0.20, 0.15, marks=pytest.mark.long),
+        pytest.param(0.05, 0.0, 0.98, 0.20, marks=pytest.mark.long),
         (0.1, 0.0, 0.49, 0.20),
-        (0.2, 0.0, 0.24, 0.20),
+        pytest.param(0.2, 0.0, 0.24, 0.20, marks=pytest.mark.long),
     ],
 )
 def test_beta_against_slope(slope: float, volume: str | float, published: float, tolerance: float):

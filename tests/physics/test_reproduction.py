@@ -57,6 +57,7 @@ def test_every_target_of_the_paper_is_there():
     assert set(studies.TARGETS) - set(figures_supplement.DRAW) <= {"estimates", "calibration"}
 
 
+@pytest.mark.long
 def test_every_target_is_drawn_and_written(coarse: tuple[dict[str, chemage.SweepResult], Path]):
     results, folder = coarse
     assert not any(result.failed for result in results.values())
@@ -73,6 +74,7 @@ def test_every_target_is_drawn_and_written(coarse: tuple[dict[str, chemage.Sweep
     assert all(one.name in text for one in found.variants)
 
 
+@pytest.mark.long
 def test_claims_about_kinetics_do_not_need_fine_pixels(coarse: tuple[dict[str, chemage.SweepResult], Path]):
     """Trend, saturation and barriers follow from barriers and mean pressure; they hold on coarse surfaces too.
 
@@ -85,6 +87,7 @@ def test_claims_about_kinetics_do_not_need_fine_pixels(coarse: tuple[dict[str, c
     assert [claim.statement for claim in chosen if not claim.holds] == []
 
 
+@pytest.mark.long
 def test_fig5_is_straight_at_every_slope_without_activation_volume(
     coarse: tuple[dict[str, chemage.SweepResult], Path],
 ):
@@ -99,6 +102,7 @@ def test_fig5_is_straight_at_every_slope_without_activation_volume(
     assert np.corrcoef(x, y)[0, 1] > 0.9
 
 
+@pytest.mark.long
 def test_contacts_are_shared_between_figures(coarse: tuple[dict[str, chemage.SweepResult], Path]):
     """28 contacts per surface: seven loads, seven rows at three slopes of which one is a load, and Fig. 6."""
     rough = coarse[0]["rough"]
@@ -160,6 +164,7 @@ def test_a_fitted_number_is_never_called_predicted():
         assert line("1.0", value, calibrated=True).word == "calibrated"
 
 
+@pytest.mark.long
 def test_the_six_fitted_beta_are_called_calibrated(coarse: tuple[dict[str, chemage.SweepResult], Path]):
     from chemage_studies.reproduction.numbers import lines
 
@@ -295,6 +300,7 @@ def front_point() -> Point:
     return Point(changes, one.summary, one.hold_times, one.friction_drop, one.friction_drop_stderr)
 
 
+@pytest.mark.long
 def test_estimates_are_labelled(coarse: tuple[dict[str, chemage.SweepResult], Path]):
     found = estimates.estimates(points(coarse, "estimates"))
     assert [one.word in ("predicted", "disagrees", estimates.NONE) for one in found] == [True] * 5

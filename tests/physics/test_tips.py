@@ -90,6 +90,7 @@ def test_bonds_are_counted_per_the_area_of_the_pixels(study):
     np.testing.assert_allclose(one.density_error, spread, rtol=1e-12)
 
 
+@pytest.mark.long
 def test_the_study_writes_a_page_tables_and_figures_and_keeps_what_is_there(tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     done = command("study", "tips", "--quick", "--out", "s")

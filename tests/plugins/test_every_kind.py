@@ -24,8 +24,11 @@ np.savetxt(FILES / "map.txt", rough_surface((9, 7)).heights, header="pixel_size 
 with h5py.File(FILES / "map.h5", "w") as file:
     file["heights"] = rough_surface((9, 7)).heights
     file["heights"].attrs["pixel_size"] = 0.5
-IMAGE = {"kind": "measured", "path": str(FILES / "wide.txt"), "height_unit": "nm", "periodic": True}
 np.savetxt(FILES / "wide.txt", rough_surface((32, 32)).heights, header="pixel_size = 2 nm")
+ROUGH = {"kind": "self-affine", "pixels": 64, "pixel_size": 2, "rms_slope": 0.1, "hurst": 0.8, "zeta": 32}
+PART = {"kind": "measured", "path": str(FILES / "part.txt"), "height_unit": "nm"}
+rough = registry.current().fromdict("surface", ROUGH).make(1).heights
+np.savetxt(FILES / "part.txt", rough[:40, :40], header="pixel_size = 2 nm")
 # an image of another program: columns x, y, z
 POINTS = np.indices((9, 7)).reshape(2, -1) * 0.5
 np.savetxt(FILES / "map.xyz", np.column_stack([*POINTS, rough_surface((9, 7)).heights.ravel()]))
@@ -46,8 +49,8 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
         {"path": str(FILES / "wide.txt"), "height_unit": 1, "crop": [2, 4, 30, 40], "resample": 3, "window": "mirror"},
     ],
     ("surface", "roughened"): [
-        {"surface": IMAGE, "pixel_size": 0.5, "hurst": 0.8, "fit_from": 40},
-        {"surface": {**IMAGE, "periodic": False}, "pixel_size": 1.5, "hurst": 0.5, "fit_from": 40, "resolution": 5},
+        {"surface": ROUGH, "pixel_size": 0.5, "hurst": 0.8, "fit_from": 40},
+        {"surface": PART, "pixel_size": 0.8, "hurst": 0.8, "fit_from": 40, "resolution": 5},
     ],
     ("contact", "fft-bem"): [{"modulus": "35.3 GPa"}, {"modulus": 35.3, "tolerance": 1e-7, "gap": True}],
     ("contact", "hertz"): [{"modulus": "35.3 GPa"}],
@@ -90,6 +93,30 @@ EXPECTED_FAILURES: dict[tuple[str, str, str], str] = {
 }
 
 
+#: checks that take longest, of engines other than the default; `auto` runs one of the others
+LONGEST = {
+    "going_on_keeps_the_rates",
+    "barrierless_is_the_attempt_frequency",
+    "one_site_is_the_closed_form",
+    "rates_follow_the_temperature",
+}
+OTHERS = {
+    "coupled_sites_are_refused_or_right",
+    "barriers_end_at_zero",
+    "sites_keep_their_own_rates",
+    "rates_follow_the_attempt_frequency",
+    "empty_slots_are_skipped",
+    "start_is_taken",
+}
+SLOW = {
+    "rejection-free": set(),
+    "bkl": LONGEST,
+    "next-reaction": LONGEST,
+    "independent": LONGEST,
+    "auto": LONGEST | OTHERS,
+}
+
+
 def own_kinds() -> set[tuple[str, str]]:
     """(role, kind) of the distribution chemage; what else is installed here is not this project's to test."""
     return {
@@ -107,7 +134,9 @@ def cases() -> list[Any]:
         for number, options in enumerate(alternatives):
             for check in checks_for(registry.current().role(role), **INPUTS.get((role, kind), {})):
                 reason = EXPECTED_FAILURES.get((role, kind, check.name))
-                marks = [pytest.mark.xfail(reason=reason, raises=AssertionError)] if reason else []
+                marks: list[Any] = [pytest.mark.xfail(reason=reason, raises=AssertionError)] if reason else []
+                if role == "engine" and check.name in SLOW[kind]:
+                    marks.append(pytest.mark.long)
                 name = f"{role}-{kind}-{number}-{check.name}"
                 found.append(pytest.param(role, kind, options, check, id=name, marks=marks))
     return found

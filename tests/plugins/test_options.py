@@ -232,7 +232,7 @@ def computed(tiny, axes, folder, **options):
     return result, len(tiny.computed("surface")), len(tiny.computed("contact")), len(tiny.computed("kinetics"))
 
 
-@pytest.mark.parametrize("executor", ["serial", "processes"])
+@pytest.mark.parametrize("executor", ["serial", pytest.param("processes", marks=pytest.mark.long)])
 def test_a_sweep_over_an_option_computes_what_it_touches(both, tmp_path, executor, monkeypatch):
     monkeypatch.delenv("CHEMAGE_PLUGINS", raising=False)
     one = {"executor": executor, **({"workers": 1} if executor == "processes" else {})}
@@ -274,6 +274,7 @@ def test_an_option_of_a_sweep_makes_another_sweep_only_if_it_touches_it(both, tm
         chemage.sweep(both.scene(sweep=axes, plugins={"cap": {"peak": 0.2}}), tmp_path / "out")
 
 
+@pytest.mark.long
 def test_a_block_reaches_worker_processes(both, tmp_path):
     with chemage.plugin_options("cap", peak=0.2):
         result, *_ = computed(both, {"contact.load": [10.0, 20.0]}, tmp_path / "out", executor="processes", workers=1)
@@ -327,6 +328,7 @@ def test_the_command_line_lists_and_explains_them(both, command):
     assert (first["name"], first["unit"], first["default"]) == ("peak", "GPa", "0.3")
 
 
+@pytest.mark.long
 def test_show_compare_and_report_print_them(both, command, tmp_path):
     for name, peak in (("a", 0.2), ("b", 0.25)):
         found = run(both, {"cap": {"peak": peak}})

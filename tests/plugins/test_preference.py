@@ -133,7 +133,7 @@ def test_plugins_check_says_who_comes_first_and_how_to_change_it(answers, site, 
     assert "'fig' (chemage-fig 1.0) and 'plum' (chemage-plum 1.0) wrap chemage_solve_contact; 'fig' has the last" in two
 
 
-@pytest.mark.parametrize("executor", ["serial", "processes"])
+@pytest.mark.parametrize("executor", ["serial", pytest.param("processes", marks=pytest.mark.long)])
 def test_a_sweep_prefers_too_and_does_not_mix(answers, tmp_path, executor):
     one = {"executor": executor, **({"workers": 1} if executor == "processes" else {})}
     scene = answers.scene(sweep={"contact.load": [5.0, 10.0]})

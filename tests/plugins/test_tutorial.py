@@ -67,6 +67,7 @@ def test_its_own_tests_can_fail(project):
         source.write_text(right)
 
 
+@pytest.mark.long
 def test_it_is_listed_and_checked(project):
     listed, checked, shown = chemage(
         project, ["plugins", "list", "--json"], ["plugins", "check"], ["plugins", "show", "weibull"]
@@ -79,6 +80,7 @@ def test_it_is_listed_and_checked(project):
         assert text in shown
 
 
+@pytest.mark.long
 def test_the_scene_is_valid_and_runs(project):
     words = ["run", "tip.toml", "--json", "--out", "tip.h5", "--no-figures"]
     result = json.loads(chemage(project, ["check", "tip.toml"], words)[-1])
@@ -97,6 +99,7 @@ def python_block(text):
     return code
 
 
+@pytest.mark.long
 def test_the_components_without_a_package_meet_their_roles_and_draw(project):
     use = """
 import chemage as ca
@@ -140,6 +143,7 @@ else:
     run_python(project, "-W", "error", file.name)
 
 
+@pytest.mark.long
 def test_the_law_for_friction_and_the_map_meet_their_roles_and_reach_results(project):
     blocks = [python_block("class BellEvans"), python_block("class BondMap")]
     assert all(len(block.splitlines()) < 60 for block in blocks)
@@ -186,11 +190,13 @@ assert "fullest_cell at the last hold time" in dict(made.table())
     run_python(project, "-W", "error", file.name)
 
 
+@pytest.mark.long
 def test_a_stream_of_its_own(project):
     use = "assert 250 < is_defect(1, range(1000), 0.3).sum() < 350"
     run_python(project, "-c", python_block("random.stream") + use)
 
 
+@pytest.mark.long
 def test_the_stubs_know_the_plugin(project):
     chemage(project, ["plugins", "stubs"])
     stub = (project / "typings" / "chemage" / "__init__.pyi").read_text()

@@ -35,6 +35,7 @@ def test_its_own_tests_pass(project):
     assert "3 passed" in run_python(project, "-W", "error", "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests")
 
 
+@pytest.mark.long
 def test_it_is_checked_and_explained(project):
     assert "0 problems" in chemage(project, "plugins", "check")
     shown = chemage(project, "plugins", "show", "hardness")
@@ -42,6 +43,7 @@ def test_it_is_checked_and_explained(project):
         assert text in shown
 
 
+@pytest.mark.long
 def test_the_scene_runs_and_the_result_names_the_option(project):
     chemage(project, "check", "tip.toml")
     result = json.loads(chemage(project, "run", "tip.toml", "--json", "--out", "tip.h5"))
@@ -57,6 +59,7 @@ def test_the_scene_runs_and_the_result_names_the_option(project):
     assert "plugins.hardness.limit: -1" in wrong
 
 
+@pytest.mark.long
 def test_a_sweep_over_the_limit_solves_each_contact_once(project):
     (project / "limits.toml").write_text(PAGE.files["tip.toml"] + PAGE.files["limits.toml"])
     chemage(project, "run", "limits.toml", "--out", "limits")

@@ -175,7 +175,10 @@ def test_nothing_global_changes(result, tmp_path):
     assert dict(mpl.rcParams) == before
 
 
-@pytest.mark.parametrize(("pixel_size", "top"), [(1e-3, 0.01), (0.45, 14.4), (2.824, 5.978), (1e6, 1e3)])
+@pytest.mark.parametrize(
+    ("pixel_size", "top"),
+    [(1e-3, 0.01), *(pytest.param(*one, marks=pytest.mark.long) for one in ((0.45, 14.4), (2.824, 5.978))), (1e6, 1e3)],
+)
 def test_titles_and_labels_are_inside_the_figure(pixel_size, top):
     pressure = np.zeros((300, 300))
     pressure[60:85, 180:210] = np.linspace(0.01, 1, 750).reshape(25, 30) * top

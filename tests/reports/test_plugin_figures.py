@@ -55,7 +55,9 @@ ROLES = {
 }
 
 
-@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize(
+    "role", [pytest.param(role, marks=() if role == "engine" else pytest.mark.long) for role in ROLES]
+)
 def test_a_component_of_any_role_brings_figures(tiny, parts, tmp_path, role):
     base, section, options = ROLES[role]
     seen = []
@@ -156,6 +158,7 @@ def alone(run):
     return Comparison([Entry.of(run)])
 
 
+@pytest.mark.long
 def test_the_command_line_writes_the_result_and_says_what_failed(tiny, parts, command, tmp_path, monkeypatch):
     def draw(self, figure, axes, results):
         raise SystemExit("leave")
@@ -202,7 +205,9 @@ def test_two_figures_of_one_name_are_both_drawn_and_reported(tiny, parts):
     assert "'coin-same'" in other
 
 
-@pytest.mark.parametrize("name", ["a/b", "../up", "", ".hidden", "two\nlines"])
+@pytest.mark.parametrize(
+    "name", ["../up", "", *(pytest.param(name, marks=pytest.mark.long) for name in ("a/b", ".hidden", "two\nlines"))]
+)
 def test_a_name_that_is_no_file_is_left_out(tiny, parts, name):
     drawing(parts.Flat, "mine", {name: "A."}, level)
     run = ran(tiny, forming={"kind": "mine"})
@@ -246,6 +251,7 @@ def loaded(tiny, load):
     return ran(tiny, contact={"kind": "tiny-even", "load": load})
 
 
+@pytest.mark.long
 def test_a_plugin_of_hooks_draws_the_results_in_which_it_took_part(tiny, tmp_path):
     plugin(CAP + FIGURES)
     for load in (10.0, 30.0, 40.0):
@@ -311,6 +317,7 @@ def test_observables_draw_as_before(tiny):
     assert (one.label, one.chemistry, one.color, one.contact, one.surface) == ("one", None, "C0", None, None)
 
 
+@pytest.mark.long
 def test_nothing_of_matplotlib_is_imported_with_the_components():
     import subprocess
 

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -151,6 +151,7 @@ def test_objects_come_back_bit_for_bit(tmp_path, name):
         assert not (isinstance(value, np.ndarray) and value.flags.writeable)
 
 
+@settings(max_examples=20)
 @given(
     heights=hnp.arrays(
         st.sampled_from([np.float64, np.float32]),
@@ -255,6 +256,7 @@ print(json.dumps(digests))
 """
 
 
+@pytest.mark.long
 def test_digests_are_the_same_in_every_process_and_differ_between_seeds(small):
     seen = []
     for hash_seed in ("1", "2"):

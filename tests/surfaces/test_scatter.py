@@ -30,6 +30,7 @@ def test_some_settings_were_not_fitted():
     assert sum(row["use"] == "check" for row in ROWS) >= 6
 
 
+@pytest.mark.long
 def test_the_estimate_holds_on_surfaces_made_here():
     """16 small surfaces: the standard deviation of their β, with its own error of 18 %, is the estimate."""
     maker = ca.surface("self-affine", pixels=256, pixel_size=0.4518, rms_slope=0.1, hurst=0.8, zeta=15, eta=3)
@@ -73,6 +74,7 @@ def test_it_is_said_in_words():
             Scatter(wrong)
 
 
+@pytest.mark.long
 def test_a_run_says_it_beside_the_error_of_the_replicas(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     changes = ["--set", "surface.pixels=256", "--set", "surface.zeta=15", "--set", "contact.load='2 uN'"]

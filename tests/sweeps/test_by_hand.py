@@ -62,7 +62,9 @@ def sweep(tiny, folder, forming="by-hand", **options):
     return chemage.sweep(scene | {"sweep": {"contact.load": [5.0, 10.0]}}, folder, **options)
 
 
-@pytest.mark.parametrize("forming", ["by-hand", {"kind": "outer", "inner": "by-hand"}])
+@pytest.mark.parametrize(
+    "forming", ["by-hand", pytest.param({"kind": "outer", "inner": "by-hand"}, marks=pytest.mark.long)]
+)
 def test_worker_processes_import_what_is_in_a_module(tiny, hand, tmp_path, forming):
     chemage.register(hand.Hand)
     chemage.register(hand.Outer)
@@ -75,17 +77,20 @@ def test_worker_processes_import_what_is_in_a_module(tiny, hand, tmp_path, formi
     ]
 
 
+@pytest.mark.long
 def test_a_pool_that_was_given_imports_it_too(tiny, hand, tmp_path):
     chemage.register(hand.Hand)
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         assert sweep(tiny, tmp_path / "out", executor=pool).states() == ["done", "done"]
 
 
+@pytest.mark.long
 def test_workers_of_dask_import_it_too(tiny, hand, tmp_path):
     chemage.register(hand.Hand)
     assert sweep(tiny, tmp_path / "out", executor="dask", workers=1).states() == ["done", "done"]
 
 
+@pytest.mark.long
 def test_a_plugin_with_hooks_is_known_to_workers(tiny, hand, tmp_path):
     chemage.register(hand.Hand)
     registry.current().register(importlib.import_module("hand_hook"), "hook-by-hand")
@@ -103,12 +108,20 @@ def test_a_class_that_cannot_be_imported_is_refused_before_anything_is_computed(
         sweep(tiny, tmp_path / "out", "local", executor=executor)
     assert not (tmp_path / "out").exists()
     assert tiny.computed() == []
-    # a class that the sweep does not use may be anywhere, and this process and its threads know all
-    chemage.register(hand.Hand)
-    assert sweep(tiny, tmp_path / "other", executor="processes", workers=1).states() == ["done", "done"]
+    # this process and its threads know all
     assert sweep(tiny, tmp_path / "here", "local").states() == ["done", "done"]
     with ThreadPoolExecutor(2) as pool:
         assert sweep(tiny, tmp_path / "threads", "local", executor=pool).states() == ["done", "done"]
+
+
+@pytest.mark.long
+def test_a_class_that_the_sweep_does_not_use_may_be_anywhere(tiny, hand, tmp_path):
+    class Local(hand.Hand):
+        kind = "local"
+
+    chemage.register(Local)
+    chemage.register(hand.Hand)
+    assert sweep(tiny, tmp_path / "other", executor="processes", workers=1).states() == ["done", "done"]
 
 
 def test_hooks_that_cannot_be_imported_are_refused(tiny, hand, tmp_path):
@@ -121,6 +134,7 @@ def test_hooks_that_cannot_be_imported_are_refused(tiny, hand, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_a_script_says_what_to_do(tiny, tmp_path):
     script = tmp_path / "script.py"
     scene = tiny.scene(forming={"kind": "by-hand"}) | {"sweep": {"contact.load": [5.0, 10.0]}}

@@ -154,7 +154,7 @@ def test_speed_and_names_are_in_no_key(tiny):
     assert keys(name="other", title="another") == one
     assert keys(engine={"kind": "tiny-coin", "pause": 0.5}) == one, "pause is speed_only"
     assert keys(engine={"kind": "tiny-coin", "bias": 0.5})["aging"] != one["aging"]
-    hard = keys(chemistry={"hardness": "10 GPa"})
+    hard = keys(chemistry={"hardness": "10 GPa", "site_density": "pixel"})
     assert hard["aging"] == one["aging"]
     assert hard["result"] != one["result"]
     refit = keys(fit={"start": 2.0, "stop": 1e3})

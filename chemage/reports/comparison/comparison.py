@@ -90,6 +90,7 @@ class Comparison:
             ("perimeter to area C/A", lambda one: _text(one.contact.get("perimeter_to_area", math.nan), "1/nm")),
             ("mean contact pressure", lambda one: _text(one.contact.get("mean_contact_pressure", math.nan), "GPa")),
             ("sites", lambda one: _text(one.sites)),
+            ("grid of sites", lambda one: one.site_grid),
             ("replicas", lambda one: str(one.aging.replicas) if one.aging else "-"),
         ]
         for label, unit, curves in _CURVES:
@@ -169,6 +170,7 @@ class Comparison:
                 for name in ("area", "area_fraction", "patches", "perimeter_to_area", "mean_contact_pressure")
             },
             "sites": one.sites,
+            "site_grid": one.site_grid,
             "replicas": one.aging.replicas if one.aging else 0,
             "plugins": dict(one.plugins),
             **({"approximate": one.approximate} if any(each.approximate for each in self.results) else {}),

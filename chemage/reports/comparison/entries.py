@@ -22,7 +22,7 @@ from chemage.experiments.sections import components_of, scatter_of
 from chemage.foundation.approximations import in_words
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.lattices.chemistry import Chemistry
+from chemage.lattices.chemistry import SITE_DENSITY, Chemistry
 from chemage.reports.figures import plain
 from chemage.store.results import read
 from chemage.surfaces.scatter import Scatter
@@ -105,6 +105,11 @@ class Entry:
         return self.contact.get("area", math.nan)
 
     @property
+    def site_grid(self) -> str:
+        """What the grid of sites is to the pixels of the contact, in words; "" without ageing."""
+        return self.aging.site_grid if self.aging is not None else ""
+
+    @property
     def sites(self) -> float:
         """Number of reactive sites, mean over replicas; nan without ageing."""
         return float(self.aging.sites.mean()) if self.aging is not None else math.nan
@@ -178,7 +183,8 @@ class Entry:
             parts = {name: whole.pop(name, None) for name in ("forming", "breaking", "interaction")}
             parts["chemistry"] = whole
         own = {name: value for name, value in parts.get("chemistry", {}).items() if name not in Chemistry.limits}
-        parts = {**parts, "chemistry": own}
+        # results from before there was a choice
+        parts = {**parts, "chemistry": {"site_density": SITE_DENSITY, **own}}
         return dict(_flat({**parts, "temperature": self.aging.temperature}))
 
     def elsewhere(self) -> dict[str, Any]:

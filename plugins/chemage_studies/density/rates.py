@@ -74,7 +74,9 @@ class Rates:
     def __post_init__(self) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
         data, _ = chemage.scene_data("silica-rough")
-        scale = {"surface.pixels": self.pixels, "surface.pixel_size": 2500 * 0.4518 / self.pixels}
+        scale: dict[str, Any] = {"surface.pixels": self.pixels, "surface.pixel_size": 2500 * 0.4518 / self.pixels}
+        # each pixel is a site of a coarser surface
+        scale["chemistry.site_density"] = "pixel"
         self._data = override(data, scale) if self.pixels != 2500 else data
         if self._file.exists():
             for line in self._file.read_text(encoding="utf-8").splitlines():
@@ -160,7 +162,7 @@ class Rates:
             self._replicas[seed, slope, number] = _Replica(
                 lattice,
                 random.uniforms(disorder, random.FORMING, lattice.sites),
-                contact.pressure.ravel()[lattice.sites].astype(np.float64),
+                lattice.pressures(contact).astype(np.float64),
                 random.CommonSeed([number, 1]),
             )
         return self._replicas[seed, slope, number]

@@ -255,8 +255,10 @@ def _data(base: str, pixels: int | None) -> dict[str, Any]:
     data = override(data, {"name": f"reproduction-{base}"})
     if base == "rough":
         data["observe"] = [{"kind": "barrier-spectrum"}, {"kind": "pressure-spectrum"}]
-        if pixels is not None:
-            data = override(data, {"surface.pixels": pixels, "surface.pixel_size": 2500 * 0.4518 / pixels})
+        if pixels is not None:  # each pixel is a site, so that patches, areas and bonds have the same coarse pixels
+            size = 2500 * 0.4518 / pixels
+            coarse = {"surface.pixels": pixels, "surface.pixel_size": size, "chemistry.site_density": "pixel"}
+            data = override(data, coarse)
         return data
     data["observe"] = []
     if base == "patch":  # the interaction of the paper's rough surfaces

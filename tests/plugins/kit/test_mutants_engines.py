@@ -44,11 +44,21 @@ FAULTS = {
 }
 
 
+@pytest.mark.long
 def test_the_direct_method_passes():
     testing.check_engine(Plain())
 
 
-@pytest.mark.parametrize("fault", Fault)
+#: their checks repeat a run most often; others that the same check finds are quick
+LONG = (
+    *(Fault.NO_CAP, Fault.ONE_BARRIER, Fault.LOG10, Fault.MEAN_TIME, Fault.REUSE, Fault.OLD_TEMPERATURE),
+    *(Fault.ANY_SITE, Fault.SINGLE_TIME),
+)
+
+
+@pytest.mark.parametrize(
+    "fault", [pytest.param(fault, marks=pytest.mark.long if fault in LONG else ()) for fault in Fault]
+)
 def test_a_wrong_direct_method(fault, caught):
     if fault is Fault.NONE:
         return
@@ -180,7 +190,13 @@ OTHERS: dict[str, tuple[Any, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", OTHERS)
+#: found by the closed form of one site, as are others
+LONG_OTHERS = ("a wrong conversion of energies", "the last count for all hold times")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long if name in LONG_OTHERS else ()) for name in OTHERS]
+)
 def test_a_wrong_engine(name, caught):
     make, check = OTHERS[name]
     _kept.clear()

@@ -289,7 +289,14 @@ UNUSUAL: dict[str, Any] = {
 
 
 #: engines take longest
-LONG = ("two hundred neighbours", "an approximate engine", "an engine that draws in another way", "a low hardness cap")
+LONG = (
+    "two hundred neighbours",
+    "an approximate engine",
+    "an engine that draws in another way",
+    "a low hardness cap",
+    "a hardness cap that conserves the load",
+    "a solver with an error that it declares",
+)
 
 
 @pytest.mark.parametrize(

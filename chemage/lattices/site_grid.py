@@ -1,0 +1,252 @@
+"""The contact at the sites: which sites of the chemistry's own grid are in contact, and under which pressure."""
+
+from __future__ import annotations
+
+import math
+import threading
+import weakref
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from chemage.contacts.solution import ContactSolution
+from chemage.foundation.errors import InputError
+from chemage.foundation.memory import require
+from chemage.foundation.records import frozen
+
+#: what is said of a grid of sites that is that of the pixels
+ONE_PER_PIXEL = "one site per pixel"
+#: sites are pixels where their spacing is that of the pixels within this part
+SAME = 0.005
+#: random numbers of pairs of sites are told apart up to here
+MOST_SITES = 2**48
+#: memory of a site in contact while it is placed
+BYTES_PER_SITE = 40.0
+#: A contact of "loaded" pixels reaches this many pixels beyond the rim, (π − 1 + ln 2)/24 · 4/π of Yastrebov, Anciaux &
+#: Molinari, J. Mech. Phys. Solids 107, 469 (2017), as the outline of pixels is 4/π times as long as the rim, ...
+REACH = (math.pi - 1 + math.log(2)) / 24 * 4 / math.pi
+#: ... and the rim reconstructed from such a contact reaches this many pixels further; without the gap this many. Then
+#: both for pixels in contact if their centres are. Measured by tests/benchmarks/site_constants.py, on rough surfaces
+#: (the first two) and on spheres, with a scatter of 0.01, 0.01, 0.01 and 0.03.
+BEYOND, BEYOND_WITHOUT_GAP, BEYOND_CENTRES, BEYOND_CENTRES_WITHOUT_GAP = 0.04, 0.02, 0.0, -0.10
+#: how fast the share of a site in contact falls as the rim moves, per spacing, where half of it is: the length of the
+#: rim in the site, 1/max(|cos|, |sin|) of its direction, averaged over directions
+FALL = 4 / math.pi * math.log(1 + math.sqrt(2))
+#: passes in which the rim and its normal are found
+PASSES = 2
+
+Density = float | Literal["pixel"]
+#: how sites and pixels belong together: each site is a pixel, is smaller, is larger
+Rule = Literal["pixels", "reconstructed", "averaged"]
+
+
+def site_shape(pixels: tuple[int, int], pixel_size: float, density: Density) -> tuple[int, int]:
+    """The grid of sites on a contact of ``pixels`` of ``pixel_size`` nm: the pixels themselves where ``density`` is
+    "pixel" or where the spacing of ``density`` (1/nm²) agrees with them within half a percent.
+
+    The number of sites along a side is rounded, so that the grid is as periodic as the contact.
+
+    Raises
+    ------
+    InputError
+        There would be no site, or more than random numbers can tell apart.
+    """
+    if density == "pixel":
+        return pixels
+    ratio = pixel_size * math.sqrt(density)
+    if abs(ratio - 1.0) < SAME:
+        return pixels
+    nx, ny = (count * ratio for count in pixels)
+    if not nx * ny <= MOST_SITES:
+        remedy = "give a smaller one, fewer pixels or a smaller pixel size"
+        raise InputError.of("site_density", density, f"gives {nx:.3g} x {ny:.3g} sites on this contact", remedy)
+    if max(nx, ny) < 0.5:
+        raise InputError.of(
+            "site_density", density, f"gives less than one site on pixels of {pixel_size:g} nm", "give it per nm²"
+        )
+    return max(round(nx), 1), max(round(ny), 1)
+
+
+def site_rule(pixels: tuple[int, int], sites: tuple[int, int]) -> Rule:
+    """How a grid of ``sites`` belongs to one of ``pixels``."""
+    if sites == pixels:
+        return "pixels"
+    return "reconstructed" if sites[0] >= pixels[0] and sites[1] >= pixels[1] else "averaged"
+
+
+def in_words(pixels: tuple[int, int], sites: tuple[int, int], gap: bool = True) -> str:
+    """What a grid of ``sites`` is to one of ``pixels``, in words."""
+    rule = site_rule(pixels, sites)
+    if rule == "pixels":
+        return ONE_PER_PIXEL
+    grids = f"{sites[0]} x {sites[1]} sites on {pixels[0]} x {pixels[1]} pixels"
+    per = sites[0] * sites[1] / (pixels[0] * pixels[1])
+    if rule == "averaged":
+        return f"{grids}, {1 / per:.3g} pixels per site: pressure averaged over the pixels of a site"
+    if gap:
+        return f"{grids}, {per:.3g} sites per pixel: pressure and rim reconstructed below the pixel"
+    return (
+        f"{grids}, {per:.3g} sites per pixel: pressure reconstructed below the pixel, the rim halfway between pixels "
+        "because the contact has no gap (bonds err by several percent; give the solver gap = true)"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSites:
+    """The sites in contact, on the chemistry's own grid."""
+
+    #: (mx, my) sites along each side of the surface
+    shape: tuple[int, int]
+    #: distance of neighbouring sites, nm
+    spacing: float
+    #: whether the grid repeats
+    periodic: bool
+    #: corner of the grid of sites, nm from that of the pixels
+    origin: tuple[float, float]
+    #: (n,) int64: flat indices of the sites in contact, ascending
+    sites: np.ndarray
+    #: (n,) GPa, above zero
+    pressure: np.ndarray
+    #: how sites and pixels belong together
+    rule: Rule
+    #: the same in words
+    words: str
+
+    def describe(self, contact: ContactSolution) -> dict[str, Any]:
+        """Grids of sites and pixels and what they are to each other, as plain JSON values."""
+        return {
+            "sites": list(self.shape),
+            "spacing": self.spacing,
+            "pixels": list(contact.shape),
+            "pixel_size": contact.pixel_size,
+            "rule": self.rule,
+            "words": self.words,
+        }
+
+
+_lock = threading.Lock()
+#: by the identity of a contact, and gone with it
+_known: dict[int, dict[Any, ContactSites]] = {}
+
+
+def contact_sites(contact: ContactSolution, density: Density) -> ContactSites:
+    """The sites of ``density`` (1/nm², or "pixel") that are in contact, and their pressures.
+
+    Site (0, 0) is at pixel (0, 0) of a periodic contact; on one that is not, both grids cover the same square. Where
+    both grids are the same, the pressures are those of the pixels. Where sites are larger, each has the mean pressure
+    of the pixels in its square, and is in contact where about half of the square is. Where they are smaller, pressure
+    and rim are reconstructed between the pixels: with the distance d from the rim the pressure inside is proportional
+    to √d, the gap outside to d^(3/2) (as in the contact of Hertz, K. L. Johnson, Contact Mechanics, eqs. 3.39 and
+    3.42, expanded at its rim), so that the square of the pressure and the gap to the power ⅔, both on one scale, are a
+    function that is smooth across the rim. It is interpolated by cubic convolution. The load on every neighbourhood of
+    pixels and the whole load are kept. In either case the sites in contact are an estimate of the pixels that would be
+    in contact on a grid of one pixel per site.
+
+    Results are kept as long as the contact is, because replicas share them.
+    """
+    # one replica at a time makes it, and the others wait for it
+    with _lock:
+        known = _known.get(id(contact))
+        if known is None:
+            known = _known[id(contact)] = {}
+            weakref.finalize(contact, _known.pop, id(contact), None)
+        if density not in known:
+            known[density] = _made(contact, density)
+        return known[density]
+
+
+def _made(contact: ContactSolution, density: Density) -> ContactSites:
+    shape = site_shape(contact.shape, contact.pixel_size, density)
+    rule = site_rule(contact.shape, shape)
+    size = contact.pixel_size
+    if rule == "pixels":
+        sites, pressure = contact.sites, contact.pressure.ravel()[contact.sites]
+    else:
+        size *= math.sqrt(contact.pressure.size / (shape[0] * shape[1]))
+        expected = contact.sites.size * (contact.pixel_size / size) ** 2
+        require(BYTES_PER_SITE * expected, f"{expected:.3g} sites in contact", "use a smaller site_density")
+        make = _reconstructed if rule == "reconstructed" else _averaged
+        sites, pressure = make(contact, shape, size) if contact.sites.size else (contact.sites, np.empty(0))
+    # site (0, 0) is in the middle of pixel (0, 0) where both grids repeat
+    corner = 0.5 * (contact.pixel_size - size) if contact.periodic and rule != "pixels" else 0.0
+    words = in_words(contact.shape, shape, contact.gap is not None)
+    found = frozen(sites, np.int64), frozen(pressure)
+    return ContactSites(shape, size, contact.periodic, (corner, corner), *found, rule, words)
+
+
+def _bearing(contact: ContactSolution, pressure: np.ndarray, area: float) -> np.ndarray:
+    """``pressure`` in arbitrary units, scaled so that sites of ``area`` nm² carry the load of the pixels."""
+    load = float(contact.pressure.sum(dtype=np.float64)) * contact.pixel_size**2
+    return pressure * (load / area / float(pressure.sum()))
+
+
+def _reconstructed(contact: ContactSolution, shape: tuple[int, int], spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    from chemage.lattices import reconstruction_kernels as kernels
+
+    nx, ny = grid = contact.shape
+    periodic = contact.periodic
+    place = np.full(nx * ny, -1, np.int32)
+    listed = [contact.sites]
+    place[contact.sites] = np.arange(contact.sites.size, dtype=np.int32)
+    for _ in range(2):
+        found = kernels.around(listed[-1], place, nx, ny, periodic)
+        place[found] = np.arange(found.size, dtype=np.int32) + sum(one.size for one in listed)
+        listed.append(found)
+    pixels, inside = np.concatenate(listed), contact.sites.size
+    bounds = (inside, inside + listed[1].size, pixels.size)
+    highest = float(contact.pressure.max())
+    pressure = np.zeros(pixels.size)
+    pressure[:inside] = contact.pressure.ravel()[contact.sites].astype(np.float64) / highest
+    opening = np.full(pixels.size, -1.0)
+    if contact.gap is not None:
+        gap = contact.gap.ravel()[pixels].astype(np.float64)
+        with np.errstate(over="ignore", under="ignore"):
+            opening = np.clip(0.75 * contact.modulus / contact.pixel_size / highest * gap, 0.0, 1e100)
+    level = pressure**2
+    kernels.rim(pixels, bounds, place, opening, level, nx, ny, periodic, PASSES)
+    sizes = spacing / contact.pixel_size
+    if contact.contact_pixels == "centres":
+        shift = BEYOND_CENTRES if contact.gap is not None else BEYOND_CENTRES_WITHOUT_GAP
+    else:
+        shift = (BEYOND if contact.gap is not None else BEYOND_WITHOUT_GAP) - REACH * sizes
+    most = kernels.most_sites(place, inside, grid, shape, periodic)
+    require(16.0 * most, f"{most:.3g} places for sites in and around the contact", "use a smaller site_density")
+    sites, values = np.empty(most, np.int64), np.empty(most)
+    count = kernels.place_sites(place, inside, level, grid, shape, periodic, shift, sites, values)
+    if not count:  # the contact is smaller than the distance of sites
+        sites, values = _nearest(contact, shape)
+        return sites, _bearing(contact, values, spacing**2)
+    sites, values = sites[:count].copy(), values[:count].copy()
+    kernels.balance(place, pixels, pressure, grid, shape, periodic, sites, values)
+    return sites, _bearing(contact, values, spacing**2)
+
+
+def _nearest(contact: ContactSolution, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """The site nearest to each pixel in contact, and the sum of their pressures."""
+    offset = 0.0 if contact.periodic else 0.5
+    at = [
+        np.floor((where + offset) * (sites / pixels) + (0.5 - offset)).astype(np.int64) % sites
+        for where, sites, pixels in zip(np.divmod(contact.sites, contact.shape[1]), shape, contact.shape, strict=True)
+    ]
+    sites, which = np.unique(at[0] * shape[1] + at[1], return_inverse=True)
+    return sites, np.bincount(which, weights=contact.pressure.ravel()[contact.sites])
+
+
+def _averaged(contact: ContactSolution, shape: tuple[int, int], spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    from chemage.lattices import reconstruction_kernels as kernels
+
+    pixels = contact.sites
+    index, share, carried = np.empty(4 * pixels.size, np.int64), np.empty(4 * pixels.size), np.empty(4 * pixels.size)
+    pressure = contact.pressure.ravel()[pixels].astype(np.float64)
+    call = (pixels, pressure, contact.shape, shape, contact.periodic, index, share, carried)
+    count = kernels.overlaps(*call)
+    sites, which = np.unique(index[:count], return_inverse=True)
+    shares = np.bincount(which, weights=share[:count])
+    mean = np.bincount(which, weights=carried[:count])
+    # the outline of small pixels is nearer to the rim than that of pixels as large as sites would be
+    reach = 0.0 if contact.contact_pixels == "centres" else REACH * (1 - contact.pixel_size / spacing)
+    # against rounding where exactly half is in contact, and never above what the best site has
+    least = min(0.5 - FALL * reach - 1e-9, float(shares.max()))
+    chosen = shares >= least
+    return sites[chosen], _bearing(contact, mean[chosen], spacing**2)
