@@ -48,9 +48,9 @@ def cropped(
 def find_spikes(heights: Floats, threshold: float, periodic: bool) -> NDArray[np.bool_]:
     """Pixels that differ from the median of the 5 x 5 pixels around them by more than ``threshold`` times the robust
     standard deviation (1.4826 times the median) of such differences, but at least 1 % of the standard deviation of the
-    medians.
+    medians, and by more than twice the range of the medians around them.
 
-    Features of up to 12 pixels are found; edges of steps are kept by the median and are no spikes.
+    Features of up to 12 pixels are found; edges of steps and smooth peaks are no spikes.
     """
     known = np.isfinite(heights)
     whole = heights
@@ -59,12 +59,14 @@ def find_spikes(heights: Floats, threshold: float, periodic: bool) -> NDArray[np
         whole = heights[tuple(nearest)]  # pyright: ignore[reportArgumentType]
     # a slope goes on beyond the edges, where it would otherwise look like a feature
     padded = np.pad(whole, 2, mode="wrap") if periodic else np.pad(whole, 2, mode="reflect", reflect_type="odd")
-    smooth = ndimage.median_filter(padded, size=5)[2:-2, 2:-2]
+    median = ndimage.median_filter(padded, size=5)
+    local = (ndimage.maximum_filter(median, size=5) - ndimage.minimum_filter(median, size=5))[2:-2, 2:-2]
+    smooth = median[2:-2, 2:-2]
     away = np.abs(whole - smooth)
     scale = max(1.4826 * float(np.median(away[known])), 0.01 * float(smooth.std()))
     # rounding of a flat image far from zero is no spike
     scale = max(scale, 1e-12 * float(np.abs(whole).max()))
-    return known & (away > threshold * scale)
+    return known & (away > threshold * scale) & (away > 2 * local)
 
 
 def filled(heights: Floats, periodic: bool) -> Floats:

@@ -111,7 +111,8 @@ class Topography(Reader):
 
 def _library(name: str) -> Any:
     try:
-        from SurfaceTopography import IO
+        with warnings.catch_warnings(action="ignore"):  # that there is no MPI
+            from SurfaceTopography import IO
     except ImportError as error:
         why = "is not installed" if error.name == "SurfaceTopography" else f"cannot be imported ({error})"
         raise PluginError(

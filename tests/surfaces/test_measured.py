@@ -112,6 +112,8 @@ def test_spikes_are_found_and_replaced_and_edges_are_not():
     np.testing.assert_array_equal(measured(spiked, spikes="keep").make().heights, spiked)
     step = np.where(X < 12, 0.0, 30.0) + 0.01 * IMAGE
     np.testing.assert_array_equal(measured(step).make().heights, step)
+    peak = np.exp(3 * np.cos(2 * np.pi * X / 24) + 3 * np.sin(2 * np.pi * Y / 16)) / 100
+    np.testing.assert_array_equal(measured(peak).make().heights, peak)
     flat = np.zeros((24, 16))
     np.testing.assert_array_equal(measured(flat).make().heights, flat)
     for seed in range(3):
