@@ -68,7 +68,7 @@ def test_what_run_refuses_check_refuses(command, small, monkeypatch, changes, sa
 def test_both_name_the_numbers_and_the_remedy(command, small, monkeypatch):
     monkeypatch.setenv("CHEMAGE_MEMORY", "64 GB")
     pixels = command("check", small, "--set", "surface.pixels=60000").err
-    assert "60000 x 60000 pixels: about 198 GB of memory needed, but there are 64 GB; use fewer pixels" in pixels
+    assert "60000 x 60000 pixels: about 252 GB of memory needed, but there are 64 GB; use fewer pixels" in pixels
     replicas = command("run", small, "--replicas", "1000000000").err
     assert "1000000000 replicas" in replicas
     assert "there are 64 GB; ask for fewer replicas" in replicas
