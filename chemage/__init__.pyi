@@ -28,6 +28,7 @@ from chemage.ageing.fitting import FIT_WINDOW as FIT_WINDOW
 from chemage.ageing.fitting import Fit as Fit
 from chemage.foundation.units import Force as Force
 from chemage.foundation.units import Frequency as Frequency
+from chemage.surfaces.height_map import HeightMap as HeightMap
 from chemage.foundation.errors import InputError as InputError
 from chemage.lattices.role import Interaction as Interaction
 from chemage.foundation.units import KB as KB
@@ -128,6 +129,10 @@ from chemage.foundation import units as units
 @overload
 def surface(kind: Literal["from-file"], *, path: str, reader: Any = ..., pixel_size: float | str | None = ..., height_unit: float | str = ..., detrend: Literal['none', 'mean', 'plane'] = ..., periodic: bool | None = ...) -> SurfaceMaker: ...
 @overload
+def surface(kind: Literal["measured"], *, path: str, reader: Any = ..., height_unit: float | str | None = ..., pixel_size: float | str | Sequence[Any] | None = ..., crop: Sequence[Any] | None = ..., spikes: Literal['refuse', 'keep', 'interpolate'] = ..., spike_threshold: float | str = ..., missing: Literal['refuse', 'interpolate'] = ..., detrend: Literal['none', 'mean', 'plane', 'quadratic'] = ..., resample: float | str | None = ..., window: Literal['none', 'hann', 'mirror'] = ..., periodic: bool | None = ...) -> SurfaceMaker: ...
+@overload
+def surface(kind: Literal["roughened"], *, surface: Any, pixel_size: float | str, hurst: float | str | None = ..., cutoff: float | str | None = ..., resolution: float | str | None = ..., fit_from: float | str | None = ...) -> SurfaceMaker: ...
+@overload
 def surface(kind: Literal["self-affine"], *, pixels: int | Sequence[Any], pixel_size: float | str, hurst: float | str, zeta: float | str, eta: float | str = ..., rms_slope: float | str | None = ..., rms_height: float | str | None = ...) -> SurfaceMaker: ...
 @overload
 def surface(kind: Literal["sphere"], *, radius: float | str, pixels: int | Sequence[Any], pixel_size: float | str) -> SurfaceMaker: ...
@@ -168,3 +173,7 @@ def observable(kind: Literal["barrier-spectrum"], *, lower: float | str = ..., u
 @overload
 def observable(kind: Literal["pressure-spectrum"], *, upper: float | str = ..., bins: int = ...) -> Observable: ...
 
+@overload
+def ageing_method(kind: Literal["closure"], *, accuracy: float = ..., engine: Any = ..., folder: str = ...) -> AgeingMethod: ...
+@overload
+def ageing_method(kind: Literal["sample"], *, share: float | str, window: int = ..., margin: int = ...) -> AgeingMethod: ...

@@ -53,6 +53,7 @@ NAMES = {
     "reports.page": "write_report",
     "store.maps": "open_maps",
     "store.results": "read write",
+    "surfaces.height_map": "HeightMap",
     "surfaces.measures": "Roughness",
     "surfaces.reading": "Reader reader_for",
     "surfaces.role": "SurfaceMaker",

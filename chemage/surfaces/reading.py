@@ -12,6 +12,8 @@ from chemage.foundation.errors import InputError, PluginError, StoreError
 from chemage.plugins import in_use, registry
 from chemage.plugins.loading import PluginRecord
 from chemage.plugins.sources import note_providers
+from chemage.surfaces.height_map import HeightMap
+from chemage.surfaces.surface import Surface
 
 
 class Reader(Component, ABC):
@@ -25,6 +27,17 @@ class Reader(Component, ABC):
     @abstractmethod
     def read(self, path: str | PathLike[str]) -> Any:
         """The object in the file."""
+
+    def height_map(self, path: str | PathLike[str]) -> HeightMap:
+        """The image in the file as it is, also where heights are missing, pixels are not square, or units unknown.
+
+        Here it is the surface that :meth:`read` returns. Override it for a format of instruments.
+        """
+        found = self.read(path)
+        if not isinstance(found, Surface):
+            raise InputError(f"{path}: reader {self.kind!r} gives a {type(found).__name__}, not a surface")
+        size = found.pixel_size
+        return HeightMap(found.heights, 1.0, (size, size), found.periodic, source=str(path))
 
 
 def reader_for(path: str | PathLike[str]) -> Reader:

@@ -1,4 +1,5 @@
-"""Surfaces (``self-affine``, ``sphere``, ``from-file``) and readers of height maps (``npy``, ``text``, ``hdf5``)."""
+"""Surfaces (``self-affine``, ``sphere``, ``from-file``, ``measured``, ``roughened``), and readers of height maps
+(``npy``, ``text``, ``hdf5``)."""
 
 from __future__ import annotations
 
@@ -7,23 +8,48 @@ from typing import TYPE_CHECKING, Any
 from chemage import hookimpl
 
 if TYPE_CHECKING:
+    from chemage_surfaces._maps import HeightUnit as HeightUnit
+    from chemage_surfaces._maps import surface_of as surface_of
     from chemage_surfaces.from_file import FromFile as FromFile
+    from chemage_surfaces.measured import Measured as Measured
     from chemage_surfaces.readers import Hdf5 as Hdf5
     from chemage_surfaces.readers import Npy as Npy
     from chemage_surfaces.readers import Text as Text
+    from chemage_surfaces.roughened import Roughened as Roughened
+    from chemage_surfaces.roughness_fit import RoughnessFit as RoughnessFit
+    from chemage_surfaces.roughness_fit import fit_roughness as fit_roughness
     from chemage_surfaces.self_affine import SelfAffine as SelfAffine
     from chemage_surfaces.sphere import Sphere as Sphere
 
 _HOME = {
     "FromFile": "from_file",
     "Hdf5": "readers",
+    "HeightUnit": "_maps",
+    "Measured": "measured",
     "Npy": "readers",
+    "Roughened": "roughened",
+    "RoughnessFit": "roughness_fit",
     "SelfAffine": "self_affine",
     "Sphere": "sphere",
     "Text": "readers",
+    "fit_roughness": "roughness_fit",
+    "surface_of": "_maps",
 }
 
-__all__ = ["FromFile", "Hdf5", "Npy", "SelfAffine", "Sphere", "Text"]
+__all__ = [
+    "FromFile",
+    "Hdf5",
+    "HeightUnit",
+    "Measured",
+    "Npy",
+    "Roughened",
+    "RoughnessFit",
+    "SelfAffine",
+    "Sphere",
+    "Text",
+    "fit_roughness",
+    "surface_of",
+]
 
 
 @hookimpl
@@ -34,6 +60,8 @@ def chemage_register() -> dict[str, dict[str, str]]:
             "self-affine": "chemage_surfaces.self_affine:SelfAffine",
             "sphere": "chemage_surfaces.sphere:Sphere",
             "from-file": "chemage_surfaces.from_file:FromFile",
+            "measured": "chemage_surfaces.measured:Measured",
+            "roughened": "chemage_surfaces.roughened:Roughened",
         },
         "reader": {
             "npy": "chemage_surfaces.readers:Npy",
@@ -41,6 +69,14 @@ def chemage_register() -> dict[str, dict[str, str]]:
             "hdf5": "chemage_surfaces.readers:Hdf5",
         },
     }
+
+
+@hookimpl
+def chemage_cli() -> list[tuple[str, Any]]:
+    """The command ``chemage roughness``."""
+    from chemage_surfaces.command import roughness
+
+    return [("roughness", roughness)]
 
 
 def __getattr__(name: str) -> Any:

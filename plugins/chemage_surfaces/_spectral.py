@@ -10,6 +10,7 @@ Source: Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018), Eq. 1
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from scipy import fft as sfft
 
 Floats = NDArray[np.float64]
 
-__all__ = ["self_affine", "spectral_density"]
+__all__ = ["continuation", "self_affine", "spectral_density"]
 
 
 def spectral_density(q: Floats, *, hurst: float, q_roll: float, q_long: float, q_short: float) -> Floats:
@@ -79,7 +80,13 @@ def self_affine(
             f"zeta = {zeta:g} is above the Nyquist limit of {longest} pixels, {longest / 2:g}: "
             "use more pixels or a smaller zeta"
         )
-    half = _half_spectrum(nx, ny, hurst, zeta, eta, seed)
+    half = _half_spectrum(
+        nx,
+        ny,
+        zeta,
+        seed,
+        lambda q: np.sqrt(spectral_density(q, hurst=hurst, q_roll=eta, q_long=1.0, q_short=zeta)),
+    )
     # wavenumbers in units of 2π/λ_L, in columns up to the short cut-off
     qx = _frequencies(nx) * (longest / nx)
     qy = np.arange(half.shape[1]) * (longest / ny)
@@ -119,10 +126,43 @@ def _multiplicity(ny: int) -> Floats:
     return weight
 
 
-def _half_spectrum(
-    nx: int, ny: int, hurst: float, zeta: float, eta: float, seed: int | np.random.SeedSequence
+def continuation(
+    shape: tuple[int, int],
+    pixel_size: float,
+    *,
+    hurst: float,
+    density: float,
+    join: float,
+    cutoff: float,
+    seed: int | np.random.SeedSequence,
 ) -> NDArray[np.complex128]:
-    """Filtered complex white noise with Hermitian symmetry: rows in FFT order, columns 0 … top along y."""
+    """Half spectrum of random heights with C(q) = density·(q/join)**(-2-2·hurst) for join <= q <= cutoff, else 0.
+
+    ``density`` is in nm⁴, ``join`` and ``cutoff`` in 1/nm, C(q) as in :func:`chemage.roughness.psd`. Rows are in FFT
+    order, columns 0 … top along y; an inverse transform of length ny along y gives heights in nm. Amplitudes are those
+    of a Gaussian surface, not scaled to meet a roughness, so that the spectrum has its natural scatter.
+    """
+    nx, ny = shape
+    longest = 2.0 * math.pi / (max(nx, ny) * pixel_size)
+    # noise has a mean square of 2
+    scale = math.sqrt(0.5 * density * nx * ny) / pixel_size
+
+    def amplitude(q: Floats) -> Floats:
+        power = spectral_density(q, hurst=hurst, q_roll=join / longest, q_long=join / longest, q_short=cutoff / longest)
+        return scale * np.sqrt(power)
+
+    return _half_spectrum(nx, ny, cutoff / longest, seed, amplitude)
+
+
+def _half_spectrum(
+    nx: int,
+    ny: int,
+    zeta: float,
+    seed: int | np.random.SeedSequence,
+    amplitude: Callable[[Floats], Floats],
+) -> NDArray[np.complex128]:
+    """Complex white noise of mean square 2 times ``amplitude`` of q/q_L, with Hermitian symmetry, up to ``zeta``: rows
+    in FFT order, columns 0 … top along y."""
     longest = max(nx, ny)
     top_x = min(math.floor(zeta * nx / longest * (1.0 + 1e-12)), nx // 2)
     top_y = min(math.floor(zeta * ny / longest * (1.0 + 1e-12)), ny // 2)
@@ -142,7 +182,7 @@ def _half_spectrum(
             noise[top_x - kx : top_x + kx + 1, s] = draw[middle - kx : middle + kx + 1]
     kx_all = np.arange(-top_x, top_x + 1)
     q = np.hypot(kx_all[:, None] * (longest / nx), np.arange(top_y + 1) * (longest / ny))
-    noise *= np.sqrt(spectral_density(q, hurst=hurst, q_roll=eta, q_long=1.0, q_short=zeta))
+    noise *= amplitude(q)
     half = np.zeros((nx, top_y + 1), dtype=np.complex128)
     half[kx_all % nx] = noise  # for even nx and top_x = nx/2 the first and the last share a row, which keeps the last
     for column in (0, ny // 2) if ny % 2 == 0 and top_y == ny // 2 and ny > 1 else (0,):

@@ -2,38 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from functools import lru_cache
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import BeforeValidator
 
-from chemage import (
-    Choice,
-    InputError,
-    Length,
-    Reader,
-    Scatter,
-    Seed,
-    StoreError,
-    Surface,
-    SurfaceMaker,
-    Unit,
-    reader_for,
-    regular_file,
-)
+from chemage import Choice, InputError, Length, Reader, Scatter, Seed, Surface, SurfaceMaker, reader_for
+from chemage_surfaces._maps import FilePath, HeightUnit, Stamp, content_hash, stamp
 from chemage_surfaces._options import provenance
-
-
-def _named_unit(value: Any) -> Any:
-    """Read the name of a unit, such as "um", as one of that unit."""
-    return f"1 {value}" if isinstance(value, str) and value[:1].isalpha() else value
-
-
-FilePath = Annotated[str, BeforeValidator(lambda value: str(value) if isinstance(value, Path) else value)]
 
 
 class FromFile(SurfaceMaker):
@@ -51,7 +28,7 @@ class FromFile(SurfaceMaker):
     """kind of the reader, or a table with its ``kind`` and options; None: selected by the ending of the file"""
     pixel_size: Length | None = None
     """edge of a pixel, nm; overrides the value in the file, and is required if the file has none"""
-    height_unit: Annotated[float, Unit("nm", gt=0), BeforeValidator(_named_unit)] = 1.0
+    height_unit: HeightUnit = 1.0
     """unit of the heights in the file, such as "um", or a factor that converts them to nm"""
     detrend: Literal["none", "mean", "plane"] = "none"
     """trend to subtract: none, the mean height, or the least-squares plane"""
@@ -68,7 +45,7 @@ class FromFile(SurfaceMaker):
         StoreError
             The file cannot be read.
         """
-        return {"file_blake2b": _hash(self.path, _stamp(self.path))}
+        return {"file_blake2b": content_hash(self.path, stamp(self.path))}
 
     def expected(self) -> dict[str, float]:
         """Grid and rms slope of the surface in the file, which is read once as long as it does not change."""
@@ -94,31 +71,13 @@ class FromFile(SurfaceMaker):
         reader = self.reader or reader_for(self.path)
         if self.pixel_size is not None and "pixel_size" in type(reader).model_fields:
             reader = reader.replace(pixel_size=self.pixel_size)
-        return _read(self, reader, _stamp(self.path))  # pyright: ignore[reportArgumentType]
-
-
-#: identifies the content of a file without reading it: size, modification time (ns), inode, device
-_Stamp = tuple[int, int, int, int]
-
-
-def _stamp(path: str) -> _Stamp:
-    found = regular_file(path)
-    return found.st_size, found.st_mtime_ns, found.st_ino, found.st_dev
-
-
-@lru_cache(maxsize=64)
-def _hash(path: str, stamp: _Stamp) -> str:
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
-    except OSError as error:
-        raise StoreError(f"{path}: {error.strerror or error}") from None
+        return _read(self, reader, stamp(self.path))  # pyright: ignore[reportArgumentType]
 
 
 @lru_cache(maxsize=1)
-def _read(maker: FromFile, reader: Reader, stamp: _Stamp) -> Surface:
+def _read(maker: FromFile, reader: Reader, stamp: Stamp) -> Surface:
     """The surface that was read last is kept: for the estimate of a scene, and for every contact of a sweep."""
-    content = _hash(maker.path, stamp)
+    content = content_hash(maker.path, stamp)
     found = reader.read(maker.path)
     if not isinstance(found, Surface):
         raise InputError(f"{maker.path}: reader {reader.kind!r} gives a {type(found).__name__}, not a surface")

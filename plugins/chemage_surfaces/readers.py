@@ -7,16 +7,18 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from os import PathLike
 from typing import IO, TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from pydantic import ValidationInfo, field_validator
 
-from chemage import ChemageError, InputError, Length, Reader, StoreError, Surface, convert, regular_file
+from chemage import ChemageError, HeightMap, InputError, Length, Reader, StoreError, Surface, convert, regular_file
 from chemage.foundation.errors import shortened, shown
 from chemage.foundation.memory import capacity, readable
 from chemage.foundation.tables import data_lines, numbers, read_text, separator_of
+from chemage_surfaces._maps import surface_of
 
 if TYPE_CHECKING:
     import h5py
@@ -26,10 +28,10 @@ def _open_error(path: str | PathLike[str], error: OSError) -> StoreError:
     return StoreError(f"{path}: {error.strerror or error}")
 
 
-def as_surface(
+def as_map(
     heights: Any, source: str, *, pixel_size: float | None, stated: object = None, periodic: bool = False
-) -> Surface:
-    """Make a Surface of the array ``heights`` (nx, ny) nm that was read from ``source``.
+) -> HeightMap:
+    """Make a HeightMap of the array ``heights`` (nx, ny), in a unit that is not stated, that was read from ``source``.
 
     ``pixel_size`` (nm) is that of the user and overrides ``stated``, the value in the file: a number in nm, or a string
     with its unit.
@@ -38,8 +40,6 @@ def as_surface(
     ------
     StoreError
         The array is not two-dimensional or does not consist of real numbers.
-    InputError
-        Heights are missing (NaN) or infinite, or the pixel size is unknown.
     """
     heights = np.asarray(heights)
     if heights.dtype.kind not in "fiub":
@@ -48,22 +48,15 @@ def as_surface(
         raise StoreError(f"{source} holds an array of shape {heights.shape}; a height map has two dimensions (nx, ny)")
     if heights.dtype.kind != "f" or heights.dtype.itemsize not in (4, 8):
         heights = heights.astype(np.float64)
-    bad = np.argwhere(~np.isfinite(heights))
-    if bad.size:
-        raise InputError(
-            f"{source}: {len(bad)} of {heights.size} heights are missing or infinite, the first at pixel "
-            f"({bad[0, 0]}, {bad[0, 1]}); fill or crop missing data first"
-        )
-    if pixel_size is None:
-        if stated is None:
-            raise InputError(f'pixel_size: {source} does not state one; give it, such as pixel_size = "0.45 nm"')
+    if pixel_size is None and stated is not None:
         pixel_size = convert(stated, "nm")
         if not (math.isfinite(pixel_size) and pixel_size > 0):
             raise StoreError(f"{source} states a pixel size of {stated!r}; give pixel_size")
     # a copy in the byte order of this machine
     heights = np.array(heights, dtype=np.float32 if heights.dtype.itemsize == 4 else np.float64, order="C")
     heights.setflags(write=False)
-    return Surface(heights=heights, pixel_size=pixel_size, periodic=periodic)
+    sides = None if pixel_size is None else (pixel_size, pixel_size)
+    return HeightMap(heights, None, sides, periodic, source=source)
 
 
 def _announced(file: IO[bytes]) -> int:
@@ -93,6 +86,10 @@ class Npy(Reader):
         InputError
             The pixel size is unknown, or heights are not finite.
         """
+        return surface_of(replace(self.height_map(path), height_unit=1.0))
+
+    def height_map(self, path: str | PathLike[str]) -> HeightMap:
+        """The array as it is; its unit is not stated."""
         size = regular_file(path).st_size
         try:
             with open(path, "rb") as file:
@@ -111,7 +108,7 @@ class Npy(Reader):
         except Exception as error:  # what numpy raises depends on which byte is wrong
             reason = shortened(" ".join(str(error).split()), 200)
             raise StoreError(f"{path} is truncated or not a plain array of numbers ({reason})") from None
-        return as_surface(heights, str(path), pixel_size=self.pixel_size)
+        return as_map(heights, str(path), pixel_size=self.pixel_size)
 
 
 #: the pixel size in a comment of a text file
@@ -158,6 +155,10 @@ class Text(Reader):
         InputError
             The pixel size is unknown, or heights are not finite.
         """
+        return surface_of(replace(self.height_map(path), height_unit=1.0))
+
+    def height_map(self, path: str | PathLike[str]) -> HeightMap:
+        """The array as it is; its unit is not stated."""
         text = read_text(path)
         lines = data_lines(text, self.comments)
         if not lines:
@@ -165,7 +166,7 @@ class Text(Reader):
         heights = numbers(lines, str(path), self.delimiter or separator_of(lines[0][1]))
         header = (line for line in text.splitlines()[: lines[0][0]] if line.strip()[:1] in tuple(self.comments))
         stated = [match["value"] for line in header if (match := _STATED.search(line))]
-        return as_surface(heights, str(path), pixel_size=self.pixel_size, stated=stated[-1] if stated else None)
+        return as_map(heights, str(path), pixel_size=self.pixel_size, stated=stated[-1] if stated else None)
 
 
 class Hdf5(Reader):
@@ -193,6 +194,10 @@ class Hdf5(Reader):
         InputError
             The pixel size is unknown, heights are not finite, or it is unclear which dataset is meant.
         """
+        return surface_of(replace(self.height_map(path), height_unit=1.0))
+
+    def height_map(self, path: str | PathLike[str]) -> HeightMap:
+        """The array as it is; its unit is not stated."""
         import h5py
 
         regular_file(path)
@@ -220,7 +225,7 @@ class Hdf5(Reader):
             raise StoreError(f"{path} is damaged: {shortened(' '.join(str(error).split()), 200)}") from None
         stated = None if self.pixel_size is not None else _single(attributes.get("pixel_size"), "pixel_size", name)
         periodic = _flag(_single(attributes.get("periodic"), "periodic", name), name)
-        return as_surface(heights, name, pixel_size=self.pixel_size, stated=stated, periodic=periodic)
+        return as_map(heights, name, pixel_size=self.pixel_size, stated=stated, periodic=periodic)
 
     def _find(self, file: h5py.File, path: str | PathLike[str]) -> h5py.Dataset:
         import h5py

@@ -269,7 +269,7 @@ def write(name, content):
         ),
         ("nan.txt", lambda name: write(name, b"1 2\n3 nan\n"), InputError, r"1 of 4 heights .* at pixel \(1, 1\)"),
         ("inf.npy", lambda name: np.save(name, HEIGHTS / 0.0), InputError, "35 of 35 heights"),
-        ("map.sur", lambda name: write(name, b"1 2\n"), StoreError, "no reader for files ending in '.sur'"),
+        ("map.nobody", lambda name: write(name, b"1 2\n"), StoreError, "no reader for files ending in '.nobody'"),
     ],
 )
 def test_files_that_are_no_height_maps_are_refused_in_words(folder, name, save, error, words):

@@ -59,7 +59,7 @@ def both(path):
     return (lambda: chemage.read(path)), chemage.surface("from-file", path=str(path)).make
 
 
-@pytest.mark.parametrize(("name", "error"), [("map.sur", StoreError), ("map", StoreError), ("map.both", InputError)])
+@pytest.mark.parametrize(("name", "error"), [("map.nobody", StoreError), ("map", StoreError), ("map.both", InputError)])
 def test_both_ways_give_the_same_error(rival, tmp_path, name, error):
     np.save(tmp_path / "x.npy", np.ones((2, 2)))
     (tmp_path / "x.npy").rename(tmp_path / name)

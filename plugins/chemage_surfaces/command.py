@@ -1,0 +1,47 @@
+"""The command ``chemage roughness``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+
+def roughness(
+    path: Annotated[Path, typer.Argument(help="file of a measured image")],
+    reader: Annotated[str | None, typer.Option(help="kind of the reader; default: by the ending of the file")] = None,
+    height_unit: Annotated[str | None, typer.Option(help="unit of the heights; default: as the file states")] = None,
+    pixel_size: Annotated[str | None, typer.Option(help="edge of a pixel; default: as the file states")] = None,
+    detrend: Annotated[
+        str | None,
+        typer.Option(help="trend to subtract: none, mean, plane or quadratic; default: plane, and mean if periodic"),
+    ] = None,
+    missing: Annotated[str, typer.Option(help="missing heights: refuse or interpolate")] = "refuse",
+    spikes: Annotated[str, typer.Option(help="spikes: refuse, keep or interpolate")] = "refuse",
+    periodic: Annotated[bool | None, typer.Option(help="whether the image is one period; default: as stated")] = None,
+    resolution: Annotated[str | None, typer.Option(help="shortest wavelength to use; default: two pixels")] = None,
+    spacing: Annotated[str | None, typer.Option(help="pixel size of the section; default: that of the image")] = None,
+    cutoff: Annotated[
+        str | None, typer.Option(help="shortest wavelength of the section; default: that of the fit")
+    ] = None,
+) -> None:
+    """Fit the roughness of a measured image.
+
+    Prints rms height and slope, Hurst exponent and roll-off with their errors, and the section [surface] of a scene
+    that makes random surfaces like the image.
+    """
+    from chemage_surfaces.measured import Measured
+    from chemage_surfaces.roughness_fit import fit_roughness, section
+
+    image: dict[str, Any] = {
+        "path": str(path),
+        "detrend": detrend or ("mean" if periodic else "plane"),
+        "missing": missing,
+        "spikes": spikes,
+    }
+    image |= {"reader": reader, "height_unit": height_unit, "pixel_size": pixel_size, "periodic": periodic}
+    made = Measured(**{name: value for name, value in image.items() if value is not None}).make()
+    found = fit_roughness(made, resolution=resolution)
+    typer.echo(found.text() + "\n")
+    typer.echo(section(found.maker(pixel_size=spacing, cutoff=cutoff)))

@@ -1,0 +1,325 @@
+"""A measured surface carried on to smaller wavelengths than those measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+from scipy import fft as sfft
+
+from chemage import Choice, InputError, Length, Scatter, Seed, Surface, SurfaceMaker, Unit, checked_seed, roughness
+from chemage.foundation.memory import require
+from chemage.foundation.threads import available
+from chemage_surfaces import _fitting, _spectral, _steps
+from chemage_surfaces._options import provenance
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: the fit starts at this many times ``resolution``, unless ``fit_from`` is given
+FIT_RANGE = 4.0
+#: of a pixel, over a whole side
+FITS = 1e-3
+#: distinguishes the random numbers of this class from those of another maker with the same seed
+_STREAM = 0x726F7567
+#: bins of the spectra that are recorded
+_BINS = 60
+
+
+class Roughened(SurfaceMaker):
+    """A measured surface on finer pixels, with a self-affine continuation of its spectrum below what was measured.
+
+    Waves of the image longer than ``resolution`` stay as they are. Shorter ones are replaced by random waves with
+    C(q) = C0 q^(−2−2H) down to ``cutoff``; C0, and H unless it is given, are fitted to the measured spectrum between
+    ``fit_from`` and ``resolution``. A periodic image is refined by its Fourier series; one that is not by the cosine
+    series of the image (mirror images at its edges), and the random waves are periodic on the fine grid.
+
+    H and C0 with their errors, and the spectrum of the image, are in ``provenance["roughened"]``.
+    """
+
+    kind = "roughened"
+    cite: ClassVar[tuple[str, ...]] = (
+        "T. D. B. Jacobs, T. Junge, L. Pastewka, Surf. Topogr.: Metrol. Prop. 5, 013001 (2017)",
+    )
+    figures: ClassVar[Mapping[str, str]] = {
+        "roughened-spectrum": "Power spectral density of the measured image (points) and of the surface carried on to "
+        "smaller wavelengths (line). Dashed: the power law that was fitted; the vertical line is the shortest "
+        "wavelength taken from the image."
+    }
+
+    surface: Choice[SurfaceMaker]
+    """the measured surface: a table with its ``kind`` and options"""
+    pixel_size: Length
+    """edge of the new pixels, such as the spacing of the sites, nm"""
+    hurst: Annotated[float, Unit("", ge=0, le=1)] | None = None
+    """Hurst exponent H of the continuation; None: fitted"""
+    cutoff: Length | None = None
+    """shortest wavelength of the continuation, nm; None: two new pixels"""
+    resolution: Length | None = None
+    """shortest wavelength to take from the image, such as the resolution of the instrument, nm; None: two pixels of the
+    image"""
+    fit_from: Length | None = None
+    """longest wavelength of the fit, nm; None: four times ``resolution``"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        shortest = 2 * self.pixel_size
+        if self.cutoff is not None and self.cutoff < shortest * (1 - 1e-9):
+            raise ValueError(
+                f"cutoff = {self.cutoff:g} nm: shorter than two pixels of {self.pixel_size:g} nm, {shortest:g} nm; "
+                "give smaller pixels or a longer cutoff"
+            )
+        if self.resolution is not None and self.resolution <= self.shortest * (1 + 1e-9):
+            raise ValueError(
+                f"resolution = {self.resolution:g} nm: nothing is left to add above the cutoff of {self.shortest:g} "
+                "nm; give a longer resolution or a shorter cutoff"
+            )
+        if self.fit_from is not None and self.resolution is not None and self.fit_from <= self.resolution:
+            raise ValueError(
+                f"fit_from = {self.fit_from:g} nm: must be longer than resolution = {self.resolution:g} nm"
+            )
+        return self
+
+    @property
+    def shortest(self) -> float:
+        """The shortest wavelength of the surface, nm."""
+        return 2 * self.pixel_size if self.cutoff is None else self.cutoff
+
+    def expected(self) -> dict[str, float]:
+        """Grid, shortest wavelength and rms slope, from the measured surface and the fit."""
+        measured = self.surface.make()
+        plan = self._plan(measured)
+        nx, ny = plan.shape
+        return {
+            "nx": nx,
+            "ny": ny,
+            "pixel_size": self.pixel_size,
+            "periodic": float(measured.periodic),
+            "shortest_wavelength": self.shortest,
+            "rms_slope": math.hypot(_kept_slope(measured, plan), plan.added_slope(self.shortest)),
+        }
+
+    def scatter(self, contact: Mapping[str, float]) -> Scatter:
+        """Not known: the seed changes the waves that were not measured, and not the others."""
+        return Scatter(None, "the seed changes only wavelengths that were not measured")
+
+    def make(self, seed: Seed = 0) -> Surface:
+        """The surface of ``seed``, which is also that of the surface inside.
+
+        Raises
+        ------
+        InputError
+            The new pixels are no finer than the image or do not fit into its period, or the spectrum of the image
+            allows no fit.
+        """
+        measured = self.surface.make(seed)
+        plan = self._plan(measured)
+        require(6 * 8.0 * plan.shape[0] * plan.shape[1], f"pixel_size = {self.pixel_size:g} nm", "give larger pixels")
+        half = _spectral.continuation(
+            plan.shape,
+            self.pixel_size,
+            hurst=plan.law.hurst,
+            density=float(plan.law(plan.join)),
+            join=plan.join,
+            cutoff=2 * math.pi / self.shortest,
+            seed=_own_stream(seed),
+        )
+        heights = None
+        if measured.periodic:
+            half = _with_image(half, measured, plan)
+        else:
+            heights = _cosines(measured.heights.astype(np.float64), measured.pixel_size, plan, self.pixel_size)
+        columns = sfft.ifft(half, axis=0, overwrite_x=True, workers=available())
+        added = np.asarray(sfft.irfft(columns, n=plan.shape[1], axis=1, overwrite_x=True, workers=available()))
+        heights = np.ascontiguousarray(added if heights is None else heights + added)
+        heights.setflags(write=False)
+        return Surface(
+            heights=heights,
+            pixel_size=self.pixel_size,
+            periodic=measured.periodic,
+            provenance={
+                **provenance(self, seed),
+                "measured": measured.provenance,
+                "roughened": _record(measured, plan),
+            },
+        )
+
+    def _plan(self, measured: Surface) -> _Plan:
+        side = measured.pixel_size
+        if self.pixel_size >= side * (1 - 1e-9):
+            raise InputError(
+                f"pixel_size = {self.pixel_size:g} nm: the pixels of the measured surface are {side:g} nm; give "
+                "smaller ones, or use the measured surface itself"
+            )
+        resolution = 2 * side if self.resolution is None else self.resolution
+        if resolution < 2 * side * (1 - 1e-9):
+            raise InputError(
+                f"resolution = {resolution:g} nm: shorter than two pixels of the image, {2 * side:g} nm; "
+                "give at least this"
+            )
+        if resolution <= self.shortest * (1 + 1e-9):
+            raise InputError(
+                f"cutoff = {self.shortest:g} nm: the image has waves down to {resolution:g} nm, so that nothing is "
+                "left to add; give a shorter cutoff"
+            )
+        shape = _fine_shape(measured, self.pixel_size)
+        join = 2 * math.pi / resolution
+        longest = FIT_RANGE * resolution if self.fit_from is None else self.fit_from
+        spectrum = _fitting.binned(measured)
+        data = spectrum.part(2 * math.pi / longest, join)
+        cut = spectrum.part(0, join).cut
+        if cut is not None:
+            raise InputError(
+                f"resolution = {resolution:g} nm: the spectrum of the image ends at a wavelength of "
+                f"{2 * math.pi / cut:.4g} nm; give this resolution"
+            )
+        try:
+            law = _fitting.fit_power_law(data, self.hurst)
+        except ValueError as error:
+            raise InputError(
+                f"fit_from = {longest:g} nm, resolution = {resolution:g} nm: no power law can be fitted to the "
+                f"spectrum between them ({error}); give a longer fit_from, at most the side of the image"
+            ) from None
+        if not 0 <= law.hurst <= 1:
+            raise InputError(
+                f"hurst: the spectrum between {longest:g} and {resolution:g} nm falls with H = {law.hurst:.2f} ± "
+                f"{law.hurst_error:.2f}, which is not self-affine (0 to 1); give a resolution longer than what the "
+                "instrument blurs, another fit_from, or hurst"
+            )
+        return _Plan(shape, join, law, spectrum)
+
+    def draw(self, figure: str, axes: Axes, results: Sequence[Any]) -> None:
+        """The spectra before and after, of one result or of several."""
+        for one in results:
+            if one.surface is not None:
+                q, density = one.surface.psd(_BINS)
+                filled = density > 1e-12 * density.max(initial=0.0)
+                axes.loglog(q[filled], density[filled], color=one.color, label=f"{one.label}, carried on")
+            record = _recorded(one)
+            if record is None:
+                continue
+            before = record["spectrum"]
+            axes.loglog(before["q"], before["density"], "o", ms=3, mfc="none", color=one.color, label="measured image")
+            law = np.array([record["fit_from_q"], 2 * math.pi / one.component.shortest])
+            fitted = record["density"] * (law / record["join"]) ** (-2 - 2 * record["hurst"])
+            axes.loglog(law, fitted, "--", color="0.2", lw=1, zorder=3, label=f"H = {record['hurst']:.2f}")
+            axes.axvline(record["join"], color="0.6", lw=0.8)
+        axes.set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C (nm⁴)")
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend()
+        else:
+            axes.text(0.5, 0.5, "the file does not hold the surface", ha="center", transform=axes.transAxes)
+
+
+def _recorded(one: Any) -> dict[str, Any] | None:
+    """What :func:`_record` noted with the surface of a result, or with its contact; None where neither has it."""
+    made = [one.surface.provenance] if one.surface is not None else []
+    if one.contact is not None:
+        made.append(one.contact.provenance.get("surface"))
+    return next((part["roughened"] for part in made if isinstance(part, Mapping) and "roughened" in part), None)
+
+
+class _Plan(NamedTuple):
+    """What a continuation adds to an image."""
+
+    #: of the fine grid
+    shape: tuple[int, int]
+    #: wavenumber from which on the image is not used, 1/nm
+    join: float
+    law: _fitting.PowerLaw
+    #: of the image
+    spectrum: _fitting.Binned
+
+    def added_slope(self, shortest: float) -> float:
+        """rms slope of the continuation: h'² = ∫ C q³ dq/(2π)."""
+        power = 2 - 2 * self.law.hurst
+        ratio = 2 * math.pi / shortest / self.join
+        integral = math.log(ratio) if power < 1e-9 else (ratio**power - 1) / power
+        return math.sqrt(float(self.law(self.join)) * self.join**4 * integral / (2 * math.pi))
+
+
+def _own_stream(seed: Seed) -> np.random.SeedSequence:
+    if not isinstance(seed, np.random.SeedSequence):
+        seed = np.random.SeedSequence(checked_seed(seed))
+    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, _STREAM))
+
+
+def _fine_shape(measured: Surface, pixel_size: float) -> tuple[int, int]:
+    """Pixels of the fine grid: all that fit into the image; into the period they must fit exactly."""
+    counts = []
+    for name, count in zip("xy", measured.shape, strict=True):
+        length = count * measured.pixel_size
+        exact = length / pixel_size
+        near = round(exact)
+        if abs(exact - near) > FITS and measured.periodic:
+            raise InputError(
+                f"pixel_size = {pixel_size:g} nm: the period along {name}, {length:.8g} nm, is no whole number of "
+                f'pixels; give pixel_size = "{length / near:.8g} nm"'
+            )
+        counts.append(near if abs(exact - near) <= FITS else math.floor(exact))
+    return counts[0], counts[1]
+
+
+def _kept(shape: tuple[int, int], pixel_size: float, join: float) -> NDArray[np.bool_]:
+    """Which waves of the half spectrum of an image stay."""
+    return _fitting.wavenumbers(shape, pixel_size) < join * (1 - 1e-9)
+
+
+def _with_image(half: NDArray[np.complex128], measured: Surface, plan: _Plan) -> NDArray[np.complex128]:
+    """The half spectrum of the continuation and the waves of a periodic image that stay."""
+    (nx, ny), (mx, my) = measured.shape, plan.shape
+    image = np.asarray(sfft.rfft2(measured.heights.astype(np.float64), workers=available()))
+    kept = _kept((nx, ny), measured.pixel_size, plan.join)
+    width = max(half.shape[1], image.shape[1])
+    result = np.zeros((mx, width), dtype=np.complex128)
+    result[:, : half.shape[1]] = half
+    rows = np.rint(np.fft.fftfreq(nx) * nx).astype(np.int64) % mx
+    x, y = np.nonzero(kept)
+    result[rows[x], y] = image[x, y] * (mx * my / (nx * ny))
+    return result
+
+
+def _cosines(image: _steps.Floats, side: float, plan: _Plan, pixel_size: float) -> _steps.Floats:
+    """The cosine series of an image, waves from ``join`` on left out, at the centres of the fine pixels."""
+    (nx, ny), (mx, my) = image.shape, plan.shape
+    series = np.asarray(sfft.dctn(image, type=2, norm="forward", workers=available()))
+    series[1:] *= 2
+    series[:, 1:] *= 2
+    qx, qy = (np.pi * np.arange(count) / (count * side) for count in (nx, ny))
+    series[np.hypot(qx[:, None], qy) >= plan.join * (1 - 1e-9)] = 0.0
+    at_x, at_y = (np.cos(np.outer((np.arange(m) + 0.5) * pixel_size, q)) for m, q in ((mx, qx), (my, qy)))
+    return at_x @ series @ at_y.T
+
+
+def _kept_slope(measured: Surface, plan: _Plan) -> float:
+    """rms slope of the waves of the image that stay."""
+    heights = measured.heights.astype(np.float64)
+    if measured.periodic:
+        half = np.asarray(sfft.rfft2(heights, workers=available()))
+        half[~_kept(measured.shape, measured.pixel_size, plan.join)] = 0.0
+        low = np.asarray(sfft.irfft2(half, s=measured.shape, workers=available()))
+    else:
+        same = plan._replace(shape=measured.shape)
+        low = _cosines(heights, measured.pixel_size, same, measured.pixel_size)
+    return roughness.rms_slope(low, measured.pixel_size, measured.periodic)
+
+
+def _record(measured: Surface, plan: _Plan) -> dict[str, Any]:
+    """Plain JSON values: what was fitted, and the spectrum of the image."""
+    law, spectrum = plan.law, plan.spectrum
+    positive = spectrum.density > 0
+    return {
+        "hurst": law.hurst,
+        "hurst_error": law.hurst_error,
+        "density": float(law(plan.join)),
+        "density_relative_error": law.density_error,
+        "join": plan.join,
+        "fit_from_q": law.lowest,
+        "misfit": law.misfit,
+        "measured_pixel_size": measured.pixel_size,
+        "spectrum": {"q": spectrum.q[positive].tolist(), "density": spectrum.density[positive].tolist()},
+    }

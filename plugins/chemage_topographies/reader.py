@@ -1,0 +1,136 @@
+"""Files of instruments, read with SurfaceTopography (MIT licence), which is imported when a file is read."""
+
+from __future__ import annotations
+
+import warnings
+from os import PathLike
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from chemage import ChemageError, HeightMap, InputError, Length, PluginError, Reader, StoreError, Surface, regular_file
+from chemage.foundation.errors import shortened
+from chemage_surfaces import HeightUnit, surface_of
+
+#: formats without a mark, which the library finds in any file of a certain size
+UNMARKED = ("hgt", "nms")
+INSTALL = "pip install 'chemage[topographies]'"
+
+
+class Topography(Reader):
+    """An image of an atomic force microscope, a white-light interferometer, a confocal microscope or another
+    instrument, in one of the formats of SurfaceTopography, such as X3P, SDF, GWY, IBW, SPM, OPD, SUR and VK4.
+
+    The format is found from the content of the file. The library is optional: ``pip install 'chemage[topographies]'``.
+    The first index of the heights is along x. For its NetCDF and text formats, whose endings belong to other readers,
+    give ``reader = "topography"``.
+    """
+
+    kind = "topography"
+    cite: ClassVar[tuple[str, ...]] = ("M. C. Röttger et al., Surf. Topogr.: Metrol. Prop. 10, 035032 (2022)",)
+    #: those of the library, less those of the readers of chemage and of line scans
+    suffixes: ClassVar[tuple[str, ...]] = (
+        *(".x3p", ".sdf", ".gwy", ".ibw", ".spm", ".001", ".002", ".003", ".004", ".005", ".al3d", ".apx", ".bcr"),
+        *(".bcrf", ".cur", ".datx", ".ezd", ".frt", ".hfm", ".hgt", ".jpk", ".lext", ".mat", ".mdt", ".mi", ".mnt"),
+        *(".nid", ".nms", ".npz", ".oir", ".opd", ".opdx", ".os3d", ".plu", ".plux", ".poir", ".stp", ".sur", ".tif"),
+        *(".tiff", ".tmd", ".tom", ".top", ".vk3", ".vk4", ".vk6", ".vk7", ".xyz", ".zmg", ".zon"),
+    )
+
+    channel: str | None = None
+    """name of the channel of heights; None: the default channel of the format"""
+    unit: HeightUnit | None = None
+    """unit of all lengths in the file, such as "um", or a factor that converts them to nm; overrides the unit in the
+    file"""
+    pixel_size: Length | None = None
+    """edge of a pixel, nm; overrides the value in the file"""
+
+    def read(self, path: str | PathLike[str]) -> Surface:
+        """Read the surface, if the image is complete, its pixels are square and its units are known.
+
+        Raises
+        ------
+        StoreError
+            The file is missing, truncated, or in no format of the library.
+        InputError
+            Heights are missing, units are not stated, pixels are not square, or there is no such channel of heights.
+        PluginError
+            The library is not installed.
+        """
+        return surface_of(self.height_map(path))
+
+    def height_map(self, path: str | PathLike[str]) -> HeightMap:
+        """Read the image as it is. Errors as of :meth:`read`, but for what is missing or not square."""
+        name = str(path)
+        regular_file(path)
+        library = _library(name)
+        try:
+            # what the formats of others make numpy or scipy warn of is no matter of the user
+            with warnings.catch_warnings(action="ignore"), library.open_topography(name) as file:
+                channel = self._channel(file, name)
+                sizes = channel.physical_sizes
+                known = {} if sizes is not None else {"physical_sizes": tuple(float(n) for n in channel.nb_grid_pts)}
+                found = channel.topography(**known)
+                heights = np.ma.filled(np.ma.asarray(found.heights(), dtype=np.float64), np.nan)
+                kind, label = str(file.format()), str(channel.channel_id)
+            if (kind in UNMARKED and Path(name).suffix.lower() != f".{kind}") or not heights.size:
+                raise ValueError("nothing in it says so")
+        except ChemageError:
+            raise
+        except Exception as error:  # each format has errors of its own
+            reason = "" if "Detect" in type(error).__name__ else f" ({shortened(' '.join(str(error).split()), 200)})"
+            raise StoreError(f"{name} is in no format that SurfaceTopography reads, or is damaged{reason}") from None
+        unit = _in_nm(found.unit, name) if self.unit is None else self.unit
+        sides = None
+        if self.pixel_size is not None:
+            sides = (self.pixel_size, self.pixel_size)
+        elif unit is not None and sizes is not None:
+            dx, dy = (float(size) * unit / count for size, count in zip(sizes, heights.shape, strict=True))
+            sides = (dx, dy)
+        heights = np.ascontiguousarray(heights)
+        heights.setflags(write=False)
+        notes = {"format": kind, "channel": label}
+        return HeightMap(heights, unit, sides, bool(found.is_periodic), source=name, notes=notes)
+
+    def _channel(self, file: Any, name: str) -> Any:
+        """The channel to read, which holds heights on a grid."""
+        maps = {str(one.channel_id): one for one in file.channels if one.is_height_channel and one.dim == 2}
+        others = [str(one.channel_id) for one in file.channels if str(one.channel_id) not in maps]
+        listed = f"channels of heights: {', '.join(maps) or 'none'}; others: {', '.join(others) or 'none'}"
+        if self.channel is None:
+            default = file.default_channel
+            if str(default.channel_id) in maps:
+                return default
+            if not maps:
+                raise InputError(f"{name} holds no image of heights, but a line scan or other data ({listed})")
+            raise InputError(f"channel: {name} does not say which channel holds the heights; give one ({listed})")
+        if self.channel not in maps:
+            raise InputError(f"channel = {self.channel!r}: {name} has no such image of heights ({listed})")
+        return maps[self.channel]
+
+
+def _library(name: str) -> Any:
+    try:
+        with warnings.catch_warnings(action="ignore"):  # that there is no MPI
+            from SurfaceTopography import IO
+    except ImportError as error:
+        why = "is not installed" if error.name == "SurfaceTopography" else f"cannot be imported ({error})"
+        raise PluginError(
+            f"{name}: the reader 'topography' needs the library SurfaceTopography, which {why}; {INSTALL}"
+        ) from None
+    return IO
+
+
+def _in_nm(unit: str | None, name: str) -> float | None:
+    """nm per unit of the file; None where it states none."""
+    from SurfaceTopography.Support.UnitConversion import get_unit_conversion_factor, mangle_length_unit_utf8
+
+    if unit is None:
+        return None
+    try:
+        return float(get_unit_conversion_factor(mangle_length_unit_utf8(unit), "nm"))
+    except ValueError:
+        raise InputError(
+            f"{name} states lengths in {shortened(str(unit), 40)!r}, which is no unit of length; give the unit of the "
+            'reader, such as reader = { kind = "topography", unit = "um" }'
+        ) from None
