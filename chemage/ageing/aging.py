@@ -196,9 +196,18 @@ class Aging(Record):
         return self.friction_coefficient_drop.mean(axis=0)
 
     @property
+    def site_area(self) -> float:
+        """What the sites in contact cover, nm²: the contact area, unless sites are not pixels, where the rim is known
+        better from the sites; nan where it is not known."""
+        sites = self.provenance.get("sites")
+        if isinstance(sites, dict) and {"touching", "spacing"} <= sites.keys():
+            return sites["touching"] * sites["spacing"] ** 2
+        return self.contact.get("area", math.nan)
+
+    @property
     def mean_shear_stress(self) -> float:
-        """ΔF at the last hold time over the contact area, mean over replicas, GPa; nan where the area is not known."""
-        area = self.contact.get("area", 0.0)
+        """ΔF at the last hold time over the area of the sites, mean over replicas, GPa; nan where that is not known."""
+        area = self.site_area
         return float(self.friction_drop[:, -1].mean() / area) if area > 0 and self.hold_times.size else math.nan
 
     @property

@@ -18,7 +18,10 @@ MEASURES: dict[str, tuple[str, str]] = {
     "hardness": ("GPa", "hardness of the material"),
     "area_above_hardness": ("1", "share of the contact area whose pressure is above the hardness"),
     "load_above_hardness": ("1", "share of the load carried where the pressure is above the hardness"),
-    "mean_shear_stress": ("GPa", "friction drop at the last hold time over contact area, mean over replicas"),
+    "mean_shear_stress": (
+        "GPa",
+        "friction drop at the last hold time over the area of the sites in contact, mean over replicas",
+    ),
     "shear_strength": ("GPa", "shear strength of the material"),
     "shear_stress_to_strength": ("1", "mean shear stress over shear strength"),
 }

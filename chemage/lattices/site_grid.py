@@ -118,6 +118,7 @@ class ContactSites:
         return {
             "sites": list(self.shape),
             "spacing": self.spacing,
+            "touching": self.sites.size,
             "pixels": list(contact.shape),
             "pixel_size": contact.pixel_size,
             "rule": self.rule,

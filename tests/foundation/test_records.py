@@ -95,6 +95,8 @@ def test_every_field_is_part_of_the_digest(make):
             change = {"coupling": value * 2}
         elif name == "positions":
             change = {name: (np.stack(np.divmod(record.sites, record.pixels[1]), axis=1) + 0.4) * record.pixel_size}
+        elif name in ("errors", "error_sources"):  # each error has its source
+            change = {"errors": {"x": np.full(record.hold_times.size, 0.1)}, "error_sources": {"x": name}}
         elif name in optional:
             change = {name: optional[name]}
         elif name == "pressure" and value is None:

@@ -380,3 +380,22 @@ def test_a_stored_contact_without_gap_is_aged_and_says_so(contacts, tmp_path):
     assert again.gap is None
     aged = ca.age(again, chemistry(), engine=ca.engine("rejection-free"), hold_times=[1.0], temperature=300, replicas=1)
     assert "the rim halfway between pixels because the contact has no gap" in aged.site_grid
+
+
+def test_shear_stress_is_per_area_of_the_sites():
+    """On pixels as large as three by three sites, which cover more than the contact, and on pixels that are sites."""
+    tip = {"radius": "40 nm", "pixel_size": 0.4518 * 3, "pixels": 40}
+    chemistry = ca.chemistry(forming=ca.barriers("uniform", lower=0.3, upper=0.31))
+    found = []
+    for changes in ({}, {"pixel_size": 0.4518, "pixels": 120}):
+        surface = ca.surface("sphere", **{**tip, **changes}).make()
+        contact = ca.contact("fft-bem", modulus=35.3, gap=True).solve(surface, "300 nN")
+        call = {"engine": ca.engine("independent"), "hold_times": [1e5], "temperature": 300.0, "replicas": 1}
+        found.append((contact, ca.age(contact, chemistry, **call)))
+    (coarse, aged), (fine, expected) = found
+    assert (aged.bonds == aged.sites).all()
+    assert coarse.area > 1.05 * fine.area == 1.05 * expected.site_area
+    # every site is bonded: 3 nN on 1/(4.9 nm²)
+    assert expected.mean_shear_stress == pytest.approx(3.0 / 0.4518**2)
+    assert aged.mean_shear_stress == pytest.approx(expected.mean_shear_stress, rel=0.005)
+    assert aged.site_area == pytest.approx(expected.site_area, rel=0.05)

@@ -118,9 +118,9 @@ class Entry:
     @property
     def bonds_per_area(self) -> np.ndarray:
         """Bonds per contact area, 1/nm², (replicas, m); (1, 0) without ageing."""
-        if self.aging is None or not self.area > 0:
+        if self.aging is None or not self.aging.site_area > 0:
             return np.full((1, 0), np.nan)
-        return self.aging.bonds / self.area
+        return self.aging.bonds / self.aging.site_area
 
     @property
     def bonded_fraction(self) -> np.ndarray:
