@@ -108,6 +108,7 @@ def test_a_uniform_contact_has_the_bonds_of_its_kinetics():
     _agrees(uniform(1.7), interacting(), 0.01)
 
 
+@pytest.mark.long
 def test_a_contact_half_of_whose_sites_are_reactive():
     _agrees(uniform(1.7), interacting(hydroxylation=0.5), 0.01)
 
@@ -116,6 +117,7 @@ def test_bonds_that_break():
     _agrees(uniform(1.7), interacting(breaking=ca.barriers("gaussian", mean=0.85, std=0.02)), 0.01)
 
 
+@pytest.mark.long
 def test_isolated_sites_are_exactly_independent():
     """x = 1: every neighbour is missing, and the interaction changes nothing."""
     where = np.zeros((40, 32), dtype=bool)
@@ -163,6 +165,7 @@ def test_a_table_is_made_once_and_kept(small_tables, monkeypatch):
     assert again == first
 
 
+@pytest.mark.long
 def test_a_table_grows_with_the_pressure_and_its_nodes_do_not_change(small_tables, monkeypatch):
     low = aged(uniform(0.3), interacting())
     aged(uniform(4.0), interacting())
@@ -171,6 +174,7 @@ def test_a_table_grows_with_the_pressure_and_its_nodes_do_not_change(small_table
     assert len(list(small_tables.glob("*.table"))) == 1
 
 
+@pytest.mark.long
 def test_every_chemistry_temperature_and_accuracy_has_a_table_of_its_own(small_tables):
     contact = uniform(0.2, (8, 8))
     aged(contact, interacting())
@@ -181,7 +185,11 @@ def test_every_chemistry_temperature_and_accuracy_has_a_table_of_its_own(small_t
 
 
 @pytest.mark.parametrize(
-    "damage", [lambda b: b[:-100], lambda b: b[:200] + b"xx" + b[202:], lambda b: b"", lambda b: b"no"]
+    "damage",
+    [
+        lambda b: b[:200] + b"xx" + b[202:],
+        *(pytest.param(one, marks=pytest.mark.long) for one in (lambda b: b[:-100], lambda b: b"", lambda b: b"no")),
+    ],
 )
 def test_a_damaged_table_is_computed_again_and_that_is_said(small_tables, monkeypatch, damage):
     first = aged(uniform(0.3), interacting())

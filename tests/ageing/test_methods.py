@@ -142,6 +142,7 @@ def test_the_method_is_part_of_the_key_of_ageing_and_of_no_other(half):
         parse_scene({**short, "ageing": {"kind": "half"}})
 
 
+@pytest.mark.long
 def test_runs_show_compare_and_report_give_the_error_of_the_method(half, command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     import tomli_w

@@ -171,6 +171,7 @@ def test_plot_draws_every_figure(command, result, suffix, begins):
         assert picture.read_bytes().startswith(begins)
 
 
+@pytest.mark.long
 def test_plot_overwrites_nothing_and_then_draws_nothing(command, result):
     folder = result.parent / "mine"
     folder.mkdir()

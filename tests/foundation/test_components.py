@@ -78,6 +78,7 @@ def test_digest_is_of_role_kind_and_options():
     assert len({Level().digest(), Level(energy=2).digest(), Twin().digest()}) == 3
 
 
+@pytest.mark.long
 def test_digest_is_the_same_in_every_process():
     code = "import chemage as ca; print(ca.barriers('gaussian', mean=1.1, std='20 meV').digest())"
     other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -52,6 +52,7 @@ def test_replicas_of_one_seed_are_independent_on_different_surfaces(kind):
         assert abs(np.corrcoef(a, b)[0, 1]) < INDEPENDENT
 
 
+@pytest.mark.long
 def test_engines_are_independent_on_one_seed():
     found = [slopes_and_bonds(kind, full_contact()) for kind in ("rejection-free", "bkl", "next-reaction")]
     for one, other in itertools.combinations(found, 2):

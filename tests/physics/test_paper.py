@@ -57,6 +57,7 @@ def test_beta_against_slope(slope: float, volume: str | float, published: float,
     assert fit.beta == pytest.approx(published, rel=tolerance)
 
 
+@pytest.mark.long
 def test_roughness_raises_friction_at_a_second_and_lowers_it_at_a_thousand():
     """Fig. 3(b, c): pressure lets few, strongly pressed sites react early; later the area decides."""
 

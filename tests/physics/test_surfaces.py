@@ -57,6 +57,7 @@ def test_mean_power_of_every_ring_follows_equation_1(pixels, hurst, zeta, eta):
     assert stats.chi2.sf(np.sum(z**2), z.size) > 1e-4
 
 
+@pytest.mark.long
 def test_waves_at_the_nyquist_limit_carry_their_share():
     # a flat spectrum up to the limit: the standing waves (8, 0) and (0, 8) as much as any travelling one
     maker = rough(16, zeta=8, eta=8)

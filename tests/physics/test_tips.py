@@ -49,6 +49,7 @@ def test_rough_contacts_are_pressed_to_the_area_of_a_tip():
         assert contact.sites.size == pytest.approx(sites, rel=0.02)
 
 
+@pytest.mark.long
 def test_uniform_contacts_bond_more_under_more_pressure_and_with_time(study):
     assert (np.diff(study.uniform, axis=0) > 0).mean() > 0.97
     # bonds break as well, so that a contact whose sites are all bonded fluctuates about that

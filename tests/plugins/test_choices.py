@@ -157,6 +157,7 @@ def kinds(value: str | None) -> list[str]:
     return done.stdout.split() if done.returncode == 0 else [done.stderr.strip().splitlines()[-1]]
 
 
+@pytest.mark.long
 def test_plugins_are_left_out_by_a_variable(tiny):
     assert {"bkl", "tiny-coin"} <= set(kinds(None))
     assert "tiny-coin" not in kinds("-tiny")

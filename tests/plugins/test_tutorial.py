@@ -44,6 +44,7 @@ def test_the_page_shows_every_file_it_lists():
     assert top == f"{tomllib.loads(PAGE.files['pyproject.toml'])['project']['name']}/"
 
 
+@pytest.mark.long
 def test_its_own_tests_pass(project):
     said = run_python(project, "-W", "error", "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests")
     passed = int(re.search(r"(\d+) passed", said)[1])  # pyright: ignore[reportOptionalSubscript]

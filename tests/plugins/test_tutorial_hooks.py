@@ -31,6 +31,7 @@ def test_the_plugin_is_short():
     assert sum(len(text.splitlines()) for text in code) < 60
 
 
+@pytest.mark.long
 def test_its_own_tests_pass(project):
     assert "3 passed" in run_python(project, "-W", "error", "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests")
 

@@ -80,6 +80,7 @@ def of(results, *names, **options):
 # -- numbers ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_each_column_tells_what_its_run_tells_alone(results):
     _, made = results
     comparison = of(results, "tip", "rough")

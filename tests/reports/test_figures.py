@@ -167,6 +167,7 @@ def test_saving_into_what_is_no_folder(result, tmp_path):
     assert (tmp_path / "file").read_text() == "mine"
 
 
+@pytest.mark.long
 def test_nothing_global_changes(result, tmp_path):
     import matplotlib as mpl
 

@@ -77,6 +77,7 @@ def several(files):
     return html(files)
 
 
+@pytest.mark.long
 def test_the_page_is_well_formed_and_says_its_language(one):
     page = Page(one)
     assert page.problems == []
@@ -181,10 +182,12 @@ def test_several_files_are_compared_and_each_has_its_section(several):
     assert used <= set(ids)
 
 
+@pytest.mark.long
 def test_the_same_files_give_the_same_bytes(one, files):
     assert html(files[:1]) == one
 
 
+@pytest.mark.long
 def test_measurements_are_fitted_and_shown(files, tmp_path):
     table = tmp_path / "afm.csv"
     rows = "".join(f"{t}, {2 * np.log10(1 + t):.6f}\n" for t in (0.5, 2, 10, 100, 1000, 9000))
@@ -195,6 +198,7 @@ def test_measurements_are_fitted_and_shown(files, tmp_path):
     assert "2.00000 [2.00000, 2.00000]" in text
 
 
+@pytest.mark.long
 def test_ageing_or_a_contact_alone_make_a_report_too(files, tmp_path):
     run = ca.read(files[0])
     ca.write(tmp_path / "aging.h5", run.aging)

@@ -165,6 +165,7 @@ def test_refused():
         roughened(image, pixel_size=20, cutoff=None).expected()
 
 
+@pytest.mark.long
 def test_it_is_a_scene_with_a_figure(command):
     imaged(REFERENCE.make(1).heights)
     Path("scene.toml").write_text(
@@ -186,7 +187,9 @@ def test_it_is_a_scene_with_a_figure(command):
 # -- roughness parameters of a measurement -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("hurst", "eta"), [(0.8, 4), (0.5, 8), (0.8, 1)])
+@pytest.mark.parametrize(
+    ("hurst", "eta"), [(0.5, 8), *(pytest.param(0.8, eta, marks=pytest.mark.long) for eta in (1, 4))]
+)
 def test_the_parameters_of_a_surface_are_found(hurst, eta):
     maker = REFERENCE.replace(hurst=hurst, eta=eta)
     found = [fit_roughness(maker.make(seed)) for seed in range(4)]

@@ -53,6 +53,7 @@ def test_check_reads_the_file_once_and_hashes_it_once(scene, opened):
     assert times(opened) == 2
 
 
+@pytest.mark.long
 def test_a_sweep_reads_the_file_once_and_hashes_it_once(scene, tiny, opened, tmp_path):
     result = chemage.sweep(scene, tmp_path / "out")
     assert result.states() == ["done"] * 50

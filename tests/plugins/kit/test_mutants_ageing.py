@@ -128,7 +128,13 @@ WRONG: dict[str, tuple[Any, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", WRONG)
+#: found by checks that call a method many times
+SLOW = {"depends on the threads", "quick and different", "depends on earlier calls"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.long] if name in SLOW else []) for name in WRONG]
+)
 def test_a_wrong_method_of_ageing(name):
     make, check = WRONG[name]
     found, said = caught_by(make())
