@@ -113,6 +113,7 @@ def test_a_contact_half_of_whose_sites_are_reactive():
     _agrees(uniform(1.7), interacting(hydroxylation=0.5), 0.01)
 
 
+@pytest.mark.long
 def test_bonds_that_break():
     _agrees(uniform(1.7), interacting(breaking=ca.barriers("gaussian", mean=0.85, std=0.02)), 0.01)
 

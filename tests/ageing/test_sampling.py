@@ -115,8 +115,10 @@ def test_what_are_no_sites_in_contact_is_refused(sites):
         chemistry().on(contact(), 1, sites=np.array(sites))
 
 
-@pytest.mark.parametrize("hydroxylation", [1.0, 0.4])
-@pytest.mark.parametrize("periodic", [True, False])
+@pytest.mark.parametrize(
+    ("periodic", "hydroxylation"),
+    [(True, 0.4), *(pytest.param(*one, marks=pytest.mark.long) for one in ((True, 1.0), (False, 1.0), (False, 0.4)))],
+)
 def test_the_mean_over_samples_is_that_of_every_site(periodic, hydroxylation):
     """Within 4.5 standard errors at three times, of 60 replicas each; the margin of 3 leaves no bias that is seen."""
     touching, silica = contact(periodic), chemistry(hydroxylation=hydroxylation)
@@ -127,6 +129,7 @@ def test_the_mean_over_samples_is_that_of_every_site(periodic, hydroxylation):
     assert np.allclose(found.sites, touching.sites.size * hydroxylation)
 
 
+@pytest.mark.long
 def test_the_error_of_sampling_is_the_scatter_of_samples():
     """Of replicas of a tenth of the sites, nearly all of the scatter is that of the sampling."""
     found = aged(contact(shape=(200, 200)), sample(share=0.1), replicas=80)

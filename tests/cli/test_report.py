@@ -162,6 +162,7 @@ def existing(small, command):
     return page
 
 
+@pytest.mark.long
 def test_an_existing_page_is_kept_unless_forced(existing, command):
     page, first = existing, existing.read_bytes()
     done = command("report", "at40.h5")

@@ -93,6 +93,7 @@ def test_rms_height_and_slope_of_a_spectrum_are_those_of_many_surfaces(hurst, et
     assert by_height.roughness().rms_slope == pytest.approx(0.1 / by_slope.roughness().rms_height, rel=1e-9)
 
 
+@pytest.mark.long
 def test_a_square_millimetre_runs_without_a_map(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     import tomli_w

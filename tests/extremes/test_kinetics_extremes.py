@@ -243,6 +243,7 @@ def test_a_million_sites_with_one_a_hundred_billion_billion_times_faster(kind):
     assert history.state[777_777]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", FAST)
 def test_a_million_slow_sites_beside_one_that_flips_with_the_acceleration(kind):
     """1e12 flips a second beside a million sites of 1e-8: only the acceleration gets anywhere, and it is exact."""

@@ -151,6 +151,7 @@ def test_all_states_at_five_times_follow_the_master_equation(kind, name, tempera
 
 
 @pytest.mark.parametrize(("copies", "runs"), [(40, 100), pytest.param(8000, 1, marks=pytest.mark.long)])
+@pytest.mark.long
 def test_the_list_of_fast_sites_changes_no_probability(copies, runs, monkeypatch):
     """On large lattices `rejection-free` lists fast sites and predicts its selections; here on small ones, too."""
     monkeypatch.setattr("chemage_kinetics._rejection_free.FAR", 9)

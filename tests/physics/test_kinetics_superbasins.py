@@ -15,7 +15,8 @@ from chemage import KB, ReactionLattice
 from chemage_kinetics._chain import gamma, sojourn
 
 CHANCE = 1e-5
-ENGINES = ["rejection-free", "bkl", "next-reaction"]
+#: each compiles its own kernel of the acceleration, seven seconds of processor time
+ENGINES = ["next-reaction", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("rejection-free", "bkl"))]
 
 
 @nb.njit

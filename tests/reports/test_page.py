@@ -102,6 +102,7 @@ def test_nothing_comes_from_outside(one):
     assert "default-src 'none'" in policy[0]
 
 
+@pytest.mark.long
 def test_what_a_user_wrote_is_shown_and_not_obeyed(one, several):
     assert BASE["title"] in Page(one).text
     assert "<script" not in one

@@ -132,6 +132,7 @@ def test_an_ageing_curve_alone_has_the_figures_of_its_chemistry_and_engine(tiny,
 # -- what goes wrong --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_figure_that_fails_costs_nothing_else(tiny, parts, tmp_path):
     def draw(self, figure, axes, results):
         if figure == "broken":
