@@ -25,10 +25,11 @@ settings.register_profile(
     "chemage",
     derandomize=True,
     deadline=None,
-    max_examples=60,
+    max_examples=25,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 settings.load_profile("chemage")
+settings.register_profile("chemage-long", settings.get_profile("chemage"), max_examples=60)
 
 
 # Modules that tests write anew leave no bytecode behind that a later import would take for that of the new text.
@@ -41,6 +42,11 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 def pytest_addoption(parser):
     parser.addoption("--long", action="store_true", help="run also what is marked long (minutes)")
+
+
+def pytest_configure(config):
+    if config.getoption("long"):
+        settings.load_profile("chemage-long")
 
 
 def pytest_collection_modifyitems(config, items):

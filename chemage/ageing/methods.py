@@ -52,9 +52,24 @@ class AgeingRequest:
     #: where intermediate results may be kept; a method that is fast has no need of it
     checkpoints: Path | None = None
 
+    @property
+    def solution(self) -> ContactSolution:
+        """The contact with its map of the pressure, which a method with ``needs_map`` always has.
+
+        Raises
+        ------
+        InputError
+            The contact has no map.
+        """
+        if not isinstance(self.contact, ContactSolution):
+            raise InputError(
+                "contact: it has no map of the pressure; solve the contact, or use a method that needs none"
+            )
+        return self.contact
+
     @cached_property
     def _identity(self) -> tuple[int, ...]:
-        return identity(self.contact, self.chemistry, self.engine, self.temperature)
+        return identity(self.solution, self.chemistry, self.engine, self.temperature)
 
     def seeds(self, replica: int) -> tuple[np.random.SeedSequence, np.random.SeedSequence]:
         """The seeds of the disorder and of the kinetic noise that ``replica`` has in the kinetics of every site."""

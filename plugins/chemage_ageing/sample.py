@@ -82,7 +82,7 @@ class Sample(AgeingMethod):
         InputError
             A window is larger than the contact.
         """
-        chemistry, contact = request.chemistry, request.contact
+        chemistry, contact = request.chemistry, request.solution
         touching = chemistry.sites_of(contact)
         if not touching.sites.size:
             nothing = np.zeros((request.replicas, request.hold_times.size), np.int64)
@@ -134,12 +134,13 @@ class Sample(AgeingMethod):
         scale = np.stack([sites / windows.held[one.drawn] for one in done])[..., None]
         bonds = np.stack([one.bonds for one in done]) * scale
         known = np.stack([compared[one.drawn] for one in done]) * scale - compared.sum(axis=0)
-        values = np.empty(bonds.shape)
+        values = np.empty_like(bonds)
         for half in (0, 1):
             own, other = slice(half, None, 2), slice(1 - half, None, 2)
             values[:, own] = bonds[:, own] - _coefficient(bonds[:, other], known[:, other]) * known[:, own]
         estimates = values.mean(axis=1)
-        mean, windowed = estimates.mean(axis=0), values.var(axis=1, ddof=1) / values.shape[1]
+        count = bonds.shape[1]
+        mean, windowed = estimates.mean(axis=0), values.var(axis=1, ddof=1) / count
         error = np.sqrt(windowed.sum(axis=0)) / len(done)
         reactive = sites * request.chemistry.hydroxylation
         followed = np.mean([one.sites for one in done]) / reactive
@@ -183,7 +184,7 @@ class _Replica(NamedTuple):
 def _followed(request: AgeingRequest, number: int, sites: np.ndarray | None) -> tuple[ReactionLattice, BondHistory]:
     """The kinetics of a replica on ``sites`` with their states, or on every site without."""
     disorder, noise = request.seeds(number)
-    lattice = build_lattice(request.chemistry, request.contact, disorder, sites=sites)
+    lattice = build_lattice(request.chemistry, request.solution, disorder, sites=sites)
     history = run_kinetics(
         request.engine,
         lattice,
@@ -191,7 +192,7 @@ def _followed(request: AgeingRequest, number: int, sites: np.ndarray | None) -> 
         temperature=request.temperature,
         seed=noise,
         states=sites is not None,
-        contact=request.contact,
+        contact=request.solution,
         chemistry=request.chemistry,
     )
     return lattice, history

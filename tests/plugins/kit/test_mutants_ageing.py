@@ -13,6 +13,8 @@ from pydantic import Field
 import chemage as ca
 from chemage import EV_PER_GPA_NM3, KB, AgedBonds, AgeingMethod, testing
 
+pytestmark = pytest.mark.long
+
 
 class Means(AgeingMethod):
     """The mean of independent sites whose bonds last."""

@@ -12,6 +12,8 @@ from pydantic import Field
 import chemage as ca
 from chemage import ContactSolution, Surface
 
+pytestmark = pytest.mark.long
+
 FFT: Any = type(ca.contact("fft-bem", modulus=35.3))
 Persson: Any = type(ca.contact("persson", modulus=35.3))
 HERTZ: Any = type(ca.contact("hertz", modulus=35.3))

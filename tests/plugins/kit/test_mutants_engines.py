@@ -13,6 +13,8 @@ from kit_examples import changed, mutant
 import chemage as ca
 from chemage import BondHistory, Energy, testing
 
+pytestmark = pytest.mark.long
+
 #: what the direct method does wrong -> the check that finds it
 FAULTS = {
     Fault.TEMPERATURE: "rates_follow_the_temperature",

@@ -10,6 +10,8 @@ from kit_examples import Shell, calls, caught_by, mutant
 
 from chemage import random
 
+pytestmark = pytest.mark.long
+
 #: what an interaction of twenty neighbours does wrong -> the check that finds it
 FAULTS = {
     "always wraps": "patch_keeps_its_graph",

@@ -11,6 +11,8 @@ from pydantic import Field
 
 from chemage import Barriers, Energy, Observable, Output, testing
 
+pytestmark = pytest.mark.long
+
 
 class Map(Observable):
     """A map of the bonds, their number at each hold time, and the mean pressure at the sites that have one."""

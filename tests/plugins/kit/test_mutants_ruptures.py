@@ -10,6 +10,8 @@ from kit_examples import Breaking, calls, caught_by, mutant
 
 from chemage import Rupture, testing
 
+pytestmark = pytest.mark.long
+
 #: what a law that sums over the bonded sites does wrong -> the check that finds it
 NM = 0.1602176634
 

@@ -12,6 +12,8 @@ from pydantic import Field
 import chemage as ca
 from chemage import Length, Reader, StoreError, Surface, SurfaceMaker, testing
 
+pytestmark = pytest.mark.long
+
 ROUGH: Any = type(ca.surface("self-affine", pixels=32, pixel_size=0.5, rms_slope=0.1, hurst=0.8, zeta=8))
 SPHERE: Any = type(ca.surface("sphere", radius=30, pixels=32, pixel_size=0.5))
 OPTIONS: dict[Any, dict[str, Any]] = {
