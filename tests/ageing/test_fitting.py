@@ -111,7 +111,7 @@ def test_replicas_are_drawn_whole_so_that_correlated_errors_count():
 @pytest.mark.parametrize("replicas", [3, *(pytest.param(count, marks=pytest.mark.long) for count in (2, 5, 10))])
 def test_the_intervals_of_a_few_replicas_cover_what_they_say(replicas, model):
     """Replicas that differ by a factor and by a scatter of their own; 0.95 ± 4 standard errors of the trials."""
-    generator, trials = np.random.default_rng(replicas), 300 if model == "line" else 100
+    generator, trials = np.random.default_rng(replicas), 400
     inside = np.zeros(2)
     shape = line if model == "line" else curve
     for _ in range(trials):
