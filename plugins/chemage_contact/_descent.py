@@ -364,7 +364,8 @@ class Descent:
     def _spread(self, s: Standing) -> float:
         """Sum of the squared residual over the working set, without its mean where the offset is unknown."""
         mean = s.residual_sum / s.pixels if self.grid.floating and s.pixels else 0.0
-        return s.residual_squares - mean * s.residual_sum
+        # where nothing but the mean is left, rounding may leave less than nothing
+        return max(s.residual_squares - mean * s.residual_sum, 0.0)
 
     # -- direction and step -------------------------------------------------------------------------------------------
 

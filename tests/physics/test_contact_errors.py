@@ -173,3 +173,16 @@ def test_a_stalled_solve_in_double_precision_does_not_recommend_double_precision
         assert not solution.converged
         assert "rounding errors of double precision" in " ".join(solution.notes)
         assert "use precision" not in " ".join(solution.notes)
+
+
+def test_a_uniform_residual_has_no_spread():
+    """The mean taken away leaves rounding errors of either sign, of which a root was taken."""
+    from types import SimpleNamespace
+
+    from chemage_contact._descent import Descent
+
+    for value in np.linspace(0.1, 0.7, 50):
+        residual = [value] * 3
+        standing = SimpleNamespace(residual_sum=sum(residual), pixels=3, residual_squares=sum(v * v for v in residual))
+        owner = SimpleNamespace(grid=SimpleNamespace(floating=True))
+        assert 0.0 <= Descent._spread(owner, standing) < 1e-15  # type: ignore[arg-type]
