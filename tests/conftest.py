@@ -89,6 +89,14 @@ def quick_figures(request):
         yield
 
 
+@pytest.fixture(scope="module")
+def without_preparation():
+    """Methods of ageing that make a table first, which takes seconds, are no part of maps of speed and accuracy."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("chemage.experiments.choices.PREPARATION", 0.0)
+        yield
+
+
 class Site:
     """A folder of installed distributions, as pip would leave it."""
 
@@ -217,6 +225,8 @@ def command(monkeypatch, capsys):
 
     monkeypatch.setattr(command_line.app, "registered_commands", list(command_line.app.registered_commands))
     monkeypatch.setattr(command_line.os, "_exit", leave)
+    # a busy machine says nothing of loading
+    monkeypatch.setattr("chemage.foundation.progress.LOADING", 1e5)
 
     def call(*words):
         capsys.readouterr()

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextvars
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,8 +20,10 @@ from chemage.contacts.statistics import ContactStatistics
 from chemage.foundation.checks import Seed, check_times, checked_count, checked_seed, expect, temperature_value
 from chemage.foundation.errors import InputError, PluginError
 from chemage.foundation.hashes import content_hash
+from chemage.foundation.logs import counted, logged, of_plugins
 from chemage.foundation.memory import require
-from chemage.foundation.threads import available
+from chemage.foundation.threads import available, in_order
+from chemage.foundation.units import QuantityLike
 from chemage.friction.bonded import Bonded
 from chemage.friction.role import Rupture
 from chemage.friction.stage import rupture_bonds
@@ -43,7 +43,7 @@ def age(
     *,
     engine: Engine,
     hold_times: Sequence[float] | np.ndarray,
-    temperature: float | str,
+    temperature: QuantityLike,
     replicas: int = 10,
     seed: Seed = 0,
     common: Common = "none",
@@ -90,7 +90,7 @@ def age(
     _check(contact, chemistry, engine, rupture, observe, common, replicas, seed, threads)
     if method is not None:
         expect("method", method, AgeingMethod, 'make one with chemage.ageing_method("...")')
-    check_contact("contact: it", isinstance(contact, ContactStatistics), method)
+    check_contact("contact: it", isinstance(contact, ContactStatistics), method, chemistry)
     times, kelvin = _check_run(hold_times, temperature, replicas, checkpoints, progress)
     request = AgeingRequest(
         contact,
@@ -104,10 +104,19 @@ def age(
         rupture,
         tuple(observe),
         threads or available(),
-        progress,
+        counted("ageing", replica_word(method), progress),
         checkpoints,
     )
-    return _by_kinetics(request) if method is None else _by_method(method, request)
+    about = f"{engine.kind}, {replicas} replicas, {times.size} hold times, {kelvin:g} K"
+    with logged("ageing", about if method is None else f"{method.kind}: {about}") as outcome:
+        made = _by_kinetics(request) if method is None else _by_method(method, request)
+        outcome(f"{made.sites.mean():.0f} sites; {of_plugins(made.plugins)}")
+    return made
+
+
+def replica_word(method: AgeingMethod | None) -> str:
+    """What the progress of ageing counts."""
+    return "replicas" if method is None or method.replicates else "steps"
 
 
 def _by_kinetics(request: AgeingRequest) -> Aging:
@@ -134,7 +143,7 @@ def _by_kinetics(request: AgeingRequest) -> Aging:
 
     # threads inside a run take their processors away from the other replicas
     at_once = max(1, min(request.replicas, request.threads // engine.concurrency()))
-    done = list(_in_order(replica, request.replicas, at_once, request.progress))
+    done = list(in_order(replica, request.replicas, at_once, request.progress))
     provenance = _provenance(request) | {"seed": str(seed), "common": common}
     return _aging(contact, chemistry, done, times, kelvin, provenance)
 
@@ -338,36 +347,3 @@ class _Replica(NamedTuple):
     seen: Seen
     plugins: Plugins
     approximate: list[dict[str, Any]]
-
-
-def _in_order(
-    task: Callable[[int], Any], count: int, threads: int, progress: Callable[[int, int], None] | None
-) -> Iterator[Any]:
-    """Results of ``task(0 … count−1)`` in that order; the first failure stops the rest."""
-    if threads == 1:
-        for number in range(count):
-            yield task(number)
-            if progress:
-                progress(number + 1, count)
-        return
-    pool = ThreadPoolExecutor(threads, thread_name_prefix="chemage-replica")
-    try:
-        running: dict[Future[Any], int] = {}
-        results: dict[int, Any] = {}
-        begun = given = 0
-        while given < count:
-            # one more for each thread, so that none waits; not all, because there may be 10^9
-            while begun < count and len(running) < 2 * threads:
-                # options of plugins are context variables, which the threads would not see
-                running[pool.submit(contextvars.copy_context().run, task, begun)] = begun
-                begun += 1
-            finished, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in finished:
-                results[running.pop(future)] = future.result()
-            if progress:
-                progress(begun - len(running), count)
-            while given in results:
-                yield results.pop(given)
-                given += 1
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging
+from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging, why_not_fitted
 from chemage.ageing.measured import Measured, measured
 from chemage.ageing.outputs import Output
 from chemage.ageing.seeds import COMMON
+from chemage.foundation import pictures
 from chemage.foundation.checks import check_times
+from chemage.foundation.datasets import dataset, frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import (
     Counts,
@@ -26,20 +28,32 @@ from chemage.foundation.records import (
     require_finite,
 )
 from chemage.foundation.statistics import half_width, standard_error
+from chemage.foundation.units import QuantityLike
 from chemage.lattices.site_grid import ONE_PER_PIXEL
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.axes import Axes
 
 
 class Aging(Record):
     """Bonds of several replicas against hold time, and the static friction rise they make."""
 
     arrays = {
-        "hold_times": (("hold_times",), "s", "time since the contact was made"),
-        "bonds": (("replica", "hold_times"), "", "number of bonds"),
+        "hold_times": (("hold_time",), "s", "time since the contact was made"),
+        "bonds": (("replica", "hold_time"), "", "number of bonds"),
         "sites": (("replica",), "", "number of reactive sites"),
         "events": (("replica",), "", "bonds formed and broken"),
-        "rupture_force": (("replica", "hold_times"), "nN", "force that breaks all bonds"),
+        "rupture_force": (("replica", "hold_time"), "nN", "force that breaks all bonds"),
+        "member_ratios": (
+            ("member", "hold_time"),
+            "",
+            "bonds of other distributions of barriers over those of this one",
+        ),
     }
-    added = ("rupture_force", "outputs", "elasticity", "errors", "error_sources", "events")
+    stored_names = {"hold_times": "hold_time"}
+    added = ("rupture_force", "outputs", "elasticity", "errors", "error_sources", "events", "member_ratios")
 
     hold_times: Doubles
     """(m,) s"""
@@ -64,6 +78,9 @@ class Aging(Record):
     is not known; beside the scatter of the replicas, or a part of it, as ``error_sources`` says"""
     error_sources: dict[str, str] = {}
     """the same names -> how that error is known, in words"""
+    member_ratios: Doubles | None = None
+    """(members, m) bonds of other distributions of barriers that the same data allow over those of this one, with the
+    same random numbers; None: none were aged"""
     engine: str = ""
     notes: tuple[str, ...] = ()
     """notes of the first replica's run"""
@@ -107,6 +124,8 @@ class Aging(Record):
             if not (np.isfinite(self.rupture_force) & (self.rupture_force >= 0)).all():
                 raise ValueError("rupture_force: has numbers that are negative or not finite; give forces in nN")
         self._check_errors()
+        if self.member_ratios is not None and self.member_ratios.shape[1:] != self.hold_times.shape:
+            raise ValueError(f"member_ratios: shape {self.member_ratios.shape}; give (members, {self.hold_times.size})")
         for name, output in self.outputs.items():
             values = self.observables.get(name)
             if values is None or values.ndim != 1 + len(output["dims"]):
@@ -126,7 +145,7 @@ class Aging(Record):
         """See :meth:`Record.declared`; of ``observables/...`` what the observable declares."""
         field, _, key = name.partition("/")
         if field == "errors":
-            return ("hold_times",), "", self.error_sources.get(key, "")
+            return ("hold_time",), "", self.error_sources.get(key, "")
         if field != "observables" or key not in self.outputs:
             return super().declared(name)
         output = Output(**self.outputs[key])
@@ -230,7 +249,7 @@ class Aging(Record):
         """Half the width of Student's 95 % interval of the mean Δμ, (m,); nan for a single replica or without load."""
         return half_width(self.friction_coefficient_drop)
 
-    def fit(self, start: float | str = FIT_WINDOW[0], stop: float | str = FIT_WINDOW[1]) -> Fit:
+    def fit(self, start: QuantityLike = FIT_WINDOW[0], stop: QuantityLike = FIT_WINDOW[1]) -> Fit:
         """Line of Δμ against log10 t over ``start`` ≤ t ≤ ``stop`` (s): β, cut-off time, and their errors.
 
         See :func:`chemage.fit_aging`, of which this is the line over a window. Standard errors are jackknife errors
@@ -256,6 +275,51 @@ class Aging(Record):
         scale = 1 / self.load if chosen == "friction_coefficient_drop" else 1.0
         return FitData(self.friction_drop, chosen, scale, simulated=True)
 
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        quantity: Quantity | None = None,
+        fit: bool = True,
+        color: str | None = None,
+        label: str = "",
+    ) -> Axes:
+        """Draw friction against hold time into ``ax``, or into a new figure of pyplot; return the axes.
+
+        Means with their 95 % intervals of ``quantity``, "friction_coefficient_drop" (default where there is a load) or
+        "friction_drop"; and with ``fit`` the line of :meth:`fit`. ``color`` and ``label`` are those of the curve.
+        """
+        return pictures.draw(self, ax, quantity=quantity, fit=fit, color=color, label=label)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The arrays with the names, dimensions and units of the file, and the curves of friction of the file: means
+        over replicas, standard errors and half widths of 95 % intervals. Needs xarray."""
+        derived = {}
+        with np.errstate(over="ignore", invalid="ignore"):
+            for name, unit in (("friction_drop", "nN"), ("friction_coefficient_drop", "1")):
+                if unit == "nN" or self.load > 0:
+                    for column, values in _with_errors(name, getattr(self, name)).items():
+                        derived[column] = (("hold_time",), values, {"units": unit})
+        return dataset(self, derived)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """One row for each hold time (s), in columns named as in the table of a sweep. Needs pandas.
+
+        Means over replicas of bonds, ΔF (nN) and Δμ, with standard errors and half widths of 95 % intervals; errors
+        beside the scatter of the replicas (``error.NAME``, relative); what observables measured at every hold time.
+        """
+        curves = {name: getattr(self, name) for name in ("bonds", "friction_drop", "friction_coefficient_drop")}
+        curves |= {f"observable.{name}": one.values for name, one in self.measured.items() if one.is_curve}
+        columns = {"hold_time": self.hold_times}
+        for name, values in curves.items():
+            columns |= _with_errors(name, values)
+        columns |= {f"error.{name}": error for name, error in self.errors.items()}
+        attributes = {"replicas": self.replicas, "load": self.load, "temperature": self.temperature}
+        return frame(columns, "hold_time", attributes)
+
+    def _repr_html_(self) -> str:
+        return pictures.html(self)
+
     def __repr__(self) -> str:
         return (
             f"<Aging {self.replicas} replicas, {self.hold_times.size} hold times to {self.hold_times[-1]:g} s, "
@@ -263,3 +327,22 @@ class Aging(Record):
         )
 
     __str__ = __repr__
+
+
+def _with_errors(name: str, values: np.ndarray) -> dict[str, np.ndarray]:
+    """The mean over replicas, its standard error, and half the width of its 95 % interval, by the names of columns."""
+    return {
+        name: values.mean(axis=0),
+        f"{name}_stderr": standard_error(values),
+        f"{name}_half_width": half_width(values),
+    }
+
+
+def fit_or_reason(aging: Aging, window: tuple[float, float]) -> tuple[Fit | None, str]:
+    """The line of Δμ over ``window`` (s), or None and why it cannot be fitted, in words."""
+    if reason := why_not_fitted(aging.hold_times, window):
+        return None, reason
+    try:
+        return aging.fit(*window), ""
+    except InputError as error:
+        return None, str(error)

@@ -22,6 +22,7 @@ from chemage.foundation.codec import read_records, write_records
 from chemage.foundation.errors import DamagedError, InputError, StoreError
 from chemage.foundation.hashes import content_hash
 from chemage.foundation.records import Record
+from chemage.foundation.units import QuantityLike
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
 from chemage.kinetics.stage import run_kinetics
@@ -103,7 +104,7 @@ def run_with_checkpoints(
     lattice: ReactionLattice,
     hold_times: np.ndarray,
     *,
-    temperature: float | str,
+    temperature: QuantityLike,
     seed: Seed,
     path: Path,
     run: str = "",

@@ -24,13 +24,17 @@ from chemage.ageing.intervals import UNKNOWN, Bootstrap, Interval, bootstrapped,
 from chemage.ageing.models import Model, basis, basis_slope, bounds, solve
 from chemage.foundation.errors import InputError
 from chemage.foundation.statistics import jackknife_error
-from chemage.foundation.text import jsonable, with_interval
-from chemage.foundation.units import convert
+from chemage.foundation.text import jsonable, power_text, with_error, with_interval
+from chemage.foundation.units import QuantityLike, convert
 
 Quantity = Literal["friction_coefficient_drop", "friction_drop"]
 
 #: default of the first and last hold time of the line, s
 FIT_WINDOW = (10.0, 1e4)
+#: β per decade over b per e-fold
+LN10 = math.log(10)
+#: replicas (or points) from which on bootstrap intervals hold the truth as often as they say
+FOR_BOOTSTRAP = 10
 #: what is written in place of an error
 NO_ERROR = "(one replica: no error)"
 #: quantity -> its unit inside chemage
@@ -114,6 +118,27 @@ class Fit:
         return 0.5 * (self.beta_interval.high - self.beta_interval.low)
 
     @property
+    def b(self) -> float:
+        """β/ln 10, the rise for each factor e of the hold time: b of rate-and-state friction, Δμ = b ln(t/t_c)
+        (Dieterich, J. Geophys. Res. 77, 3690 (1972); Ruina, J. Geophys. Res. 88, 10359 (1983))."""
+        return self.beta / LN10
+
+    @property
+    def b_stderr(self) -> float:
+        """Standard error of :attr:`b`."""
+        return self.beta_stderr / LN10
+
+    @property
+    def b_interval(self) -> Interval:
+        """Interval of :attr:`b`."""
+        return Interval(self.beta_interval.low / LN10, self.beta_interval.high / LN10)
+
+    @property
+    def b_half_width(self) -> float:
+        """Half the width of the interval of :attr:`b`."""
+        return self.beta_half_width / LN10
+
+    @property
     def relative_stderr(self) -> float:
         """Standard error of β over its magnitude; nan where it has none."""
         return self.beta_stderr / abs(self.beta) if self.beta != 0 else math.nan
@@ -121,6 +146,10 @@ class Fit:
     def beta_text(self) -> str:
         """β with its interval and unit."""
         return f"{self._with(self.beta, self.beta_interval)} {UNIT[self.quantity]}".strip()
+
+    def b_text(self) -> str:
+        """b with its interval and unit."""
+        return f"{self._with(self.b, self.b_interval)} {UNIT[self.quantity]}".strip()
 
     def cutoff_text(self) -> str:
         """The cut-off time with its interval."""
@@ -131,10 +160,20 @@ class Fit:
             return f"{value:.4g} {NO_ERROR if self.replicas == 1 else '(no interval: too few points)'}"
         return with_interval(value, interval.low, interval.high)
 
+    def short_text(self) -> str:
+        """β with half of its interval in brackets, and what was fitted, for legends."""
+        half = self.beta_half_width if math.isfinite(self.beta_interval.low) else math.nan
+        beta = " ".join(filter(None, (with_error(self.beta, half), UNIT[self.quantity])))
+        shape = "fitted line" if self.model == "line" else "fitted β log(1 + t/t_c)"
+        where = f", {power_text(self.window[0])}–{power_text(self.window[1])} s" if self.window is not None else ""
+        return f"β = {beta} per decade ({shape}{where})"
+
     def intervals_text(self) -> str:
         """How the intervals were found, in words."""
         if self.bootstrap is not None:
-            return f"bootstrap of {self.bootstrap}, {self.samples} samples"
+            drawn = self.replicas if self.bootstrap == "replicas" else self.points
+            few = f"; too narrow for {drawn} {'replicas' if self.bootstrap == 'replicas' else 'points'}"
+            return f"bootstrap of {self.bootstrap}, {self.samples} samples{few * (drawn < FOR_BOOTSTRAP)}"
         if self.replicas == 1:
             return "none: a single replica has no error"
         return f"Student's t, {self.replicas} replicas" if self.replicas else f"Student's t, {self.points} points"
@@ -157,6 +196,9 @@ class Fit:
                 "beta": self.beta,
                 "beta_stderr": self.beta_stderr,
                 "beta_interval": [self.beta_interval.low, self.beta_interval.high],
+                "b": self.b,
+                "b_stderr": self.b_stderr,
+                "b_interval": [self.b_interval.low, self.b_interval.high],
                 "cutoff_time": self.cutoff_time,
                 "cutoff_time_stderr": self.cutoff_time_stderr,
                 "cutoff_time_interval": [self.cutoff_interval.low, self.cutoff_interval.high],
@@ -175,7 +217,7 @@ def fit_aging(
     data: Curves,
     *,
     model: Model = "line",
-    window: tuple[float | str, float | str] | None = None,
+    window: tuple[QuantityLike, QuantityLike] | None = None,
     quantity: Quantity | None = None,
     bootstrap: Bootstrap | None = None,
     samples: int = 2000,
@@ -216,7 +258,7 @@ def fit_aging(
     given = data.fit_data(quantity)
     _check_bootstrap(bootstrap, given)
     limits = _limits(window, FIT_WINDOW if given.simulated and model == "line" else None)
-    use = _inside(data.hold_times, limits, model, least=2 if given.simulated else 3)
+    use = _inside(data.hold_times, limits, model, least=SIMULATED if given.simulated else 3)
     t, curves = data.hold_times[use], given.curves[:, use]
     weight = _weights(given, use)
     estimate = _estimate(model, t, curves, weight, scatter=not given.simulated)
@@ -253,7 +295,7 @@ def fit_aging(
 
 
 def _limits(
-    window: tuple[float | str, float | str] | None, default: tuple[float, float] | None
+    window: tuple[QuantityLike, QuantityLike] | None, default: tuple[float, float] | None
 ) -> tuple[float, float] | None:
     return default if window is None else (convert(window[0], "s"), convert(window[1], "s"))
 
@@ -289,6 +331,10 @@ def _check_bootstrap(bootstrap: Bootstrap | None, given: FitData) -> None:
         )
 
 
+#: hold times that the line of a simulated result needs
+SIMULATED = 2
+
+
 def _inside(times: np.ndarray, limits: tuple[float, float] | None, model: Model, *, least: int) -> np.ndarray:
     """(m,) bool: the hold times that are fitted."""
     low, high = limits or (0.0, math.inf)
@@ -302,6 +348,21 @@ def _inside(times: np.ndarray, limits: tuple[float, float] | None, model: Model,
             "widen it, or take more hold times per decade",
         )
     return use
+
+
+def why_not_fitted(times: np.ndarray, window: tuple[float, float]) -> str:
+    """Why no line can be fitted to a simulated result at ``times`` within ``window``, both in s; "" where one can."""
+    try:
+        _inside(times, window, "line", least=SIMULATED)
+    except InputError:
+        count = np.unique(times[(times > 0) & (times >= window[0]) & (times <= window[1])]).size
+        lie = {0: "no hold time lies", 1: "one hold time lies"}.get(count, f"{count} hold times lie")
+        span = f"{times[0]:g} to {times[-1]:g} s" if times.size > 1 else f"{times[0]:g} s"
+        return (
+            f"{lie} between {window[0]:g} and {window[1]:g} s, {SIMULATED} are needed (the hold times: {span}); change "
+            "the fit window, or take more hold times"
+        )
+    return ""
 
 
 @dataclass(frozen=True)

@@ -8,18 +8,18 @@ import numpy as np
 
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import InputError
-from chemage.foundation.units import LARGEST, SMALLEST, convert
+from chemage.foundation.units import LARGEST, SMALLEST, QuantityLike, convert
 
 #: more hold times to a decade than any curve needs
 MOST_PER_DECADE = 1000
 
 
-def hold_times(start: float | str, stop: float | str, per_decade: int = 4) -> np.ndarray:
+def hold_times(start: QuantityLike, stop: QuantityLike, per_decade: int = 4) -> np.ndarray:
     """Hold times from ``start`` to ``stop`` (s, both included), ``per_decade`` to a decade, evenly in log t.
 
     Times are whole multiples of 1/``per_decade`` decades above ``start``; ``stop`` is added if it is not one of them.
     """
-    low, high = convert(start, "s"), convert(stop, "s")
+    low, high = convert(start, "s", "start"), convert(stop, "s", "stop")
     for name, given, value in (("start", start, low), ("stop", stop, high)):
         if math.isfinite(value) and value != 0 and not SMALLEST <= abs(value) <= LARGEST:
             raise InputError.of(name, given, "is out of range", f"give from {SMALLEST:g} to {LARGEST:g} s")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.outputs import HOLD_TIMES, Output
+from chemage.ageing.outputs import HOLD_TIME, Output
 from chemage.foundation.statistics import half_width, standard_error
 from chemage.foundation.text import mean_text
 
@@ -44,7 +44,7 @@ class Measured:
     @property
     def is_curve(self) -> bool:
         """Whether it is a number for each hold time."""
-        return self.output is not None and self.output.dims == (HOLD_TIMES,)
+        return self.output is not None and self.output.dims == (HOLD_TIME,)
 
     @property
     def numbers(self) -> np.ndarray | None:

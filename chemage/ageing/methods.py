@@ -133,9 +133,9 @@ class AgeingMethod(Component, ABC):
             Naming what the method cannot treat, and the remedy.
         """
 
-    def check_sites(self, shape: tuple[int, int], touching: float | None) -> None:
+    def check_sites(self, shape: tuple[int, int], touching: float | None) -> Sequence[str] | None:
         """Refuse, before anything is computed, a grid of ``shape`` sites, about ``touching`` of them in contact (None:
-        not known). Used by ``chemage check``.
+        not known); return doubts as sentences. Used by ``chemage check``.
 
         Raises
         ------
@@ -146,7 +146,9 @@ class AgeingMethod(Component, ABC):
     def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:
         """Estimate the cost, as far as it is known: ``cpu_seconds`` of all replicas, ``bytes`` of one.
 
-        ``kinetics`` is what :meth:`Engine.expected` states for one replica of all ``sites`` of the contact.
+        ``kinetics`` is what :meth:`Engine.expected` states for one replica of all ``sites`` of the contact. Where the
+        time cannot be known to a factor of 2, ``cpu_seconds_least`` and ``cpu_seconds_most`` are stated as well. A
+        component may add ``interacting=False``, and chemage then passes whether the sites interact.
         """
         return {}
 
@@ -185,7 +187,9 @@ def check_method(
     method.check(chemistry, engine)
 
 
-def check_contact(contact: str, statistics: bool, method: AgeingMethod | None) -> None:
+def check_contact(
+    contact: str, statistics: bool, method: AgeingMethod | None, chemistry: Chemistry | None = None
+) -> None:
     """Refuse the ageing of a contact of which ``statistics`` are all there is, unless they are enough.
 
     Raises
@@ -193,7 +197,14 @@ def check_contact(contact: str, statistics: bool, method: AgeingMethod | None) -
     InputError
         With the methods that are enough.
     """
-    if not statistics or (method is not None and not method.needs_map):
+    if statistics and method is not None and not method.needs_map:
+        if chemistry is not None and isinstance(chemistry.site_density, str):
+            raise InputError(
+                f"site_density = {chemistry.site_density!r}: {contact} gives statistics, and a contact without a map "
+                "has no pixels; give the sites per nm² in [chemistry]"
+            )
+        return
+    if not statistics:
         return
     plugins = registry.current()
     enough = [repr(kind) for kind in plugins.kinds("ageing") if not _needs_map(plugins.component("ageing", kind))]

@@ -13,7 +13,9 @@ import numpy as np
 from chemage.foundation.errors import PluginError
 
 #: the dimension whose length is the number of hold times
-HOLD_TIMES = "hold_times"
+HOLD_TIME = "hold_time"
+#: how it was called at first, which is understood as well
+_HOLD_TIMES = "hold_times"
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 #: names of variables and dimensions that a result or the table of a sweep has anyway
 _TAKEN = ("hold_times", "hold_time", "replica", "point", "bonds", "sites", "events", "rupture_force")
@@ -26,14 +28,15 @@ class Output:
     Replicas are no dimension of it: they are added when those of all replicas are put together.
     """
 
-    #: names of the dimensions in order; () for a single number; ``"hold_times"`` has one entry for each hold time
+    #: names of the dimensions in order; () for a single number; ``"hold_time"`` has one entry for each hold time
     dims: tuple[str, ...] = ()
     #: "" for a pure number
     unit: str = ""
     description: str = ""
 
     def __post_init__(self) -> None:
-        dims = (self.dims,) if isinstance(self.dims, str) else tuple(self.dims)
+        given = (self.dims,) if isinstance(self.dims, str) else tuple(self.dims)
+        dims = tuple(HOLD_TIME if dim == _HOLD_TIMES else dim for dim in given)
         object.__setattr__(self, "dims", dims)
 
     def of(self, values: Any) -> Declared:
@@ -86,7 +89,7 @@ def declaration_problems(outputs: Any) -> list[str]:
         for dim in output.dims:
             if problem := name_problem(dim):
                 found.append(f"output {name!r}: dimension {problem}")
-            elif dim in outputs or (dim in _TAKEN and dim != HOLD_TIMES):
+            elif dim in outputs or (dim in _TAKEN and dim != HOLD_TIME):
                 found.append(f"output {name!r}: the dimension {dim!r} has the name of a variable; rename it")
         if len(set(output.dims)) < len(output.dims):
             found.append(f"output {name!r}: dims = {output.dims} lists one dimension twice")
@@ -100,7 +103,7 @@ class Checker:
 
     def __init__(self, who: str, hold_times: int) -> None:
         self._who = who
-        self._lengths = {HOLD_TIMES: hold_times}
+        self._lengths = {HOLD_TIME: hold_times}
 
     def names(self, measured: Any, outputs: Mapping[str, Output]) -> None:
         """Require that what is measured are just the outputs."""

@@ -9,20 +9,58 @@ import contextlib
 import io
 import os
 import sys
+import time
 from typing import Annotated, Any
 
 import typer
+import typer.core
 
-from chemage.cli import experiments, plugins, results
+from chemage.cli import arrhenius, citing, experiments, inference, kernels, materials, output, plugins, results
+from chemage.cli.tradeoff import tradeoff
+from chemage.foundation.logs import LOGGER
 from chemage.plugins.in_use import PREFER, preference
+
+#: heading in the help -> its commands
+COMMANDS = {
+    "Experiments": (
+        *(experiments.init, experiments.check, experiments.run, experiments.sweep, experiments.status),
+        *(tradeoff, inference.infer),
+    ),
+    "Results": (results.show, results.plot, results.compare, results.report, arrhenius.arrhenius, citing.cite),
+    "Reference": (materials.materials, experiments.schema, kernels.warmup),
+}
+_OF_PLUGINS = "Commands of plugins"
+#: set by the script that the shell runs for completion
+_COMPLETE = "_CHEMAGE_COMPLETE"
+
+
+class _Commands(typer.core.TyperGroup):
+    """The commands under the headings of ``COMMANDS``."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        sections: dict[str, list[tuple[str, Any]]] = {heading: [] for heading in COMMANDS}
+        for name in self.list_commands(ctx):
+            command: Any = self.get_command(ctx, name)
+            if command is not None and not command.hidden:
+                heading = getattr(command, "rich_help_panel", None)
+                sections.setdefault(heading if isinstance(heading, str) else _OF_PLUGINS, []).append((name, command))
+        longest = max(len(name) for found in sections.values() for name, _ in found)
+        for heading, found in sections.items():
+            if found:
+                with formatter.section(heading):
+                    room = formatter.width - 6 - longest
+                    formatter.write_dl([(f"{name:{longest}}", one.get_short_help_str(room)) for name, one in found])
+
 
 app = typer.Typer(
     name="chemage",
+    cls=_Commands,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    add_completion=False,
     rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
     help="Chemical ageing of frictional contacts: from a rough surface or a tip to the rise of static friction.",
+    epilog="`chemage COMMAND -h` explains a command. Begin with: chemage init NAME, or chemage run silica-tip.",
 )
 
 
@@ -34,20 +72,10 @@ def _print_version(requested: bool) -> None:
         raise typer.Exit
 
 
-for command in (
-    experiments.run,
-    experiments.check,
-    experiments.status,
-    results.show,
-    results.plot,
-    results.compare,
-    results.report,
-    experiments.tradeoff,
-    experiments.schema,
-    experiments.init,
-):
-    app.command()(command)
-app.add_typer(plugins.plugins_app, name="plugins")
+for _heading, _commands in COMMANDS.items():
+    for _command in _commands:
+        app.command(rich_help_panel=_heading)(_command)
+app.add_typer(plugins.plugins_app, name="plugins", rich_help_panel="Reference")
 
 
 @app.callback()
@@ -57,14 +85,17 @@ def _options(
     ] = False,
     without: Annotated[
         list[str] | None,
-        typer.Option(metavar="PLUGIN", help="leave out an installed plugin, see `chemage plugins list`; repeatable"),
+        typer.Option(
+            metavar="PLUGIN",
+            help="leave out an installed plugin, see `chemage plugins list`; may be repeated; before the command",
+        ),
     ] = None,
     prefer: Annotated[
         list[str] | None,
         typer.Option(
             metavar="PLUGIN",
-            help="let this plugin come first where several answer a stage or read a file; repeatable, the first comes "
-            "first",
+            help="call this plugin first where several implement a stage or read a file; may be repeated, in order; "
+            "before the command",
         ),
     ] = None,
 ) -> None:
@@ -78,7 +109,7 @@ def _choose_plugins(words: list[str]) -> None:
         name, _, value = word.partition("=")
         if name in given:
             given[name].append(value or (words[at + 1] if at + 1 < len(words) else ""))
-        elif not word.startswith("-") and (at == 0 or words[at - 1] not in given):
+        elif not word.startswith("-") and (at == 0 or words[at - 1] not in (*given, "--log")):
             break
     if given["--without"]:
         before = filter(None, [os.environ.get("CHEMAGE_PLUGINS", "")])
@@ -94,7 +125,8 @@ def _add_plugin_commands() -> None:
     from chemage.plugins import registry
 
     registry.current().check_preference(preference(), PREFER)
-    known = set(typer.main.get_group(app).commands)
+    known = {one.name or one.callback.__name__ for one in app.registered_commands if one.callback is not None}
+    known |= {one.name for one in app.registered_groups if isinstance(one.name, str)}
     for hook in registry.current().manager.hook.chemage_cli.get_hookimpls():
         try:
             commands: Any = hook.function()
@@ -107,7 +139,7 @@ def _add_plugin_commands() -> None:
                 trial = typer.Typer()
                 trial.command(name)(function)
                 typer.main.get_command(trial)  # raises if typer cannot read the signature
-                app.command(name)(function)
+                app.command(name, rich_help_panel=_OF_PLUGINS)(function)
         except (Exception, SystemExit) as error:
             if registry.current().strict:
                 raise
@@ -118,35 +150,56 @@ def _add_plugin_commands() -> None:
             )
 
 
+def _all_commands() -> Any:
+    """Every command, those of plugins included, with the options that all of them have."""
+    _add_plugin_commands()
+    commands = typer.main.get_command(app)
+    output.add_to(commands)
+    return commands
+
+
 def main() -> None:
     """Run the command line; a :class:`chemage.ChemageError` is printed as one message on stderr."""
+    begin = time.perf_counter()
     try:
+        output.begin()
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="backslashreplace")  # for terminals that cannot show µ or Δ
         _plain_warnings()
         _choose_plugins(sys.argv[1:])
-        _add_plugin_commands()
-        commands = typer.main.get_command(app)
+        commands = _all_commands()
+        if _COMPLETE in os.environ:
+            commands.main(prog_name="chemage", complete_var=_COMPLETE)
         # typer's own main catches the KeyboardInterrupt
         with commands.make_context("chemage", sys.argv[1:]) as context:
             commands.invoke(context)
         if sys.stdout is not None:  # None where the caller has closed it
             sys.stdout.flush()
-        sys.exit(0)
+        _leave(0, begin)
     except typer.Exit as end:
-        sys.exit(end.exit_code)
+        _leave(end.exit_code, begin)
     except (KeyboardInterrupt, typer.Abort) as stop:
-        _complain(f"\ninterrupted; {str(stop) or 'nothing was written'}")
+        text = f"interrupted; {str(stop) or 'nothing was written'}"
+        _complain(f"\n{text}")
+        LOGGER.error("%s", text)
         os._exit(130)  # without waiting for threads that may still be in a compiled kernel
     except Exception as error:
-        sys.exit(_explain(error))
+        _leave(_explain(error), begin)
+
+
+def _leave(status: int, begin: float) -> None:
+    LOGGER.info("ended with status %d after %.2f s", status, time.perf_counter() - begin)
+    output.end()
+    sys.exit(status)
 
 
 def _complain(text: str) -> None:
     """Print on stderr, control characters as escapes; nothing where stderr is closed."""
     from chemage.foundation.printable import printable
+    from chemage.foundation.progress import loaded
 
+    loaded()
     if sys.stderr is not None:
         with contextlib.suppress(OSError, ValueError):
             print(printable(text), file=sys.stderr, flush=True)
@@ -163,6 +216,7 @@ def _plain_warnings() -> None:
 
     def plain(message: Warning | str, *_: Any, **__: Any) -> None:
         _complain(f"chemage: warning: {message}")
+        LOGGER.warning("%s", message)
 
     warnings.showwarning = plain
 
@@ -170,6 +224,7 @@ def _plain_warnings() -> None:
 def _explain(error: Exception) -> int:
     from chemage.foundation.errors import ChemageError
 
+    LOGGER.error("%s", "\n".join([f"{error}", *getattr(error, "__notes__", ())]), exc_info=_unexpected(error))
     if isinstance(error, ChemageError):
         _complain("\n".join([f"chemage: {error}", *getattr(error, "__notes__", ())]))
         return 2
@@ -188,3 +243,10 @@ def _explain(error: Exception) -> int:
         _complain(f"chemage: not enough memory: {error}; `chemage check` estimates what a scene needs")
         return 2
     raise error
+
+
+def _unexpected(error: Exception) -> bool:
+    """Whether an error is one of the program, so that the log should hold where it arose."""
+    from chemage.foundation.errors import ChemageError
+
+    return not (isinstance(error, ChemageError | OSError | MemoryError) or hasattr(error, "show"))

@@ -1,33 +1,40 @@
-"""The commands of an experiment: run, check, status, tradeoff, schema, init."""
+"""The commands of an experiment: run, sweep, check, status, schema, init."""
 
 from __future__ import annotations
 
 import json
-import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chemage.cli import terminal
+from chemage.cli import completion, terminal
+from chemage.cli.files import drawn, figures_of, preflight_folder, protect_inputs, result_written
 from chemage.cli.options import (
+    RESULTS,
+    AccuracyOpt,
+    BudgetOpt,
     ExecutorOpt,
     ForceOpt,
     JsonOpt,
+    MapOpt,
+    PatienceOpt,
     SceneArg,
     SetOpt,
+    SurfacesOpt,
     ThreadsOpt,
     WorkersOpt,
     YesOpt,
     changed_fields,
-    known_figure,
+    check_ending,
+    requested_fields,
     user_error,
 )
 from chemage.cli.results import print_run
-from chemage.foundation.progress import progress_bars, reported
+from chemage.foundation import compiling
+from chemage.foundation.progress import loaded, loading, progress_bars, reported, watching
 
 if TYPE_CHECKING:
     from chemage.experiments.run import Run
@@ -38,56 +45,94 @@ def run(
     scene: SceneArg,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="result file (default: NAME.h5), or folder of a sweep (default: NAME-sweep)"),
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="result file, ending in .h5 or .hdf5; default: NAME.h5, after the name of the scene; of a sweep: its "
+            "folder; default: NAME-sweep",
+        ),
     ] = None,
     changes: SetOpt = None,
-    replicas: Annotated[int | None, typer.Option(help="number of replicas; short for --set hold.replicas=N")] = None,
+    accuracy: AccuracyOpt = None,
+    budget: BudgetOpt = None,
+    surfaces: SurfacesOpt = None,
+    measured: MapOpt = None,
+    replicas: Annotated[
+        int | None, typer.Option(metavar="N", help="number of replicas; short for --set hold.replicas=N")
+    ] = None,
     seed: Annotated[
-        int | None, typer.Option(help="seed of the disorder and the kinetics; short for --set hold.seed=N")
+        int | None,
+        typer.Option(metavar="N", help="seed of the disorder and the kinetics; short for --set hold.seed=N"),
     ] = None,
     threads: ThreadsOpt = None,
     workers: WorkersOpt = None,
     executor: ExecutorOpt = None,
+    patience: PatienceOpt = None,
     yes: YesOpt = False,
     checkpoints: Annotated[
         Path | None,
-        typer.Option(help="folder for checkpoints of the contact and of each replica, from which a run resumes"),
+        typer.Option(
+            metavar="FOLDER",
+            help="keep the contact and the replicas in this folder while they are computed; the same command resumes "
+            "an interrupted run; default: none are kept",
+        ),
     ] = None,
-    figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
+    figures: Annotated[bool, typer.Option(help="draw figures into the folder NAME-figures beside the result")] = True,
     as_json: JsonOpt = False,
     force: ForceOpt = False,
 ) -> None:
-    """Run a scene, or all points of a sweep.
+    """Run a scene, its mean over random surfaces, or a sweep.
 
-    Writes one result file and its figures. The points of a scene with [sweep] are computed into a folder; completed
-    points are skipped; rerun the same command to resume.
+    Writes one result file and its figures. With an accuracy, a budget or a number of surfaces, from these options or
+    from the scene, the result is a mean over surfaces. All points of a scene with [sweep] are computed into a folder.
+    The same command resumes an interrupted ensemble or sweep.
     """
-    from chemage.experiments.scene_files import is_sweep, load_scene
+    loading("loading chemage")
+    request = requested_fields(accuracy, budget, surfaces, measured)
+    values = changed_fields(changes, replicas, seed) | request
+    with compiling.begun_early(scene, values, threads) as early:
+        from chemage.experiments.scene_files import is_sweep, load_scene
 
-    if is_sweep(scene):
-        from chemage.cli import sweeps
+        if is_sweep(scene):
+            from chemage.cli import sweeps
 
-        if checkpoints is not None:
-            raise user_error("--checkpoints is for a single run; a sweep resumes from its own folder")
+            loaded()
+            if checkpoints is not None:
+                raise user_error("--checkpoints is for a single run; a sweep resumes from its own folder")
+            sweeps.refuse_requests(request)
+            return sweeps.run(
+                scene,
+                out,
+                values,
+                executor=executor or ("processes" if (workers or 1) > 1 else "serial"),
+                workers=workers,
+                threads=threads,
+                yes=yes,
+                as_json=as_json,
+                force=force,
+                patience=patience,
+            )
+        for option, given in (("--executor", executor), ("--workers", workers), ("--patience", patience)):
+            if given is not None:
+                raise user_error(f"{option} is for sweeps, and {scene} has no [sweep]; --threads is for a single run")
+        how: dict[str, Any] = {"figures": figures, "as_json": as_json, "force": force}
+        _run_scene(scene, load_scene(scene, values), out, threads=threads, early=early, checkpoints=checkpoints, **how)
 
-        return sweeps.run(
-            scene,
-            out,
-            changed_fields(changes, replicas, seed),
-            executor=executor or ("processes" if (workers or 1) > 1 else "serial"),
-            workers=workers,
-            threads=threads,
-            yes=yes,
-            as_json=as_json,
-            force=force,
-        )
-    for option, given in (("--executor", executor), ("--workers", workers)):
-        if given is not None:
-            raise user_error(f"{option} is for sweeps, and {scene} has no [sweep]; --threads is for a single run")
-    one = load_scene(scene, changed_fields(changes, replicas, seed))
+
+def _run_scene(source: str, one: Scene, out: Path | None, *, checkpoints: Path | None, **how: Any) -> None:
+    """Run one surface of a scene, or the ensemble that it asks for."""
     path = out or Path(f"{one.name}.h5")
-    _protect_inputs(path, scene, one)
-    _run_one(one, path, threads=threads, checkpoints=checkpoints, figures=figures, as_json=as_json, force=force)
+    protect_inputs(path, source, one)
+    if out is not None:
+        check_ending(out, RESULTS, "a result file")
+    if not one.is_ensemble:
+        return _run_one(one, path, checkpoints=checkpoints, **how)
+    from chemage.cli import ensembles
+
+    if checkpoints is not None:
+        raise user_error("--checkpoints is for a single run; an ensemble keeps its samples beside its result")
+    return ensembles.run(one, path, **how)
 
 
 def _run_one(
@@ -95,41 +140,44 @@ def _run_one(
     path: Path,
     *,
     threads: int | None,
+    early: compiling.Helpers,
     checkpoints: Path | None,
     figures: bool,
     as_json: bool,
     force: bool,
 ) -> None:
+    from chemage.ageing.age import replica_word
     from chemage.experiments import run as experiments
     from chemage.experiments.estimate import plan
+    from chemage.experiments.warm_up import compiled_ahead
     from chemage.foundation.files import preflight
+    from chemage.reports import run_figures
     from chemage.store.results import write
 
     result = _without_figures(one, path) if figures and not force else None
     if result is None:
         preflight(path, force=force, size=plan(one).numbers.get("file", 0))
         if figures:
-            _preflight_folder(_figures_of(path), force)
+            preflight_folder(figures_of(path), force)
     pictures: list[Path] = []
-    with progress_bars() as report:
+    units = {"contact": "iterations", "ageing": replica_word(one.ageing)}
+    with progress_bars(units, alive=True) as report, watching(report):
         if result is None:
-            result = experiments.run(one, progress=report, threads=threads, checkpoints=checkpoints)
+            with compiled_ahead(one, report, threads, early) as told:
+                result = experiments.run(one, progress=told, threads=threads, checkpoints=checkpoints)
             with reported(report, "writing"):
                 write(path, result, force=force)
         if figures:
-            with _result_written(path), reported(report, "drawing"):
-                pictures = _drawn(result, _figures_of(path))
+            with result_written(path), reported(report, "drawing"):
+                pictures = drawn(partial(run_figures.save, result), figures_of(path))
     if as_json:
         print(json.dumps({**result.summary(), "file": str(path), "figures": [str(p) for p in pictures]}))
         return
     print_run(result)
-    terminal.say(f"\nresult   {path}")
+    terminal.remark()
+    terminal.say(f"result   {path}")
     for picture in pictures:
         terminal.say(f"figure   {picture}")
-
-
-def _figures_of(path: Path) -> Path:
-    return path.with_name(f"{path.stem}-figures")
 
 
 def _without_figures(one: Scene, path: Path) -> Run | None:
@@ -139,7 +187,7 @@ def _without_figures(one: Scene, path: Path) -> Run | None:
     from chemage.foundation.errors import ChemageError
     from chemage.store.results import read
 
-    if not path.is_file() or _figures_of(path).exists():
+    if not path.is_file() or figures_of(path).exists():
         return None
     try:
         found = read(path)
@@ -153,57 +201,83 @@ def _without_figures(one: Scene, path: Path) -> Run | None:
     return found
 
 
-def _drawn(result: Run, folder: Path) -> list[Path]:
-    """Draw the figures; a new folder gets its name when all of them are in it."""
-    import shutil
+def sweep(
+    scene: Annotated[
+        str | None, typer.Argument(help="a scene file (.toml) with [sweep], or the name of an installed scene")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="folder of the sweep (default: NAME-sweep)")] = None,
+    points: Annotated[
+        str | None,
+        typer.Option(
+            help="compute these points only: 3/16 (the third of 16 shares), 3,7,12-20 (numbers of points, the first is "
+            "0), or auto (the share of this task of a job array; auto/16 where the scheduler does not say how many "
+            "tasks there are); default: all, and the tables"
+        ),
+    ] = None,
+    collect: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="verify all points in this folder and write the tables; computes nothing"),
+    ] = None,
+    changes: SetOpt = None,
+    replicas: Annotated[int | None, typer.Option(help="number of replicas; short for --set hold.replicas=N")] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="seed of the disorder and the kinetics; short for --set hold.seed=N")
+    ] = None,
+    threads: ThreadsOpt = None,
+    workers: WorkersOpt = None,
+    executor: ExecutorOpt = None,
+    patience: PatienceOpt = None,
+    yes: YesOpt = False,
+    as_json: JsonOpt = False,
+    force: ForceOpt = False,
+) -> None:
+    """Compute a sweep, or a part of it beside other processes.
 
-    from chemage.reports import run_figures
+    Several processes, on one machine or many, may compute parts of one sweep into one folder at the same time: give
+    each another share with --points. When all have ended, --collect writes the tables. Completed points are skipped;
+    rerun the same command to resume.
+    """
+    from chemage.cli import sweeps
+    from chemage.experiments.scene_files import is_sweep
 
-    if folder.exists():
-        return run_figures.save(result, folder, force=True)
-    part = folder.with_name(f".{folder.name}.part")
-    shutil.rmtree(part, ignore_errors=True)
-    try:
-        pictures = run_figures.save(result, part)
-        part.rename(folder)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
-    return [folder / picture.name for picture in pictures]
-
-
-def _protect_inputs(path: Path, source: str, one: Scene) -> None:
-    """Refuse to overwrite the scene file, or a file that the scene reads, even with ``--force``."""
-    read = [part["path"] for part in one.todict().values() if isinstance(part, dict) and "path" in part]
-    for name in (source, *read):
-        if "\0" not in str(name) and os.path.realpath(name) == os.path.realpath(path):
-            raise user_error(f"{path} is an input of this scene; choose another --out")
-
-
-def _preflight_folder(folder: Path, force: bool) -> None:
-    if folder.is_symlink():
-        raise user_error(f"{folder}, the folder for the figures, is a link; remove it, or choose another --out")
-    if not folder.exists():
-        return
-    if not folder.is_dir():
-        raise user_error(f"{folder}, the folder for the figures, is a file; choose another --out, or --no-figures")
-    if not force and any(folder.iterdir()):
-        raise user_error(f"{folder} is already there; choose another --out, or overwrite it with --force")
+    if collect is not None:
+        given = {"SCENE": scene, "--out": out, "--points": points, "--set": changes, "--executor": executor}
+        if others := [name for name, value in given.items() if value is not None]:
+            raise user_error(f"--collect FOLDER computes nothing; leave out {', '.join(others)}")
+        return sweeps.collect(collect, as_json=as_json)
+    if scene is None:
+        raise user_error("name a scene with [sweep], or a folder with --collect FOLDER")
+    if not is_sweep(scene):
+        raise user_error(f"{scene} has no [sweep]; `chemage run {scene}` runs it")
+    sweeps.run(
+        scene,
+        out,
+        changed_fields(changes, replicas, seed),
+        executor=executor or ("processes" if (workers or 1) > 1 else "serial"),
+        workers=workers,
+        threads=threads,
+        yes=yes,
+        as_json=as_json,
+        force=force,
+        points=points,
+        patience=patience,
+    )
 
 
-@contextmanager
-def _result_written(path: Path) -> Iterator[None]:
-    """Add to the errors of a block that the result itself has been written to ``path``."""
-    from chemage.foundation.errors import StoreError
-
-    try:
-        yield
-    except StoreError as error:
-        raise StoreError(f"{error}\nthe result itself is in {path}; `chemage plot {path}` draws its figures") from error
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the result is in {path}, but its figures are incomplete") from None
-
-
-def check(scene: SceneArg, changes: SetOpt = None, yes: YesOpt = False, as_json: JsonOpt = False) -> None:
+def check(
+    scene: SceneArg,
+    changes: SetOpt = None,
+    accuracy: AccuracyOpt = None,
+    budget: BudgetOpt = None,
+    surfaces: SurfacesOpt = None,
+    measured: MapOpt = None,
+    shares: Annotated[
+        int | None,
+        typer.Option(min=1, help="sweeps: show what each of this many shares costs; default: the whole sweep only"),
+    ] = None,
+    yes: YesOpt = False,
+    as_json: JsonOpt = False,
+) -> None:
     """Validate a scene and estimate its cost.
 
     All points of a sweep are validated; nothing is computed.
@@ -212,102 +286,48 @@ def check(scene: SceneArg, changes: SetOpt = None, yes: YesOpt = False, as_json:
     from chemage.experiments.scene_files import is_sweep, load_scene
     from chemage.foundation.text import jsonable
 
+    request = requested_fields(accuracy, budget, surfaces, measured)
     if is_sweep(scene):
         from chemage.cli import sweeps
 
-        return sweeps.check(scene, changed_fields(changes), yes=yes, as_json=as_json)
-    made = plan(load_scene(scene, changed_fields(changes)))
+        sweeps.refuse_requests(request)
+        return sweeps.check(scene, changed_fields(changes), yes=yes, as_json=as_json, shares=shares)
+    if shares is not None:
+        raise user_error(f"--shares is for sweeps, and {scene} has no [sweep]")
+    one = load_scene(scene, changed_fields(changes) | request)
+    if one.is_ensemble:
+        from chemage.ensembles.planning import plan as ensemble_plan
+
+        made: Any = ensemble_plan(one)
+    else:
+        made = plan(one)
     if as_json:
         print(json.dumps(jsonable(made.todict())))
         return
     terminal.show_pairs(f"{scene} is valid", made.rows())
     for note in made.notes:
-        terminal.say(f"note: {note}")
+        terminal.say(f"warning: {note}")
 
 
-def status(folder: Annotated[Path, typer.Argument(help="the folder of a sweep")], as_json: JsonOpt = False) -> None:
-    """Count the points of a sweep by state.
+def status(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", autocompletion=completion.sweeps, help="folder of a sweep")
+    ],
+    as_json: JsonOpt = False,
+) -> None:
+    """Count the points of a sweep that are done, failed or missing.
 
-    Lists how many are done, failed or missing, in total and for each value of each axis.
+    The numbers are given in total and for each value of each axis.
     """
     from chemage.cli import sweeps
 
     sweeps.status(folder, as_json=as_json)
 
 
-def tradeoff(
-    scene: SceneArg,
-    changes: SetOpt = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="file of the figure (.png, .pdf or .svg); default: no figure")
-    ] = None,
-    as_json: JsonOpt = False,
-    force: ForceOpt = False,
-) -> None:
-    """Measure speed against accuracy on a scene.
-
-    The settings that affect both are changed one at a time, and cost and error of each are listed.
-    """
-    from chemage.experiments.scene_files import load_scene
-    from chemage.experiments.settings import planned
-    from chemage.experiments.tradeoff import tradeoff as measure
-    from chemage.foundation.files import fresh_file, preflight
-    from chemage.reports.tradeoff_figure import figure
-
-    one = load_scene(scene, changed_fields(changes))
-    if out is not None:
-        known_figure(out)
-        preflight(out, force=force)
-    print(f"{one.name}: {planned(one)}", file=sys.stderr)
-    with progress_bars() as report:
-        found = measure(one, report=lambda what: report(what, 0, 0))
-    if out is not None:
-        with fresh_file(out, force=force) as part:
-            figure(found).savefig(part, format=out.suffix.removeprefix(".").lower() or "png")
-    if as_json:
-        print(json.dumps(found.todict()))
-        return
-    table = terminal.table(
-        f"Speed against accuracy: {one.name} (* as in the scene; ± is half the width of a 95 % interval)",
-        (
-            *("option", "value", "CPU (s)", "wall (s)", "A/A0", "corrected", "area error"),
-            *("p error", "estimate", "beta", "difference", ""),
-        ),
-    )
-    for row in found.rows:
-        table.add_row(
-            row.option,
-            row.setting + (" *" if row.own else ""),
-            _number(row.cpu_seconds),
-            _number(row.wall_seconds),
-            _number(row.area_fraction, 5),
-            _number(row.corrected_fraction, 5),
-            _with_error(row.area_error, row.area_error_half_width, 2),
-            _number(row.pressure_error, 2),
-            _number(row.pressure_estimate, 2),
-            _with_error(row.beta, row.beta_half_width),
-            _with_error(row.beta_difference, row.beta_difference_half_width),
-            row.remark,
-        )
-    terminal.show(table, width=200)
-    for note in found.notes:
-        terminal.say(note)
-
-
-def _number(value: float, digits: int = 3) -> str:
-    return f"{value:.{digits}g}" if value == value else ""
-
-
-def _with_error(value: float, error: float, digits: int = 4) -> str:
-    from chemage.foundation.text import plus_minus
-
-    return plus_minus(value, error) if error > 0 else _number(value, digits)
-
-
 def schema() -> None:
     """Print the JSON Schema of scene files.
 
-    It includes the components of all installed plugins.
+    Editors check scenes with it. It includes the options of all installed components.
     """
     from chemage.experiments.schema import scene_schema
 
@@ -315,21 +335,47 @@ def schema() -> None:
 
 
 def init(
-    file: Annotated[Path, typer.Argument(help="the scene file to write")] = Path("scene.toml"),
-    like: Annotated[str, typer.Option("--like", help="installed scene to copy")] = "silica-rough",
+    name: Annotated[
+        Path,
+        typer.Argument(
+            metavar="NAME",
+            help="name of the new scene, which is written to NAME.toml; or a file FILE.toml, and the scene is called "
+            "FILE",
+        ),
+    ] = Path("scene.toml"),
+    like: Annotated[
+        str,
+        typer.Option(
+            "--like",
+            metavar="SCENE",
+            autocompletion=completion.installed_scenes,
+            help="installed scene to copy; `chemage plugins list` lists them",
+        ),
+    ] = "silica-rough",
     force: ForceOpt = False,
 ) -> None:
-    """Write a scene file as a starting point."""
-    from chemage.experiments.scene_files import installed_text
+    """Write a scene file to begin with.
+
+    The file is a copy of an installed scene, with comments, and NAME as its name.
+    """
+    from chemage.experiments.scene import file_name
+    from chemage.experiments.scene_files import installed_text, named
     from chemage.foundation.files import fresh_file
     from chemage.foundation.messages import nearest
     from chemage.plugins import registry
 
+    file = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
+    if name.suffix not in ("", ".toml") and not name.suffix[1:].isdigit():  # tip-0.5 has no ending
+        raise user_error(f"{name}: the name ends in {name.suffix}; a scene file must end in .toml")
+    try:
+        file_name(file.stem)
+    except ValueError as error:
+        raise user_error(f"{file.stem!r} cannot be the name of a scene: {error}") from None
     plugins = registry.current()
     if like not in plugins.scenes():
-        names = sorted(plugins.scenes())
-        raise user_error(f"no installed scene {like!r}{nearest(like, names)}; installed: {', '.join(names) or 'none'}")
-    text = installed_text(like)
+        known = sorted(plugins.scenes())
+        raise user_error(f"no installed scene {like!r}{nearest(like, known)}; installed: {', '.join(known) or 'none'}")
+    text = named(installed_text(like), file.stem)
     with fresh_file(file, force=force) as part:
         part.write_text(text, encoding="utf-8")
     terminal.say(f"{file} is a copy of {like}; change it, then: chemage check {file} && chemage run {file}")

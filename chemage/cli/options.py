@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
+from chemage.cli import completion
+
+#: endings of the files that chemage writes
+RESULTS, FIGURES, PAGES = (".h5", ".hdf5"), (".png", ".pdf", ".svg"), (".html", ".htm")
 
 
 def user_error(message: str) -> Exception:
@@ -21,47 +27,130 @@ def _known_format(name: str) -> str:
     return name
 
 
-def known_figure(path: Path) -> None:
-    """Refuse, before anything is computed, the file of a figure in a format that cannot be written."""
-    if path.suffix.lower() not in ("", ".png", ".pdf", ".svg"):
-        raise user_error(f"--out {path}: figures end in .png, .pdf or .svg")
+def check_ending(path: Path, endings: tuple[str, ...], what: str, option: str = "--out") -> None:
+    """Refuse, before anything is computed, a file whose ending is not that of what is written into it.
+
+    What is no file, such as a folder, is refused where it is opened, for that reason.
+    """
+    if path.suffix.lower() not in endings and (os.path.isfile(path) or not os.path.exists(path)):
+        *others, last = endings
+        names = f"{', '.join(others)} or {last}" if others else last
+        found = f"ends in {path.suffix}" if path.suffix else "has no ending"
+        raise user_error(f"{option} {path}: the name {found}; {what} must end in {names}")
 
 
-SceneArg = Annotated[str, typer.Argument(help="a scene file (.toml), or the name of an installed scene")]
-FileArg = Annotated[Path, typer.Argument(help="a result file (.h5)")]
-JsonOpt = Annotated[bool, typer.Option("--json", help="print one JSON object instead of a table")]
-ForceOpt = Annotated[bool, typer.Option("--force", help="overwrite existing files")]
+SceneArg = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE",
+        autocompletion=completion.scenes,
+        help="a scene file (.toml), or the name of an installed scene such as silica-tip",
+    ),
+]
+ResultArg = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FILE", autocompletion=completion.results, help="result file (.h5), or the folder of a sweep"
+    ),
+]
+JsonOpt = Annotated[bool, typer.Option("--json", help="print one JSON object instead of tables")]
+ForceOpt = Annotated[bool, typer.Option("--force", help="overwrite existing files; default: refuse")]
 YesOpt = Annotated[
-    bool, typer.Option("--yes", "-y", help="sweeps: do not ask about a large number of points or a nearly full disk")
+    bool,
+    typer.Option("--yes", "-y", help="sweeps: do not ask whether to compute very many points or to fill the disk"),
 ]
 SetOpt = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="PATH=VALUE", help="change a field, e.g. --set surface.rms_slope=0.2; repeatable"),
+    typer.Option(
+        "--set",
+        metavar="PATH=VALUE",
+        autocompletion=completion.fields,
+        help='change a field of the scene, such as --set surface.rms_slope=0.2 or --set "contact.load=5 uN"; may be '
+        "repeated",
+    ),
+]
+AccuracyOpt = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=VALUE",
+        help="average over random surfaces until the 95 % interval of this quantity is within ± VALUE of its mean, "
+        'such as beta=2% or "friction_coefficient_drop@1e3 s=5%"; may be repeated; default: as the scene says',
+    ),
+]
+BudgetOpt = Annotated[
+    str | None,
+    typer.Option(
+        metavar="TIME",
+        help='average over random surfaces for this wall time, such as "60 s", or until the accuracy is reached; '
+        "default: as the scene says",
+    ),
+]
+SurfacesOpt = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        metavar="N",
+        help="average over this many random surfaces; 1: the one of the scene alone; default: as the scene says",
+    ),
+]
+MapOpt = Annotated[
+    Path | None,
+    typer.Option(
+        "--map",
+        metavar="FILE",
+        help="choose the settings of the mean over surfaces by the costs and errors in this file of `chemage tradeoff "
+        "SCENE -o FILE`; default: as the scene says, or by estimates",
+    ),
 ]
 FormatOpt = Annotated[
-    str, typer.Option("--format", callback=_known_format, help="format of the figures: png, pdf, svg")
+    str,
+    typer.Option(
+        "--format",
+        metavar="FORMAT",
+        callback=_known_format,
+        autocompletion=completion.one_of("png", "pdf", "svg"),
+        help="format of the figures: png, pdf or svg",
+    ),
 ]
 MeasuredOpt = Annotated[
     list[Path] | None,
-    typer.Option(help="CSV file of measured hold times and friction drops to compare with; repeatable"),
+    typer.Option(
+        metavar="CSV",
+        help="measurements to draw and fit beside the results: a CSV file of hold times and friction drops; may be "
+        "repeated",
+    ),
 ]
 ExecutorOpt = Annotated[
     str | None,
     typer.Option(
-        help="sweeps: serial, processes, dask, dask:ADDRESS, dask:CLASS or dask:FILE.toml; "
-        "default: serial, or processes with two workers or more"
+        metavar="NAME",
+        autocompletion=completion.one_of("serial", "processes", "dask"),
+        help="sweeps: where points are computed: serial, processes, dask, dask:ADDRESS, dask:CLASS or dask:FILE.toml; "
+        "default: serial, or processes if --workers is above 1",
     ),
 ]
 WorkersOpt = Annotated[
     int | None,
-    typer.Option(min=1, help="sweeps: number of concurrent points; default: chosen automatically from the processors"),
+    typer.Option(
+        min=1, metavar="N", help="sweeps: number of points computed at the same time; default: from the processors"
+    ),
 ]
 ThreadsOpt = Annotated[
     int | None,
     typer.Option(
         min=1,
-        help="threads of a single run, i.e. concurrent replicas, or of each point of a sweep; default: one per "
-        "processor; one thread per point with the executors processes and dask",
+        metavar="N",
+        help="threads, that is, replicas computed at the same time; of each point in a sweep; default: one per "
+        "processor, or one per point with the executors processes and dask; results do not depend on it",
+    ),
+]
+
+PatienceOpt = Annotated[
+    str | None,
+    typer.Option(
+        metavar="TIME",
+        help="sweeps on Dask: longest time to wait while no worker runs, e.g. '10 min'; default: 2 min for a cluster "
+        "on this machine, no limit elsewhere, where jobs may be queued",
     ),
 ]
 
@@ -81,3 +170,32 @@ def changed_fields(texts: list[str] | None, replicas: int | None = None, seed: i
             changes[path.strip()] = value.strip()
     short = {"hold.replicas": replicas, "hold.seed": seed}
     return changes | {path: value for path, value in short.items() if value is not None}
+
+
+def requested_fields(
+    accuracy: list[str] | None, budget: str | None, surfaces: int | None, measured: Path | None = None
+) -> dict[str, Any]:
+    """Read ``--accuracy``, ``--budget``, ``--surfaces`` and ``--map``: dotted path -> value. A number of surfaces takes
+    the place of an accuracy, a budget and a map in the scene, and each of these that of a number of surfaces."""
+    if surfaces is not None and (accuracy or budget is not None):
+        raise user_error("--surfaces: give the number of surfaces, or the accuracy (or budget) that decides it")
+    if surfaces is not None and measured is not None:
+        raise user_error("--map: a number of surfaces is computed as the scene is written; leave one of the two out")
+    if surfaces is not None:
+        return {"ensemble.surfaces": surfaces, "ensemble.budget": None, "ensemble.map": None, "accuracy": None}
+    changes: dict[str, Any] = {}
+    goals: dict[str, str] = {}
+    for text in accuracy or []:
+        name, equals, value = text.rpartition("=")
+        if not equals or not name.strip():
+            raise user_error(f"--accuracy {text}: write it as NAME=VALUE, such as beta=2%")
+        if name.strip() in goals:
+            raise user_error(f"--accuracy {text}: {name.strip()} is given twice")
+        goals[name.strip()] = value.strip()
+    if goals:
+        changes |= {"accuracy": goals, "ensemble.surfaces": None}
+    if budget is not None:
+        changes |= {"ensemble.budget": budget, "ensemble.surfaces": None}
+    if measured is not None:
+        changes |= {"ensemble.map": str(measured)}
+    return changes

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chemage.cli import terminal
+from chemage.cli import completion, terminal
 from chemage.cli.options import ForceOpt, JsonOpt, user_error
+from chemage.plugins.hooks import OFFERS
 
 if TYPE_CHECKING:
     from chemage.plugins.registry import PluginRecord, Registry
@@ -46,8 +47,8 @@ def plugins_list(as_json: JsonOpt = False) -> None:
     options = [record.name for record in plugins.records if record.options]
     broken = [{"plugin": r.name, "from": r.source, "error": r.error} for r in plugins.records if r.error]
     if as_json:
-        found = {"components": rows, "scenes": plugins.scenes(), "hooks": hooks, "options": options, "broken": broken}
-        print(json.dumps(found))
+        found = {"components": rows, "scenes": plugins.scenes(), "materials": plugins.materials()}
+        print(json.dumps({**found, "hooks": hooks, "options": options, "broken": broken}))
         return
     table = terminal.table("", ("role", "kind", "plugin", "from"))
     for row in rows:
@@ -55,6 +56,8 @@ def plugins_list(as_json: JsonOpt = False) -> None:
     for record in plugins.records:
         for name in record.scenes:
             table.add_row("scene", name, record.name, record.source)
+        for name in record.materials:
+            table.add_row("material", name, record.name, record.source)
     for item in hooks:
         for name in item["hooks"]:
             table.add_row("hook", name, item["plugin"], item["from"])
@@ -69,14 +72,24 @@ def _stage_hooks(plugins: Registry, record: PluginRecord) -> list[str]:
     """Names of the hooks that a plugin implements, other than those by which it offers components and scenes."""
     plugin = plugins.manager.get_plugin(f"{record.name} ({record.source})")
     callers = plugins.manager.get_hookcallers(plugin) or () if plugin is not None else ()
-    return sorted({caller.name for caller in callers} - {"chemage_register", "chemage_scenes"})
+    return sorted({caller.name for caller in callers} - {*OFFERS})
 
 
 @plugins_app.command("show")
 def plugins_show(
-    kind: Annotated[str, typer.Argument(metavar="NAME", help="a kind, such as fft-bem, or the name of a plugin")],
+    kind: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME", autocompletion=completion.kinds, help="a kind, such as fft-bem, or the name of a plugin"
+        ),
+    ],
     role: Annotated[
-        str | None, typer.Option(help="role of the component; default: every role that has this kind")
+        str | None,
+        typer.Option(
+            metavar="ROLE",
+            autocompletion=completion.roles,
+            help="role of the component; default: every role that has this kind",
+        ),
     ] = None,
     as_json: JsonOpt = False,
 ) -> None:
@@ -152,11 +165,18 @@ def _about_plugin(plugins: Registry, record: PluginRecord) -> dict[str, Any]:
 
 @plugins_app.command("new")
 def plugins_new(
-    name: Annotated[str, typer.Argument(help="kind of the new component, such as my-barriers")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="kind of the new component, such as my-barriers")],
     role: Annotated[
-        str, typer.Option(help="role of the component, such as barriers; `chemage plugins list` shows all roles")
+        str,
+        typer.Option(
+            metavar="ROLE",
+            autocompletion=completion.roles,
+            help="role of the component, such as barriers; `chemage plugins list` lists all roles",
+        ),
     ],
-    folder: Annotated[Path, typer.Option("--in", help="folder in which to create chemage-NAME")] = Path(),
+    folder: Annotated[
+        Path, typer.Option("--in", metavar="FOLDER", help="folder in which to create the folder chemage-NAME")
+    ] = Path(),
 ) -> None:
     """Create the folder of a new plugin.
 
@@ -167,15 +187,20 @@ def plugins_new(
     files = new(name, role, folder)
     for path in files:
         terminal.say(path)
-    terminal.say(f"\nnext: pip install -e {files[0].parent} && chemage plugins show {name}")
+    terminal.remark(f"\nnext: pip install -e {files[0].parent} && chemage plugins show {name}")
 
 
 @plugins_app.command("stubs")
 def plugins_stubs(
-    folder: Annotated[Path, typer.Option("--in", help="folder of type stubs, as editors know it")] = Path("typings"),
+    folder: Annotated[
+        Path, typer.Option("--in", metavar="FOLDER", help="folder in which the editor looks for type stubs")
+    ] = Path("typings"),
     force: ForceOpt = False,
 ) -> None:
-    """Write type stubs, so that editors and type checkers know the options of every installed component."""
+    """Write type stubs for editors and type checkers.
+
+    With them, an editor knows the options of every installed component.
+    """
     from chemage.foundation.files import fresh_file
     from chemage.scaffold.stubs import stub_text
 
@@ -188,20 +213,21 @@ def plugins_stubs(
 
 @plugins_app.command("check")
 def plugins_check() -> None:
-    """Import all components, report problems.
+    """Import all components and report problems.
 
     Notes say which plugins answer the same stage or read the same files and which of them comes first, and which are
     slow to import. The exit status is 1 if there are problems.
     """
+    from chemage.experiments.materials import material_problems
     from chemage.plugins import registry
     from chemage.surfaces.reading import shared_endings
 
     plugins = registry.current()
-    problems = plugins.check()
+    problems = [*plugins.check(), *material_problems()]
     for problem in problems:
         terminal.say(problem)
     for note in [*plugins.notes(), *shared_endings()]:
-        terminal.say(f"note: {note}")
+        terminal.remark(f"note: {note}")
     count = sum(len(kinds) for record in plugins.records for kinds in record.kinds.values())
     terminal.say(f"{len(plugins.records)} plugins, {count} components, {len(problems)} problems")
     if problems:

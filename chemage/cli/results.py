@@ -8,8 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chemage.cli import terminal
-from chemage.cli.options import FileArg, ForceOpt, FormatOpt, JsonOpt, MeasuredOpt, user_error
+from chemage.cli import completion, terminal
+from chemage.cli.options import (
+    PAGES,
+    ForceOpt,
+    FormatOpt,
+    JsonOpt,
+    MeasuredOpt,
+    ResultArg,
+    check_ending,
+    user_error,
+)
 from chemage.foundation.progress import progress_bars, reported
 
 if TYPE_CHECKING:
@@ -20,16 +29,40 @@ if TYPE_CHECKING:
     from chemage.reports.comparison.comparison import Comparison
 
 
-def show(file: FileArg, as_json: JsonOpt = False) -> None:
-    """Print the content of a result file."""
+def show(file: ResultArg, as_json: JsonOpt = False) -> None:
+    """Print the main numbers of a result file, or of a sweep."""
+    if file.is_dir():
+        from chemage.cli import sweeps  # imports numpy, which help and completion do without
+
+        sweeps.show(file, as_json=as_json)
+        return
     from chemage.ageing.aging import Aging
     from chemage.ageing.elasticity import elastic_measures
+    from chemage.ensembles.ensemble import Ensemble
     from chemage.experiments.run import Run, bond_errors
     from chemage.foundation.approximations import in_words
     from chemage.foundation.text import jsonable
+    from chemage.inference.inference import Inference
     from chemage.store.results import read
 
     thing = read(file)
+    if isinstance(thing, Inference):
+        from chemage.cli import inference
+        from chemage.store.inferences import read_inference
+
+        if as_json:
+            print(json.dumps(read_inference(file).summary()))
+        else:
+            inference.show(read_inference(file))
+        return
+    if isinstance(thing, Ensemble):
+        from chemage.cli import ensembles
+
+        if as_json:
+            print(json.dumps(jsonable(thing.summary())))
+        else:
+            ensembles.show(thing)
+        return
     if isinstance(thing, Run):
         if as_json:
             print(json.dumps(thing.summary()))
@@ -59,32 +92,93 @@ def show(file: FileArg, as_json: JsonOpt = False) -> None:
 
 
 def plot(
-    file: FileArg,
+    file: ResultArg,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="folder of the figures; default: FILE-figures")
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="FOLDER", help="folder of the figures; default: NAME-figures beside NAME.h5"
+        ),
     ] = None,
     window: Annotated[
         str | None,
-        typer.Option(metavar='"X0 X1 Y0 Y1"', help="draw this part of the maps alone, every pixel of it; nm, or units"),
+        typer.Option(
+            metavar='"X0 X1 Y0 Y1"', help="draw only this part of the maps, with all its pixels; in nm, or with units"
+        ),
     ] = None,
+    x: Annotated[
+        str | None,
+        typer.Option(
+            metavar="AXIS",
+            help="sweeps: axis to the right, by the name of its field, or hold_time; default: the numeric axis with "
+            "most values",
+        ),
+    ] = None,
+    lines: Annotated[
+        str | None,
+        typer.Option(metavar="AXIS", help="sweeps: axis with a line for each value; default: the next numeric axis"),
+    ] = None,
+    y: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="RESULT",
+            help="sweeps: what to draw, such as beta, friction_drop, area_fraction; repeatable, one panel each; "
+            "default: beta and friction_drop",
+        ),
+    ] = None,
+    where: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="AXIS=VALUE",
+            help="sweeps: value of a further axis; repeatable; default: the one in the middle; seeds are averaged",
+        ),
+    ] = None,
+    heat: Annotated[
+        bool, typer.Option("--heat", help="sweeps: a heat map; default: only in place of more than 8 lines")
+    ] = False,
     fmt: FormatOpt = "png",
     force: ForceOpt = False,
 ) -> None:
-    """Draw the figures of a result file."""
-    from chemage.experiments.run import Run
-    from chemage.reports import run_figures
-    from chemage.store.results import read
+    """Draw the figures of a result file or of a sweep.
 
+    The figures of a sweep are results against one axis, with a line for each value of another and bands of the 95 %
+    interval, or heat maps; seeds are averaged over.
+    """
+    choice = {"--x": x, "--lines": lines, "--y": y, "--where": where, "--heat": heat}
+    if file.is_dir():
+        if window is not None:
+            raise user_error(f"--window: {file} is a sweep, which has no maps; plot a result file")
+        from chemage.cli import sweeps
+
+        sweeps.plot(file, out, x=x, lines=lines, y=y or [], where=where or [], heat=heat, fmt=fmt, force=force)
+        return
+    if given := [name for name, value in choice.items() if value]:
+        raise user_error(f"{given[0]} is for sweeps, and {file} is a file; give the folder of a sweep")
     if window is not None:
         _plot_window(file, window, out, fmt, force)
         return
-    thing = read(file)
-    if not isinstance(thing, Run):
+    for picture in _plotted(file, out, fmt, force):
+        terminal.say(picture)
+
+
+def _plotted(file: Path, out: Path | None, fmt: str, force: bool) -> list[Path]:
+    """Draw the figures of a result file."""
+    from chemage.ensembles.ensemble import Ensemble
+    from chemage.experiments.run import Run
+    from chemage.inference.inference import Inference
+    from chemage.reports import ensemble_figure, inference_figures, run_figures
+    from chemage.store.inferences import read_inference
+    from chemage.store.results import read
+
+    thing, folder = read(file), out or file.with_name(f"{file.stem}-figures")
+    if isinstance(thing, Inference):
+        with progress_bars() as report, reported(report, "drawing"):
+            return inference_figures.save(read_inference(file), folder, force=force, suffix=fmt)
+    if not isinstance(thing, Run | Ensemble):
         raise user_error(f"{file} holds one {type(thing).__name__}, not a run; `chemage run` makes files to plot")
     with progress_bars() as report, reported(report, "drawing"):
-        pictures = run_figures.save(thing, out or file.with_name(f"{file.stem}-figures"), force=force, suffix=fmt)
-    for picture in pictures:
-        terminal.say(picture)
+        if isinstance(thing, Ensemble):
+            return ensemble_figure.save(thing, folder, force=force, suffix=fmt)
+        return run_figures.save(thing, folder, force=force, suffix=fmt)
 
 
 def _plot_window(file: Path, window: str, out: Path | None, fmt: str, force: bool) -> None:
@@ -108,8 +202,8 @@ def print_run(result: Run) -> None:
         ("surface", _surface(result)),
         (
             "contact",
-            f"{result.scene['contact']['kind']}, load {contact.load:g} nN, E* {contact.modulus:g} GPa"
-            + ("" if contact.converged else "  NOT CONVERGED"),
+            f"{result.scene['contact']['kind']}, load {contact.load:g} nN{_pressure(contact)}, "
+            f"E* {contact.modulus:g} GPa" + ("" if contact.converged else "  NOT CONVERGED"),
         ),
         ("area fraction A/A0", f"{contact.area_fraction:.5f}"),
         ("kappa", f"{contact.kappa:.3f}"),
@@ -130,15 +224,22 @@ def print_run(result: Run) -> None:
             rows.append((f"errors of the mean {last}", aging.error_words))
         rows += elastic_rows(aging)
         rows += measured_rows(aging)
+    if aging is not None and fit is None:
+        rows += [("beta", f"not fitted: {result.fit_reason}"), ("cut-off time", "not fitted")]
     if fit is not None:
         rows.append(("beta", f"{fit.beta_text()} per decade, {fit.points} hold times"))
+        rows.append(("b = beta/ln 10", f"{fit.b_text()} per e-fold"))
         rows.append(("cut-off time", fit.cutoff_text()))
         scatter = result.scatter
         alone = scatter is not None and scatter.relative == 0
-        more = "" if alone else "; scatter between surfaces is not included"
+        more = "" if alone else ": disorder and noise on this surface; scatter between surfaces is not included"
         rows.append(("errors", f"95 %, {fit.intervals_text()}{more}"))
         if scatter is not None and not alone:
             rows.append(("surfaces", scatter.text(fit.relative_stderr)))
+        if (barriers := result.barriers_error) is not None:
+            rows.append(
+                ("error of beta: barriers", f"{100 * barriers:.2g} % (standard error), beside the interval above")
+            )
     if result.approximate:
         rows.append(("approximate", result.approximate))
     rows += [(f"plugin {name}", source) for name, source in result.plugins.items()]
@@ -146,7 +247,7 @@ def print_run(result: Run) -> None:
         rows.append(("wall time", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in result.timings.items())))
     terminal.show_pairs(result.scene.get("title") or result.name, rows)
     for note in result.notes:
-        terminal.say(f"note: {note}")
+        terminal.remark(f"note: {note}")
 
 
 def _surface(result: Run) -> str:
@@ -157,6 +258,13 @@ def _surface(result: Run) -> str:
         return f"{kind}, {contact.nominal_area:.5g} nm² without a map, rms slope {contact.rms_slope:.4g}"
     nx, ny = contact.shape
     return f"{kind}, {nx} x {ny} pixels of {contact.pixel_size:g} nm, rms slope {contact.rms_slope:.4g}"
+
+
+def _pressure(contact: ContactSolution | ContactStatistics) -> str:
+    """The nominal pressure, where the contact has one."""
+    from chemage.contacts.loads import pressure_text
+
+    return f" ({pressure_text(contact.nominal_pressure)} nominal)" if getattr(contact, "periodic", True) else ""
 
 
 def _of_map(contact: ContactSolution | ContactStatistics) -> list[tuple[str, str]]:
@@ -185,22 +293,29 @@ def measured_rows(aging: Aging) -> list[tuple[str, str]]:
 
 
 def compare(
-    files: Annotated[list[Path], typer.Argument(help="result files (.h5)")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILES", autocompletion=completion.results, help="result files (.h5), folders of sweeps"
+        ),
+    ],
     as_json: JsonOpt = False,
-    as_csv: Annotated[bool, typer.Option("--csv", help="print CSV, one line per result")] = False,
-    figures: Annotated[Path | None, typer.Option(help="folder for figures; default: no figures")] = None,
+    as_csv: Annotated[bool, typer.Option("--csv", help="print CSV, one line per result, instead of tables")] = False,
+    figures: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="draw figures into this folder; default: no figures")
+    ] = None,
     fmt: FormatOpt = "png",
     measured: MeasuredOpt = None,
     at: Annotated[
         list[str] | None,
         typer.Option(
             metavar="TIME",
-            help='hold time at which to compare, s or with a unit; repeatable; default: "1 s" and "1e3 s"',
+            help='hold time at which to compare, in s or with a unit; may be repeated; default: "1 s" and "1e3 s"',
         ),
     ] = None,
     force: ForceOpt = False,
 ) -> None:
-    """Compare results and measurements.
+    """Compare results with each other and with measurements.
 
     Results of single asperities and of rough contacts can be compared.
     """
@@ -225,17 +340,28 @@ def compare(
 
 
 def report(
-    files: Annotated[list[Path], typer.Argument(help="result files (.h5); several results are compared")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="the HTML file to write")] = Path("report.html"),
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILES",
+            autocompletion=completion.results,
+            help="result files (.h5), folders of sweeps; several results are also compared",
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="the page to write, ending in .html")] = Path(
+        "report.html"
+    ),
     measured: MeasuredOpt = None,
     force: ForceOpt = False,
 ) -> None:
-    """Write a report of results as HTML.
+    """Write a report of results as an HTML page.
 
-    The page is self-contained, with tables, figures, scenes, provenance and references.
+    One file with figures, tables, scenes, provenance and references, which needs no network.
     """
     from chemage.reports.page import write_report
 
+    if out not in files:  # which is refused for that reason
+        check_ending(out, PAGES, "a report")
     with progress_bars() as bars, reported(bars, "report"):
         written = write_report(files, out, measured=measured or (), force=force)
     terminal.say(written)
@@ -249,13 +375,17 @@ def _print_comparison(made: Comparison) -> None:
         for label, texts in rows:
             table.add_row(label, *texts[chosen])
         terminal.show(table)
-    terminal.say(made.statement())
+    terminal.remark(made.statement())
     for different in made.chemistry_differences():
         values = ("none" if value is None else f"{value}" for value in different.values)
-        terminal.say(f"  {different.path}: {' | '.join(values)}")
+        terminal.remark(f"  {different.path}: {' | '.join(values)}")
     fits = made.fits()
     if fits:
-        table = terminal.table("Fits, 95 % intervals", ("data", "model", "β per decade", "cut-off time"))
+        table = terminal.table(
+            "Fits, 95 % intervals", ("data", "model", "β per decade", "b per e-fold", "cut-off time")
+        )
         for name, fit in fits:
-            table.add_row(name, fit.describe(), fit.beta_text(), fit.cutoff_text())
+            table.add_row(name, fit.describe(), fit.beta_text(), fit.b_text(), fit.cutoff_text())
         terminal.show(table)
+    for name, model, reason in made.not_fitted():
+        terminal.say(f"{name}: {model} not fitted: {reason}")

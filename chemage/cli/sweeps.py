@@ -5,22 +5,30 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import typer
 
 from chemage.cli import terminal
-from chemage.foundation.errors import ChemageError
+from chemage.foundation.errors import ChemageError, InputError
+from chemage.foundation.logs import LOGGER
 from chemage.foundation.printable import printable
 from chemage.foundation.text import jsonable
+from chemage.sweeps.collecting import collect_sweep
 from chemage.sweeps.grid import Survey, shown
-from chemage.sweeps.progress import show_progress
+from chemage.sweeps.progress import Report, SweepProgress, show_progress
 from chemage.sweeps.result import SweepResult, load_sweep
 from chemage.sweeps.running import read_grid, room_for, survey_of, sweep
+from chemage.sweeps.shares import Selection, ShareCost, in_ranges, shares_cost
+from chemage.sweeps.views import SweepData, swept_rows
 
 #: the table of results and the list of failures are printed up to this many points
 _LISTED = 24
+#: `show` prints so many rows
+_SHOWN = 60
 
 
 def confirm(yes: bool) -> Any:
@@ -45,9 +53,12 @@ def run(
     yes: bool,
     as_json: bool,
     force: bool,
+    points: str | None = None,
+    patience: str | None = None,
 ) -> None:
-    """Compute a sweep; exit status 1 if points failed, 130 if it was interrupted."""
+    """Compute a sweep, or some of its points; exit status 1 if points failed, 130 if it was interrupted."""
     folder = out or Path(f"{read_grid(scene, changes).base.get('name', 'scene')}-sweep")
+    chosen = None if points is None else Selection.read(points)
     try:
         with show_progress() as report:
             result = sweep(
@@ -57,14 +68,22 @@ def run(
                 workers=workers,
                 threads=threads,
                 changes=changes,
-                progress=report,
+                progress=_logged(report),
                 confirm=confirm(yes),
                 force=force,
+                points=None if chosen is None else str(chosen),
+                patience=patience,
             )
     except KeyboardInterrupt:
         print(printable(f"\ninterrupted; {_kept(folder)}"), file=sys.stderr, flush=True)
         os._exit(130)  # without waiting for threads that may still be in a compiled kernel
-    state = {**result.status(), "folder": str(folder)}
+    if chosen is not None:
+        return _print_share(result, folder, chosen, as_json=as_json)
+    _print_whole(result, {**result.status(), "folder": str(folder)}, as_json=as_json)
+
+
+def _print_whole(result: SweepResult, state: dict[str, Any], *, as_json: bool) -> None:
+    folder = Path(state["folder"])
     tables = {"csv": str(folder / "results.csv"), "hdf5": str(folder / "results.h5")}
     if as_json:
         print(json.dumps(jsonable({**state, "results": tables})))
@@ -73,6 +92,65 @@ def run(
         terminal.say("\n".join(f"results  {file}" for file in tables.values()))
     if state["failed"]:
         raise typer.Exit(1)
+
+
+def _logged(report: Report) -> Report:
+    """Log the progress of a sweep whenever a contact or a point is complete, and pass all of it on."""
+    last: tuple[int, ...] = ()
+
+    def tell(state: SweepProgress) -> None:
+        nonlocal last
+        now = (state.done, state.failed, state.contacts_done)
+        if state.stage == "computing" and now != last:
+            last = now
+            LOGGER.info("%s", state)
+        report(state)
+
+    return tell
+
+
+def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_json: bool) -> None:
+    """Print what has become of the points of one process; exit status 1 if some of them failed."""
+    points = chosen.points_of(result.store, result.digest, len(result))
+    states = [result.store.state(result.keys[point]) for point in points]
+    counts = {state: states.count(state) for state in ("done", "failed", "missing", "damaged")}
+    failures = [
+        {"point": point, "changes": result[point].changes, "error": result[point].error}
+        for point, state in zip(points, states, strict=True)
+        if state == "failed"
+    ]
+    if as_json:
+        share = {"points": str(chosen), "numbers": points, **counts, "failures": failures}
+        print(json.dumps(jsonable({"name": result.name, "folder": str(folder), "share": share})))
+    else:
+        terminal.say(f"{chosen.describe()}: {counts['done']} of {len(points)} points done in {folder}")
+        terminal.say(f"when all are done: chemage sweep --collect {folder}")
+        _print_failures({"failures": failures})
+    if counts["done"] < len(points):
+        raise typer.Exit(1)
+
+
+def collect(folder: Path, *, as_json: bool) -> None:
+    """Verify the points of a sweep and write its tables; exit status 1 if points failed or are missing."""
+    found = collect_sweep(folder)
+    state = {**found.result.status(), "folder": str(folder), "points_to_compute": found.points}
+    if found.written:
+        return _print_whole(found.result, state, as_json=as_json)
+    if as_json:
+        print(json.dumps(jsonable({**state, "results": None})))
+        raise typer.Exit(1)
+    say = partial(terminal.say, file=sys.stderr)
+    _print_failures(state)
+    say(f"{len(found.missing)} of {state['points']} points are missing in {folder}; no tables were written")
+    say(f"missing: points {in_ranges(found.missing)}")
+    for owner in found.computing[:_LISTED]:
+        say(f"computing at present: {owner}")
+    scene = found.result.grid.source if Path(found.result.grid.source).is_file() else "SCENE"
+    *parts, everything = found.points
+    for part in parts[:_LISTED]:
+        say(f"computes some of them: chemage sweep {scene} --out {folder} --points {part}")
+    say(f"computes all of them: chemage sweep {scene} --out {folder} --points {everything}")
+    raise typer.Exit(1)
 
 
 def _kept(folder: Path) -> str:
@@ -84,20 +162,28 @@ def _kept(folder: Path) -> str:
     return f"{done} of {len(states)} points are done and kept in {folder}; rerun the same command to resume"
 
 
-def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool) -> None:
-    """Validate every point and estimate the cost of the sweep without computing anything."""
+def refuse_requests(changes: Mapping[str, Any]) -> None:
+    """Refuse options that ask for a mean over surfaces."""
+    if changes:
+        raise InputError(
+            "--accuracy, --budget, --surfaces: each point of a sweep is one surface; vary surface.seed in [sweep], or "
+            "run the points one by one"
+        )
+
+
+def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool, shares: int | None = None) -> None:
+    """Validate every point and estimate the cost of the sweep, and of its shares, without computing anything."""
     with show_progress() as report:
         found = survey_of(read_grid(scene, changes), progress=report, confirm=confirm(yes))
     numbers = _numbers(found)
+    each = [] if shares is None else shares_cost(found, shares)
+    if each:
+        numbers["shares"] = [vars(one) for one in each]
     if as_json:
         print(json.dumps(jsonable(numbers)))
         return
 
-    rows = []
-    for axis in found.grid.axes:
-        values = ["; ".join(shown(value) for value in values) for values in axis.values]
-        few = values if len(values) <= 8 else [*values[:6], "...", values[-1]]
-        rows.append((axis.name, f"{len(axis)}: {', '.join(few)}"))
+    rows = swept_rows(found.grid.axes)
     rows.append(("points", f"{found.grid.size}" + (f" ({found.grid.product})" if len(found.grid.axes) > 1 else "")))
     rows.append(("contacts to solve", f"{len(found.contacts)} on {found.surfaces} surfaces"))
     if found.hooks:
@@ -112,7 +198,22 @@ def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool) -> N
     rows.append(
         ("expected disk space", f"{numbers['disk'] / 1e6:.3g} MB of {numbers['disk_free'] / 1e6:.3g} MB free here")
     )
+    rows += _share_rows(each)
     terminal.show_pairs(f"{scene} is valid at every point", rows)
+    for text in found.warnings():
+        terminal.say(f"warning: {text}")
+
+
+def _share_rows(each: Sequence[ShareCost]) -> list[tuple[str, str]]:
+    """What the smallest and the largest of the shares cost."""
+    if not each:
+        return []
+    points = [one.points for one in each]
+    costs = [one.cpu_seconds for one in each if one.cpu_seconds is not None]
+    rows = [(f"points in each of {len(each)} shares", f"{min(points)} to {max(points)}")]
+    if len(costs) == len(each):
+        rows.append(("CPU time of a share", f"{_duration(min(costs))} to {_duration(max(costs))}"))
+    return rows
 
 
 def _numbers(found: Survey) -> dict[str, Any]:
@@ -128,6 +229,7 @@ def _numbers(found: Survey) -> dict[str, Any]:
         "disk": found.total_bytes,
         "disk_free": room_for(Path.cwd()),
         "digest": found.digest,
+        "notes": found.warnings(),
     }
 
 
@@ -156,9 +258,76 @@ def status(folder: Path, *, as_json: bool) -> None:
     _print_failures(state)
 
 
+def show(folder: Path, *, as_json: bool) -> None:
+    """Print what a sweep varies, its state, and the table of its results, with means over seeds."""
+    result = load_sweep(folder)
+    state = result.status()
+    data = SweepData(result)
+    if as_json:
+        print(json.dumps(jsonable({**state, "units": result.units, "results": data.records()})))
+        return
+    rows = [*swept_rows(result.axes), ("points", _counted(state))]
+    terminal.show_pairs(f"{result.name} in {folder}", rows, width=80)
+    headings, lines = data.rows()
+    table = terminal.table("", headings)
+    for line in lines[:_SHOWN]:
+        table.add_row(*line)
+    if state["done"]:
+        terminal.show(table, width=80)
+    if (more := len(lines) - _SHOWN) > 0:
+        terminal.say(f"{more} more rows; {folder / 'results.csv'} lists every point")
+    if notes := data.notes():
+        terminal.say("\n".join(notes))
+    _print_failures(state)
+
+
+def _counted(state: dict[str, Any]) -> str:
+    kinds = ("done", "failed", "missing", "damaged")
+    return f"{state['points']}: " + ", ".join(f"{state[kind]} {kind}" for kind in kinds if state[kind])
+
+
+def plot(
+    folder: Path,
+    out: Path | None,
+    *,
+    x: str | None,
+    lines: str | None,
+    y: list[str],
+    where: list[str],
+    heat: bool,
+    fmt: str,
+    force: bool,
+) -> None:
+    """Draw the results of a sweep."""
+    from chemage.foundation.progress import progress_bars, reported
+    from chemage.reports.figures import save_figures
+    from chemage.reports.sweep_figures import sweep_figures
+
+    fixed: dict[str, str] = {}
+    for text in where:
+        axis, equals, value = text.partition("=")
+        if not equals:
+            raise InputError(f"--where {text}: write it as AXIS=VALUE, such as load=50")
+        fixed[axis.strip()] = value.strip()
+    result = load_sweep(folder)
+    target = out or folder.resolve().with_name(f"{folder.resolve().name}-figures")
+    with progress_bars() as report, reported(report, "drawing"):
+        made = sweep_figures(result, x=x, lines=lines, y=y, where=fixed, heat=heat)
+        pictures = save_figures(made, target if out else _near(target), force=force, suffix=fmt)
+    for picture in pictures:
+        terminal.say(picture)
+
+
+def _near(path: Path) -> Path:
+    """A path relative to the current folder where it is inside."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path
+
+
 def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
     from chemage.foundation.text import plus_minus
 
+    reasons: dict[str, list[int]] = {}
     title = f"{state['done']} of {state['points']} points done, {state['contacts']} contacts"
     if len(result) <= _LISTED:
         table = terminal.table(title, ("point", *_headings(result), "A/A0", "friction drop (nN)", "beta"))
@@ -171,7 +340,9 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
                 for name in ("friction_drop", "friction_drop_half_width")
             )
             half = _nan(numbers.get("beta_half_width"))
-            beta = plus_minus(numbers["beta"], half) if numbers["beta"] is not None else "-"
+            beta = plus_minus(numbers["beta"], half) if numbers["beta"] is not None else _not_fitted(numbers)
+            if reason := numbers.get("beta_reason"):
+                reasons.setdefault(reason, []).append(point.index)
             table.add_row(
                 str(point.index),
                 *(f"{value:.6g}" if isinstance(value, float) else shown(value) for value in point.values.values()),
@@ -180,9 +351,16 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
                 beta,
             )
         terminal.show(table)
+        for reason, points in reasons.items():
+            named = ", ".join(str(point) for point in points)
+            terminal.say(f"beta not fitted at point{'s' if len(points) > 1 else ''} {named}: {reason}")
     else:
-        terminal.say(title)
+        terminal.remark(title)
     _print_failures(state)
+
+
+def _not_fitted(numbers: Mapping[str, Any]) -> str:
+    return "not fitted" if numbers.get("beta_reason") else "-"
 
 
 def _headings(result: SweepResult) -> list[str]:

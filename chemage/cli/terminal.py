@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+from chemage.cli import output
 from chemage.foundation.printable import printable
 
 if TYPE_CHECKING:
@@ -33,8 +34,19 @@ def say(text: object = "", end: str = "\n", file: Any = None) -> None:
     print(printable(str(text)), end=end, file=file)
 
 
+def remark(text: object = "") -> None:
+    """Print a line that is not the answer itself, such as a note; nothing with ``--quiet``."""
+    if not output.quiet():
+        say(text)
+
+
 def show(table: Table, width: int = 110) -> None:
-    """Print a table as wide as the terminal; ``width`` characters where stdout is not a terminal."""
+    """Print a table as wide as the terminal; ``width`` characters where stdout is not a terminal.
+
+    Nothing with ``--quiet``.
+    """
+    if output.quiet():
+        return
     from rich.console import Console
 
     class Quiet(Console):
@@ -47,9 +59,9 @@ def show(table: Table, width: int = 110) -> None:
     ).print(table)
 
 
-def show_pairs(title: str, pairs: Iterable[tuple[str, str]]) -> None:
-    """Print a table of names and values."""
+def show_pairs(title: str, pairs: Iterable[tuple[str, str]], width: int = 110) -> None:
+    """Print a table of names and values; ``width`` as in :func:`show`."""
     made = table(title)
     for name, text in pairs:
         made.add_row(name, text)
-    show(made)
+    show(made, width)

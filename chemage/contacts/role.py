@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Self
 
+from chemage.contacts.loads import normal_force
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.checks import expect, force
+from chemage.foundation.checks import expect
 from chemage.foundation.components import Component
+from chemage.foundation.units import QuantityLike
+from chemage.surfaces.measures import Roughness
 from chemage.surfaces.surface import Surface
 
 
@@ -33,14 +36,50 @@ class ContactSolver(Component, ABC):
         one). Used by ``chemage check`` and to plan sweeps."""
         return {}
 
-    def check(self, surface: Mapping[str, float], load: float) -> None:
+    def check(self, surface: Mapping[str, float], load: float) -> Sequence[str] | None:
         """Refuse, before anything is computed, what :meth:`solve` would refuse: a surface of which
         :meth:`SurfaceMaker.expected` gives ``surface``, under ``load`` nN. Used by ``chemage check``.
+
+        What can be solved but is doubtful is returned as sentences, each of which is a warning of the plan; None: there
+        is nothing to warn of.
 
         Raises
         ------
         InputError
             As :meth:`solve`, as far as it is known.
+        """
+
+    def is_nominally_flat(self, periodic: bool) -> bool:
+        """Whether the contact has a nominal area, so that its load may be given as a nominal pressure; ``periodic``:
+        whether the grid of the surface repeats. Override it where the class decides which boundary a surface has."""
+        return periodic
+
+    def normal_force(self, load: QuantityLike, surface: Surface | Roughness | Mapping[str, float]) -> float:
+        """``load`` in nN: a force (nN, or a string with its unit), or a nominal pressure such as ``"10 MPa"``, which is
+        multiplied by the nominal area of ``surface``: one that is made, its roughness, or what
+        :meth:`SurfaceMaker.expected` gives of it.
+
+        Raises
+        ------
+        InputError
+            The load is negative, not finite or of another dimension, or it is a pressure and the surface has no nominal
+            area: it is a tip, not periodic, or not known yet.
+        """
+        area: float | None
+        if isinstance(surface, Mapping):
+            known = {"nx", "ny", "pixel_size"} <= surface.keys()
+            area = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2 if known else None
+            periodic = surface.get("periodic", 0.0 if "radius" in surface else 1.0) != 0
+        else:
+            area, periodic = surface.nominal_area, getattr(surface, "periodic", True)
+        return normal_force(load, area, flat=self.is_nominally_flat(periodic))
+
+    def warm_up(self, surface: Mapping[str, float], load: float) -> None:
+        """Compile what :meth:`solve` will need for a surface of which :meth:`SurfaceMaker.expected` gives ``surface``,
+        under ``load`` nN; solve nothing. Default: nothing is compiled.
+
+        In the first run after an installation, a second process calls it while the first one solves, so that it should
+        begin with what a solve needs last. Whatever it raises there is ignored.
         """
 
     def with_gap(self) -> Self:
@@ -57,8 +96,9 @@ class ContactSolver(Component, ABC):
         """
         return super().reference()
 
-    def solve(self, surface: Surface, load: float | str, *, start: ContactSolution | None = None) -> ContactSolution:
-        """The contact of ``surface`` under ``load`` (nN, or a string with its unit).
+    def solve(self, surface: Surface, load: QuantityLike, *, start: ContactSolution | None = None) -> ContactSolution:
+        """The contact of ``surface`` under ``load``: a force (nN, or a string with its unit) or a nominal pressure
+        such as ``"10 MPa"``, see :meth:`normal_force`.
 
         Raises
         ------
@@ -70,4 +110,4 @@ class ContactSolver(Component, ABC):
         expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
         if start is not None:
             expect("start", start, ContactSolution, "give a solution of a neighbouring load")
-        return self._solve(surface, force(load), start)
+        return self._solve(surface, self.normal_force(load, surface), start)

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from chemage.contacts import patches, pressures, theory
+from chemage.foundation import pictures
 from chemage.foundation.checks import MOST_BINS, checked_count
+from chemage.foundation.datasets import dataset, map_frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Number, Plain, PositiveNumber, Reals, Record, frozen, require_finite
-from chemage.foundation.units import LARGEST, convert
+from chemage.foundation.units import LARGEST, QuantityLike, convert
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.axes import Axes
 
 #: the measures users compare: property of :class:`ContactSolution` -> (unit, meaning)
 MEASURES: dict[str, tuple[str, str]] = {
@@ -180,7 +187,7 @@ class ContactSolution(Record):
         counts, edges = np.histogram(values, bins=checked_count("bins", bins, most=MOST_BINS), range=(0.0, top))
         return edges, counts / (max(values.size, 1) * np.diff(edges))
 
-    def above(self, hardness: float | str) -> pressures.Above:
+    def above(self, hardness: QuantityLike) -> pressures.Above:
         """Which shares of contact area and load lie above a ``hardness`` (GPa, or a string with its unit).
 
         An elastic solution overestimates the pressure there, which plastic flow would limit. Both shares are nan
@@ -208,6 +215,21 @@ class ContactSolution(Record):
     def coordinates(self) -> dict[str, np.ndarray]:
         """Centres of the pixels along ``x`` and ``y``, nm."""
         return {name: (np.arange(n) + 0.5) * self.pixel_size for name, n in zip("xy", self.shape, strict=True)}
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the map of the pressure into ``ax``, or into a new figure of pyplot; return the axes."""
+        return pictures.draw(self, ax)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The arrays with the names, dimensions and units of the file, x and y in nm. Needs xarray."""
+        return dataset(self)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The pressure, one row for each x and one column for each y, both in nm. Needs pandas."""
+        return map_frame(self.pressure, self.coordinates(), "pressure", "GPa")
+
+    def _repr_html_(self) -> str:
+        return pictures.html(self)
 
     def __repr__(self) -> str:
         return f"<ContactSolution {self.load:g} nN, area fraction {self.area_fraction:.4g}, {self.patches} patches>"

@@ -6,7 +6,9 @@ from typing import Any
 
 from chemage.contacts.role import ContactSolver
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.checks import expect, force
+from chemage.foundation.checks import expect
+from chemage.foundation.logs import logged, of_plugins
+from chemage.foundation.units import QuantityLike
 from chemage.plugins import registry
 from chemage.plugins.sources import approximation_of, approximations, providers
 from chemage.surfaces.surface import Surface
@@ -18,19 +20,23 @@ def contact(kind: str, **options: Any) -> Any:
 
 
 def solve_contact(
-    solver: ContactSolver, surface: Surface, load: float | str, *, start: ContactSolution | None = None
+    solver: ContactSolver, surface: Surface, load: QuantityLike, *, start: ContactSolution | None = None
 ) -> ContactSolution:
-    """The contact of ``surface`` under ``load``, through the hook ``chemage_solve_contact``.
+    """The contact of ``surface`` under ``load`` (a force or a nominal pressure), by the hook ``chemage_solve_contact``.
 
     The plugins that took part, here or at the surface, are noted in the solution's ``provenance``.
     """
     expect("solver", solver, ContactSolver, 'make one with chemage.contact("hertz", ...)')
     expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
-    solution, plugins = registry.current().answer(
-        "chemage_solve_contact", ContactSolution, solver=solver, surface=surface, load=force(load), start=start
-    )
-    # a plugin that answers with another solver may record which
-    kind = solution.provenance.get("kind")
-    used = approximation_of("contact", kind) if isinstance(kind, str) and kind != solver.kind else []
-    approximate = [*surface.approximate, *approximations(solver), *used]
-    return solution.noting(surface.plugins | providers(solver) | plugins, approximate)
+    given = solver.normal_force(load, surface)
+    with logged("contact", f"{solver.kind}, load {given:g} nN, {surface.shape[0]} x {surface.shape[1]} pixels") as out:
+        solution, plugins = registry.current().answer(
+            "chemage_solve_contact", ContactSolution, solver=solver, surface=surface, load=given, start=start
+        )
+        # a plugin that answers with another solver may record which
+        kind = solution.provenance.get("kind")
+        used = approximation_of("contact", kind) if isinstance(kind, str) and kind != solver.kind else []
+        approximate = [*surface.approximate, *approximations(solver), *used]
+        solution = solution.noting(surface.plugins | providers(solver) | plugins, approximate)
+        out(f"{solution.iterations} iterations, residual {solution.residual:.3g}; {of_plugins(solution.plugins)}")
+    return solution

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import math
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from chemage.contacts import pressures, theory
 from chemage.contacts.solution import MEASURES
+from chemage.foundation import pictures
+from chemage.foundation.datasets import dataset, frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Doubles, Number, Plain, PositiveNumber, Record, require_finite
-from chemage.foundation.units import convert
+from chemage.foundation.units import QuantityLike, convert
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.axes import Axes
 
 #: measures that a contact without a map does not have
 NEEDS_MAP = ("corrected_area", "patches", "perimeter_to_area", "max_pressure")
@@ -98,7 +105,7 @@ class ContactStatistics(Record):
         """Nothing was iterated."""
         return True
 
-    def above(self, hardness: float | str) -> pressures.Above:
+    def above(self, hardness: QuantityLike) -> pressures.Above:
         """Which shares of contact area and load lie above a ``hardness``, see :meth:`ContactSolution.above`."""
         value = convert(hardness, "GPa")
         if not 0 < value < math.inf:
@@ -114,6 +121,21 @@ class ContactStatistics(Record):
         """The measures users compare, nan where they need a map (:data:`NEEDS_MAP`)."""
         names = {"area": "contact_area"}
         return {name: math.nan if name in NEEDS_MAP else getattr(self, names.get(name, name)) for name in MEASURES}
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the contact area above each pressure into ``ax``, or into a new figure of pyplot; return the axes."""
+        return pictures.draw(self, ax)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The arrays with the names, dimensions and units of the file. Needs xarray."""
+        return dataset(self)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """One row for each class of pressure: ``pressure`` (GPa) and ``area`` (nm²). Needs pandas."""
+        return frame({"pressure": self.pressure, "area": self.area}, "pressure", self.summary())
+
+    def _repr_html_(self) -> str:
+        return pictures.html(self)
 
     def __repr__(self) -> str:
         return f"<ContactStatistics {self.load:g} nN, area fraction {self.area_fraction:.4g}>"

@@ -8,8 +8,9 @@ from typing import ClassVar
 from chemage.contacts.role import ContactSolver
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
-from chemage.foundation.checks import Seed, expect, force
+from chemage.foundation.checks import Seed, expect
 from chemage.foundation.errors import InputError
+from chemage.foundation.units import QuantityLike
 from chemage.plugins.sources import approximations, providers
 from chemage.surfaces.measures import Roughness
 from chemage.surfaces.role import SurfaceMaker
@@ -27,10 +28,14 @@ class ContactTheory(ContactSolver, ABC):
     def _statistics(self, roughness: Roughness, load: float) -> ContactStatistics:
         """Predict the contact under ``load`` in nN (finite, ≥ 0)."""
 
+    def is_nominally_flat(self, periodic: bool) -> bool:
+        """A theory is of the nominal pressure, also where the surface does not repeat."""
+        return True
+
     def statistics(
-        self, surface: Roughness | Surface | SurfaceMaker, load: float | str, seed: Seed = 0
+        self, surface: Roughness | Surface | SurfaceMaker, load: QuantityLike, seed: Seed = 0
     ) -> ContactStatistics:
-        """The contact of ``surface`` under ``load`` (nN, or a string with its unit).
+        """The contact of ``surface`` under ``load``: a force (nN, or a string with its unit) or a nominal pressure.
 
         A maker of surfaces is asked for its roughness (:meth:`SurfaceMaker.roughness`), which for a spectrum needs no
         heights, so that the surface may have any size.
@@ -47,7 +52,7 @@ class ContactTheory(ContactSolver, ABC):
         elif isinstance(surface, Surface):
             surface = Roughness.of(surface)
         expect("surface", surface, Roughness, "give a surface, the maker of one, or its Roughness")
-        made = self._statistics(surface, force(load))
+        made = self._statistics(surface, self.normal_force(load, surface))
         return made.noting(surface.plugins | providers(*parts), [*surface.approximate, *approximations(*parts)])
 
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:

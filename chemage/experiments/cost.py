@@ -24,6 +24,14 @@ class Cost:
     gap_bytes: float
     #: of the contact as a sweep stores it, bytes
     contact_file: float
+    #: least and most CPU seconds of all replicas, where no single number can be given, and the reason
+    kinetics_range: tuple[float, float] | None = None
+    range_reason: str = ""
+    #: bonds formed and broken per site of a replica, and the share of the sites that are bonded at the last hold time
+    events: float | None = None
+    bonded: float | None = None
+    #: expected mean of the pressure in contact, GPa
+    mean_pressure: float | None = None
 
     @property
     def pixels(self) -> float:

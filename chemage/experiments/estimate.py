@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
+from chemage.contacts.loads import pressure_text
+from chemage.contacts.modulus import modulus_in
 from chemage.contacts.theories import ContactTheory
 from chemage.experiments.cost import Cost
-from chemage.experiments.limits import check_limits, check_parts, duration, long_run
+from chemage.experiments.doubts import doubts
+from chemage.experiments.limits import check_limits, duration, in_hours
 from chemage.experiments.scene import Scene
 from chemage.foundation.calls import call_with
 from chemage.foundation.errors import ChemageError
 from chemage.foundation.threads import available
-from chemage.foundation.units import EV_PER_GPA_NM3, KB
-from chemage.lattices.expected import expected_events
+from chemage.foundation.units import EV_PER_GPA_NM3
+from chemage.lattices.expected import Expected, expected_kinetics, rough_pressures, smooth_pressures
 from chemage.lattices.site_grid import in_words
+
+#: CPU seconds of a replica beside its engine, and for each of its sites (half of it where none interacts), and of each
+#: pixel beside surface and solver: measured on a 2-core Intel Xeon machine (``tests/benchmarks/estimates.py``)
+REPLICA_SECONDS, SITE_SECONDS, PIXEL_SECONDS = 2.5e-3, 1e-6, 2e-8
+#: a time below this is stated as less than a second, s
+SHORT = 0.5
+_SECONDS = ("cpu_seconds", "cpu_seconds_least", "cpu_seconds_most")
 
 
 @dataclass(frozen=True)
@@ -30,7 +37,31 @@ class Plan:
     stages: dict[str, str]
     #: nx, ny, area_fraction, sites, cpu_seconds, seconds (wall time), memory (bytes), file (bytes)
     numbers: dict[str, float]
+    #: what to know before it runs, in words; :func:`chemage.run` emits each as a ``PlanWarning``
     notes: list[str] = field(default_factory=list)
+    #: why the time is a range, where it is one
+    range_reason: str = ""
+
+    @property
+    def seconds_range(self) -> tuple[float, float] | None:
+        """Least and most CPU seconds, where no single number can be given."""
+        names = ("cpu_seconds_least", "cpu_seconds_most")
+        return (self.numbers[names[0]], self.numbers[names[1]]) if names[1] in self.numbers else None
+
+    def seconds_text(self) -> str:
+        """The CPU time in words; "" where it is not known."""
+        once = "once kernels are compiled"
+        if self.seconds_range and self.seconds_range[1] > SHORT:
+            least, most = (_time(value) for value in self.seconds_range)
+            return f"{least} to {most} of CPU time {once}: {self.range_reason}"
+        seconds = self.numbers.get("cpu_seconds")
+        if seconds is None:
+            return ""
+        return (
+            f"less than a second of CPU time {once}"
+            if seconds < SHORT
+            else f"about {_time(seconds)} of CPU time {once}"
+        )
 
     def todict(self) -> dict[str, Any]:
         """One JSON-able object."""
@@ -50,13 +81,19 @@ class Plan:
             rows.append(("expected area fraction", f"{known['area_fraction']:.3g}"))
         if "sites" in known:
             rows.append(("expected sites", f"{known['sites']:.3g} in contact per replica"))
-        if "cpu_seconds" in known:
-            rows.append(("expected cost", f"about {known['cpu_seconds']:.2g} CPU seconds once kernels are compiled"))
+        if "events" in known:
+            rows.append(("expected events", f"about {known['events']:.2g} bonds formed and broken per site"))
+        if text := self.seconds_text():
+            rows.append(("expected cost", text))
         if "memory" in known:
             rows.append(("expected memory", f"about {known['memory'] / 1e9:.2g} GB"))
         if "file" in known:
             rows.append(("result file", f"about {known['file'] / 1e6:.3g} MB"))
         return rows
+
+
+def _time(seconds: float) -> str:
+    return in_hours(seconds) if seconds >= 120 else f"{seconds:.0f} s" if seconds >= 10 else f"{seconds:.2g} s"
 
 
 def cost(scene: Scene) -> Cost:
@@ -81,36 +118,67 @@ def _cost(scene: Scene) -> Cost:
     if isinstance(scene.contact, ContactTheory):
         return _without_map(scene, surface, solve)
     gap = solve.get("gap_bytes", 0.0)
-    fraction, sites, replica = solve.get("area_fraction"), None, {}
+    fraction, sites = solve.get("area_fraction"), None
     pixels = surface.get("nx", 0.0) * surface.get("ny", 0.0)
     if fraction is not None and pixels:
         grids = scene.site_grids
         count = grids[1][0] * grids[1][1] if grids else pixels
         sites = fraction * count * (scene.chemistry.hydroxylation if scene.chemistry else 1.0)
-    reacting = scene.engine is not None and scene.hold is not None
-    if scene.engine is not None and scene.chemistry is not None and sites is not None:
-        coupled = scene.chemistry.interaction is not None
-        replica = call_with(scene.engine.expected, sites, coupled, events=_events(scene, surface, fraction))
-    seconds = replica.get("cpu_seconds") if reacting else 0.0
-    if seconds is not None and scene.hold is not None:
-        seconds *= scene.hold.replicas
-    replica_bytes = replica.get("bytes") if reacting else 0.0
-    if reacting and scene.ageing is not None and sites is not None and scene.hold is not None:
-        other = scene.ageing.expected(sites, replica, scene.hold.replicas)
-        seconds, replica_bytes = other.get("cpu_seconds"), other.get("bytes")
-    if replica_bytes is not None and sites is not None and scene.hold is not None and scene.keeps_states:
-        replica_bytes += sites * scene.hold.hold_times.size
+    pressure = _mean_pressure(scene, surface, fraction)
+    expected = _expected(scene, surface, pressure)
+    kinetics = _kinetics(scene, sites, expected)
+    contact_seconds = solve.get("cpu_seconds")
+    if contact_seconds is not None:
+        contact_seconds += surface.get("cpu_seconds", 0.0) + PIXEL_SECONDS * pixels
     return Cost(
         surface,
         fraction,
         sites,
-        solve.get("cpu_seconds"),
-        seconds,
+        contact_seconds,
+        kinetics.get("cpu_seconds"),
         solve.get("bytes"),
-        replica_bytes,
+        kinetics.get("bytes"),
         gap,
         12 * pixels * (1.0 if fraction is None else fraction) + gap,
+        *_range(kinetics, scene),
+        events=None if expected is None else expected.events,
+        bonded=None if expected is None else expected.bonded,
+        mean_pressure=pressure,
     )
+
+
+def _kinetics(scene: Scene, sites: float | None, expected: Expected | None) -> dict[str, float]:
+    """``cpu_seconds`` of all replicas, with ``_least`` and ``_most`` where it is a range, and ``bytes`` of one."""
+    hold, chemistry, engine = scene.hold, scene.chemistry, scene.engine
+    if hold is None or engine is None or chemistry is None:
+        return {"cpu_seconds": 0.0, "bytes": 0.0}
+    if sites is None:
+        return {}
+    coupled = chemistry.interaction is not None
+    events = None if expected is None else expected.events
+    replica = dict(call_with(engine.expected, sites, coupled, events=events))
+    seconds = [name for name in _SECONDS if name in replica]
+    for name in seconds:
+        replica[name] += REPLICA_SECONDS + (SITE_SECONDS if coupled else SITE_SECONDS / 2) * sites
+    if scene.ageing is not None:
+        found = dict(call_with(scene.ageing.expected, sites, replica, hold.replicas, interacting=coupled))
+    else:
+        found = replica | {name: replica[name] * hold.replicas for name in seconds}
+    if "bytes" in found and scene.keeps_states:
+        found["bytes"] += sites * hold.hold_times.size
+    return found
+
+
+def _range(kinetics: Mapping[str, float], scene: Scene) -> tuple[tuple[float, float] | None, str]:
+    """Least and most CPU seconds of the kinetics, where they are no single number, and why."""
+    if not {"cpu_seconds_least", "cpu_seconds_most"} <= kinetics.keys():
+        return None, ""
+    by = f"ageing {scene.ageing.kind!r}" if scene.ageing is not None else ""
+    by = by or (f"engine {scene.engine.kind!r}" if scene.engine is not None else "")
+    return (
+        kinetics["cpu_seconds_least"],
+        kinetics["cpu_seconds_most"],
+    ), f"the cost of {by} depends on what happens during the run"
 
 
 def _without_map(scene: Scene, surface: Mapping[str, float], solve: Mapping[str, float]) -> Cost:
@@ -121,18 +189,43 @@ def _without_map(scene: Scene, surface: Mapping[str, float], solve: Mapping[str,
     if chemistry is not None and not isinstance(chemistry.site_density, str) and fraction is not None:
         sites = fraction * area * chemistry.site_density * chemistry.hydroxylation
     if scene.ages and scene.ageing is not None and scene.hold is not None:
-        found = scene.ageing.expected(0.0, {}, scene.hold.replicas)  # there is no site in memory
+        coupled = chemistry is not None and chemistry.interaction is not None
+        # there is no site in memory
+        found = call_with(scene.ageing.expected, 0.0, {}, scene.hold.replicas, interacting=coupled)
     known = {name: value for name, value in surface.items() if name not in ("nx", "ny", "pixel_size")}
-    seconds = found.get("cpu_seconds")
-    return Cost(known, fraction, sites, solve.get("cpu_seconds"), seconds, solve.get("bytes"), found.get("bytes"), 0, 0)
+    known["nominal_area"] = area
+    pressure = _mean_pressure(scene, surface, fraction)
+    expected = _expected(scene, surface, pressure)
+    return Cost(
+        known,
+        fraction,
+        sites,
+        solve.get("cpu_seconds"),
+        found.get("cpu_seconds"),
+        solve.get("bytes"),
+        found.get("bytes"),
+        0,
+        0,
+        *_range(found, scene),
+        events=None if expected is None else expected.events,
+        bonded=None if expected is None else expected.bonded,
+        mean_pressure=pressure,
+    )
 
 
-def _events(scene: Scene, surface: Mapping[str, float], fraction: float | None) -> float | None:
-    """Events per site that a replica is expected to have, as far as it is known."""
+def _mean_pressure(scene: Scene, surface: Mapping[str, float], fraction: float | None) -> float | None:
+    """Mean pressure in contact, GPa, as far as it is known."""
     area = surface.get("nx", 0.0) * surface.get("ny", 0.0) * surface.get("pixel_size", 0.0) ** 2 * (fraction or 0.0)
-    if scene.chemistry is None or scene.hold is None or not area > 0:
+    return scene.load / area if area > 0 else None
+
+
+def _expected(scene: Scene, surface: Mapping[str, float], pressure: float | None) -> Expected | None:
+    """Events and bonds per site of a replica, as far as they are known."""
+    if scene.chemistry is None or scene.hold is None or pressure is None:
         return None
-    return expected_events(scene.chemistry, scene.load / area, float(scene.hold.hold_times[-1]), scene.hold.temperature)
+    spread = smooth_pressures if "radius" in surface else rough_pressures
+    last = float(scene.hold.hold_times[-1])
+    return expected_kinetics(scene.chemistry, spread(pressure), last, scene.hold.temperature)
 
 
 def plan(scene: Scene) -> Plan:
@@ -145,7 +238,7 @@ def plan(scene: Scene) -> Plan:
     """
     known = cost(scene)
     check_limits(scene, known)
-    check_parts(scene, known)
+    found = doubts(scene, known)
     numbers: dict[str, float] = {}
     if known.pixels:
         # heights are noise and do not compress; a pressure map is as large as what carries pressure
@@ -164,17 +257,26 @@ def plan(scene: Scene) -> Plan:
         numbers["memory"] = 2e8 + max(known.contact_bytes, known.replica_bytes * at_once)
     if (seconds := duration(scene, known)) is not None:
         numbers["seconds"] = seconds
-    notes = [note for note in [long_run(scene, known)] if note]
-    return Plan(scene, _stages(scene, known.surface), numbers, notes + _notes(scene, known.surface, numbers))
+    seconds_range = None
+    if known.contact_cpu_seconds is not None and known.kinetics_range is not None:
+        least, most = known.kinetics_range
+        seconds_range = (known.contact_cpu_seconds + least, known.contact_cpu_seconds + most)
+    if seconds_range is not None:
+        numbers |= {"cpu_seconds_least": seconds_range[0], "cpu_seconds_most": seconds_range[1]}
+    if known.events is not None:
+        numbers["events"] = known.events
+    return Plan(scene, _stages(scene, known.surface), numbers, [doubt.text for doubt in found], known.range_reason)
 
 
 def _stages(scene: Scene, known: Mapping[str, float]) -> dict[str, str]:
     grid = f", {known['nx']:.0f} x {known['ny']:.0f} pixels" if "nx" in known and "ny" in known else ""
     stages = {
         "surface": f"{scene.surface.kind}{grid}, seed {scene.surface_seed}",
-        "contact": f"{scene.contact.kind} at {scene.load:g} nN"
-        + (", a theory: statistics and no map" if isinstance(scene.contact, ContactTheory) else ""),
+        "contact": _contact(scene, known),
     }
+    if scene.material:
+        values = ", ".join(f"{one.path} = {one.text}" for one in scene.from_material)
+        stages["material"] = f"{scene.material}: {values or 'the scene gives every value itself'}"
     chemistry, hold, engine = scene.chemistry, scene.hold, scene.engine
     if chemistry is None or hold is None or engine is None:
         stages["chemistry"] = "not modelled: contact mechanics only"
@@ -202,37 +304,14 @@ def _stages(scene: Scene, known: Mapping[str, float]) -> dict[str, str]:
     return stages
 
 
-def _notes(scene: Scene, known: Mapping[str, float], numbers: dict[str, float]) -> list[str]:
-    notes = []
-    if scene.load == 0:
-        notes.append("the load is 0: nothing touches, the friction drop is 0 and its coefficient undefined")
-    wave, pixel = known.get("shortest_wavelength"), known.get("pixel_size")
-    if wave and pixel and wave < 8 * pixel:
-        notes.append(
-            f"the shortest wavelength is {wave / pixel:.1f} pixels; pixel-scale errors of the contact area and "
-            "pressure grow below about 8, compare with more pixels at the same size"
-        )
-    if numbers.get("sites", math.inf) < 100:
-        notes.append(
-            f"only about {numbers['sites']:.0f} sites will be in contact; averages need many replicas or seeds"
-        )
-    if numbers.get("area_fraction", 0.0) > 0.95:
-        notes.append("the contact is expected to be nearly full")
-    hold = scene.hold
-    if hold is not None and scene.chemistry is not None:
-        times = hold.hold_times
-        inside = (times >= scene.fit.start * (1 - 1e-9)) & (times <= scene.fit.stop * (1 + 1e-9))
-        if np.count_nonzero(inside) < 3:
-            notes.append(
-                f"only {np.count_nonzero(inside)} hold times lie in the fit window; beta will be poor or absent"
-            )
-        nu = scene.chemistry.attempt_frequency
-        lowest, highest = scene.chemistry.forming.quantile(np.array([0.05, 0.95]))
-        active = KB * hold.temperature * np.log(max(nu * times[-1], 1.0))
-        if active < lowest:
-            notes.append(
-                f"by {times[-1]:g} s only barriers up to {active:.2f} eV react, below 95 % of the forming barriers"
-            )
-        elif KB * hold.temperature * np.log(max(nu * max(times[0], 1e-300), 1.0)) > highest:
-            notes.append(f"at {times[0]:g} s nearly every forming barrier is already crossed; start earlier")
-    return notes
+def _contact(scene: Scene, known: Mapping[str, float]) -> str:
+    """Kind, load, nominal pressure where there is one, and contact modulus, in words."""
+    text = f"{scene.contact.kind} at {scene.load:.6g} nN"
+    area = known.get("nx", 0.0) * known.get("ny", 0.0) * known.get("pixel_size", 0.0) ** 2
+    area = known.get("nominal_area", area)
+    if area > 0 and scene.contact.is_nominally_flat(known.get("periodic", 1.0) != 0):
+        text += f", nominal pressure {pressure_text(scene.load / area)}"
+    if (modulus := modulus_in(scene.contact)) is not None:
+        text += f", E* {modulus:.6g} GPa"
+    theory = ", a theory: statistics and no map" if isinstance(scene.contact, ContactTheory) else ""
+    return text + theory

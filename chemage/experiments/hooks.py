@@ -1,4 +1,4 @@
-"""What can be plugged into experiments: scenes that a plugin ships."""
+"""What can be plugged into experiments: scenes and materials that a plugin ships."""
 
 from __future__ import annotations
 
@@ -10,3 +10,8 @@ from chemage.plugins.hooks import hookspec
 @hookspec
 def chemage_scenes() -> Mapping[str, str]:  # pyright: ignore[reportReturnType]
     """Ship scenes: ``{name: "package:file.toml"}``."""
+
+
+@hookspec
+def chemage_materials() -> Mapping[str, str]:  # pyright: ignore[reportReturnType]
+    """Ship materials: ``{name: "package:file.toml"}``; their values fill what a scene does not say."""

@@ -8,6 +8,7 @@ from chemage.experiments.scene import Scene
 from chemage.foundation.errors import InputError
 from chemage.foundation.memory import require
 from chemage.foundation.threads import available
+from chemage.foundation.warned import PlanWarning
 from chemage.lattices.site_grid import BYTES_PER_SITE, site_shape
 
 #: runs that take longer than this say so first, s
@@ -16,7 +17,7 @@ LONG = 3600.0
 BYTES_PER_PIXEL = 24.0
 
 
-class LongRunWarning(UserWarning):
+class LongRunWarning(PlanWarning):
     """A run will take hours."""
 
 
@@ -58,45 +59,56 @@ def check_limits(scene: Scene, known: Cost) -> None:
         require(replicas, f"[hold] {count} replicas at {times} hold times{on}", remedy)
 
 
-def check_parts(scene: Scene, known: Cost) -> None:
-    """Refuse what the parts of a scene would refuse during the run, as far as it is known before.
+def check_parts(scene: Scene, known: Cost) -> list[str]:
+    """Refuse what the parts of a scene would refuse during the run, as far as it is known before; return what they
+    warn of, as sentences.
 
     Raises
     ------
     InputError
         Naming the section.
     """
-    stage = "contact"
+    stage, doubts = "contact", []
     try:
-        scene.contact.check(known.surface, scene.load)
+        doubts += scene.contact.check(known.surface, scene.load) or ()
         stage = "ageing"
         if scene.ages and scene.engine is not None and scene.chemistry is not None:
             if {"nx", "ny", "pixel_size"} <= known.surface.keys():
                 pixels = int(known.surface["nx"]), int(known.surface["ny"])
                 shape = site_shape(pixels, known.surface["pixel_size"], scene.chemistry.site_density)
                 if scene.ageing is not None:
-                    scene.ageing.check_sites(shape, known.sites)
-            scene.engine.check(scene.chemistry.interaction is not None)
+                    doubts += scene.ageing.check_sites(shape, known.sites) or ()
+            doubts += scene.engine.check(scene.chemistry.interaction is not None) or ()
     except InputError as error:
         error.add_note(f"in the stage {stage!r} of scene {scene.name!r}")
         raise
+    return doubts
 
 
-def duration(scene: Scene, known: Cost) -> float | None:
-    """Wall time of a run, s; None where a component gives no estimate."""
+def duration(scene: Scene, known: Cost, *, most: bool = False) -> float | None:
+    """Wall time of a run, s; None where a component gives no estimate. ``most``: of a range, its upper end."""
     if known.contact_cpu_seconds is None or known.kinetics_cpu_seconds is None:
         return None
     concurrent = at_once(scene) * (scene.engine.concurrency() if scene.engine is not None else 1)
-    return known.contact_cpu_seconds / available() + known.kinetics_cpu_seconds / min(concurrent, available())
+    kinetics = known.kinetics_range[1] if most and known.kinetics_range else known.kinetics_cpu_seconds
+    return known.contact_cpu_seconds / available() + kinetics / min(concurrent, available())
 
 
 def long_run(scene: Scene, known: Cost) -> str:
     """What to say of a run that takes hours; "" of any other."""
-    seconds = duration(scene, known)
+    seconds = duration(scene, known, most=True)
     if seconds is None or seconds < LONG:
         return ""
-    time = f"{seconds / 3600:.2g} hours" if seconds < 48 * 3600 else f"{seconds / 86400:.3g} days"
+    about = "up to" if known.kinetics_range else "about"
+    why = f" ({known.range_reason})" if known.kinetics_range else ""
     return (
-        f"this will take about {time} on {available()} threads; fewer replicas or pixels take less, and with "
-        "checkpoints an interrupted run resumes"
+        f"this will take {about} {in_hours(seconds)} on {available()} threads{why}; fewer replicas or pixels take "
+        "less, and with checkpoints an interrupted run resumes"
     )
+
+
+def in_hours(seconds: float) -> str:
+    """A long time in minutes, hours or days."""
+    if seconds < LONG:
+        return f"{seconds / 60:.2g} minutes"
+    return f"{seconds / 3600:.2g} hours" if seconds < 48 * 3600 else f"{seconds / 86400:.3g} days"

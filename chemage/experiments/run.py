@@ -6,34 +6,47 @@ import json
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from chemage.ageing.age import age
-from chemage.ageing.aging import Aging
+from chemage.ageing.aging import Aging, fit_or_reason
 from chemage.ageing.checkpoints import keep, resumed
+from chemage.ageing.derived import CURVES, FIT, curves, fit_numbers
 from chemage.ageing.elasticity import elastic_measures, elastic_notes
 from chemage.ageing.fitting import FIT_WINDOW, Fit
+from chemage.ageing.members import BARRIERS, barriers_error, with_members
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
 from chemage.contacts.statistics import ContactStatistics
 from chemage.contacts.theories import ContactTheory
+from chemage.experiments.doubts import doubts
 from chemage.experiments.estimate import cost
-from chemage.experiments.limits import LongRunWarning, check_limits, check_parts, long_run
+from chemage.experiments.limits import LongRunWarning, check_limits
 from chemage.experiments.provenance import versions
 from chemage.experiments.scene import Scene, parse_scene, with_plugins
 from chemage.experiments.scene_files import load_scene
 from chemage.experiments.sections import scatter_of
+from chemage.foundation import pictures
 from chemage.foundation.approximations import in_words, merged
+from chemage.foundation.datasets import EXTRA
 from chemage.foundation.errors import ChemageError, InputError, StoreError
+from chemage.foundation.optional import optional_module
+from chemage.foundation.progress import progress_bars
 from chemage.foundation.records import Record
-from chemage.foundation.text import html_table, jsonable
+from chemage.foundation.text import jsonable
+from chemage.foundation.warned import PlanWarning
 from chemage.surfaces.scatter import Scatter
 from chemage.surfaces.stage import make_surface
 from chemage.surfaces.surface import Surface
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.axes import Axes
 
 #: called with (stage, done, total); total is 0 where a stage does not report how far it is
 Progress = Callable[[str, int, int], None]
@@ -95,16 +108,29 @@ class Run:
 
     def fit(self) -> Fit | None:
         """Line of Δμ against log t over the scene's fit window; None without ageing or without times in the window."""
-        if self.aging is None:
-            return None
-        try:
-            return self.aging.fit(*self.window)
-        except InputError:
-            return None
+        return self._fitted()[0]
+
+    @property
+    def fit_reason(self) -> str:
+        """Why there is no fit, in words; "" where there is one, and without ageing."""
+        return self._fitted()[1]
+
+    @property
+    def barriers_error(self) -> float | None:
+        """Relative standard error of β that is due to the barriers, where members of their distribution were aged."""
+        return barriers_error(self.aging, self.window)
+
+    def _beta_errors(self) -> dict[str, dict[str, float]]:
+        found = self.barriers_error
+        return {} if found is None else {"beta_errors": {BARRIERS: found}}
+
+    def _fitted(self) -> tuple[Fit | None, str]:
+        return (None, "") if self.aging is None else fit_or_reason(self.aging, self.window)
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the numbers users compare; what does not exist is None, as is nan."""
-        contact, aging, fit, scatter = self.contact, self.aging, self.fit(), self.scatter
+        contact, aging, scatter = self.contact, self.aging, self.scatter
+        fit, reason = self._fitted()
         numbers: dict[str, Any] = {
             "name": self.name,
             "solver": self.scene["contact"]["kind"],
@@ -120,24 +146,13 @@ class Run:
             "events": (None if aging.events is None else int(aging.events.sum())) if aging else 0,
             "common_random_numbers": aging.provenance.get("common") if aging else None,
             "hold_times": aging.hold_times.tolist() if aging else [],
-            "friction_drop": aging.mean_friction_drop.tolist() if aging else [],
-            "friction_drop_stderr": aging.friction_drop_stderr.tolist() if aging else [],
-            "friction_drop_half_width": aging.friction_drop_half_width.tolist() if aging else [],
-            "friction_coefficient_drop": aging.mean_friction_coefficient_drop.tolist() if aging else [],
-            "friction_coefficient_drop_stderr": aging.friction_coefficient_drop_stderr.tolist() if aging else [],
-            "friction_coefficient_drop_half_width": (
-                aging.friction_coefficient_drop_half_width.tolist() if aging else []
-            ),
+            **(curves(aging) if aging else {name: [] for name in CURVES}),
             **bond_errors(aging),
             "observables": {name: one.summary() for name, one in aging.measured.items()} if aging else {},
-            "beta": fit.beta if fit else None,
-            "beta_stderr": fit.beta_stderr if fit else None,
-            "beta_half_width": fit.beta_half_width if fit else None,
-            "cutoff_time": fit.cutoff_time if fit else None,
-            "cutoff_time_stderr": fit.cutoff_time_stderr if fit else None,
-            "cutoff_time_low": fit.cutoff_interval.low if fit else None,
-            "cutoff_time_high": fit.cutoff_interval.high if fit else None,
+            **(fit_numbers(fit) if fit else dict.fromkeys(FIT)),
+            "beta_reason": reason or None,
             "beta_scatter_between_surfaces": scatter.relative if scatter else None,
+            **self._beta_errors(),
             **elastic_measures(aging),
             "timings": self.timings,
             "versions": self.versions,
@@ -148,10 +163,41 @@ class Run:
         }
         return jsonable(numbers)
 
+    def plot(self, *what: Literal["surface", "contact", "aging"]) -> tuple[Axes, ...]:
+        """Draw surface, contact and ageing side by side in a figure of pyplot, or only those named; return their axes.
+
+        Raises
+        ------
+        InputError
+            The run has no such part.
+        """
+        return pictures.draw(self, *what)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The arrays of surface, contact and ageing in one dataset, named as in the file. Needs xarray."""
+        there = {"surface": self.surface, "contact": self.contact, "aging": self.aging}
+        parts = {name: part.to_xarray() for name, part in there.items() if part is not None}
+        merged = optional_module("xarray", EXTRA).merge(parts.values(), combine_attrs="drop_conflicts", join="outer")
+        attributes = {f"{name}.{key}": value for name, part in parts.items() for key, value in part.attrs.items()}
+        merged.attrs = {"name": self.name, **attributes}
+        return merged
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """One row for each hold time, see :meth:`Aging.to_pandas`. Needs pandas.
+
+        Raises
+        ------
+        InputError
+            The run ends at the contact.
+        """
+        if self.aging is None:
+            raise InputError(
+                f"{self.name} ends at the contact, so that it has no hold times; use run.contact.to_pandas()"
+            )
+        return self.aging.to_pandas()
+
     def _repr_html_(self) -> str:
-        numbers = self.summary()
-        rows = ((name, f"{value:.5g}") for name, value in numbers.items() if isinstance(value, float | int))
-        return html_table(f"{self.name} {self.scene.get('title', '')}".strip(), rows)
+        return pictures.html(self)
 
     def parts(self) -> dict[str, Record]:
         """The objects to store, by group name."""
@@ -226,24 +272,41 @@ def _is_sound(name: str, value: Any) -> bool:
 def run(
     scene: Scene | str | Path | Mapping[str, Any],
     *,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     threads: int | None = None,
     surface: Surface | None = None,
     contact: ContactSolution | ContactStatistics | None = None,
     checkpoints: Path | None = None,
+    warn: bool = True,
+    members: bool = True,
 ) -> Run:
     """Run a scene end to end: every stage that it contains.
 
     ``scene`` is a :class:`Scene`, a scene file, the name of an installed scene, or scene data. ``progress`` is called
-    as stages advance; ``threads`` is how many replicas run at the same time. A ``surface`` or ``contact`` already
-    computed for this very scene (its stage key says so) can be passed in. In the folder ``checkpoints`` the contact and
-    every replica are kept during the run; an interrupted run resumes from there, with equal results.
+    as stages advance, and True shows them on stderr; ``threads`` is how many replicas run at the same time. A
+    ``surface`` or ``contact`` already computed for this very scene (its stage key says so) can be passed in. What
+    ``chemage check`` warns of is emitted first, as :class:`PlanWarning`, unless ``warn`` is False. In the folder
+    ``checkpoints`` the contact and every replica are kept during the run; an interrupted run resumes from there, with
+    equal results. Where the forming barriers are known as an ensemble, its ``members`` are aged as well, for the error
+    of the barriers, unless this is False.
     """
     if not isinstance(scene, Scene):
         scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
     scene = scene.completed()
-    with scene.in_use():
-        return _run(scene, progress, threads, surface, contact, checkpoints)
+    if scene.is_ensemble:
+        raise InputError(
+            f"scene {scene.name!r} asks for a mean over surfaces ([ensemble] or [accuracy]); use chemage.ensemble, or "
+            "leave these sections out for a run of one surface"
+        )
+    with ExitStack() as stack:
+        stack.enter_context(scene.in_use())
+        known = cost(scene)
+        check_limits(scene, known)
+        for doubt in doubts(scene, known) if warn else ():
+            category = LongRunWarning if doubt.kind == "long" else PlanWarning
+            warnings.warn(doubt.text, category, stacklevel=2)
+        report = stack.enter_context(progress_bars()) if progress is True else (progress or None)
+        return _run(scene, report, threads, surface, contact, checkpoints, members)
 
 
 def _run(
@@ -253,12 +316,8 @@ def _run(
     surface: Surface | None,
     contact: ContactSolution | ContactStatistics | None,
     checkpoints: Path | None,
+    members: bool,
 ) -> Run:
-    known = cost(scene)
-    check_limits(scene, known)
-    check_parts(scene, known)
-    if message := long_run(scene, known):
-        warnings.warn(message, LongRunWarning, stacklevel=3)
     report = progress or (lambda stage, done, total: None)
     timings: dict[str, float] = {}
     if contact is None and isinstance(scene.contact, ContactTheory):
@@ -274,6 +333,9 @@ def _run(
     if scene.ages:
         with _timed("ageing", scene, timings, report):
             aging = aged(scene, contact, threads=threads, progress=partial(report, "ageing"), checkpoints=checkpoints)
+    if members and aging is not None and scene.chemistry is not None and scene.chemistry.forming.members(1):
+        with _timed(BARRIERS, scene, timings, report):
+            aging = _with_members(scene, contact, aging, threads, partial(report, BARRIERS))
     took_part = versions(scene, (contact, aging))
     keys = run_keys(scene, contact, aging)
     return Run(scene.todict(), contact, surface, aging, timings, took_part, keys, tuple(scene.cite()))
@@ -285,8 +347,13 @@ def aged(scene: Scene, contact: ContactSolution | ContactStatistics, **changes: 
     if not scene.ages:
         return None
     assert scene.chemistry is not None
+    with scene.in_use():
+        return age(contact, scene.chemistry, **(_ageing_arguments(scene) | changes))
+
+
+def _ageing_arguments(scene: Scene) -> dict[str, Any]:
     assert scene.hold is not None
-    arguments: dict[str, Any] = {
+    return {
         "engine": scene.engine,
         "hold_times": scene.hold.hold_times,
         "temperature": scene.hold.temperature,
@@ -297,8 +364,20 @@ def aged(scene: Scene, contact: ContactSolution | ContactStatistics, **changes: 
         "rupture": scene.rupture,
         "observe": scene.observe,
     }
+
+
+def _with_members(
+    scene: Scene,
+    contact: ContactSolution | ContactStatistics,
+    aging: Aging,
+    threads: int | None,
+    progress: Callable[[int, int], None],
+) -> Aging:
+    """The ageing with the error of its barriers."""
+    assert scene.chemistry is not None
+    how = _ageing_arguments(scene) | {"threads": threads, "progress": progress}
     with scene.in_use():
-        return age(contact, scene.chemistry, **(arguments | changes))
+        return with_members(aging, contact, scene.chemistry, **how)
 
 
 def run_keys(scene: Scene, contact: ContactSolution | ContactStatistics, aging: Aging | None) -> dict[str, str]:

@@ -10,36 +10,30 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, Self
 
-import numpy as np
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
     SerializeAsAny,
     ValidationError,
-    ValidationInfo,
-    ValidatorFunctionWrapHandler,
     field_validator,
-    model_validator,
 )
 
 from chemage.ageing.age import wants_states
-from chemage.ageing.fitting import FIT_WINDOW
-from chemage.ageing.hold_times import hold_times
 from chemage.ageing.measuring import check_outputs
 from chemage.ageing.methods import AgeingMethod, check_contact, check_method
 from chemage.ageing.observables import Observable
-from chemage.ageing.seeds import Common
+from chemage.contacts.loads import nominal_pressure, normal_force
 from chemage.contacts.role import ContactSolver
 from chemage.contacts.theories import ContactTheory
-from chemage.foundation.booleans import no_booleans
-from chemage.foundation.checks import check_times, force
+from chemage.experiments.asked import EnsembleOptions, accuracies
+from chemage.experiments.holding import FitWindow, Hold
+from chemage.experiments.materials import MaterialValue, filled
+from chemage.experiments.section import Section
 from chemage.foundation.components import Component
-from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, shown
+from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, UnknownKindError, shown
 from chemage.foundation.hashes import content_hash
 from chemage.foundation.inputs import check_data
 from chemage.foundation.messages import explain, nearest
-from chemage.foundation.units import Temperature, Time, convert
+from chemage.foundation.units import in_words
 from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
@@ -51,79 +45,7 @@ from chemage.plugins.sources import implementing, providers, stage_hooks
 from chemage.surfaces.role import SurfaceMaker
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, use_attribute_docstrings=True)
-
-    @field_validator("*", mode="wrap")
-    @classmethod
-    def _no_booleans(cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-        return no_booleans(cls, value, handler, info)
-
-
-class Hold(_Section):
-    """How long, how hot, how often."""
-
-    temperature: Temperature = 300.0
-    """K"""
-    start: Time | None = None
-    """first hold time, s"""
-    stop: Time | None = None
-    """last hold time, s"""
-    per_decade: int = Field(default=4, ge=1, le=1000)
-    """hold times to a decade"""
-    times: tuple[Time, ...] | None = None
-    """the hold times themselves, s, instead of start, stop and per_decade"""
-    replicas: int = Field(default=10, ge=1)
-    """independent draws of the disorder and the kinetic noise"""
-    seed: int = Field(default=0, ge=0)
-    """of disorder and noise"""
-    common: Common = "none"
-    """random numbers that replica r has in common with replica r of other runs with this seed: "none", "disorder"
-    (barriers, couplings and hydroxylation of a pixel) or "all" (the kinetic noise as well)"""
-
-    @field_validator("times", mode="before")
-    @classmethod
-    def _times(cls, value: Any) -> Any:
-        if isinstance(value, Sequence) and not isinstance(value, str):
-            return tuple(check_times([convert(item, "s") for item in value]).tolist())
-        return value
-
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        if self.times is None:
-            if self.start is None or self.stop is None:
-                raise ValueError('give start and stop (such as "1 ms" and "1e5 s"), or times')
-            hold_times(self.start, self.stop, self.per_decade)
-        elif self.start is not None or self.stop is not None:
-            raise ValueError("give either times, or start and stop")
-        return self
-
-    @property
-    def hold_times(self) -> np.ndarray:
-        """(m,) s."""
-        if self.times is not None:
-            return np.array(self.times)
-        assert self.start is not None
-        assert self.stop is not None
-        return hold_times(self.start, self.stop, self.per_decade)
-
-
-class FitWindow(_Section):
-    """Where the line of Δμ against log t is fitted."""
-
-    start: Time = FIT_WINDOW[0]
-    """s"""
-    stop: Time = FIT_WINDOW[1]
-    """s"""
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.stop <= self.start:
-            raise ValueError(f"stop ({self.stop:g} s) must be after start ({self.start:g} s)")
-        return self
-
-
-class Scene(_Section):
+class Scene(Section):
     """One validated experiment: every component chosen, nothing computed yet."""
 
     name: str = Field(default="scene", min_length=1, max_length=100)
@@ -142,17 +64,23 @@ class Scene(_Section):
     hold: Hold | None = None
     fit: FitWindow = FitWindow()
     observe: tuple[SerializeAsAny[Observable], ...] = ()
+    ensemble: EnsembleOptions | None = None
+    """over how many surfaces the answer is a mean; None: the one surface of this scene"""
+    accuracy: Mapping[str, float] = {}
+    """quantity -> relative half width of its 95 % interval; the answer is a mean over as many surfaces as that needs"""
     plugins: Mapping[str, SerializeAsAny[PluginOptions]] = {}
     """options of plugins, by the name of the plugin"""
+    material: str = ""
+    """name of the material whose values fill what the scene did not say; "" without one"""
+    from_material: tuple[MaterialValue, ...] = ()
+    """the values that are the material's; they are in the components as well, which decide the keys"""
     prefer: tuple[str, ...] = ()
     """names of the plugins that come first where several answer a stage or read a file"""
 
     @field_validator("name")
     @classmethod
     def _file_name(cls, name: str) -> str:
-        if name.startswith(".") or any(letter in "/\\" or not letter.isprintable() for letter in name):
-            raise ValueError("it names the result file; leave out slashes, a leading dot and invisible characters")
-        return name
+        return file_name(name)
 
     def todict(self) -> dict[str, Any]:
         """The scene as plain TOML-like data, every option spelled out; :func:`parse_scene` reads it back."""
@@ -160,6 +88,12 @@ class Scene(_Section):
         if self.title:
             data["title"] = self.title
         return {**data, **self._sections(lambda component: component.todict())}
+
+    @property
+    def is_ensemble(self) -> bool:
+        """Whether the answer is a mean over surfaces, for :func:`chemage.ensemble`, and not one run."""
+        wish = self.ensemble
+        return bool(self.accuracy) or (wish is not None and (wish.surfaces != 1 or wish.budget is not None))
 
     @property
     def ages(self) -> bool:
@@ -224,6 +158,10 @@ class Scene(_Section):
                 data["rupture"] = options_of(self.rupture)
             data["hold"] = self.hold.model_dump(mode="json", exclude_none=True)
             data["fit"] = self.fit.model_dump(mode="json")
+        if self.ensemble is not None:
+            data["ensemble"] = self.ensemble.model_dump(mode="json", exclude_none=True)
+        if self.accuracy:
+            data["accuracy"] = dict(self.accuracy)
         if self.observe:
             data["observe"] = [options_of(one) for one in self.observe]
         if self.plugins or self.prefer:
@@ -307,7 +245,15 @@ class Scene(_Section):
 
     def cite(self) -> list[str]:
         """What to cite when a result of this scene is used."""
-        return list(dict.fromkeys(text for part in self.components() for text in part.cite))
+        sources = [one.source for one in self.from_material]
+        return list(dict.fromkeys([*(text for part in self.components() for text in part.cite), *sources]))
+
+
+def file_name(name: str) -> str:
+    """``name`` if it can name a scene and its result file; else a ValueError that says why."""
+    if not name or name.startswith(".") or any(letter in "/\\" or not letter.isprintable() for letter in name):
+        raise ValueError("it names the result file; leave out slashes, a leading dot and invisible characters")
+    return name
 
 
 _CHEMISTRY_OPTIONS = [name for name in Chemistry.model_fields if name not in ("forming", "breaking", "interaction")]
@@ -321,7 +267,10 @@ ROLE_OF = {
     "ageing": "ageing",
     "rupture": "rupture",
 }
-SECTIONS = ["name", "title", *ROLE_OF, "chemistry", "hold", "fit", "observe", "plugins", "sweep"]
+SECTIONS = [
+    *("name", "title", "material", *ROLE_OF, "chemistry", "hold", "fit", "observe", "ensemble", "accuracy"),
+    *("plugins", "sweep"),
+]
 #: sections that no scene can do without
 REQUIRED = ("surface", "contact")
 
@@ -361,11 +310,13 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
     """
     problems, made = _Problems(), {}
     _check_size(data, source)
+    data = in_words(data)
+    data, material, from_material = _with_material(data, problems)
     for name in data:
         if name not in SECTIONS:
             problems.append((name, f"no such section{nearest(name, SECTIONS)}; the sections are {', '.join(SECTIONS)}"))
     sections: dict[str, dict[str, Any]] = {}
-    for name in (*ROLE_OF, "chemistry", "hold", "fit"):
+    for name in (*ROLE_OF, "chemistry", "hold", "fit", "ensemble"):
         if name in data:
             if isinstance(data[name], Mapping):
                 sections[name] = dict(data[name])
@@ -380,15 +331,11 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
         if name in sections:
             made[name] = _choice(role, name, sections[name], problems)
     if "contact" in sections:
-        try:
-            if given is None:
-                raise InputError('is required; give the normal force, such as load = "20 uN"')
-            load = force(given)
-        except ChemageError as error:
-            problems.append(("contact.load", str(error).removeprefix("load = ")))
+        load = _load(given, made.get("surface"), made.get("contact"), problems)
     chemistry = _chemistry(sections, made, problems)
     hold, engine = _kinetics(sections, made, problems)
     fit = _section(FitWindow, "fit", sections, problems) or FitWindow()
+    wish, accuracy = _asked(sections, data.get("accuracy", {}), problems)
     observe = []
     items = data.get("observe", [])
     if not isinstance(items, list):
@@ -423,12 +370,57 @@ def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
                 hold=hold,
                 fit=fit,
                 observe=tuple(observe),
+                ensemble=wish,
+                accuracy=accuracy,
                 plugins=settings,
                 prefer=prefer,
+                material=material,
+                from_material=from_material,
             )
         except ValidationError as error:
             problems.extend((path.replace("surface_seed", "surface.seed"), message) for path, message in explain(error))
     raise SceneError(source, problems)
+
+
+def _asked(
+    sections: Mapping[str, Any], accuracy: Any, problems: _Problems
+) -> tuple[EnsembleOptions | None, dict[str, float]]:
+    """Over how many surfaces the answer is a mean, and how accurate it is to be."""
+    wish = _section(EnsembleOptions, "ensemble", sections, problems)
+    try:
+        return wish, accuracies(accuracy)
+    except InputError as error:
+        text = str(error)
+        field, _, message = text.removeprefix("accuracy").partition(" = ")
+        problems.append((f"accuracy{field}", message))
+    return wish, {}
+
+
+def _with_material(
+    data: Mapping[str, Any], problems: _Problems
+) -> tuple[dict[str, Any], str, tuple[MaterialValue, ...]]:
+    """The data of a scene with the values of its material, the name of the material, and the values that are its."""
+    try:
+        made, material, used = filled(data)
+    except UnknownKindError as error:
+        problems.append(("material", str(error)))
+        return {name: part for name, part in data.items() if name != "material"}, "", ()
+    return made, material.name if material is not None else "", used
+
+
+def _load(given: Any, surface: SurfaceMaker | None, contact: ContactSolver | None, problems: _Problems) -> float:
+    """The load in nN; a nominal pressure is multiplied by the nominal area that the surface will have."""
+    try:
+        if given is None:
+            raise InputError('is required; give the normal force, such as load = "20 uN", or a nominal pressure')
+        if nominal_pressure(given) is None:
+            return normal_force(given, None, flat=True)
+        if surface is None or contact is None:
+            return 0.0  # what is wrong with them is reported
+        return contact.normal_force(given, surface.expected())
+    except ChemageError as error:
+        problems.append(("contact.load", str(error).removeprefix("load = ").removeprefix("load: ")))
+    return 0.0
 
 
 def _check_ageing(
@@ -440,7 +432,7 @@ def _check_ageing(
 ) -> None:
     method, rupture, contact = made.get("ageing"), made.get("rupture"), made["contact"]
     try:
-        check_contact(f"contact {contact.kind!r}", isinstance(contact, ContactTheory), method)
+        check_contact(f"contact {contact.kind!r}", isinstance(contact, ContactTheory), method, chemistry)
         if method is None:
             wants_states(engine, rupture, observe)
         else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import tomllib
 from collections.abc import Mapping
@@ -48,6 +49,9 @@ def scene_data(where: str | Path) -> tuple[dict[str, Any], str]:
     data = parse_toml(text, source)
     if folder is not None:
         data = located(data, folder)
+        wish = data.get("ensemble")
+        if isinstance(wish, dict) and isinstance(wish.get("map"), str):
+            wish["map"] = str(folder / wish["map"])
     data.setdefault("name", path.stem)
     return data, source
 
@@ -120,6 +124,19 @@ def _position(path: str, name: str, items: list[Any]) -> int:
         return int(name)
     problem = f"{name!r} is no position in a list of {len(items)}"
     raise InputError(f"{path}: {problem}", [(path, problem)])
+
+
+def named(text: str, name: str) -> str:
+    """The text of a scene with another name; everything else, comments included, stays."""
+    lines = text.splitlines()
+    line = f"name = {json.dumps(name, ensure_ascii=False)}"
+    top = next((at for at, one in enumerate(lines) if one.lstrip().startswith("[")), len(lines))
+    old = next((at for at, one in enumerate(lines[:top]) if one.partition("=")[0].strip() == "name"), None)
+    if old is None:
+        lines.insert(next((at for at, one in enumerate(lines) if not one.startswith("#")), 0), line)
+    else:
+        lines[old] = line
+    return "\n".join(lines) + "\n"
 
 
 def is_sweep(where: str | Path) -> bool:

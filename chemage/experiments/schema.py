@@ -7,7 +7,11 @@ from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
-from chemage.experiments.scene import ROLE_OF, FitWindow, Hold
+from chemage.experiments.asked import EnsembleOptions
+from chemage.experiments.holding import FitWindow, Hold
+from chemage.experiments.materials import SECTIONS as FILLED
+from chemage.experiments.materials import material
+from chemage.experiments.scene import ROLE_OF
 from chemage.foundation.components import Component
 from chemage.foundation.errors import PluginError
 from chemage.lattices.chemistry import Chemistry
@@ -25,7 +29,7 @@ def scene_schema() -> dict[str, Any]:
             except PluginError as error:
                 warnings.warn(f"not in the schema: {error}", registry.PluginWarning, stacklevel=2)
     models: list[Any] = [cls for classes in components.values() for cls in classes]
-    refs, top = models_json_schema([(model, "validation") for model in [*models, Hold, FitWindow]])
+    refs, top = models_json_schema([(model, "validation") for model in [*models, Hold, FitWindow, EnsembleOptions]])
     definitions = top.get("$defs", {})
 
     def target(model: Any) -> str:
@@ -45,17 +49,25 @@ def scene_schema() -> dict[str, Any]:
         # an option that is itself a component: a table with its kind, or the kind alone where the plugin takes that
         if cls.__name__ in definitions and role in by_role:
             definitions[cls.__name__] = {"anyOf": [by_role[role], {"type": "string"}]}
+    given = _of_materials("contact")
     properties: dict[str, Any] = {"name": {"type": "string"}, "title": {"type": "string"}}
+    installed = sorted(plugins.materials())
+    properties["material"] = {"enum": installed, "description": "material that fills what the scene does not say"}
     for section, role in ROLE_OF.items():
         properties[section] = by_role.get(role, {"type": "object"})
+        if installed and section in FILLED and section != "contact":
+            properties[section] = {"anyOf": [properties[section], _OF_MATERIAL, {"const": False}]}
     for section, extra in (("surface", _SURFACE_EXTRA), ("contact", _CONTACT_EXTRA)):
         for cls in components[section]:
             definitions[target(cls)]["properties"].update(extra)
             if section == "contact":
-                definitions[target(cls)]["required"].append("load")
+                own = definitions[target(cls)]["required"]
+                definitions[target(cls)]["required"] = [*(name for name in own if name not in given), "load"]
     properties["chemistry"] = _chemistry_section()
     properties["hold"] = refs[Hold, "validation"]
     properties["fit"] = refs[FitWindow, "validation"]
+    properties["ensemble"] = refs[EnsembleOptions, "validation"]
+    properties["accuracy"] = _ACCURACY
     properties["plugins"] = _plugins_section(plugins, definitions)
     properties["observe"] = {"type": "array", "items": by_role.get("observable", {"type": "object"})}
     definitions |= _SWEEP
@@ -92,14 +104,35 @@ _SWEEP: dict[str, Any] = {
     },
     "SweepValues": {"anyOf": [{"type": "array", "minItems": 1}, {"$ref": "#/$defs/SweepLines"}]},
 }
+_ACCURACY = {
+    "type": "object",
+    "description": "quantity (beta, friction_drop, friction_coefficient_drop, a measure of the contact; name@time at a "
+    'hold time) -> half the width of its 95 % interval over the mean: 0.02, or "2 %"',
+    "additionalProperties": {
+        "anyOf": [{"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}, {"type": "string"}]
+    },
+}
+#: a section whose kind the material gives
+_OF_MATERIAL = {"type": "object", "not": {"required": ["kind"]}}
 _SURFACE_EXTRA = {"seed": {"type": "integer", "minimum": 0, "default": 0, "description": "of the surface"}}
 _CONTACT_EXTRA = {
     "load": {
         "anyOf": [{"type": "number", "minimum": 0}, {"type": "string"}],
-        "description": "normal force",
+        "description": "normal force (nN), or a nominal pressure such as 10 MPa, on the nominal area of the surface",
         "unit": "nN",
     }
 }
+
+
+def _of_materials(section: str) -> set[str]:
+    """The options in a section that some installed material gives, so that a scene need not."""
+    found: set[str] = set()
+    for name in registry.current().materials():
+        try:
+            found |= material(name).options(section).keys()
+        except PluginError as error:
+            warnings.warn(f"not in the schema: {error}", registry.PluginWarning, stacklevel=3)
+    return found
 
 
 def _plugins_section(plugins: registry.Registry, definitions: dict[str, Any]) -> dict[str, Any]:

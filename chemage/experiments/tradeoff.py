@@ -1,11 +1,12 @@
 """Speed against accuracy, measured on a user's own scene.
 
-Each option that a component of any section declares for it (``Component.trade``: option -> values from fast to
-accurate) is varied on its own, everything else as in the scene, and the result is compared with that of a reference
-which is more accurate than all of them (``Component.reference``). Replicas keep their disorder and their kinetic noise,
-so that the difference in β is due to the option; its standard error is that of the paired difference. A surface that
-can be sampled more coarsely is, every installed engine that can treat the lattice runs it, and replicas are traded
-against the error of β.
+The map of settings and of their combinations is measured by :mod:`chemage.experiments.mapping`; this adds rows about
+the first of its surfaces. Each option that a component of any section declares for it (``Component.trade``: option ->
+values from fast to accurate) is varied on its own, everything else as in the scene, and the result is compared with
+that of a reference which is more accurate than all of them (``Component.reference``). Replicas keep their disorder and
+their kinetic noise, so that the difference in β is due to the option; its standard error is that of the paired
+difference. A surface that can be sampled more coarsely is, every installed engine that can treat the lattice runs it,
+and replicas are traded against the error of β.
 
 All errors of the area are errors of :attr:`ContactSolution.corrected_area`, which depends least on the pixels.
 """
@@ -13,7 +14,6 @@ All errors of the area are errors of :attr:`ContactSolution.corrected_area`, whi
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
@@ -21,24 +21,27 @@ from typing import Any, TypeVar
 import numpy as np
 
 from chemage.ageing.aging import Aging
-from chemage.ageing.paired import paired_difference
 from chemage.contacts.solution import ContactSolution
-from chemage.contacts.stage import solve_contact
 from chemage.contacts.theories import ContactTheory, no_map
+from chemage.experiments.choices import ENGINE, grid, of_value
 from chemage.experiments.extrapolation import vanishing_pixels
+from chemage.experiments.mapping import Computed, Mapper, timed
 from chemage.experiments.run import aged
 from chemage.experiments.scene import Scene
 from chemage.experiments.sections import sections
 from chemage.experiments.settings import COARSER, REPLICAS, Setting, planned, settings, with_section
 from chemage.experiments.settings import reference as best_of
+from chemage.experiments.trade_map import WITHIN, TradeMap
+from chemage.experiments.variants import coarser
+from chemage.foundation import threads
 from chemage.foundation.approximations import in_words
+from chemage.foundation.checks import checked_count
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError
+from chemage.foundation.statistics import half_width, standard_error
 from chemage.foundation.text import jsonable
 from chemage.plugins import registry
 from chemage.plugins.sources import approximations
-from chemage.surfaces.stage import make_surface
-from chemage.surfaces.surface import Surface
 
 T = TypeVar("T")
 #: called with what is being measured
@@ -93,19 +96,34 @@ class Tradeoff:
     rows: list[Row] = field(default_factory=list)
     #: what the errors are relative to, in words
     notes: list[str] = field(default_factory=list)
+    #: the same settings and their combinations on several surfaces, measured repeatedly
+    map: TradeMap | None = None
 
     def todict(self) -> dict[str, Any]:
         """One JSON-able object; nan is None."""
-        return jsonable({"scene": self.scene, "rows": [asdict(row) for row in self.rows], "notes": self.notes})
+        found: dict[str, Any] = {"rows": [asdict(row) for row in self.rows], "notes": self.notes}
+        if self.map is not None:
+            cheapest = [self.map.cheapest(name, within) for name in self.map.observables for within in WITHIN]
+            found |= {
+                "map": self.map.todict(),
+                "cheapest": [one.todict() for one in cheapest],
+                "sentences": self.map.sentences(),
+            }
+        return jsonable({"scene": self.scene, **found})
 
 
-def tradeoff(scene: Scene, *, report: Report | None = None) -> Tradeoff:
-    """Measure what each value of the options of ``scene`` costs and how large its errors are.
+def tradeoff(scene: Scene, *, rounds: int | None = None, report: Report | None = None) -> Tradeoff:
+    """Measure what each value of the options of ``scene`` costs and how large its errors are, and the map of their
+    combinations.
 
-    Every setting runs once on a small or coarse surface before it is timed, so that compilation is not counted.
+    Everything is compiled before it is timed. ``rounds`` is how often everything is computed for the map, each time on
+    another surface where the surface is random; default: three to six, by the cost of the scene.
     """
-    with scene.in_use():
-        return _Measurement(scene, report or (lambda _: None)).run()
+    if rounds is not None:
+        checked_count("rounds", rounds)
+    with scene.in_use(), threads.restored():
+        threads.limit(1)  # CPU times of several threads depend on how busy the machine is
+        return _Measurement(scene, rounds, report or (lambda _: None)).run()
 
 
 @dataclass(frozen=True)
@@ -130,17 +148,22 @@ class _Reference:
 
 
 class _Measurement:
-    def __init__(self, scene: Scene, report: Report) -> None:
+    """The rows, from the first round of the map."""
+
+    def __init__(self, scene: Scene, rounds: int | None, report: Report) -> None:
         # every contact has the gap if sites need it
         self.scene, self.report = scene.model_copy(update={"contact": scene.solver}), report
         self.found = Tradeoff(scene.name)
+        self._given, self._rounds = scene, rounds
 
     def run(self) -> Tradeoff:
         if isinstance(self.scene.contact, ContactTheory):
             raise InputError(no_map(self.scene.contact, "there is no pressure whose error could be measured"))
         self.report(f"the scene as it is, to compile; then {planned(self.scene)}")
-        surface = make_surface(self.scene.surface, self.scene.surface_seed)
-        contact = solve_contact(self.scene.contact, surface, self.scene.load)
+        self.mapper = Mapper(self._given, rounds=self._rounds, report=self.report)
+        self.mapper.warm_up()
+        self.mapper.begin(0)
+        contact = self.mapper.compute().contact
         by_section: dict[str, list[Setting]] = {}
         for setting in settings(self.scene):
             by_section.setdefault(setting.section, []).append(setting)
@@ -148,14 +171,17 @@ class _Measurement:
                 self.found.notes.append(f"{setting.name}: {len(setting.values)} of {setting.named} values are tried")
         # the contact first, whose references and errors are known best
         for section in sorted(by_section, key=lambda name: name != "contact"):
-            self._section(section, by_section[section], surface, contact)
+            self._section(section, by_section[section])
         self._pixels(contact)
         if self.scene.chemistry is not None:
             self._engines(contact)
             self._replicas(contact)
+        self.mapper.first_round()
+        self.mapper.further_rounds()
+        self.found.map = self.mapper.made()
         return self.found
 
-    def _section(self, section: str, found: list[Setting], surface: Surface, contact: ContactSolution) -> None:
+    def _section(self, section: str, found: list[Setting]) -> None:
         """Every setting of the component of a section, with the stage that it belongs to."""
         names = ", ".join(setting.name for setting in found)
         if section.startswith("observe"):
@@ -166,34 +192,31 @@ class _Measurement:
         if section not in ("surface", "contact") and not self.scene.ages:
             self.found.notes.append(f"{names}: not tried, because the scene stops at the contact")
             return
-        own = sections(self.scene)[section]
-
-        def computed(component: Component) -> tuple[ContactSolution, Aging | None, tuple[float, float]]:
-            return self._computed(section, component, surface, contact)
-
-        reference = self._reference(section, own, found, computed)
+        own = sections(self._given)[section]
+        reference = self._reference(section, own, found)
         for setting in found:
             for value in setting.values:
                 self.report(f"{setting.name} = {value}")
+                same = value == setting.of(own)
+                stage = "contact" if section in ("surface", "contact") else "ageing"
                 try:
-                    turned = setting.turned(own, value)
-                    if section == "contact":
-                        self._warm(turned, surface)
-                    solution, aging, seconds = computed(turned)
+                    turned = own if same else setting.turned(own, value)
+                    computed = self.mapper.compute(() if same else (of_value(setting, value, stage),))
                 except ChemageError as error:
                     self._add(setting.name, value, remark=str(error))
                     continue
+                solution, aging = computed.contact, computed.aging
                 comparable = reference if reference and _same_grid(solution, reference.contact) else None
                 self._add(
                     setting.name,
                     value,
-                    seconds,
+                    _stage_seconds(section, computed),
                     **areas(solution),
                     **self._errors(solution, reference, setting, value),
                     pressure_estimate=estimated_error(solution) if section == "contact" else math.nan,
                     **self._beta(aging),
                     **self._difference(aging, comparable.aging if comparable else None),
-                    own=turned == own,
+                    own=same,
                     remark="; ".join(
                         filter(
                             None, [f"{solution.iterations} iterations" if section == "contact" else "", _marked(turned)]
@@ -201,25 +224,7 @@ class _Measurement:
                     ),
                 )
 
-    def _computed(
-        self, section: str, component: Any, surface: Surface, contact: ContactSolution
-    ) -> tuple[ContactSolution, Aging | None, tuple[float, float]]:
-        """Contact and ageing with another component in a section, and the CPU and wall seconds of its stage."""
-        if section == "surface":
-            made, *seconds = measured(lambda: make_surface(component, self.scene.surface_seed))
-            solution = solve_contact(self.scene.contact, made, self.scene.load)
-            return solution, self._aged(solution, common="all"), (seconds[0], seconds[1])
-        if section == "contact":
-            solution, *seconds = measured(lambda: solve_contact(component, surface, self.scene.load))
-            return solution, self._aged(solution, common="all"), (seconds[0], seconds[1])
-        scene = with_section(self.scene, section, component)
-        aged(scene, contact, observe=(), common="all", replicas=1)  # to compile
-        aging, *seconds = measured(lambda: aged(scene, contact, observe=(), common="all"))
-        return contact, aging, (seconds[0], seconds[1])
-
-    def _reference(
-        self, section: str, own: Component, found: list[Setting], computed: Callable[[Component], Any]
-    ) -> _Reference | None:
+    def _reference(self, section: str, own: Component, found: list[Setting]) -> _Reference | None:
         """The reference of a section; None if it cannot be computed."""
         self.report(f"reference {section}")
         options = ""
@@ -227,11 +232,11 @@ class _Measurement:
             best = best_of(own)
             prefix = f"{section}."
             options = ", ".join(f"{one.name.removeprefix(prefix)} = {one.of(best)}" for one in found)
-            contact, aging, _ = computed(best)
+            computed = self.mapper.computed(with_section(self._given, section, best))
         except ChemageError as error:
             self.found.notes.append(f"{section}: no reference ({options}), so errors are not measured: {error}")
             return None
-        made = _Reference(best, contact, aging)
+        made = _Reference(best, computed.contact, computed.aging)
         if section == "contact":
             known = "not known" if math.isnan(made.error) else f"estimated as {made.error:.1e}"
             what = f"errors are differences from a reference ({options}); its own error of the pressure is {known}"
@@ -239,11 +244,6 @@ class _Measurement:
             what = f"differences are those from a reference ({options}), whose own error is not known"
         self.found.notes.append(f"{section}: {what}")
         return made
-
-    def _warm(self, solver: Any, surface: Surface) -> None:
-        """Solve a smaller contact, so that compilation is not counted."""
-        small = self._small(surface)
-        solve_contact(solver, small, self.scene.load * small.nominal_area / surface.nominal_area)
 
     @staticmethod
     def _errors(
@@ -262,25 +262,16 @@ class _Measurement:
             "pressure_error": pressure,
         }
 
-    def _small(self, surface: Surface) -> Surface:
-        maker = self.scene.surface.coarser(COARSER[0])
-        return surface if maker is None else make_surface(maker, self.scene.surface_seed)
-
     def _pixels(self, fine: ContactSolution) -> None:
         """The same surface on coarser pixels: area and contour, but not β, because a pixel is a site."""
         found: list[tuple[ContactSolution, float, float]] = []
         for factor in (*COARSER, 1):
-            maker = self.scene.surface.coarser(factor) if factor > 1 else self.scene.surface
-            if maker is None:
+            if factor > 1 and coarser(self._given, factor) is None:
                 continue
             self.report(f"pixels {factor} times larger")
-            found.append(
-                measured(
-                    lambda maker=maker: solve_contact(
-                        self.scene.contact, make_surface(maker, self.scene.surface_seed), self.scene.load
-                    )
-                )
-            )
+            computed = self.mapper.compute((grid(factor),) if factor > 1 else ())
+            making, solving = computed.solved.making, computed.solved.solving
+            found.append((computed.contact, making.cpu + solving.cpu, making.wall + solving.wall))
         limit = vanishing_pixels([contact for contact, _, _ in found])
         known: dict[str, float] = {}
         if limit is not None:
@@ -311,6 +302,9 @@ class _Measurement:
         own = self._aged(contact, common="disorder")
         for kind in plugins.kinds("engine"):
             same = kind == self.scene.engine.kind
+            if (reason := self.mapper.slow.get((ENGINE, kind))) is not None:
+                self._add("engine", kind, remark=reason)
+                continue
             self.report(f"engine {kind}")
             try:
                 engine = self.scene.engine if same else plugins.make("engine", kind, {})
@@ -361,20 +355,27 @@ class _Measurement:
         """The paired difference of β; empty where there is none."""
         if aging is None or other is None:
             return {}
-        try:
-            found = paired_difference(aging, other, window=(self.scene.fit.start, self.scene.fit.stop))
-        except InputError:
+        one, two = self.mapper.betas(aging), self.mapper.betas(other)
+        if one is None or two is None or len(one) != len(two):
             return {}
+        each = one - two
         return {
-            "beta_difference": found.value,
-            "beta_difference_stderr": found.stderr,
-            "beta_difference_half_width": found.half_width,
+            "beta_difference": float(each.mean()),
+            "beta_difference_stderr": float(standard_error(each)),
+            "beta_difference_half_width": float(half_width(each)),
         }
 
     def _add(
         self, option: str, setting: Any, seconds: tuple[float, float] = (math.nan, math.nan), **found: Any
     ) -> None:
         self.found.rows.append(Row(option, str(setting), *seconds, **found))
+
+
+def _stage_seconds(section: str, computed: Computed) -> tuple[float, float]:
+    """CPU and wall seconds of the stage to which a section belongs."""
+    stages = {"surface": computed.solved.making, "contact": computed.solved.solving}
+    seconds = stages.get(section, computed.ageing)
+    return seconds.cpu, seconds.wall
 
 
 def _same_grid(one: ContactSolution, other: ContactSolution) -> bool:
@@ -390,9 +391,8 @@ def _marked(component: Component) -> str:
 
 def measured(task: Callable[[], T]) -> tuple[T, float, float]:
     """What ``task`` returns, its CPU seconds over all threads, its wall seconds."""
-    cpu, wall = time.process_time(), time.perf_counter()
-    result = task()
-    return result, time.process_time() - cpu, time.perf_counter() - wall
+    result, seconds = timed(task)
+    return result, seconds.cpu, seconds.wall
 
 
 def areas(contact: ContactSolution) -> dict[str, float]:

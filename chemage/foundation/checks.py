@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from chemage.foundation.errors import InputError, shown
-from chemage.foundation.units import LARGEST, SMALLEST, convert
+from chemage.foundation.units import LARGEST, SMALLEST, QuantityLike, convert, has_unit, magnitudes
 
 #: what users give as a seed: a whole number, or one of numpy's seed sequences
 Seed = int | np.random.SeedSequence
@@ -27,9 +27,9 @@ def expect(name: str, value: object, kind: type, remedy: str) -> None:
         raise InputError(f"{name} must be {article} {kind.__name__}, got {given}; {remedy}")
 
 
-def force(load: float | str) -> float:
+def force(load: QuantityLike) -> float:
     """``load`` in nN, finite and ≥ 0."""
-    value = convert(load, "nN")
+    value = convert(load, "nN", "load")
     if not np.isfinite(value) or value < 0:
         raise InputError.of("load", load, "must be finite and not negative", "give a force such as 20 uN")
     if value > LARGEST:
@@ -37,9 +37,9 @@ def force(load: float | str) -> float:
     return value
 
 
-def temperature_value(temperature: float | str) -> float:
+def temperature_value(temperature: QuantityLike) -> float:
     """``temperature`` in K, finite and > 0."""
-    value = convert(temperature, "K")
+    value = convert(temperature, "K", "temperature")
     if not np.isfinite(value) or value <= 0:
         raise InputError.of("temperature", temperature, "must be finite and above zero", "give kelvin, such as 300 K")
     if not SMALLEST <= value <= LARGEST:
@@ -89,7 +89,11 @@ def is_boolean(array: np.ndarray) -> bool:
 
 
 def check_times(hold_times: Sequence[float] | np.ndarray) -> np.ndarray:
-    """``hold_times`` as (m,) float64, non-decreasing, finite, ≥ 0, m ≥ 1."""
+    """``hold_times`` as (m,) float64, non-decreasing, finite, ≥ 0, m ≥ 1; quantities of pint are converted."""
+    if has_unit(hold_times):
+        hold_times = magnitudes(hold_times, "s")
+    elif isinstance(hold_times, list | tuple) and any(has_unit(time) for time in hold_times):
+        hold_times = [convert(time, "s", "hold_times") for time in hold_times]
     try:
         given = np.asarray(hold_times)
         if given.dtype.kind not in "fiu" and given.size:

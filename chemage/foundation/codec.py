@@ -13,7 +13,9 @@ import json
 import math
 import os
 import typing
-from collections.abc import Iterator, Mapping
+from collections import ChainMap
+from collections.abc import Iterator, Mapping, MutableMapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -32,6 +34,16 @@ _FLOAT = "$float"
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: Maps above this many bytes are stored in squares of _CHUNK pixels, so that a part can be read without the rest.
 _LARGE, _CHUNK = 1 << 24, 512
+
+
+@dataclass(frozen=True)
+class Derived:
+    """Numbers that follow from a record, stored beside it for programs that do not know how."""
+
+    #: name -> (dimensions of the record, values, unit, meaning)
+    variables: Mapping[str, tuple[tuple[str, ...], np.ndarray, str, str]]
+    #: name -> number or text
+    attributes: Mapping[str, Any]
 
 
 # -- values and arrays ------------------------------------------------------------------------------------------------
@@ -181,9 +193,17 @@ def from_npz(cls: type[R], content: bytes | memoryview, path: Path) -> R:
 
 
 def write_records(
-    path: str | os.PathLike[str], records: Mapping[str, Record], attributes: Mapping[str, Any], *, force: bool = False
+    path: str | os.PathLike[str],
+    records: Mapping[str, Record],
+    attributes: Mapping[str, Any],
+    *,
+    derived: Mapping[str, Derived] | None = None,
+    force: bool = False,
 ) -> None:
     """Write records, each as the group of its name, and root attributes (strings, numbers) to ``path``.
+
+    ``derived`` are numbers to store beside the records of those groups, for other programs: :func:`read_records` does
+    not read them.
 
     Raises
     ------
@@ -191,6 +211,7 @@ def write_records(
         ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
     """
     import h5netcdf
+    import h5py
 
     from chemage.foundation.version import __version__
 
@@ -199,7 +220,7 @@ def write_records(
     with fresh_file(path, force=force, size=size) as part_path:
         # made in memory and written at once: HDF5 crashes the process when the disk fills up under it
         image = io.BytesIO()
-        with h5netcdf.File(image, "w") as file:
+        with h5py.File(image, "w", track_order=True) as hdf5, h5netcdf.File(hdf5, "w") as file:
             file.attrs["chemage"] = __version__
             file.attrs["chemage_format"] = FORMAT
             file.attrs["Conventions"] = "CF-1.8"
@@ -207,47 +228,64 @@ def write_records(
                 file.attrs[name] = value
             parts = []
             for name, record in records.items():
-                _write_record(file.create_group(name), record)
+                group = file.create_group(name)
+                _write_record(group, hdf5[name], record)
+                if derived and name in derived:
+                    _write_derived(hdf5[name], derived[name])
                 file.flush()
                 parts.append((name, image.getbuffer().nbytes))
         part_path.write_bytes(seal(image, parts))
 
 
-def _write_record(group: Any, record: Record) -> None:
-    group.attrs["chemage_object"] = type(record).__name__
-    group.attrs["digest"] = record.digest()
+def _write_record(group: Any, hdf5: Any, record: Record) -> None:
+    """Write a record into a group of the netCDF file, which is also given as that of the HDF5 file below it."""
     values, arrays = encode(record)
     stored = {*values, *(name.partition("/")[0] for name in arrays)}
-    group.attrs["fields"] = json.dumps({name: name in stored for name in type(record).model_fields})
+    fields = json.dumps({name: name in stored for name in type(record).model_fields})
+    named: dict[str, Any] = {"chemage_object": type(record).__name__, "digest": record.digest(), "fields": fields}
     for name, value in values.items():
         if isinstance(value, dict | tuple):
-            group.attrs[name] = json.dumps(value, default=plain)
+            named[name] = json.dumps(value, default=plain)
         else:
-            group.attrs[name] = int(value) if isinstance(value, bool) else value
+            named[name] = int(value) if isinstance(value, bool) else value
+    _set_attributes(hdf5, named)
+    sizes: dict[str, int] = {}
+    # before the arrays that they belong to: a dimension that is there without its coordinate is made twice
+    for name, centres in record.coordinates().items():
+        _write_array(group, name, centres, (name,), {"units": "nm", "long_name": "pixel centre"}, sizes)
+    own: dict[str, ChainMap[str, int]] = {}
     for name, array in arrays.items():
         field, slash, key = name.partition("/")
-        folder = group
+        folder, known = group, sizes
         if slash:
             folder = group[field] if field in group.groups else group.create_group(field)
-        declared = record.declared(name)
-        if declared is None:
-            _write_array(folder, key, array, tuple(f"{key}_{axis}" for axis in range(array.ndim)), {})
-        else:
+            # dimensions of the group hold in its subgroups
+            known = own.setdefault(field, ChainMap({}, sizes))
+        shown = key if slash else record.stored_names.get(name, name)
+        dims, attributes = tuple(f"{shown}_{axis}" for axis in range(array.ndim)), {}
+        if (declared := record.declared(name)) is not None:
             dims, unit, meaning = declared
             attributes = {"units": unit or "1", **({"long_name": meaning} if meaning else {})}
-            _write_array(folder, key if slash else name, array, dims, attributes)
-    for name, centres in record.coordinates().items():
-        _write_array(group, name, centres, (name,), {"units": "nm", "long_name": "pixel centre"})
+        _write_array(folder, shown, array, dims, attributes, known)
 
 
-def _write_array(group: Any, name: str, values: np.ndarray, dims: tuple[str, ...], attributes: dict[str, str]) -> None:
+def _write_array(
+    group: Any,
+    name: str,
+    values: np.ndarray,
+    dims: tuple[str, ...],
+    attributes: dict[str, str],
+    sizes: MutableMapping[str, int],
+) -> None:
+    """Write one array; ``sizes`` are the lengths of the dimensions so far."""
     # of two arrays with dimensions of one name and different lengths, the second has its length in the name
     dims = tuple(
-        dim if dim not in group.dimensions or group.dimensions[dim].size == length else f"{dim}_{length}"
+        dim if sizes.get(dim, length) == length else f"{dim}_{length}"
         for dim, length in zip(dims, values.shape, strict=True)
     )
     for dim, length in zip(dims, values.shape, strict=True):
-        if dim not in group.dimensions:
+        if dim not in sizes:
+            sizes[dim] = length
             group.dimensions[dim] = length
     if values.dtype == np.bool_:
         values, attributes = values.astype(np.int8), {**attributes, "dtype": "bool"}
@@ -259,6 +297,22 @@ def _write_array(group: Any, name: str, values: np.ndarray, dims: tuple[str, ...
     variable = group.create_variable(name, dims, values.dtype, data=values, **options)
     for key, value in attributes.items():
         variable.attrs[key] = value
+
+
+def _write_derived(group: Any, derived: Derived) -> None:
+    """Write derived numbers into an HDF5 group whose dimensions are there; as netCDF4 has it, but ten times faster."""
+    for name, (dims, values, unit, meaning) in derived.variables.items():
+        variable = group.create_dataset(name, data=values, track_order=True)
+        for axis, dim in enumerate(dims):
+            variable.dims[axis].attach_scale(group[dim])
+        _set_attributes(variable, {"units": unit, "long_name": meaning, "comment": "derived"})
+    _set_attributes(group, {**derived.attributes, "derived": json.dumps([*derived.variables, *derived.attributes])})
+
+
+def _set_attributes(hdf5: Any, values: Mapping[str, Any]) -> None:
+    """Set attributes of an HDF5 object as h5netcdf does, without its checks, which take longer than the writing."""
+    for name, value in values.items():
+        hdf5.attrs[name] = value if isinstance(value, str) else np.atleast_1d(value)
 
 
 def _compresses(values: np.ndarray) -> bool:
@@ -415,17 +469,20 @@ def _read_record(group: Any, cls: type[R]) -> R:
 
     values: dict[str, Any] = {}
     arrays: dict[str, np.ndarray] = {}
+    members, attributes = set(group), set(group.attrs)
+    # the fields' own names in files of chemage 0.1
+    shown = {field: name for field, name in cls.stored_names.items() if name in members}
     for name in _expected(group, cls):
-        if name not in group and name not in group.attrs:
+        if shown.get(name, name) not in members and name not in attributes:
             raise DamagedError(f"it has no {name}")
     for name, info in cls.model_fields.items():
-        if name in group:
-            item = group[name]
+        if (member := shown.get(name, name)) in members:
+            item = group[member]
             if isinstance(item, h5py.Dataset):
                 arrays[name] = _read_array(item)
             else:
                 arrays |= {f"{name}/{key}": _read_array(item[key]) for key in item if _is_variable(item[key])}
-        elif name in group.attrs:
+        elif name in attributes:
             value = _scalar(group.attrs[name])
             if isinstance(value, str) and _holds_json(info.annotation):
                 value = json.loads(value)

@@ -25,6 +25,7 @@ from pydantic import (
 from chemage.foundation.booleans import no_booleans
 from chemage.foundation.errors import InputError
 from chemage.foundation.hashes import content_hash
+from chemage.foundation.listing import without_noise
 from chemage.foundation.messages import explain, nearest
 from chemage.foundation.text import html_table
 
@@ -44,6 +45,8 @@ class Component(BaseModel):
     kind: ClassVar[str] = ""
     #: what to cite when a result used this component
     cite: ClassVar[tuple[str, ...]] = ()
+    #: the BibTeX entries of :attr:`cite`, in the same order, "" where there is none; () for none at all
+    bibtex: ClassVar[tuple[str, ...]] = ()
     #: options that change how fast an answer comes and never the answer, such as a number of threads: no part of
     #: :meth:`digest`, nor of the keys by which a sweep knows what it has computed
     speed_only: ClassVar[tuple[str, ...]] = ()
@@ -93,6 +96,9 @@ class Component(BaseModel):
             fields = {name: value for name, value in fields.items() if name not in self.speed_only} | self.content()
         # a component inside a component keeps its kind too: without it two chemistries would have one digest
         return {"kind": self.kind, **fields} if self.kind else fields
+
+    def __dir__(self) -> list[str]:
+        return without_noise(type(self), super().__dir__())
 
     def __eq__(self, other: object) -> bool:
         # by options alone: pydantic would compare what a class keeps in private attributes as well

@@ -4,6 +4,7 @@ ChemageError
 ├── InputError           a value the user gave is wrong: names the field, the value and the remedy
 │   ├── UnitError        a string with an unknown unit or the wrong dimension
 │   ├── UnknownKindError no installed plugin offers that kind
+│   ├── MissingError     a library that chemage can do without is needed and not installed
 │   └── SceneError       a scene file is wrong; carries the path of the field in the file
 ├── PluginError          a plugin is broken, or two plugins claim one kind
 ├── ConvergenceError     a contact solver stopped short of its tolerance; carries the residual history
@@ -55,6 +56,10 @@ class UnitError(InputError):
 
 class UnknownKindError(InputError):
     """No installed plugin offers the kind that was given."""
+
+
+class MissingError(InputError, ImportError):
+    """A library that chemage can do without is needed and not installed; the message names the extra that has it."""
 
 
 class SceneError(InputError):

@@ -21,6 +21,24 @@ def provide() -> None:
         sys.modules["numba"].config.CACHE_DIR = str(folder)
 
 
+def places() -> list[str]:
+    """Where numba keeps kernels: the folder that was chosen for it, or the first of its own that it can write to."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    if given:
+        return [given]
+    beside, home = _of_numba()
+    return [f"{Path(__file__).parents[1]} (beside the source files)" if _writable(beside) else str(home)]
+
+
+def empty() -> bool:
+    """Whether no kernel of chemage is kept yet; it looks at two folders and does not need numba."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    if given:
+        return not any(Path(given).glob("foundation_*/random.*.nbi"))
+    beside, home = _of_numba()
+    return not any(beside.glob("random.*.nbi")) and not any(home.glob("foundation_*/random.*.nbi"))
+
+
 def _of_numba() -> list[Path]:
     """Where numba keeps kernels if it is not told: beside the source, or in the cache folder of the user."""
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")

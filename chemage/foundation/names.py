@@ -6,6 +6,7 @@ from __future__ import annotations
 NAMES = {
     "ageing.age": "age",
     "ageing.aging": "Aging",
+    "ageing.arrhenius": "ActivationEnergy Arrhenius",
     "ageing.fitting": "FIT_WINDOW Fit fit_aging",
     "ageing.hold_times": "hold_times",
     "ageing.measurements": "Measurements read_measurements",
@@ -13,28 +14,38 @@ NAMES = {
     "ageing.observables": "Observable observable",
     "ageing.outputs": "Output",
     "ageing.plotted": "Maps Observed PlottedResult",
+    "contacts.modulus": "ContactModulus contact_modulus",
     "contacts.patches": "label_patches",
     "contacts.role": "ContactSolver",
     "contacts.solution": "ContactSolution",
     "contacts.statistics": "ContactStatistics",
     "contacts.theories": "ContactTheory",
     "contacts.stage": "contact solve_contact",
+    "ensembles.ensemble": "Ensemble ErrorPart Estimate",
+    "ensembles.running": "ensemble",
+    "experiments.materials": "Material MaterialValue material",
     "experiments.provenance": "versions",
     "experiments.run": "Run run",
     "experiments.scene": "Scene parse_scene",
     "experiments.scene_files": "load_scene override scene_data",
     "foundation.checks": "Seed check_times checked_count checked_seed checked_states force temperature_value",
     "foundation.components": "Component",
-    "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PluginError SceneError "
-    "StoreError UnitError UnknownKindError WorkerLost",
+    "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PluginError "
+    "SceneError StoreError UnitError UnknownKindError WorkerLost",
     "foundation.files": "fresh_file preflight",
     "foundation.inputs": "regular_file",
     "foundation.messages": "nearest",
+    "foundation.warned": "PlanWarning",
     "foundation.units": "EV_PER_GPA_NM3 Energy Force Frequency KB Length Pressure Temperature Time Unit Volume convert",
     "friction.bonded": "Bonded",
     "friction.force": "RuptureForce",
     "friction.role": "Rupture",
     "friction.stage": "rupture rupture_bonds",
+    "inference.curves": "MeasuredCurve read_curves",
+    "inference.forecast": "Forecast",
+    "inference.infer": "infer",
+    "inference.inference": "Inference",
+    "inference.unexplained": "UnexplainedError",
     "kinetics.history": "BondHistory",
     "kinetics.role": "Engine",
     "kinetics.stage": "engine run_kinetics",
@@ -49,6 +60,7 @@ NAMES = {
     "plugins.options": "PluginOptions",
     "plugins.registry": "fromdict register unregister",
     "plugins.settings": "plugin_options prefer_plugins",
+    "reports.arrhenius": "arrhenius",
     "reports.comparison.comparison": "compare_files",
     "reports.page": "write_report",
     "store.maps": "open_maps",
@@ -60,6 +72,7 @@ NAMES = {
     "surfaces.scatter": "Scatter",
     "surfaces.stage": "make_surface surface",
     "surfaces.surface": "Surface",
+    "sweeps.collecting": "Collected collect_sweep",
     "sweeps.result": "Point SweepResult load_sweep",
     "sweeps.running": "sweep",
 }
@@ -67,6 +80,8 @@ NAMES = {
 HOME = {name: module for module, names in NAMES.items() for name in names.split()}
 #: role -> the function that makes a component of it, where a module has the name of the role
 FACTORIES = {"ageing": "ageing_method"}
+#: the module that draws results in notebooks
+PICTURES = "reports.pictures"
 #: public modules -> their full name
 MODULES = {
     "options": "cli.options",

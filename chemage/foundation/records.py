@@ -28,10 +28,11 @@ from pydantic import (
 from chemage.foundation import approximations
 from chemage.foundation.booleans import no_booleans
 from chemage.foundation.checks import is_boolean
-from chemage.foundation.errors import InputError, shortened
+from chemage.foundation.errors import InputError, UnitError, shortened
+from chemage.foundation.listing import without_noise
 from chemage.foundation.messages import explain
 from chemage.foundation.text import html_table
-from chemage.foundation.units import in_range
+from chemage.foundation.units import has_unit, in_range, magnitudes
 
 
 def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
@@ -133,6 +134,8 @@ class Record(BaseModel):
     )
     #: field name -> (dimension names, unit, meaning)
     arrays: ClassVar[dict[str, tuple[tuple[str, ...], str, str]]] = {}
+    #: fields whose arrays have another name in files, that of their dimension
+    stored_names: ClassVar[dict[str, str]] = {}
     #: fields that files of chemage 0.1 lack
     later: ClassVar[frozenset[str]] = frozenset()
     #: fields that records stored earlier do not have: where empty, no part of the digest, nor of the file
@@ -144,6 +147,12 @@ class Record(BaseModel):
         return no_booleans(cls, value, handler, info)
 
     def __init__(self, **fields: Any) -> None:
+        for name, (_, unit, _) in self.arrays.items():
+            if name in fields and has_unit(fields[name]):
+                try:
+                    fields[name] = magnitudes(fields[name], unit)
+                except UnitError as error:
+                    raise UnitError(f"{type(self).__name__}: {name}: {error}") from None
         try:
             super().__init__(**fields)
         except ValidationError as error:
@@ -234,6 +243,9 @@ class Record(BaseModel):
 
     def __deepcopy__(self, memo: dict[int, Any] | None = None) -> Self:
         return self
+
+    def __dir__(self) -> list[str]:
+        return without_noise(type(self), super().__dir__())
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and other.digest() == self.digest()  # pyright: ignore[reportAttributeAccessIssue]

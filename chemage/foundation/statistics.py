@@ -38,6 +38,13 @@ def student_limit(freedom: int, confidence: float = 0.95) -> float:
     return float(special.stdtrit(freedom, 0.5 + 0.5 * confidence))
 
 
+def student_limits(freedom: np.ndarray, confidence: float = 0.95) -> np.ndarray:
+    """:func:`student_limit` of each of many degrees of freedom, which need not be whole numbers."""
+    from scipy import special
+
+    return special.stdtrit(freedom, 0.5 + 0.5 * confidence)
+
+
 def half_width(values: np.ndarray, confidence: float = 0.95) -> np.ndarray:
     """Half the width of Student's confidence interval of the mean over the first axis.
 
@@ -49,7 +56,52 @@ def half_width(values: np.ndarray, confidence: float = 0.95) -> np.ndarray:
     Returns
     -------
     numpy.ndarray
-        (...), in the unit of ``values``; nan for fewer than two replicas, which have no error.
+        (...), in the unit of ``values``; nan for fewer than two replicas, which have no error, and where all replicas
+        are equal, as few bonds often are by chance: their scatter is not known.
     """
     error = standard_error(values)
-    return error * student_limit(values.shape[0] - 1, confidence) if values.shape[0] > 1 else error
+    if values.shape[0] < 2:
+        return error
+    found = error * student_limit(values.shape[0] - 1, confidence)
+    return np.where((values == values[0]).all(axis=0), np.nan, found)[()]
+
+
+def crossed_half_width(values: np.ndarray, factors: int, confidence: float = 0.95) -> np.ndarray:
+    """Half the width of the confidence interval of the mean over the first ``factors`` axes, each of which is random.
+
+    Values that share a place along one of these axes (the seed of a surface, say) share its scatter, so that they are
+    not independent. The variance of the mean is the sum of those of the means along each axis, and its degrees of
+    freedom those of the largest of these. Scatter that no axis explains is counted once per axis, so that the interval
+    is rather too wide, by the root of ``factors`` at most. One axis gives Student's interval.
+
+    Parameters
+    ----------
+    values
+        (n₁, …, n_factors, ...); what is not finite is left out.
+
+    Returns
+    -------
+    numpy.ndarray
+        (...), in the unit of ``values``; nan where there are fewer than two values along an axis of several.
+    """
+    known = np.isfinite(values)
+    parts, freedoms = [], []
+    for axis in range(factors):
+        if values.shape[axis] < 2:
+            continue
+        others = tuple(other for other in range(factors) if other != axis)
+        held = known.sum(axis=others)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            means = np.where(known, values, 0.0).sum(axis=others) / np.where(held > 0, held, np.nan)
+            there = held > 0
+            count = there.sum(axis=0)
+            centre = np.where(there, means, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
+            part = (np.where(there, means - centre, 0.0) ** 2).sum(axis=0) / (count - 1) / count
+        parts.append(np.where(count > 1, part, np.nan))
+        freedoms.append(np.maximum(count - 1, 1))
+    if not parts:
+        return np.full(values.shape[factors:], np.nan)
+    largest = np.argmax(parts, axis=0)[None]
+    return np.sqrt(np.sum(parts, axis=0)) * student_limits(
+        np.take_along_axis(np.array(freedoms), largest, axis=0)[0], confidence
+    )

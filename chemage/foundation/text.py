@@ -11,6 +11,14 @@ import numpy as np
 
 from chemage.foundation.statistics import half_width
 
+#: errors below this part of the value are rounding
+ROUNDING = 1e-12
+
+
+def with_article(noun: str) -> str:
+    """``a Run``, ``an Inference``: a name with its article."""
+    return f"{'an' if noun[:1] in 'AEIOUaeiou' else 'a'} {noun}"
+
 
 def mean_text(values: np.ndarray, unit: str = "") -> str:
     """The mean over replicas ± half of Student's 95 % interval; a single replica has no error, nan is "-"."""
@@ -18,29 +26,64 @@ def mean_text(values: np.ndarray, unit: str = "") -> str:
     return plus_minus(mean, float(half_width(np.asarray(values))), unit) if math.isfinite(mean) else "-"
 
 
+def decimals(error: float) -> int:
+    """Decimal places of a value with this ``error`` > 0: to its second digit if the first is 1, else to its first.
+
+    Everything that prints or draws a value with its error rounds both to this place; negative: tens, hundreds, …
+    """
+    exponent = int(f"{error:.0e}".partition("e")[2])
+    return 1 - exponent if f"{error:.1e}"[0] == "1" or f"{error:.0e}"[0] == "1" else -exponent
+
+
 def plus_minus(value: float, error: float, unit: str = "") -> str:
-    """A value with its error, both to the error's second digit; ``unit`` may be empty."""
+    """``0.43 ± 0.03 nN``: a value with its error, both rounded to :func:`decimals`; ``unit`` may be empty.
+
+    An error that is only the rounding of equal numbers is none.
+    """
     if not math.isfinite(value):
         return f"{value:g} {unit}".strip()
-    if not (math.isfinite(error) and error > 0):
+    if not (math.isfinite(error) and error > ROUNDING * abs(value)):
         return f"{value:.4g} {unit}".strip()
-    digits = max(0, 1 - math.floor(math.log10(error)))
-    return f"{value:.{digits}f} ± {error:.{digits}f} {unit}".strip()
+    digits = decimals(error)
+    return f"{_rounded(value, digits)} ± {_rounded(error, digits)} {unit}".strip()
+
+
+def with_error(value: float, error: float) -> str:
+    """``0.43(3)``: a value with its error in units of the last digit, rounded to :func:`decimals`, for legends."""
+    if not (math.isfinite(value) and math.isfinite(error) and error > ROUNDING * abs(value)):
+        return f"{value:.3g}"
+    digits = decimals(error)
+    if value and digits > 5 - math.floor(math.log10(abs(value))):  # more digits than a legend has room for
+        return f"{value:.4g}"
+    return f"{_rounded(value, digits)}({round(error * 10.0 ** max(digits, 0), min(digits, 0)):.0f})"
+
+
+def power_text(value: float) -> str:
+    """``10⁴`` for a power of ten that is long to write out, else the number."""
+    exponent = round(math.log10(value)) if value > 0 and math.isfinite(value) else 0
+    if -3 < exponent < 3 or not math.isclose(value, 10.0**exponent):
+        return f"{value:g}"
+    return "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def _rounded(value: float, digits: int) -> str:
+    return f"{round(value, digits):.{max(0, digits)}f}"
 
 
 def with_interval(value: float, low: float, high: float) -> str:
-    """``value [low, high]`` to the digits the interval bears, at most six."""
+    """``value [low, high]``, all rounded to :func:`decimals` of half the width, to six digits at most."""
     width, largest = high - low, max(abs(value), abs(low), abs(high))
     if not math.isfinite(value):
         return "undetermined"
     sizes = [abs(number) for number in (value, low, high) if number != 0]
     if not math.isfinite(width) or width <= 0 or largest > 100 * min(sizes):
         return f"{value:.4g} [{low:.3g}, {high:.3g}]"
-    figures = min(6, max(2, math.floor(math.log10(largest)) - math.floor(math.log10(width)) + 2))
+    most = 5 - math.floor(math.log10(largest))  # decimal places that are six digits
+    digits = min(most, decimals(0.5 * width))
     if 1e-3 <= largest < 1e5:
-        digits = max(0, figures - 1 - math.floor(math.log10(largest)))
-        return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
-    return f"{value:.{figures - 1}e} [{low:.{figures - 1}e}, {high:.{figures - 1}e}]"
+        return f"{_rounded(value, digits)} [{_rounded(low, digits)}, {_rounded(high, digits)}]"
+    figures = max(0, digits + math.floor(math.log10(largest)))
+    return f"{value:.{figures}e} [{low:.{figures}e}, {high:.{figures}e}]"
 
 
 def jsonable(value: Any) -> Any:

@@ -1,10 +1,16 @@
-"""The number of threads that one computation may use; everything that starts threads takes it from here."""
+"""The number of threads that one computation may use, from which everything that starts threads takes it; and tasks
+that run several at a time."""
 
 from __future__ import annotations
 
+import contextvars
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from typing import TypeVar
+
+T = TypeVar("T")
 
 _limit: int | None = None
 
@@ -45,3 +51,39 @@ def environment(threads: int) -> dict[str, str]:
     """Environment variables that hold a new process, and the libraries in it, to ``threads`` threads."""
     names = ("CHEMAGE_THREADS", "NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     return dict.fromkeys(names, str(threads))
+
+
+def in_order(
+    task: Callable[[int], T], count: int, threads: int, progress: Callable[[int, int], None] | None
+) -> Iterator[T]:
+    """Results of ``task(0 … count−1)`` in that order, ``threads`` at a time; the first failure stops the rest.
+
+    ``progress`` is called with (tasks done, ``count``).
+    """
+    if threads == 1:
+        for number in range(count):
+            yield task(number)
+            if progress:
+                progress(number + 1, count)
+        return
+    pool = ThreadPoolExecutor(threads, thread_name_prefix="chemage-replica")
+    try:
+        running: dict[Future[T], int] = {}
+        results: dict[int, T] = {}
+        begun = given = 0
+        while given < count:
+            # one more for each thread, so that none waits; not all, because there may be 10^9
+            while begun < count and len(running) < 2 * threads:
+                # options of plugins are context variables, which the threads would not see
+                running[pool.submit(contextvars.copy_context().run, task, begun)] = begun
+                begun += 1
+            finished, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in finished:
+                results[running.pop(future)] = future.result()
+            if progress:
+                progress(begun - len(running), count)
+            while given in results:
+                yield results.pop(given)
+                given += 1
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)

@@ -2,26 +2,40 @@
 
 Internal units are nm, nN, GPa, eV, s, K. They are coherent: 1 GPa nm² = 1 nN. Strings are read with exact decimals, so
 that ``"20 uN"`` is 20000.0 nN to the last bit: where a power of ten leads from one unit to the other from a table, and
-by pint otherwise, because importing pint takes longer than everything else that reads a scene.
+by pint otherwise, because importing pint takes longer than everything else that reads a scene. Quantities of pint, of
+any registry, and of libraries with the same methods (astropy, unyt) are taken where a string with its unit is.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from decimal import Decimal
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias, get_args
 
 import ase.units
+import numpy as np
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.fields import FieldInfo
 from pydantic_core import core_schema
 
-from chemage.foundation.errors import InputError, UnitError, shown
+from chemage.foundation.errors import InputError, UnitError, shortened, shown
 
 if TYPE_CHECKING:
     import pint
+
+
+class WithUnit(Protocol):
+    """A number with its unit as pint has it, and astropy and unyt."""
+
+    def to(self, unit: Any, /) -> Any:
+        """The same quantity in another unit."""
+
+
+#: what users give for a quantity: a number in the internal unit, a string with its unit, or a quantity of pint
+QuantityLike: TypeAlias = float | str | np.floating[Any] | np.integer[Any] | WithUnit
 
 #: 1 GPa nm³ in eV: energy = activation volume (nm³) × pressure (GPa) × this.
 EV_PER_GPA_NM3 = float(ase.units.GPa * ase.units.nm**3)
@@ -55,28 +69,103 @@ def unit_registry() -> pint.UnitRegistry:
     return pint.UnitRegistry(non_int_type=exact, autoconvert_offset_to_baseunit=True)
 
 
-def convert(value: object, unit: str) -> float:
+def convert(value: object, unit: str, field: str = "") -> float:
     """``value`` as a float in ``unit``.
 
-    Numbers pass through; strings are parsed (``"20 uN"``, ``"6.4 angstrom**3"``, ``"0.04 eV/GPa"``, ``"27 degC"``).
+    Numbers pass through; strings are parsed (``"20 uN"``, ``"6.4 angstrom**3"``, ``"0.04 eV/GPa"``, ``"27 degC"``);
+    quantities of pint, of any registry, are converted. ``field`` is named in messages.
 
     Raises
     ------
     UnitError
         The string cannot be read, or has another dimension than ``unit``.
     """
+    if field:
+        try:
+            return convert(value, unit)
+        except UnitError as error:
+            raise UnitError(f"{field}: {error}") from None
     if value is None or type(value).__name__ in ("bool", "bool_"):  # bool_ is numpy's
         raise UnitError(
             f"{shown(value)} is not a quantity; give a number in {unit or 'no unit'} or a string with its unit"
         )
     if isinstance(value, str):
         return _parse(value, unit)
+    if has_unit(value):
+        return _of_quantity(value, unit)
     try:
         return float(value)  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError, OverflowError) as error:
         raise UnitError(
             f"{shown(value)} is not a quantity; give a number in {unit or 'no unit'} or a string with its unit"
         ) from error
+
+
+def has_unit(value: Any) -> bool:
+    """Whether ``value`` carries a unit of its own as quantities of pint do: ``value.to(unit)`` with a magnitude."""
+    if isinstance(value, int | float | str | np.generic | type):
+        return False
+    return callable(getattr(value, "to", None)) and (hasattr(value, "magnitude") or hasattr(value, "value"))
+
+
+def as_text(value: Any) -> str:
+    """A quantity of another library as a string with its unit, such as ``"20.0 micronewton"``."""
+    number = value.magnitude if hasattr(value, "magnitude") else value.value
+    unit = value.units if hasattr(value, "units") else value.unit
+    return f"{float(number)!r} {unit}".strip().removesuffix(" dimensionless")
+
+
+def in_words(data: Any) -> Any:
+    """A copy of scene data in which each quantity of another library is a string with its unit."""
+    if isinstance(data, Mapping):
+        return {name: in_words(item) for name, item in data.items()}
+    if isinstance(data, list | tuple):
+        return [in_words(item) for item in data]
+    if not has_unit(data):
+        return data
+    values = data.magnitude if hasattr(data, "magnitude") else data.value
+    return [in_words(item) for item in data] if np.ndim(values) else as_text(data)
+
+
+def magnitudes(value: Any, unit: str) -> Any:
+    """The number, or the array of numbers, of a quantity of another library in ``unit``.
+
+    Raises
+    ------
+    UnitError
+        It has another dimension than ``unit``.
+    """
+    try:
+        found = value.to(unit or "dimensionless") if hasattr(value, "magnitude") else value.to(unit)
+        return found.magnitude if hasattr(found, "magnitude") else found.value
+    except Exception as error:  # every library has its own
+        given = value.units if hasattr(value, "units") else getattr(value, "unit", "unknown dimension")
+        raise UnitError(
+            f'"{shortened(value)}" is a quantity of {given}, but this field is in {unit or "pure numbers"}'
+        ) from error
+
+
+def _of_quantity(value: Any, unit: str) -> float:
+    converted = magnitudes(value, unit)
+    try:
+        number = float(converted)
+    except (TypeError, ValueError, OverflowError):
+        raise UnitError(
+            f"{shown(value)} is not one quantity; give one number in {unit or 'no unit'} or a string with its unit"
+        ) from None
+    # with exact decimals, as strings are read, so that equal quantities have equal bits; not where a registry of units
+    # has a meaning of its own
+    try:
+        exact = _parse(as_text(value), unit)
+    except (UnitError, TypeError, ValueError, AttributeError):
+        return number
+    return exact if math.isclose(exact, number, rel_tol=1e-9) else number
+
+
+def is_in_table(text: str, unit: str) -> bool:
+    """Whether this is a quantity whose unit leads to ``unit`` by a power of ten, which is read without pint."""
+    match = _QUANTITY.fullmatch(text.strip()) if len(text) <= 200 else None
+    return match is not None and match["unit"] in _POWERS.get(unit, {})
 
 
 def in_range(value: float, unit: str) -> float:
@@ -213,11 +302,23 @@ def unit_of(field: FieldInfo) -> str:
     return next((mark.unit for place in places for mark in place if isinstance(mark, Unit)), "")
 
 
-Length = Annotated[float, Unit("nm", gt=0)]
-Force = Annotated[float, Unit("nN", ge=0)]
-Pressure = Annotated[float, Unit("GPa", gt=0)]
-Energy = Annotated[float, Unit("eV", ge=-1e300, le=1e300)]
-Volume = Annotated[float, Unit("nm**3")]
-Time = Annotated[float, Unit("s", ge=0)]
-Temperature = Annotated[float, Unit("K", gt=0)]
-Frequency = Annotated[float, Unit("Hz", gt=0)]
+if TYPE_CHECKING:
+    # to a type checker anything can be assigned to a quantity: numbers, strings with units, quantities of pint. Its own
+    # checks of the value are made when the component is.
+    Length: TypeAlias = Any
+    Force: TypeAlias = Any
+    Pressure: TypeAlias = Any
+    Energy: TypeAlias = Any
+    Volume: TypeAlias = Any
+    Time: TypeAlias = Any
+    Temperature: TypeAlias = Any
+    Frequency: TypeAlias = Any
+else:
+    Length = Annotated[float, Unit("nm", gt=0)]
+    Force = Annotated[float, Unit("nN", ge=0)]
+    Pressure = Annotated[float, Unit("GPa", gt=0)]
+    Energy = Annotated[float, Unit("eV", ge=-1e300, le=1e300)]
+    Volume = Annotated[float, Unit("nm**3")]
+    Time = Annotated[float, Unit("s", ge=0)]
+    Temperature = Annotated[float, Unit("K", gt=0)]
+    Frequency = Annotated[float, Unit("Hz", gt=0)]

@@ -13,9 +13,10 @@ class RuptureForce(Record):
     """Force that breaks all bonds of one replica, after each hold time."""
 
     arrays = {
-        "hold_times": (("hold_times",), "s", "time since the contact was made"),
-        "force": (("hold_times",), "nN", "force that breaks all bonds"),
+        "hold_times": (("hold_time",), "s", "time since the contact was made"),
+        "force": (("hold_time",), "nN", "force that breaks all bonds"),
     }
+    stored_names = {"hold_times": "hold_time"}
 
     hold_times: Doubles
     """(m,) s"""

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from pydantic import model_validator
 
+from chemage.foundation import pictures
 from chemage.foundation.checks import check_times
+from chemage.foundation.datasets import dataset, frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Doubles, Flags, Indices, Named, Number, Plain, PositiveNumber, Record
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.axes import Axes
 
 #: counts of events stop here
 MOST_EVENTS = 2**61
@@ -19,13 +26,14 @@ class BondHistory(Record):
     """Bonds at each hold time of one run; a run can be resumed from it."""
 
     arrays = {
-        "hold_times": (("hold_times",), "s", "time since the contact was made"),
-        "bonds": (("hold_times",), "", "number of bonds"),
-        "formed": (("hold_times",), "", "bonds formed so far"),
-        "broken": (("hold_times",), "", "bonds broken so far"),
-        "state": (("sites",), "", "whether each site is bonded at the end"),
-        "states": (("hold_times", "sites"), "", "whether each site is bonded at each hold time"),
+        "hold_times": (("hold_time",), "s", "time since the contact was made"),
+        "bonds": (("hold_time",), "", "number of bonds"),
+        "formed": (("hold_time",), "", "bonds formed so far"),
+        "broken": (("hold_time",), "", "bonds broken so far"),
+        "state": (("site",), "", "whether each site is bonded at the end"),
+        "states": (("hold_time", "site"), "", "whether each site is bonded at each hold time"),
     }
+    stored_names = {"hold_times": "hold_time"}
     added = ("states",)
 
     later = frozenset({"notes", "provenance"})
@@ -114,6 +122,22 @@ class BondHistory(Record):
         states = [one.states for one in (self, later) if one.states is not None]
         joined["states"] = np.concatenate(states) if len(states) == 2 else None
         return BondHistory(**{**later.todict(), **joined}).noting({}, self.approximate)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw bonds against hold time into ``ax``, or into a new figure of pyplot; return the axes."""
+        return pictures.draw(self, ax)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The arrays with the names, dimensions and units of the file. Needs xarray."""
+        return dataset(self)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """One row for each hold time (s): bonds, and those formed and broken so far. Needs pandas."""
+        columns = {name: getattr(self, name) for name in ("bonds", "formed", "broken")}
+        return frame({"hold_time": self.hold_times, **columns}, "hold_time", {"temperature": self.temperature})
+
+    def _repr_html_(self) -> str:
+        return pictures.html(self)
 
     def __repr__(self) -> str:
         return f"<BondHistory {self.bonds[-1]} bonds at {self.time:g} s after {self.events} events ({self.engine})>"

@@ -11,6 +11,7 @@ import numpy as np
 from chemage.foundation.checks import Seed, check_times, checked_seed, checked_states, expect, temperature_value
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
+from chemage.foundation.units import QuantityLike
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.lattice import ReactionLattice
 
@@ -36,13 +37,15 @@ class Engine(Component, ABC):
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
         """Estimate the cost of one replica, as far as it is known: ``cpu_seconds``, ``bytes``.
 
-        A component may add ``events=None``, and chemage then passes the number of bonds formed and broken per site that
-        is expected at the scene's temperature and hold time, or None if it is not known.
+        Where the time cannot be known to a factor of 2, ``cpu_seconds_least`` and ``cpu_seconds_most`` are stated as
+        well, and the plan states that range. A component may add ``events=None``, and chemage then passes the number of
+        bonds formed and broken per site that is expected at the scene's temperature and hold time, or None if it is not
+        known.
         """
         return {}
 
-    def check(self, interacting: bool) -> None:
-        """Refuse, before anything is computed, lattices that :meth:`run` would refuse.
+    def check(self, interacting: bool) -> Sequence[str] | None:
+        """Refuse, before anything is computed, lattices that :meth:`run` would refuse; return doubts as sentences.
 
         Raises
         ------
@@ -54,6 +57,16 @@ class Engine(Component, ABC):
                 f"engine {self.kind!r} treats sites that do not interact, but this lattice couples neighbours; "
                 "leave out the interaction, or use another engine (for example 'rejection-free')"
             )
+
+    def warm_up(self, lattice: ReactionLattice, temperature: float) -> None:
+        """Compile what :meth:`run` will need at ``temperature`` K on a lattice like ``lattice``, which is small: it has
+        neighbours and breaking barriers if the lattice of the run has them.
+
+        Default: run to a hold time of zero. Override it if that does not compile everything, or does more than that. In
+        the first run after an installation, a second process calls it while the contact is solved; whatever it raises
+        there is ignored.
+        """
+        self.run(lattice, [0.0], temperature=temperature)
 
     @abstractmethod
     def _run(
@@ -72,7 +85,7 @@ class Engine(Component, ABC):
         lattice: ReactionLattice,
         hold_times: Sequence[float] | np.ndarray,
         *,
-        temperature: float | str,
+        temperature: QuantityLike,
         seed: Seed = 0,
         start: BondHistory | np.ndarray | None = None,
     ) -> BondHistory:

@@ -10,6 +10,7 @@ import numpy as np
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, expect, temperature_value
 from chemage.foundation.errors import InputError, PluginError
+from chemage.foundation.units import QuantityLike
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
@@ -29,7 +30,7 @@ def run_kinetics(
     lattice: ReactionLattice,
     hold_times: Sequence[float] | np.ndarray,
     *,
-    temperature: float | str,
+    temperature: QuantityLike,
     seed: Seed = 0,
     start: BondHistory | None = None,
     states: bool = False,

@@ -34,13 +34,13 @@ class ReactionLattice(Record):
     """
 
     arrays = {
-        "sites": (("sites",), "", "flat pixel index"),
-        "positions": (("sites", "xy"), "nm", "position of the site"),
-        "pressure": (("sites",), "GPa", "pressure on the site"),
-        "forming": (("sites",), "eV", "barrier to forming a bond with no neighbour bonded"),
-        "breaking": (("sites",), "eV", "barrier to breaking the bond"),
-        "neighbours": (("sites", "slot"), "", "position of the neighbour in the list of sites, -1 = none"),
-        "coupling": (("sites", "slot"), "eV", "what a bonded neighbour adds to the forming barrier"),
+        "sites": (("site",), "", "flat pixel index"),
+        "positions": (("site", "xy"), "nm", "position of the site"),
+        "pressure": (("site",), "GPa", "pressure on the site"),
+        "forming": (("site",), "eV", "barrier to forming a bond with no neighbour bonded"),
+        "breaking": (("site",), "eV", "barrier to breaking the bond"),
+        "neighbours": (("site", "slot"), "", "position of the neighbour in the list of sites, -1 = none"),
+        "coupling": (("site", "slot"), "eV", "what a bonded neighbour adds to the forming barrier"),
     }
 
     later = frozenset({"provenance"})

@@ -2,33 +2,22 @@
 
 from __future__ import annotations
 
-import threading
-import weakref
-
 import numpy as np
 
 from chemage.foundation.calls import call_with
 from chemage.foundation.checks import Seed
+from chemage.foundation.kept import Kept
 from chemage.foundation.records import frozen
 from chemage.lattices.role import Interaction
 from chemage.lattices.site_grid import ContactSites
 
-_lock = threading.Lock()
-#: by the identity of the sites of a contact, and gone with them
-_graphs: dict[int, dict[Interaction, np.ndarray]] = {}
+#: of the sites of each contact, by interaction
+_graphs: Kept[np.ndarray] = Kept()
 
 
 def neighbours_of(contact: ContactSites, interaction: Interaction) -> np.ndarray:
     """Which sites in contact are neighbours under ``interaction``: (n, k) int32, -1 = none; read-only."""
-    # one replica at a time makes it, and the others wait for it
-    with _lock:
-        known = _graphs.get(id(contact))
-        if known is None:
-            known = _graphs[id(contact)] = {}
-            weakref.finalize(contact, _graphs.pop, id(contact), None)
-        if interaction not in known:
-            known[interaction] = frozen(graph_of(contact, interaction, contact.sites), np.int32)
-        return known[interaction]
+    return _graphs.get(contact, interaction, lambda: frozen(graph_of(contact, interaction, contact.sites), np.int32))
 
 
 def graph_of(contact: ContactSites, interaction: Interaction, sites: np.ndarray) -> np.ndarray:

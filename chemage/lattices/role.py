@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -28,6 +29,13 @@ class Barriers(Component, ABC):
     @abstractmethod
     def density(self, energy: np.ndarray) -> np.ndarray:
         """Probability density in 1/eV at ``energy`` in eV; same shape. A point mass has density ``inf`` there."""
+
+    def members(self, count: int) -> Sequence[Barriers]:
+        """Other distributions that the same data allow, at most ``count`` of them; none where none is known.
+
+        A run ages them on its contact too, and their scatter is its error ``barriers``.
+        """
+        return ()
 
 
 class Interaction(Component, ABC):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
-import weakref
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -12,6 +10,7 @@ import numpy as np
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.errors import InputError
+from chemage.foundation.kept import Kept
 from chemage.foundation.memory import require
 from chemage.foundation.records import frozen
 
@@ -126,9 +125,8 @@ class ContactSites:
         }
 
 
-_lock = threading.Lock()
-#: by the identity of a contact, and gone with it
-_known: dict[int, dict[Any, ContactSites]] = {}
+#: of each contact, by density
+_kept: Kept[ContactSites] = Kept()
 
 
 def contact_sites(contact: ContactSolution, density: Density) -> ContactSites:
@@ -146,15 +144,7 @@ def contact_sites(contact: ContactSolution, density: Density) -> ContactSites:
 
     Results are kept as long as the contact is, because replicas share them.
     """
-    # one replica at a time makes it, and the others wait for it
-    with _lock:
-        known = _known.get(id(contact))
-        if known is None:
-            known = _known[id(contact)] = {}
-            weakref.finalize(contact, _known.pop, id(contact), None)
-        if density not in known:
-            known[density] = _made(contact, density)
-        return known[density]
+    return _kept.get(contact, density, lambda: _made(contact, density))
 
 
 def _made(contact: ContactSolution, density: Density) -> ContactSites:

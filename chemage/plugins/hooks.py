@@ -16,6 +16,9 @@ API_VERSION = 1
 #: versions whose modules are still loaded
 SUPPORTED_API_VERSIONS = (1,)
 
+#: hooks that are called once, at discovery, by which a plugin offers what it has
+OFFERS = ("chemage_register", "chemage_scenes", "chemage_materials")
+
 hookspec = pluggy.HookspecMarker("chemage")
 hookimpl = pluggy.HookimplMarker("chemage")
 

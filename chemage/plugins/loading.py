@@ -33,6 +33,7 @@ class PluginRecord:
     module: str
     kinds: dict[str, dict[str, str]] = field(default_factory=dict)
     scenes: dict[str, str] = field(default_factory=dict)
+    materials: dict[str, str] = field(default_factory=dict)
     #: why it was skipped, in words; empty when it works
     error: str = ""
     #: the class, where it was registered by hand
@@ -161,7 +162,7 @@ def imported(target: str) -> Any:
 
 
 def scene_text(target: str) -> str:
-    """The text of a shipped scene, ``"package:file.toml"``."""
+    """The text of a shipped scene or material, ``"package:file.toml"``."""
     from importlib import resources
 
     package, _, name = target.partition(":")

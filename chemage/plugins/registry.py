@@ -178,11 +178,13 @@ class Registry:
                     record.kinds = self._checked_kinds(_called(hook, plugin))
                 elif hook.name == "chemage_scenes":
                     record.scenes = checked_targets("chemage_scenes", _called(hook, plugin))
+                elif hook.name == "chemage_materials":
+                    record.materials = checked_targets("chemage_materials", _called(hook, plugin))
         except (Exception, SystemExit):
             # older pluggy keeps the hooks that come before the one at fault
             if self.manager.is_registered(plugin):
                 self.manager.unregister(plugin)
-            record.kinds, record.scenes, record.options = {}, {}, ""
+            record.kinds, record.scenes, record.materials, record.options = {}, {}, {}, ""
             raise
 
     def _attach(self, manager: Hooks, plugin: Any, record: PluginRecord) -> None:
@@ -190,7 +192,7 @@ class Registry:
         manager.register(plugin, full_name(record))
         source = partial(self.source_in_use, record)
         for hook in manager.get_hookcallers(plugin) or ():
-            if hook.name not in ("chemage_register", "chemage_scenes"):
+            if hook.name not in hooks.OFFERS:
                 for impl in hook.get_hookimpls():
                     if impl.plugin is plugin:
                         record_participation(impl, record.name, source, many=not is_stage(hook))
@@ -349,9 +351,12 @@ class Registry:
         """A sentence for each kind, scene and name of a plugin that is claimed more than once."""
         kinds = [(role, kind, self.offers(role, kind)) for role in self.roles for kind in self.kinds(role)]
         scenes = [("scene", name, [one for one in self.records if name in one.scenes]) for name in self.scenes()]
+        materials = [
+            ("material", name, [one for one in self.records if name in one.materials]) for name in self.materials()
+        ]
         called = {record.name: [one for one in self.records if one.name == record.name] for record in self.records}
         names = [("the name", name, records) for name, records in called.items()]
-        return [clash(*claimed) for claimed in (*kinds, *scenes, *names) if len(claimed[2]) > 1]
+        return [clash(*claimed) for claimed in (*kinds, *scenes, *materials, *names) if len(claimed[2]) > 1]
 
     def component(self, role: str, kind: str) -> Any:
         """The class behind ``kind``.
@@ -416,6 +421,17 @@ class Registry:
         if len(holders) > 1:
             raise PluginError(clash("scene", name, holders))
         return holders[0].scenes[name]
+
+    def materials(self) -> dict[str, str]:
+        """Installed materials: name -> ``"package:file"``."""
+        return {name: target for record in self.records for name, target in record.materials.items()}
+
+    def material_target(self, name: str) -> tuple[PluginRecord, str]:
+        """The plugin that ships the material ``name``, and where it is; two such plugins are an error."""
+        holders = [record for record in self.records if name in record.materials]
+        if len(holders) > 1:
+            raise PluginError(clash("material", name, holders))
+        return holders[0], holders[0].materials[name]
 
     def check(self) -> list[str]:
         """Everything that is wrong, a sentence each: broken plugins, clashes, what cannot be imported or called."""

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import base64
+import io
+import math
 from collections.abc import Callable, Mapping
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,15 +19,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from chemage.ageing.aging import Aging
+    from chemage.ageing.fitting import Fit
+
 #: colour-blind safe (Okabe & Ito 2008)
 BLUE, ORANGE, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#777777"
 BLACK = "#000000"
 #: colours of curves, in order
 PALETTE = (BLUE, ORANGE, GREEN, PURPLE, GREY, "#E69F00", "#56B4E9", "#8C564B")
-_MAP_PIXELS = 900
+#: blocks of pixels along a side of a map that is drawn
+MAP_PIXELS = 900
 #: names of chemage's own figures, in the folder of a run, in comparisons and in reports
 CORE = (
-    *("surface", "pressure", "friction"),
+    *("surface", "pressure", "friction", "ensemble"),
     *("heights", "patch"),
     *("friction-drop", "friction-coefficient-drop", "bonds-per-area", "pressures"),
 )
@@ -47,7 +55,7 @@ def blank(width: float, height: float) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def pooled(values: np.ndarray, pool: Callable[..., np.ndarray], most: int = _MAP_PIXELS) -> np.ndarray:
+def pooled(values: np.ndarray, pool: Callable[..., np.ndarray], most: int = MAP_PIXELS) -> np.ndarray:
     """Reduce ``values`` (nx, ny) in blocks by ``pool`` (``np.max``, ``np.mean``) to at most ``most`` blocks a side."""
     step = max(1, -(-max(values.shape) // most))
     if step == 1:
@@ -72,10 +80,51 @@ def draw_map(
     bar.set_label(label)
 
 
+def replicas_text(aging: Aging) -> str:
+    """What the points of a curve are, for legends."""
+    return f"mean of {aging.replicas} replicas, 95 %" if aging.replicas > 1 else "1 replica"
+
+
+def draw_fit(axes: Axes, fit: Fit | None, window: tuple[float, float], label: str = "", color: str = ORANGE) -> None:
+    """Draw the fitted line over its ``window`` (s), with β and what was fitted in the legend; nothing without a fit."""
+    if fit is None or not (math.isfinite(fit.beta) and math.isfinite(fit.cutoff_time)):
+        return
+    line = np.geomspace(*window, 50)
+    text = f"{label}: {fit.short_text()}" if label else fit.short_text()
+    axes.plot(line, fit(line), color=color, lw=1.6, zorder=3, label=plain(text))
+
+
+def legend_entries(axes: Axes) -> tuple[list[Any], list[str]]:
+    """Handles and labels of the curves first and then of the lines fitted to them."""
+    from matplotlib.container import ErrorbarContainer
+
+    handles, labels = axes.get_legend_handles_labels()
+    order = sorted(range(len(labels)), key=lambda at: not isinstance(handles[at], ErrorbarContainer))
+    return [handles[at] for at in order], [labels[at] for at in order]
+
+
+def legend(axes: Axes, **options: Any) -> None:
+    """Make a legend of the curves first and then of the lines fitted to them; none without entries."""
+    handles, labels = legend_entries(axes)
+    if labels:
+        axes.legend(handles, labels, **{"frameon": False, **options})
+
+
 def plain(text: str) -> str:
     """Escape ``text`` so that matplotlib shows it unchanged: dollars mark no formula, a leading _ hides no curve."""
     shown = text.replace("$", r"\$")
     return f" {shown}" if shown.startswith("_") else shown
+
+
+def png(figure: Figure, alt: str) -> str:
+    """Make an HTML element of ``figure`` that holds the picture itself; ``alt`` describes it in words."""
+    data = io.BytesIO()
+    figure.savefig(data, format="png", metadata={"Software": None})
+    width, height = (round(figure.dpi * inches) for inches in figure.get_size_inches())
+    source = base64.b64encode(data.getvalue()).decode()
+    return (
+        f'<img alt="{escape(alt, quote=True)}" width="{width}" height="{height}" src="data:image/png;base64,{source}">'
+    )
 
 
 def save_figures(named: Mapping[str, Figure], folder: Path, *, force: bool = False, suffix: str = "png") -> list[Path]:

@@ -1,4 +1,4 @@
-"""What can be plugged into reports: figures of plugins that offer no component."""
+"""What can be plugged into reports: figures of plugins that offer no component, and published values."""
 
 from __future__ import annotations
 
@@ -16,3 +16,9 @@ if TYPE_CHECKING:
 @hookspec
 def chemage_figures() -> Mapping[str, tuple[str, Callable[[Axes, Sequence[PlottedResult]], None]]]:  # pyright: ignore[reportReturnType]
     """Bring figures: ``{name: (caption, function that draws the results into the axes)}``."""
+
+
+@hookspec
+def chemage_published() -> Sequence[tuple[Mapping[str, object], float, str]]:  # pyright: ignore[reportReturnType]
+    """Say what was published: ``[(where, beta, source), ...]``, β per decade of the scenes whose fields are ``where``
+    (dotted path -> value, internal units); drawn beside the fitted line of such a result."""

@@ -6,15 +6,11 @@ colours of the page, and a content security policy forbids everything else. Equa
 
 from __future__ import annotations
 
-import base64
-import io
 import math
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import lru_cache
-from html import escape
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,11 +22,15 @@ from chemage.contacts.statistics import ContactStatistics
 from chemage.experiments.run import Run
 from chemage.foundation.errors import InputError
 from chemage.foundation.files import fresh_file, preflight
-from chemage.foundation.text import mean_text
+from chemage.foundation.text import mean_text, plus_minus, power_text
 from chemage.foundation.version import __version__
 from chemage.reports.comparison import Comparison, Entry, compare_files
 from chemage.reports.comparison.differences import Difference
 from chemage.reports.comparison.figures import comparison_brought, core_figures
+from chemage.reports.ensemble_page import ensemble_section, main_estimates
+from chemage.reports.figures import png
+from chemage.reports.inference_page import ERRORS, holds_inference, inference_section
+from chemage.reports.page_parts import Part, Picture, Section, Table, markup, scene_toml, svg
 from chemage.reports.plugin_figures import Brought
 from chemage.reports.run_figures import brought_figures, map_figures
 
@@ -48,48 +48,9 @@ _CAPTIONS = {
     "bonds-per-area": "Bonds per contact area against hold time.",
     "pressures": "Distribution of the pressure over the contact.",
 }
+#: of a figure with ensembles
+_BARS = " Bands are intervals of means over surfaces, bars of means over replicas on one surface."
 _MAPS = ("heights", "pressure", "patch")
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of text; a ``wide`` one scrolls horizontally on narrow screens."""
-
-    caption: str
-    columns: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    wide: bool = False
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure as markup, with its caption."""
-
-    picture: Any
-    caption: str
-
-
-@dataclass
-class Part:
-    """The content below one heading of a section."""
-
-    heading: str = ""
-    paragraphs: list[Any] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    tables: list[Table] = field(default_factory=list)
-    figures: list[Picture] = field(default_factory=list)
-    code: str = ""
-    items: list[str] = field(default_factory=list)
-
-
-@dataclass
-class Section:
-    """A section of the page; ``key`` is its anchor."""
-
-    key: str
-    name: str
-    paragraphs: list[str] = field(default_factory=list)
-    parts: list[Part] = field(default_factory=list)
 
 
 def write_report(
@@ -137,6 +98,8 @@ def write_report(
 
 def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) -> str:
     """Make the page as text; arguments and errors as for :func:`write_report`."""
+    if inferences := [file for file in files if holds_inference(file)]:
+        return _of_inferences(files, inferences, measured)
     made = compare_files(files, measured=measured)
     several = len(made.results) > 1
     sections = []
@@ -159,10 +122,36 @@ def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) ->
     return _template().render(
         title=f"Comparison of {len(made.results)} results" if several else (only.title or only.name),
         policy=_POLICY,
-        style=_markup(resources.files("chemage.reports").joinpath("report.css").read_text(encoding="utf-8")),
+        style=markup(resources.files("chemage.reports").joinpath("report.css").read_text(encoding="utf-8")),
         sources=[one.source for one in made.results],
         sections=sections,
         version=__version__,
+        errors=_errors(made),
+    )
+
+
+def _of_inferences(files: Sequence[str | Path], inferences: list[Any], measured: Sequence[str | Path]) -> str:
+    """Make the page of files of ``chemage infer``."""
+    if others := [str(file) for file in (*files, *measured) if file not in inferences]:
+        raise InputError(
+            f"{inferences[0]} is an inference, which is not compared with {', '.join(others)}; write a report of each"
+        )
+    sections, cite, title = [], {}, ""
+    for number, file in enumerate(inferences, 1):
+        name = Path(file).stem if len(inferences) > 1 else "Result"
+        section, to_cite, title = inference_section(file, f"r{number}", name)
+        sections.append(section)
+        cite |= dict.fromkeys(to_cite)
+    if cite:
+        sections.append(Section("cite", "References", ["Please cite these works:"], [Part(items=list(cite))]))
+    return _template().render(
+        title=title if len(inferences) == 1 else f"{len(inferences)} inferences",
+        policy=_POLICY,
+        style=markup(resources.files("chemage.reports").joinpath("report.css").read_text(encoding="utf-8")),
+        sources=[str(file) for file in inferences],
+        sections=sections,
+        version=__version__,
+        errors=ERRORS,
     )
 
 
@@ -174,18 +163,13 @@ def _template() -> Template:
     return jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(text)
 
 
-def _markup(text: str) -> Any:
-    from markupsafe import Markup
-
-    return Markup(text)
-
-
 # -- sections ---------------------------------------------------------------------------------------------------------
 
 
 def _comparison(made: Comparison, name: str) -> Section:
     section = Section(name.lower(), name)
     names = [one.name for one in made.results]
+    pictures = _pictures(_curve_first(core_figures(made)), comparison_brought(made.results), made, "c")
     part = Part()
     if len(made.results) > 1:
         section.paragraphs.append(made.statement())
@@ -199,11 +183,15 @@ def _comparison(made: Comparison, name: str) -> Section:
                 rows = [_difference_row(one) for one in differences]
                 part.tables.append(Table(caption, ["field", *names], rows, wide=True))
     if fits := made.fits():
-        rows = [(name, fit.describe(), fit.beta_text(), fit.cutoff_text()) for name, fit in fits]
-        columns = ["data", "model", "β per decade", "cut-off time t_c"]
+        rows = [(name, fit.describe(), fit.beta_text(), fit.b_text(), fit.cutoff_text()) for name, fit in fits]
+        columns = ["data", "model", "β per decade", "b per e-fold", "cut-off time t_c"]
         part.tables.append(Table("Equal fits to measurements and results", columns, rows, wide=True))
-    part.figures = _pictures(core_figures(made), comparison_brought(made.results), made, "c")
-    section.parts.append(part)
+    if left_out := made.not_fitted():
+        part.tables.append(Table("Fits that cannot be made", ["data", "model", "reason"], left_out, wide=True))
+    leading = Part(figures=pictures[:1], tables=[_main_table(made)] if len(made.results) > 1 else [])
+    section.parts += [leading, part]
+    if pictures[1:]:
+        section.parts.append(Part("Figures", figures=pictures[1:]))
     return section
 
 
@@ -213,6 +201,8 @@ def _difference_row(one: Difference) -> tuple[str, ...]:
 
 def _result(one: Entry, key: str, name: str) -> tuple[Section, list[str]]:
     """Make the section of one result, and list its references."""
+    if one.ensemble is not None:
+        return ensemble_section(one, key, name)
     assert one.whole is not None
     thing = one.whole()
     run = thing if isinstance(thing, Run) else None
@@ -223,23 +213,75 @@ def _result(one: Entry, key: str, name: str) -> tuple[Section, list[str]]:
     rows = [(label, texts[0]) for label, texts in alone.table()]
     notes = [f"approximate: {one.approximate}"] if one.approximate else []
     notes += _notes(run, contact) if not isinstance(thing, Aging) else elastic_notes(thing)
-    parts = [Part("Key numbers", tables=[Table("", ["quantity", "value"], rows, wide=True)], notes=notes)]
-    figures: dict[str, Figure] = {}
+    figures = core_figures(alone)
     if contact is not None:
         figures |= map_figures(contact, run.surface if run is not None else None)
-    figures |= core_figures(alone)
     brought = brought_figures(run) if run is not None else comparison_brought(alone.results)
-    parts.append(Part("Figures", figures=_pictures(figures, brought, alone, key)))
+    pictures = _pictures(_curve_first(figures), brought, alone, key)
+    parts = [
+        Part(numbers=main_numbers(one, alone.times), figures=pictures[:1], notes=notes),
+        Part("Figures", figures=pictures[1:]),
+        Part("Key numbers", tables=[Table("", ["quantity", "value"], rows, wide=True)]),
+    ]
+    parts = [part for part in parts if part.numbers or part.figures or part.tables or part.notes]
     if one.aging is not None:
         parts.append(Part("Friction against hold time", tables=[_curves_table(one)]))
     if one.scene:
-        about = _markup(
+        about = markup(
             "All options, in internal units (nm, nN, GPa, eV, s, K). Saved as a file, this scene reproduces the result "
             "with <code>chemage run</code>."
         )
         parts.append(Part("Scene", paragraphs=[about], code=scene_toml(one.scene)))
     parts.append(Part("Provenance", tables=[_provenance(one, thing)]))
     return Section(key, name, parts=parts), list(run.cite) if run is not None else []
+
+
+def _curve_first(figures: Mapping[str, Figure]) -> dict[str, Figure]:
+    """The same figures, the curve of friction against hold time first."""
+    first = ("friction-coefficient-drop", "friction-drop", "pressure")
+    leading = next((name for name in first if name in figures), None)
+    return {**({leading: figures[leading]} if leading else {}), **figures}
+
+
+def main_numbers(one: Entry, times: Sequence[float], among: bool = False) -> list[tuple[str, str]]:
+    """The numbers that a reader looks for first: (value with its error, what it is); ``among`` ensembles, whose errors
+    are others, it is said over what the interval is."""
+    area = one.contact.get("area_fraction", math.nan)
+    found = [(f"{area:.3g}", "area fraction A/A₀")] if math.isfinite(area) else []
+    aging = one.aging
+    if one.ensemble is not None:
+        return main_estimates(one, times)
+    if aging is None:
+        pressure = one.contact.get("mean_contact_pressure", math.nan)
+        patches = one.contact.get("patches", math.nan)
+        found += [(f"{pressure:.3g} GPa", "mean contact pressure")] if math.isfinite(pressure) else []
+        return found + ([(f"{patches:g}", "contact patches")] if math.isfinite(patches) else [])
+    known = [time for time in times if aging.hold_times[0] <= time <= aging.hold_times[-1]]
+    time = known[-1] if known else one.last()
+    sure = "95 % interval" if aging.replicas > 1 else "one replica: no error"
+    sure += ", replicas on one surface" if among and aging.replicas > 1 else ""
+    if one.load > 0:
+        drop = (mean_text(one.at(aging.friction_coefficient_drop, time)), f"Δμ at {power_text(time)} s, {sure}")
+    else:
+        drop = (mean_text(one.at(aging.friction_drop, time), "nN"), f"ΔF at {power_text(time)} s, {sure}")
+    slope = []
+    if (fit := one.fit) is not None and math.isfinite(fit.beta):
+        half = fit.beta_half_width if math.isfinite(fit.beta_interval.low) else math.nan
+        window = "–".join(map(power_text, one.window))
+        slope = [(plus_minus(fit.beta, half), f"β per decade, line fitted {window} s, {sure}")]
+    return [drop, *slope, *found]
+
+
+def _main_table(made: Comparison) -> Table:
+    """The main numbers of every result; what differs from the heading of its column is said with the number."""
+    numbers = {one.name: main_numbers(one, made.times, made.has_ensembles) for one in made.results}
+    columns = [what for _, what in max(numbers.values(), key=len)]
+    rows = []
+    for name, found in numbers.items():
+        known = {what: value for value, what in found if what in columns}
+        others = iter([f"{value} ({what})" for value, what in found if what not in columns])
+        rows.append((name, *(known.get(what) or next(others, "-") for what in columns)))
+    return Table("Main numbers", ["", *columns], rows, wide=True)
 
 
 def _notes(run: Run | None, contact: ContactSolution | ContactStatistics | None) -> list[str]:
@@ -294,13 +336,6 @@ def _solver(run: Run) -> str:
     return f"{run.scene['contact']['kind']}, {state}, residual {contact.residual:.3g}, {contact.iterations} iterations"
 
 
-def scene_toml(scene: Mapping[str, Any]) -> str:
-    """Format plain scene data as TOML, from which equal data can be read."""
-    import tomli_w
-
-    return tomli_w.dumps(scene)
-
-
 # -- figures ----------------------------------------------------------------------------------------------------------
 
 
@@ -314,17 +349,35 @@ def _pictures(
     found = []
     for name, figure in figures.items():
         alt = maps[name] if name in _MAPS else _curve_alt(made, name, _CAPTIONS[name])
-        picture = _png(figure, alt) if name in _MAPS else _svg(figure, alt, f"{key}-{name}")
-        found.append(Picture(_markup(picture), _CAPTIONS[name] + approximate))
+        picture = png(figure, alt) if name in _MAPS else svg(figure, alt, f"{key}-{name}")
+        mixed = _BARS if made.has_ensembles and name.startswith("friction") else ""
+        found.append(Picture(markup(picture), _CAPTIONS[name] + mixed + approximate))
     for name, one in brought.items():
         anchor = re.sub(r"[^\w-]", "-", f"{key}-{name}")
-        picture = _svg(one.figure, _curve_alt(made, name, one.caption), anchor)
-        found.append(Picture(_markup(picture), one.caption + approximate))
+        picture = svg(one.figure, _curve_alt(made, name, one.caption), anchor)
+        found.append(Picture(markup(picture), one.caption + approximate))
     return found
 
 
 def _of(one: Entry, made: Comparison) -> str:
     return f"{one.name} is " if len(made.results) > 1 else "The result is "
+
+
+def _errors(made: Comparison) -> str:
+    """What the errors of the page are, in words."""
+    single = (
+        "95 % intervals over replicas on one surface (Student's t); they do not include the scatter between surfaces"
+    )
+    means = "95 % intervals (Student's t) that include the scatter between surfaces"
+    if not made.has_ensembles:
+        return f"Errors are {single}."
+    averages = [one.name for one in made.results if one.of_surfaces]
+    others = [one.name for one in made.results if not one.of_surfaces]
+    if not others:
+        return f"Errors are {means}."
+    if not averages:
+        return f"Errors are {single}."
+    return f"Errors of {', '.join(averages)} are {means}. Errors of {', '.join(others)} are {single}."
 
 
 def _map_alts(one: Entry) -> dict[str, str]:
@@ -355,32 +408,3 @@ def _curve_alt(made: Comparison, name: str, caption: str) -> str:
         start, stop = one.aging.hold_times[[0, -1]]
         found.append(f"{one.name} goes from {first:.3g} at {start:g} s to {last:.3g} at {stop:g} s")
     return f"{what} against hold time{unit}: {'; '.join(found)}."
-
-
-def _png(figure: Figure, alt: str) -> str:
-    data = io.BytesIO()
-    figure.savefig(data, format="png", metadata={"Software": None})
-    width, height = (round(figure.dpi * inches) for inches in figure.get_size_inches())
-    source = base64.b64encode(data.getvalue()).decode()
-    return (
-        f'<img alt="{escape(alt, quote=True)}" width="{width}" height="{height}" src="data:image/png;base64,{source}">'
-    )
-
-
-def _svg(figure: Figure, alt: str, key: str) -> str:
-    """Make inline SVG without addresses or metadata, with unique ids and the text colour of the page for black."""
-    import matplotlib as mpl
-
-    data = io.StringIO()
-    nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-    with mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": "chemage"}):
-        figure.savefig(data, format="svg", transparent=True, metadata=nothing)
-    text = data.getvalue()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", text).replace("xlink:href=", "href=")
-    text = re.sub(r'\bid="', f'id="{key}-', text)
-    text = text.replace('href="#', f'href="#{key}-').replace("url(#", f"url(#{key}-")
-    text = text.replace("#000000", "currentColor")
-    label = f'role="img" aria-label="{escape(alt, quote=True)}" fill="currentColor"'
-    return re.sub(r"<svg\b", f"<svg {label}", text, count=1)

@@ -2,18 +2,36 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from chemage.ageing.aging import Aging
+from chemage.ageing.fitting import Quantity
 from chemage.ageing.plotted import Maps, PlottedResult
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
 from chemage.experiments.run import Run
 from chemage.experiments.sections import components_of
-from chemage.reports.figures import BLUE, GREEN, GREY, ORANGE, blank, draw_map, panels, pooled, save_figures
+from chemage.reports.figures import (
+    BLUE,
+    GREEN,
+    GREY,
+    MAP_PIXELS,
+    blank,
+    draw_fit,
+    draw_map,
+    legend,
+    panels,
+    plain,
+    pooled,
+    replicas_text,
+    save_figures,
+)
 from chemage.reports.plugin_figures import Brought, Source, chemistry_of, plugin_figures
+from chemage.reports.published import draw_published
 from chemage.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -25,7 +43,7 @@ def surface_figure(surface: Surface) -> Figure:
     """Draw the height map, and the power spectral density of a periodic surface or else a profile."""
     figure, axes = panels(10.5, 4.2, 2)
     nx, ny = surface.shape
-    _draw_heights(axes[0], surface)
+    draw_heights(axes[0], surface)
     if surface.periodic and surface.rms_height > 0 and min(surface.shape) > 3:
         q, density = surface.psd()
         shown = density > density.max() * 1e-14
@@ -39,35 +57,47 @@ def surface_figure(surface: Surface) -> Figure:
     return figure
 
 
-def pressure_figure(contact: ContactSolution) -> Figure:
-    """Draw the pressure over the whole contact, and around the largest patch with the outlines of patches."""
-    figure, axes = panels(10.5, 4.8, 2)
-    _draw_pressure(axes[0], contact)
-    _draw_largest_patch(axes[1], contact)
+def pressure_figure(contact: ContactSolution) -> Figure | None:
+    """Draw the pressure over the whole contact, and around the largest patch with the outlines of patches.
+
+    A contact of one patch is drawn once, where it is; None without contact.
+    """
+    if not contact.patches:
+        return None
+    if contact.patches == 1:
+        figure, axes = blank(6.0, 4.6)
+        _draw_only_patch(axes, contact)
+        return figure
+    figure, both = panels(10.5, 4.8, 2)
+    draw_pressure(both[0], contact)
+    _draw_largest_patch(both[1], contact)
     return figure
 
 
 def map_figures(contact: ContactSolution | ContactStatistics, surface: Surface | None = None) -> dict[str, Figure]:
-    """Draw each map as a figure for narrow pages: ``heights``, ``pressure``, ``patch`` (around the largest one)."""
+    """Draw each map as a figure for narrow pages: ``heights``, ``pressure``, ``patch``, the largest of several."""
     made = {}
     if surface is not None:
         made["heights"], axes = blank(4.9, 3.9)
-        _draw_heights(axes, surface)
+        draw_heights(axes, surface)
     if isinstance(contact, ContactStatistics):
         return made
-    made["pressure"], axes = blank(4.9, 3.9)
-    _draw_pressure(axes, contact)
     if contact.patches:
+        made["pressure"], axes = blank(4.9, 3.9)
+        (_draw_only_patch if contact.patches == 1 else draw_pressure)(axes, contact)
+    if contact.patches > 1:
         made["patch"], axes = blank(4.9, 3.9)
         _draw_largest_patch(axes, contact)
     return made
 
 
-def _draw_heights(axes: Axes, surface: Surface) -> None:
+def draw_heights(axes: Axes, surface: Surface, most: int = MAP_PIXELS, title: bool = True) -> None:
+    """Draw the heights as a map of at most ``most`` blocks of pixels a side."""
     nx, ny = surface.shape
     extent = (0.0, nx * surface.pixel_size, 0.0, ny * surface.pixel_size)
-    draw_map(axes, pooled(surface.heights, np.mean), extent, "height (nm)", cmap="cividis")
-    axes.set_title(f"rms height {surface.rms_height:.3g} nm, rms slope {surface.rms_slope:.3g}")
+    draw_map(axes, pooled(surface.heights, np.mean, most), extent, "height (nm)", cmap="cividis")
+    if title:
+        axes.set_title(f"rms height {surface.rms_height:.3g} nm, rms slope {surface.rms_slope:.3g}")
 
 
 def _pressure_style(contact: ContactSolution) -> dict[str, Any]:
@@ -75,24 +105,30 @@ def _pressure_style(contact: ContactSolution) -> dict[str, Any]:
     return {"cmap": "inferno_r", "vmin": low if low < top else 0.0, "vmax": top}
 
 
-def _draw_pressure(axes: Axes, contact: ContactSolution) -> None:
+def draw_pressure(axes: Axes, contact: ContactSolution, most: int = MAP_PIXELS) -> None:
+    """Draw the pressure as a map of at most ``most`` blocks of pixels a side, each with its largest pressure."""
     nx, ny = contact.shape
     extent = (0.0, nx * contact.pixel_size, 0.0, ny * contact.pixel_size)
-    shown = np.ma.masked_equal(pooled(contact.pressure, np.max), 0.0)
+    shown = np.ma.masked_equal(pooled(contact.pressure, np.max, most), 0.0)
     draw_map(axes, shown, extent, "pressure (GPa)", **_pressure_style(contact))
     axes.set_title(f"{_count(contact.patches, 'patch', 'patches')}, A/A$_0$ = {contact.area_fraction:.3g}")
 
 
-def _draw_largest_patch(axes: Axes, contact: ContactSolution) -> None:
+def _draw_only_patch(axes: Axes, contact: ContactSolution) -> None:
+    _draw_largest_patch(axes, contact, least=8, margin=1.3)
+    axes.set_title(f"1 patch, A/A$_0$ = {contact.area_fraction:.3g}")
+
+
+def _draw_largest_patch(axes: Axes, contact: ContactSolution, least: int = 64, margin: float = 2.0) -> None:
     a = contact.pixel_size
-    (x0, x1), (y0, y1) = _around_largest_patch(contact)
+    (x0, x1), (y0, y1) = _around_largest_patch(contact, least, margin)
     part = contact.pressure[x0:x1, y0:y1]
     extent = (x0 * a, x1 * a, y0 * a, y1 * a)
     draw_map(axes, np.ma.masked_equal(part, 0.0), extent, "pressure (GPa)", **_pressure_style(contact))
     # thinner where pixels are small, so that outlines leave the pressure to be seen
     width = min(0.8, 160 / max(part.shape))
     axes.add_collection(_outlines(part > 0, x0, y0, a, width))
-    axes.set_title("around the largest patch" if contact.patches else "no contact")
+    axes.set_title("around the largest patch")
 
 
 def _count(number: int, one: str, many: str) -> str:
@@ -111,16 +147,17 @@ def _outlines(contact: np.ndarray, x0: int, y0: int, pixel: float, width: float)
     return LineCollection(list(edges), colors=GREEN, linewidths=width, capstyle="round")
 
 
-def _around_largest_patch(contact: ContactSolution) -> tuple[tuple[int, int], tuple[int, int]]:
+def _around_largest_patch(
+    contact: ContactSolution, least: int, margin: float
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Pixels of a window ``margin`` times the size of the largest patch, and at least ``least``: (x0, x1), (y0, y1)."""
     from scipy import ndimage
 
     nx, ny = contact.shape
-    if not contact.sites.size:
-        return (0, nx), (0, ny)
     labels, count = ndimage.label(contact.contact, structure=np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
     largest = int(np.bincount(labels.ravel(), minlength=count + 1)[1:].argmax()) + 1
     box = ndimage.find_objects(labels, max_label=largest)[largest - 1]
-    side = max(64, 2 * max(part.stop - part.start for part in box))
+    side = max(least, math.ceil(margin * max(part.stop - part.start for part in box)))
     window = []
     for part, n in zip(box, (nx, ny), strict=True):
         low = max(0, min((part.start + part.stop - side) // 2, n - side))
@@ -129,52 +166,56 @@ def _around_largest_patch(contact: ContactSolution) -> tuple[tuple[int, int], tu
 
 
 def friction_figure(run: Run) -> Figure | None:
-    """Draw ΔF and Δμ against hold time, with 95 % intervals over replicas and the fitted line; None without ageing."""
-    if run.aging is None:
+    """Draw ΔF and Δμ against hold time, with 95 % intervals over replicas, the fitted line and published values.
+
+    ΔF alone without load; None without ageing or without a hold time above 0.
+    """
+    if run.aging is None or not (run.aging.hold_times > 0).any():
         return None
-    aging, fit = run.aging, run.fit()
-    figure, axes = panels(10.5, 4.2, 2)
-    shown = aging.hold_times > 0
-    t = aging.hold_times[shown]
-    _with_errors(axes[0], t, aging.mean_friction_drop[shown], aging.friction_drop_half_width[shown], BLUE)
-    axes[0].set_ylabel("friction drop ΔF (nN)")
+    aging = run.aging
+    figure, axes = panels(10.5, 4.2, 2) if aging.load > 0 else panels(5.6, 4.2)
+    data = plain(f"{run.name}, {replicas_text(aging)}")
+    draw_friction(axes[0], aging, "friction_drop", label=data)
     if aging.load > 0:
-        half = aging.friction_coefficient_drop_half_width[shown]
-        _with_errors(axes[1], t, aging.mean_friction_coefficient_drop[shown], half, BLUE)
-    axes[1].set_ylabel("friction coefficient drop Δμ")
-    if not t.size:
-        _write(axes[0], "no hold time above 0")
-    if aging.load == 0:
-        _write(axes[1], "undefined: no load")
-    if fit is not None and np.isfinite(fit.beta) and np.isfinite(fit.cutoff_time):
-        line = np.geomspace(*run.window, 50)
-        axes[1].plot(
-            line,
-            fit.beta * np.log10(line / fit.cutoff_time),
-            color=ORANGE,
-            lw=1.6,
-            zorder=3,
-            label=f"β = {fit.beta_text()} per decade",
-        )
-        axes[1].legend(frameon=False, loc="upper left")
+        draw_friction(axes[1], aging, "friction_coefficient_drop", label=data)
+        draw_fit(axes[1], run.fit(), run.window)
+        draw_published(axes[1], run.scene, run.fit(), run.window)
     for one in axes:
-        one.set(xscale="log", xlabel="hold time (s)")
         one.set_ylim(bottom=0)
+        legend(one, fontsize=8)
     figure.suptitle(
-        f"{run.scene.get('title') or run.name}: {_count(aging.replicas, 'replica', 'replicas')}, "
-        f"{aging.temperature:g} K" + (f"\napproximate: {run.approximate}" if run.approximate else ""),
+        f"{run.scene.get('title') or run.name}, {aging.temperature:g} K"
+        + (f"\napproximate: {run.approximate}" if run.approximate else ""),
         fontsize=10,
         parse_math=False,  # a dollar sign in a title is not a formula
     )
     return figure
 
 
+def draw_friction(axes: Axes, aging: Aging, quantity: Quantity, colour: str = BLUE, label: str = "") -> None:
+    """Draw means of ``quantity`` against hold time, with 95 % intervals over replicas."""
+    shown = aging.hold_times > 0
+    coefficient = quantity == "friction_coefficient_drop"
+    if coefficient and aging.load == 0:
+        _write(axes, "undefined: no load")
+    elif not shown.any():
+        _write(axes, "no hold time above 0")
+    else:
+        mean = aging.mean_friction_coefficient_drop if coefficient else aging.mean_friction_drop
+        half = aging.friction_coefficient_drop_half_width if coefficient else aging.friction_drop_half_width
+        _with_errors(axes, aging.hold_times[shown], mean[shown], half[shown], colour, label)
+    axes.set_ylabel("friction coefficient drop Δμ" if coefficient else "friction drop ΔF (nN)")
+    axes.set(xscale="log", xlabel="hold time (s)")
+    axes.set_ylim(bottom=0)
+
+
 def _write(axes: Axes, text: str) -> None:
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", color=GREY)
 
 
-def _with_errors(axes: Axes, t: np.ndarray, mean: np.ndarray, error: np.ndarray, colour: str) -> None:
-    axes.errorbar(t, mean, yerr=np.nan_to_num(error), color=colour, marker="o", ms=3.5, lw=1, capsize=2)
+def _with_errors(axes: Axes, t: np.ndarray, mean: np.ndarray, error: np.ndarray, colour: str, label: str) -> None:
+    bars = np.nan_to_num(error) if np.isfinite(error).any() else None
+    axes.errorbar(t, mean, yerr=bars, color=colour, marker="o", ms=3.5, lw=1, capsize=2, label=label or None)
 
 
 def brought_figures(run: Run) -> dict[str, Brought]:

@@ -19,6 +19,7 @@ _HEAD = """# Made by `chemage plugins stubs`; do not edit.
 from collections.abc import Sequence
 from typing import Any, Literal, overload
 
+from chemage.foundation.units import QuantityLike
 """
 
 
@@ -69,6 +70,9 @@ def _options(cls: Any) -> Iterable[str]:
 
 def _type(schema: Mapping[str, Any]) -> str:
     """A JSON Schema as a Python type; what is not plain is Any."""
+    if "unit" in schema:
+        further = [_type(part) for part in schema.get("anyOf", ()) if part.get("type") not in ("number", "string")]
+        return " | ".join(dict.fromkeys(["QuantityLike", *further]))
     if "enum" in schema or "const" in schema:
         return f"Literal[{', '.join(repr(value) for value in schema.get('enum', [schema.get('const')]))}]"
     if "anyOf" in schema:
@@ -77,4 +81,5 @@ def _type(schema: Mapping[str, Any]) -> str:
     if schema.get("type") == "array":
         return f"Sequence[{_type(schema.get('items', {})) if isinstance(schema.get('items'), dict) else 'Any'}]"
     names = {"number": "float", "integer": "int", "string": "str", "boolean": "bool", "null": "None"}
+    names["object"] = "dict[str, Any]"
     return names.get(schema.get("type", ""), "Any")

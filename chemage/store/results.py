@@ -11,13 +11,19 @@ from pathlib import Path
 from typing import Any
 
 from chemage.ageing.aging import Aging
+from chemage.ageing.derived import derived
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
+from chemage.ensembles.ensemble import Ensemble
 from chemage.experiments.run import Run
-from chemage.foundation.codec import is_ours, read_records, write_records
+from chemage.foundation.codec import Derived, is_ours, read_records, write_records
 from chemage.foundation.errors import InputError, StoreError
 from chemage.foundation.inputs import regular_file
 from chemage.foundation.records import Record
+from chemage.foundation.text import with_article
+from chemage.inference.curves import MeasuredCurve
+from chemage.inference.forecast import Forecast
+from chemage.inference.inference import Inference
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.lattice import ReactionLattice
 from chemage.surfaces.reading import reader_for
@@ -30,6 +36,10 @@ GROUPS: dict[str, type[Record]] = {
     "lattice": ReactionLattice,
     "history": BondHistory,
     "aging": Aging,
+    "ensemble": Ensemble,
+    "curve": MeasuredCurve,
+    "inference": Inference,
+    "forecast": Forecast,
 }
 
 
@@ -43,14 +53,21 @@ def write(path: str | os.PathLike[str], thing: Any, *, force: bool = False) -> N
     StoreError
         ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
     """
+    more: dict[str, Derived] = {}
     if isinstance(thing, Run):
         parts, attributes = thing.parts(), thing.attributes()
+        if thing.aging is not None:
+            more["aging"] = derived(thing.aging, thing.window)
     else:
         names = [name for name, cls in GROUPS.items() if type(thing) is cls]
         if not names:
-            raise InputError(f"cannot store a {type(thing).__name__}; give a chemage object such as an Aging, or a Run")
+            raise InputError(
+                f"cannot store {with_article(type(thing).__name__)}; give a chemage object such as an Aging, or a Run"
+            )
         parts, attributes = {names[0]: thing}, {}
-    write_records(path, parts, attributes, force=force)
+        if isinstance(thing, Aging):
+            more["aging"] = derived(thing)
+    write_records(path, parts, attributes, derived=more, force=force)
 
 
 def read(path: str | os.PathLike[str], *, maps: bool = True) -> Any:

@@ -25,8 +25,8 @@ class SurfaceMaker(Component, ABC):
 
     def expected(self) -> dict[str, float]:
         """What is known before anything is computed, as far as it is: ``nx``, ``ny`` (pixels), ``pixel_size`` (nm),
-        ``rms_slope``, ``shortest_wavelength`` (nm), ``radius`` (of a sphere, nm), ``periodic`` (1 or 0).
-        Used by ``chemage check``."""
+        ``rms_slope``, ``shortest_wavelength`` (nm), ``radius`` (of a sphere, nm), ``periodic`` (1 or 0),
+        ``cpu_seconds`` (to make it). Used by ``chemage check``."""
         return {}
 
     def roughness(self, seed: Seed = 0) -> Roughness:
@@ -45,3 +45,10 @@ class SurfaceMaker(Component, ABC):
     def coarser(self, factor: int) -> Self | None:
         """A maker of the same surface at the same size on pixels ``factor`` times larger; None where there is none."""
         return None
+
+    def coarser_errors(self, factor: int, contact: Mapping[str, float]) -> Mapping[str, float]:
+        """Relative standard errors of what contacts on :meth:`coarser` pixels give, with these measures on average
+        (:data:`chemage.contacts.solution.MEASURES`), as measured before on surfaces like this one: ``beta``, and
+        ``friction_drop`` at any hold time. What is not in it is not known, and is measured by computing some surfaces
+        on both grids."""
+        return {}

@@ -29,7 +29,7 @@ class Scatter:
         if self.relative == 0:
             return ""
         if self.relative is None:
-            found = "β differs between surface seeds by more than between replicas; sweep surface.seed to measure it"
+            found = "β differs between surface seeds by more than between replicas; an ensemble measures it"
         else:
             found = f"β differs by about {100 * self.relative:.2g} % between surface seeds (standard deviation)"
             if math.isfinite(replicas):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from chemage.foundation.checks import Seed, expect
+from chemage.foundation.logs import logged, of_plugins
 from chemage.plugins import registry
 from chemage.plugins.sources import approximations, providers
 from chemage.surfaces.role import SurfaceMaker
@@ -22,5 +23,8 @@ def make_surface(maker: SurfaceMaker, seed: Seed = 0) -> Surface:
     The plugins that took part, see :mod:`chemage.plugins.sources`, are noted in the surface's ``provenance``.
     """
     expect("maker", maker, SurfaceMaker, 'make one with chemage.surface("sphere", ...)')
-    made, plugins = registry.current().answer("chemage_make_surface", Surface, maker=maker, seed=seed)
-    return made.noting(providers(maker) | plugins, approximations(maker))
+    with logged("surface", maker.kind) as outcome:
+        made, plugins = registry.current().answer("chemage_make_surface", Surface, maker=maker, seed=seed)
+        made = made.noting(providers(maker) | plugins, approximations(maker))
+        outcome(f"{made.shape[0]} x {made.shape[1]} pixels; {of_plugins(made.plugins)}")
+    return made

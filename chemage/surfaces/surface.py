@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from pydantic import model_validator
 
+from chemage.foundation import pictures
 from chemage.foundation.checks import MOST_BINS, checked_count
+from chemage.foundation.datasets import dataset, map_frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Plain, PositiveNumber, Reals, Record, require_finite
 from chemage.surfaces import roughness
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.axes import Axes
 
 #: nm; and of heights over the pixel size
 LARGEST_HEIGHT, LARGEST_RATIO = 1e300, 1e305
@@ -84,6 +91,21 @@ class Surface(Record):
     def coordinates(self) -> dict[str, np.ndarray]:
         """Centres of the pixels along ``x`` and ``y``, nm."""
         return {name: (np.arange(n) + 0.5) * self.pixel_size for name, n in zip("xy", self.shape, strict=True)}
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the map of the heights into ``ax``, or into a new figure of pyplot; return the axes."""
+        return pictures.draw(self, ax)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The arrays with the names, dimensions and units of the file, x and y in nm. Needs xarray."""
+        return dataset(self)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The heights, one row for each x and one column for each y, both in nm. Needs pandas."""
+        return map_frame(self.heights, self.coordinates(), "heights", "nm")
+
+    def _repr_html_(self) -> str:
+        return pictures.html(self)
 
     def __repr__(self) -> str:
         nx, ny = self.shape

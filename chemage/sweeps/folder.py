@@ -19,8 +19,9 @@ import os
 import shutil
 import socket
 import threading
+import uuid
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -125,16 +126,34 @@ class Folder:
 
     def write_point(self, key: str, content: Mapping[str, Any]) -> None:
         """Write the file of a point."""
+        if content["status"] != "done" and self.state(key) == "done":
+            return  # another process has computed it
         # with the status first: `state` reads no more of it
-        self._place(self.point(key), to_sealed_json({"status": content["status"], **content}))
+        self.place(self.point(key), to_sealed_json({"status": content["status"], **content}))
 
-    def write_manifest(self, content: Mapping[str, Any]) -> None:
-        """Write ``sweep.json``."""
-        self._place(self.manifest, to_sealed_json(content, indent=1))
+    def write_manifest(self, content: Mapping[str, Any], *, first: bool = False) -> None:
+        """Write ``sweep.json``; with ``first`` only if there is none."""
+        text = to_sealed_json(content, indent=1)
+        if first:
+            self.place_first(self.manifest, text)
+        else:
+            self.place(self.manifest, text)
 
-    def write_contact(self, key: str, content: bytes | memoryview) -> None:
-        """Write the file of a contact, with the content made by :func:`chemage.foundation.codec.to_npz`."""
-        self._place(self.contact(key), content)
+    def write_contact(self, key: str, content: bytes | memoryview) -> bool:
+        """Write the file of a contact, with the content made by :func:`chemage.foundation.codec.to_npz`.
+
+        Returns
+        -------
+        bool
+            False if another process has written it before: all points use that one, and ``content`` is not kept.
+        """
+        path = self.contact(key)
+        if self.place_first(path, content):
+            return True
+        if self.intact_contact(key) is not None:
+            return False
+        self.place(path, content)  # it was damaged
+        return True
 
     def read_contact(self, key: str) -> ContactSolution | None:
         """Read a contact; None if it is missing.
@@ -170,30 +189,50 @@ class Folder:
         except DamagedError:
             return None
 
-    def _place(self, target: Path, content: bytes | memoryview) -> None:
-        part = self.path / ".parts" / f"{target.name}.{process_name()}.{threading.get_ident()}"
+    def place(self, target: Path, content: bytes | memoryview) -> None:
+        """Put a file in its place, or in that of another one."""
+        self._place(target, content, _put_over)
+
+    def place_first(self, target: Path, content: bytes | memoryview) -> bool:
+        """Put a file in its place; False if there is one, which stays."""
+        return self._place(target, content, _put_first)
+
+    def _place(self, target: Path, content: bytes | memoryview, put: Callable[[Path, Path], bool]) -> bool:
+        part = self.path / ".parts" / f"{target.name}.{process_name()}.{_mark(os.getpid())}.{threading.get_ident()}"
         try:
             part.write_bytes(content)
             on_disk(part)
             try:
-                os.replace(part, target)
+                placed = put(part, target)
             except FileNotFoundError:
                 target.parent.mkdir(parents=True, exist_ok=True)
-                os.replace(part, target)
+                placed = put(part, target)
             on_disk(target.parent)
+            return placed
         except OSError as error:
+            raise CannotWrite(f"cannot write {target}: {error.strerror or error}; {RESUME}") from None
+        finally:
             with contextlib.suppress(OSError):
                 part.unlink(missing_ok=True)
-            raise CannotWrite(f"cannot write {target}: {error.strerror or error}; {RESUME}") from None
 
     def clear_parts(self) -> None:
         """Remove the temporary files of processes that were killed."""
         shutil.rmtree(self.path / ".parts", ignore_errors=True)
-        (self.path / ".parts").mkdir(parents=True, exist_ok=True)
+        self.make_parts()
+
+    def make_parts(self) -> None:
+        """Make the folder of temporary files."""
+        try:
+            (self.path / ".parts").mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise CannotWrite(f"cannot write in {self.path}: {error.strerror or error}; {RESUME}") from None
 
     @contextlib.contextmanager
-    def locked(self) -> Iterator[None]:
-        """Lock the folder against a second call; the operating system releases the lock when the process ends."""
+    def locked(self, *, shared: bool = False) -> Iterator[None]:
+        """Lock the folder against a second call; the operating system releases the lock when the process ends.
+
+        With ``shared`` other processes may lock it so as well.
+        """
         try:
             import fcntl
         except ImportError:  # no such locks on this system
@@ -201,17 +240,48 @@ class Folder:
             return
         with open(self.path / ".lock", "a+") as stream:
             try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                fcntl.flock(stream, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
             except BlockingIOError:
                 stream.seek(0)
                 raise StoreError(f"{self.path} is being computed by process {stream.read().strip() or '?'}") from None
             except OSError:  # a file system without locks
                 yield
                 return
+            if shared:
+                yield
+                return
             stream.truncate(0)
             stream.write(f"{os.getpid()} on {socket.gethostname()}")
             stream.flush()
             yield
+
+
+def _put_over(part: Path, target: Path) -> bool:
+    os.replace(part, target)
+    return True
+
+
+def _put_first(part: Path, target: Path) -> bool:
+    try:
+        os.link(part, target)
+        return True
+    except FileExistsError:
+        # a network file system repeats a request whose answer was lost
+        with contextlib.suppress(OSError):
+            return os.path.samefile(part, target)
+        return False
+    except FileNotFoundError:
+        raise
+    except OSError:  # a file system without links
+        if target.exists():
+            return False
+        return _put_over(part, target)
+
+
+@lru_cache(maxsize=1)
+def _mark(process: int) -> str:
+    """A name for this process that no process of another machine or container has."""
+    return uuid.uuid4().hex[:12]
 
 
 @lru_cache(maxsize=1)

@@ -16,9 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from chemage.contacts.loads import nominal_pressure
 from chemage.contacts.theories import ContactTheory, no_map
+from chemage.experiments.doubts import doubts
 from chemage.experiments.estimate import cost
 from chemage.experiments.limits import check_limits
+from chemage.experiments.materials import SECTIONS as FILLED
 from chemage.experiments.scene import REQUIRED, SECTIONS, Scene, parse_scene
 from chemage.experiments.scene_files import override
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
@@ -111,8 +114,13 @@ class Grid:
     def data(self, point: int) -> dict[str, Any]:
         """Scene data of ``point``."""
         # a whole section is replaced before a field inside it is set
-        changes = sorted(self.changes(point).items(), key=lambda item: item[0].count("."))
-        return override(self.base, {path: _without_false(path, value) for path, value in changes})
+        changes = dict(sorted(self.changes(point).items(), key=lambda item: item[0].count(".")))
+        # a material would fill what is removed here; there, a section that is false is left out
+        kept = FILLED if changes.get("material", self.base.get("material")) else ()
+        return override(
+            self.base,
+            {path: value if path in kept else _without_false(path, value) for path, value in changes.items()},
+        )
 
     def scene(self, point: int) -> Scene:
         """The validated scene of ``point``."""
@@ -172,6 +180,8 @@ def _lines(table: Mapping[str, Any], where: str, problems: list[tuple[str, str]]
                 problems.append((f"{where}.{path}", "is an empty list; an axis needs at least one value"))
             elif (wrong := _wrong_path(path)) is not None:
                 problems.append((f"{where}.{path}", wrong))
+            elif path == "contact.load" and len({nominal_pressure(one) is None for one in value}) > 1:
+                problems.append((f"{where}.{path}", "give all loads as forces, or all as nominal pressures"))
             else:
                 lines.append((path, value))
 
@@ -184,7 +194,7 @@ def _wrong_path(path: str) -> str | None:
     known = [name for name in SECTIONS if name != "sweep"]
     if root not in known:
         return f"no such section{nearest(root, known)}; the sections are {', '.join(known)}"
-    if rest and ("" in rest.split(".") or root in ("name", "title")):
+    if rest and ("" in rest.split(".") or root in ("name", "title", "material")):
         return "no such field"
     return None
 
@@ -232,6 +242,16 @@ class Survey:
     #: classes of components that are registered by hand
     classes: set[type] = field(default_factory=set)
     digest: str = ""
+    #: what to warn of: kind -> (text of the first point that it concerns, this point, number of points)
+    doubts: dict[str, tuple[str, int, int]] = field(default_factory=dict)
+
+    def warnings(self) -> list[str]:
+        """What to warn of, one sentence for each kind, with the points that it concerns."""
+        found = []
+        for text, first, count in self.doubts.values():
+            others = f" and similar at {count - 1} more of {self.grid.size}" if count > 1 else f" of {self.grid.size}"
+            found.append(f"{text} [at point {first}{others}]" if self.grid.size > 1 else text)
+        return found
 
     @property
     def surfaces(self) -> int:
@@ -279,7 +299,11 @@ def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Su
                 progress(point + 1, grid.size)
         if wrong:
             continue
-        _add(result, point, scene, known)
+        try:
+            _add(result, point, scene, known)
+        except InputError as error:
+            error.add_note(f"at point {point} of {grid.source}")
+            raise
         for axis, place in enumerate(grid.positions(point)):
             if place in unresolved[axis]:
                 unresolved[axis].discard(place)
@@ -314,6 +338,9 @@ def _add(result: Survey, point: int, scene: Scene, known: dict[str, int]) -> Non
     keys, costs = scene.task_keys(), cost(scene)
     result.classes |= registered_classes(scene.components())
     check_limits(scene, costs)
+    for doubt in doubts(scene, costs):
+        text, first, count = result.doubts.get(doubt.kind, (doubt.text, point, 0))
+        result.doubts[doubt.kind] = text, first, count + 1
     result.keys.append(keys["result"])
     result.agings.append(keys["aging"])
     if keys["contact"] not in known:
@@ -342,6 +369,10 @@ def _resolve(result: Survey, axis: int, place: int, scene: Scene) -> None:
     data = scene.todict()
     for number, path in enumerate(result.grid.axes[axis].paths):
         given = result.grid.axes[axis].values[place][number]
+        if path == "contact.load" and (pressure := nominal_pressure(given)) is not None:
+            # the force differs where the size of the surface is swept as well
+            result.resolved[axis][place][number], result.units[path] = pressure, "GPa"
+            continue
         value: Any = data
         for name in path.split("."):
             value = value.get(name) if isinstance(value, Mapping) else None

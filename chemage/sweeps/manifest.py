@@ -87,7 +87,7 @@ def refuse_links(folder: Path) -> None:
     StoreError
         Naming the link.
     """
-    for path in (folder / name for name in ("sweep.json", ".lock", ".parts", "contacts", "points")):
+    for path in (folder / name for name in ("sweep.json", ".lock", ".parts", ".shares", "contacts", "points")):
         _refuse_link(path)
     try:
         with os.scandir(folder / "points") as entries:

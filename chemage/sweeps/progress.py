@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from chemage.foundation.progress import progress_bars
+from chemage.foundation.progress import progress_bars, silenced
 
 
 @dataclass(frozen=True)
@@ -57,10 +57,13 @@ def reporting(progress: Report | bool | None) -> Iterator[Report | None]:
 @contextmanager
 def show_progress(seconds: float = 5.0) -> Iterator[Report]:
     """Show the progress of a sweep on stderr: bars on a terminal, elsewhere a line every few ``seconds``."""
+    if silenced():
+        yield lambda state: None
+        return
     if not sys.stderr.isatty():
         yield _lines(seconds)
         return
-    with progress_bars() as bar:
+    with progress_bars({"validating": "points", "contacts": "", "points": ""}) as bar:
 
         def draw(state: SweepProgress) -> None:
             if state.stage == "validating":

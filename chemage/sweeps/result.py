@@ -155,6 +155,11 @@ class SweepResult:
         return self._manifest["digest"]
 
     @property
+    def versions(self) -> dict[str, str]:
+        """The versions of chemage and its plugins that made the folder."""
+        return self._manifest["versions"]
+
+    @property
     def axes(self) -> tuple[Axis, ...]:
         """The axes of the grid; the last varies fastest."""
         return self.grid.axes
@@ -226,14 +231,31 @@ class SweepResult:
     def table(self) -> Table:
         """The table of all points, as they are in the folder at present."""
         points = (self.store.read_point(key) for key in self.keys)
-        return Table.collect(self.swept, self.units, points)
+        return Table.collect(self.swept, self.units, points, self.axes)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """A data frame with one row per point: status, swept fields, results. Needs pandas."""
+        """A data frame with one row per point: status, swept fields, results.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
         return self.table().to_pandas()
 
     def to_xarray(self) -> xarray.Dataset:
-        """A dataset with dimensions point, hold_time and replica, which includes the ageing curves. Needs xarray."""
+        """A dataset with one dimension for each axis, named after its field (``load``, ``surface_seed``).
+
+        Lines that vary together share a dimension. Numbers of a point (``beta``, ``area_fraction``) have these
+        dimensions; curves (``friction_drop``) have ``hold_time`` as well, and ``bonds`` also ``replica``. Every
+        variable has ``units`` and ``long_name``. Of a point that is not done, ``status`` says why, numbers are nan and
+        bonds -1.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
         return self.table().to_xarray()
 
     def write_tables(self) -> tuple[Path, Path]:

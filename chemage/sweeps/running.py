@@ -5,34 +5,49 @@ A point is submitted as soon as its contact is solved. Completed contacts and po
 
 from __future__ import annotations
 
-import math
 import shutil
 import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
-from contextlib import ExitStack
-from dataclasses import dataclass, field
+from contextlib import AbstractContextManager, ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from chemage.experiments.provenance import versions
+from chemage.experiments.scene import Scene
 from chemage.experiments.scene_files import located, override, scene_data
-from chemage.foundation.errors import DamagedError, ExecutorError, InputError, SceneError, StoreError, WorkerLost
+from chemage.foundation.errors import (
+    DamagedError,
+    ExecutorError,
+    InputError,
+    SceneError,
+    StoreError,
+    WorkerLost,
+)
 from chemage.foundation.memory import readable
 from chemage.foundation.threads import restored as threads_restored
+from chemage.foundation.units import in_words
+from chemage.foundation.version import __version__
+from chemage.foundation.warned import PlanWarning
 from chemage.plugins.settings import completed
 from chemage.sweeps.by_hand import Known, for_workers
+from chemage.sweeps.claims import PLACE, STALE, WHOLE, Claims, tidy
 from chemage.sweeps.executors.opening import open_pool
 from chemage.sweeps.executors.pool import Pool
 from chemage.sweeps.folder import FORMAT, RESUME, Folder, SweepWarning
 from chemage.sweeps.freshness import Outdated, outdated
-from chemage.sweeps.grid import Grid, Survey, check_base, order_of, survey
+from chemage.sweeps.grid import Grid, Survey, check_base, survey
 from chemage.sweeps.manifest import refuse_links
 from chemage.sweeps.progress import Report, SweepProgress, reporting
 from chemage.sweeps.result import SweepResult
-from chemage.sweeps.tasks import compute, failure, solve
+from chemage.sweeps.shares import Selection, agree
+from chemage.sweeps.tasks import compute, forget, solve
+from chemage.sweeps.todo import Clock, Task, Todo
 
 #: sweeps of more points need confirmation before they are validated
 MANY_POINTS = 100_000
@@ -47,19 +62,36 @@ Confirm = Callable[[str], bool]
 # -- before the first task --------------------------------------------------------------------------------------------
 
 
-def read_grid(scene: str | Path | Mapping[str, Any], changes: Mapping[str, Any] | None = None) -> Grid:
-    """Read the grid of a scene file, an installed scene, or scene data, with dotted-path ``changes`` to the base.
+def read_grid(
+    scene: Scene | str | Path | Mapping[str, Any],
+    changes: Mapping[str, Any] | None = None,
+    axes: Mapping[str, Any] | None = None,
+) -> Grid:
+    """Read the grid of a scene, a scene file, an installed scene, or scene data, with dotted-path ``changes`` to the
+    base; ``axes`` are in place of ``[sweep]``.
 
     Raises
     ------
     SceneError
         ``[sweep]`` is missing or not valid.
     """
-    data, source = (dict(scene), "the scene") if isinstance(scene, Mapping) else scene_data(scene)
-    data = completed(override(data, changes or {}))
+    given = scene.completed().todict() if isinstance(scene, Scene) else scene
+    data, source = (dict(given), "the scene") if isinstance(given, Mapping) else scene_data(given)
+    data = completed(in_words(override(data, changes or {})))
+    if axes is not None:
+        data["sweep"] = in_words({path: _listed(values) for path, values in axes.items()})
     if "sweep" not in data:
-        raise SceneError(source, [("sweep", "is missing: this scene is one point; use chemage.run")])
+        raise SceneError(source, [("sweep", "is missing: this scene is one point; use chemage.run, or give axes")])
+    axes_of = data["sweep"] if isinstance(data["sweep"], Mapping) else {}
+    if asked := [name for name in ("ensemble", "accuracy") if any(p.split(".")[0] == name for p in (*data, *axes_of))]:
+        why = "each point of a sweep is one surface; leave this out and vary surface.seed, or run the points one by one"
+        raise SceneError(source, [(name, why) for name in asked])
     return Grid.read(check_base(located(data, Path.cwd()), source), source)
+
+
+def _listed(values: Any) -> Any:
+    """Values of an axis as a list of plain ones, from an array of numpy or pint as well."""
+    return values.tolist() if isinstance(values, np.ndarray) else list(values) if isinstance(values, tuple) else values
 
 
 def survey_of(grid: Grid, *, progress: Report | None = None, confirm: Confirm | None = None) -> Survey:
@@ -102,6 +134,7 @@ def room_for(path: Path) -> int:
 
 
 def _check_room(found: Survey, path: Path, confirm: Confirm | None) -> None:
+    """Ask for confirmation where the disk may be too small; warn of what is doubtful about the points."""
     need, room = found.total_bytes, room_for(path)
     if need > DISK_SHARE * room:
         _require_confirmation(
@@ -109,6 +142,13 @@ def _check_room(found: Survey, path: Path, confirm: Confirm | None) -> None:
             f"{path.absolute().parent} has {readable(room)} left",
             confirm,
         )
+    _warn(found)
+
+
+def _warn(found: Survey) -> None:
+    """Warn of what is doubtful about the points, of each kind of doubt once."""
+    for text in found.warnings():
+        warnings.warn(text, PlanWarning, stacklevel=4)
 
 
 def _check_folder(folder: Folder, found: Survey, force: bool) -> None:
@@ -117,7 +157,9 @@ def _check_folder(folder: Folder, found: Survey, force: bool) -> None:
     if path.exists() and not path.is_dir():
         raise StoreError(f"{path} is a file; a sweep is computed into a folder")
     refuse_links(path)
-    if not path.exists() or not any(name for name in path.iterdir() if name.name not in (".lock", ".parts")):
+    # what another process makes before the manifest
+    begun = {".lock", ".parts", PLACE}
+    if not path.exists() or {one.name for one in path.iterdir()} <= begun:
         return
     if not folder.manifest.exists():
         raise StoreError(f"{path} is not empty and holds no sweep; choose another folder")
@@ -157,7 +199,7 @@ def _difference(there: Mapping[str, Any], found: Survey) -> str:
     return f"{different} of its {len(found.keys)} points differ"
 
 
-def _outdated(folder: Folder, found: Survey) -> Outdated:
+def _outdated(folder: Folder, found: Survey, *, whole: bool) -> Outdated:
     if not folder.manifest.exists():
         return Outdated()
     try:
@@ -165,6 +207,11 @@ def _outdated(folder: Folder, found: Survey) -> Outdated:
     except DamagedError:
         there = {}
     stale = outdated(folder, found, there)
+    if stale and not whole:
+        raise StoreError(
+            f"{folder.path}: {stale.describe()}; one process must do so: rerun the command without --points, or choose "
+            "another folder"
+        )
     if stale:
         warnings.warn(f"{folder.path}: {stale.describe()}", SweepWarning, stacklevel=3)
     return stale
@@ -180,6 +227,23 @@ def _describe(folder: Folder, found: Survey) -> None:
         folder.write_manifest(_manifest(found))
     elif there.get("asked", {}) != found.hooks:
         folder.write_manifest({**there, "asked": found.hooks})
+
+
+def _describe_first(folder: Folder, found: Survey) -> None:
+    """Write the manifest unless another process has, whose manifest must be of this sweep."""
+    folder.write_manifest(_manifest(found), first=True)
+    try:
+        there = folder.read_manifest()
+    except DamagedError:
+        folder.write_manifest(_manifest(found))
+        return
+    if there["digest"] != found.digest:
+        raise StoreError(f"{folder.path} holds another sweep ({_difference(there, found)}); choose another folder")
+    if (version := there["versions"]["chemage"]) != __version__:
+        raise StoreError(
+            f"{folder.path} was begun by chemage {version}, and this is {__version__}; compute all shares with one "
+            "version, or finish it with one process (without --points)"
+        )
 
 
 def _clear(folder: Folder) -> None:
@@ -209,9 +273,10 @@ def _manifest(found: Survey) -> dict[str, Any]:
 
 
 def sweep(
-    scene: str | Path | Mapping[str, Any],
+    scene: Scene | str | Path | Mapping[str, Any],
     out: str | Path,
     *,
+    axes: Mapping[str, Any] | None = None,
     executor: str | Executor = "serial",
     workers: int | None = None,
     threads: int | None = None,
@@ -219,13 +284,16 @@ def sweep(
     progress: Report | bool | None = None,
     confirm: Confirm | bool = False,
     force: bool = False,
+    points: str | None = None,
+    patience: float | str | None = None,
 ) -> SweepResult:
     """Compute every point of a scene with ``[sweep]`` into the folder ``out``; completed points are skipped.
 
     Parameters
     ----------
-    scene
-        A scene file, the name of an installed scene, or scene data (a mapping) that contain ``sweep``.
+    scene, axes
+        A scene file, the name of an installed scene, scene data (a mapping), or a :class:`chemage.Scene`; dotted path
+        -> values in place of its ``[sweep]``, such as ``{"contact.load": ["1 uN", "2 uN"]}``.
     out
         A new folder, or the folder of this sweep, which then resumes.
     executor, workers, threads
@@ -240,6 +308,13 @@ def sweep(
         True confirms always.
     force
         Replace the results in ``out`` and compute all points.
+    points
+        Compute a part of the points only, while other processes may compute others into the same folder: ``"3/16"``,
+        the third of sixteen shares; ``"3,7,12-20"``, numbers of points, the first is 0; ``"auto"``, the share of this
+        task of a job array. No tables are written; see :func:`chemage.collect_sweep`.
+    patience
+        Longest time to wait while a Dask cluster has no worker: s, or text with a unit such as ``"10 min"``; default:
+        120 s for a cluster started on this machine, no limit for any other, whose jobs may be queued.
 
     Returns
     -------
@@ -251,43 +326,89 @@ def sweep(
     SceneError
         A point is not valid; all points are validated before the first is computed.
     InputError
-        The sweep needs confirmation; ``executor``, ``workers`` or ``threads`` is not valid; or a component was
-        registered by hand in a place that worker processes cannot import.
+        The sweep needs confirmation; ``executor``, ``workers``, ``threads`` or ``points`` is not valid; or a component
+        was registered by hand in a place that worker processes cannot import.
     StoreError
         ``out`` holds something else, or cannot be written.
     ExecutorError
         The workers cannot be started, or have ended.
     """
     begin = time.perf_counter()
+    selection = None if points is None else Selection.read(points)
+    if selection is not None and force:
+        raise InputError("a part of the points cannot replace a sweep: give force (--force) without points (--points)")
     confirmed = (lambda text: True) if confirm is True else (confirm or None)
     with ExitStack() as stack:
         report = stack.enter_context(reporting(progress))
         stack.enter_context(threads_restored())  # tasks that run in this process set their own
-        found = survey_of(read_grid(scene, changes), progress=report, confirm=confirmed)
+        found = survey_of(read_grid(scene, changes, axes), progress=report, confirm=confirmed)
         known = for_workers(executor, found.classes)
         folder = Folder(Path(out).absolute())
         _check_folder(folder, found, force)
         _check_room(found, folder.path, confirmed)
-        stale = Outdated() if force else _outdated(folder, found)
-        pool = None
-        # raises before anything is written if the workers cannot be started
-        if force or stale or _Todo(folder, found).left:
-            pool = stack.enter_context(open_pool(executor, workers, threads))
-        _make(folder.path)
-        stack.enter_context(folder.locked())
-        if force:
-            _clear(folder)
-        folder.clear_parts()
-        stale.remove(folder)
-        _describe(folder, found)
-        todo = _Todo(folder, found)
-        todo.warn_of_damage()
-        if todo.left and pool is not None:
-            _run_tasks(todo, pool, report, begin, known)
-        result = SweepResult(folder.path)
-        result.write_tables()
+        pool = partial(open_pool, executor, workers, threads, patience)
+        run_tasks = partial(_run_tasks, report=report, begin=begin, known=known)
+        _compute(stack, folder, found, selection, force, pool, run_tasks)
+    if selection is None:
+        tidy(folder.path)
+    return SweepResult(folder.path)
+
+
+def _compute(
+    stack: ExitStack,
+    folder: Folder,
+    found: Survey,
+    selection: Selection | None,
+    force: bool,
+    pool: Callable[[], AbstractContextManager[Pool]],
+    run_tasks: Callable[[Todo, Pool], None],
+) -> None:
+    """Compute what is missing in the folder, with a pool that is opened only if something is, and write the tables of
+    a whole sweep."""
+    stack.callback(forget, str(folder.path))
+    stale = Outdated() if force else _outdated(folder, found, whole=selection is None)
+    chosen = None if selection is None else selection.points(folder, found)
+    opened = None
+    # raises before anything is written if the workers cannot be started
+    if force or stale or Todo(folder, found, chosen).left:
+        opened = stack.enter_context(pool())
+    todo = _begin(stack, folder, found, selection, stale, force)
+    todo.warn_of_damage()
+    if todo.left:
+        run_tasks(todo, opened or stack.enter_context(pool()))
+    if selection is None:
+        SweepResult(folder.path).write_tables()
         shutil.rmtree(folder.path / ".parts", ignore_errors=True)
-    return result
+
+
+def _begin(
+    stack: ExitStack, folder: Folder, found: Survey, selection: Selection | None, stale: Outdated, force: bool
+) -> Todo:
+    """Make the folder, and lock it against other calls unless both compute parts of the points."""
+    _make(folder.path)
+    claims = stack.enter_context(Claims(folder.path, WHOLE if selection is None else selection.describe()))
+    others = claims.others()
+    if selection is not None:
+        others = [other for other in others if other.points == WHOLE]
+    if others:
+        names = ", ".join([*map(str, others[:3]), *(["..."] if len(others) > 3 else [])])
+        raise StoreError(
+            f"{folder.path} is being computed by {names}; wait for it, or stop it (one that was killed on another "
+            f"machine counts for {STALE:.0f} s)"
+        )
+    stack.enter_context(folder.locked(shared=selection is not None))
+    if selection is not None:
+        folder.make_parts()
+        _describe_first(folder, found)
+        if selection.share is not None:
+            agree(folder, found, selection.share[1])
+        return Todo(folder, found, selection.points(folder, found), claims)
+    if force:
+        _clear(folder)
+    folder.clear_parts()
+    stale.remove(folder)
+    _describe(folder, found)
+    return Todo(folder, found)
 
 
 def _make(path: Path) -> None:
@@ -297,163 +418,13 @@ def _make(path: Path) -> None:
         raise StoreError(f"cannot make the folder {path}: {error.strerror}") from None
 
 
-@dataclass
-class _Task:
-    """A contact to solve, or points with the same ageing."""
-
-    contact: int
-    points: list[int]
-    weight: float
-    #: whether no other task runs at the same time, so that a worker that dies must have died of this one
-    alone: bool = False
-
-    @property
-    def solves(self) -> bool:
-        return not self.points
-
-
-class _Todo:
-    """The tasks that are left, in an order in which successive contacts share a surface."""
-
-    def __init__(self, folder: Folder, found: Survey) -> None:
-        self.folder, self.found = folder, found
-        states: dict[str, str] = {}
-        for key in found.keys:
-            if key not in states:
-                states[key] = folder.state(key)
-        self.done = sum(states[key] == "done" for key in found.keys)
-        self.damaged = [folder.point(key) for key, state in states.items() if state == "damaged"]
-        self.failed: dict[int, str] = {}
-        groups: dict[str, list[int]] = {}
-        claimed: set[str] = set()
-        self._same: dict[str, list[int]] = {}
-        for point, key in enumerate(found.keys):
-            self._same.setdefault(key, []).append(point)
-            if states[key] != "done" and key not in claimed:
-                claimed.add(key)
-                groups.setdefault(found.agings[point], []).append(point)
-        self._waiting: dict[int, list[_Task]] = {}
-        for points in groups.values():
-            cost = found.cpu_seconds[points[0]]
-            task = _Task(found.contact_of[points[0]], points, math.nan if cost is None else cost + 1e-3)
-            self._waiting.setdefault(task.contact, []).append(task)
-        self._ready: deque[_Task] = deque()
-        self._contacts: deque[_Task] = deque()
-        self.contacts_done = len(found.contacts) - len(self._waiting)
-        for number in order_of(found.contacts):
-            if number not in self._waiting:
-                continue
-            key = found.contacts[number].key
-            if folder.has_contact(key):
-                self.contacts_done += 1
-                self._ready.extend(self._waiting.pop(number))
-            else:
-                if folder.contact(key).exists():
-                    self.damaged.append(folder.contact(key))
-                cost = found.contacts[number].cpu_seconds
-                self._contacts.append(_Task(number, [], math.nan if cost is None else cost + 1e-3))
-
-    def warn_of_damage(self) -> None:
-        """Name the damaged files, which are computed again."""
-        if self.damaged:
-            names = [str(path.relative_to(self.folder.path)) for path in self.damaged[:5]]
-            more = ", ..." if len(self.damaged) > 5 else ""
-            message = f"{len(self.damaged)} files are damaged and are computed again: {', '.join(names)}{more}"
-            warnings.warn(f"{self.folder.path}: {message}", SweepWarning, stacklevel=3)
-
-    @property
-    def left(self) -> int:
-        """Number of tasks ready to be submitted."""
-        return len(self._ready) + len(self._contacts)
-
-    def take(self, solving: int, width: int) -> _Task:
-        """Take the next task while ``solving`` contacts are being solved on ``width`` workers.
-
-        Points come first, while a worker still has their contact in memory; but half of the workers solve contacts, so
-        that the last contact does not start after everything else has ended.
-        """
-        if self._contacts and (not self._ready or solving < width // 2):
-            return self._contacts.popleft()
-        return self._ready.popleft()
-
-    def remaining(self) -> tuple[list[float], list[float]]:
-        """The weights of the tasks that are not submitted: contacts, points."""
-        points = [task.weight for task in self._ready]
-        points += [task.weight for tasks in self._waiting.values() for task in tasks]
-        return [task.weight for task in self._contacts], points
-
-    def finished(self, task: _Task, answer: Mapping[str, Any]) -> None:
-        """Record the end of a task."""
-        if task.solves:
-            self.contacts_done += 1
-            dependents = self._waiting.pop(task.contact)
-            if (error := answer.get("error")) is None:
-                self._ready.extend(dependents)
-                return
-            for group in dependents:
-                self._record(group.points, error)
-            return
-        failed: Mapping[int, str] = answer.get("failed", {})
-        for point in task.points:
-            same = self._same[self.found.keys[point]]
-            if point in failed:
-                self.failed.update(dict.fromkeys(same, failed[point]))
-            else:
-                self.done += len(same)
-
-    def lost(self, task: _Task, error: WorkerLost) -> None:
-        """Record a task whose workers died."""
-        found = failure(0, {}, "contact" if task.solves else "ageing", error)["error"]
-        if task.solves:
-            self.finished(task, {"error": found})
-        else:
-            self._record(task.points, found)
-
-    def _record(self, points: list[int], error: Mapping[str, Any]) -> None:
-        for point in points:
-            content = {"status": "failed", "point": point, "changes": self.found.grid.changes(point), "error": error}
-            self.folder.write_point(self.found.keys[point], content)
-            self.failed.update(dict.fromkeys(self._same[self.found.keys[point]], str(error["message"])))
-
-
-@dataclass
-class _Clock:
-    """Estimates the remaining time from the duration of completed tasks."""
-
-    seconds: dict[bool, float] = field(default_factory=lambda: {True: 0.0, False: 0.0})
-    weight: dict[bool, float] = field(default_factory=lambda: {True: 0.0, False: 0.0})
-    count: dict[bool, int] = field(default_factory=lambda: {True: 0, False: 0})
-
-    def add(self, task: _Task, seconds: float) -> None:
-        """Add the duration of a completed task."""
-        self.seconds[task.solves] += seconds
-        self.weight[task.solves] += task.weight
-        self.count[task.solves] += 1
-
-    def remaining(self, contacts: list[float], points: list[float], width: int) -> float | None:
-        """Estimate the wall time of the remaining tasks, s; None before the first task has ended."""
-        total = 0.0
-        for solves, left in ((True, contacts), (False, points)):
-            weights = sum(left)
-            known = solves if self.count[solves] else not solves
-            if not left:
-                continue
-            if math.isfinite(weights) and self.weight[known] > 0:
-                total += self.seconds[known] / self.weight[known] * weights
-            elif self.count[solves]:
-                total += self.seconds[solves] / self.count[solves] * len(left)
-            else:
-                return None
-        return total / max(1, width)
-
-
-def _run_tasks(todo: _Todo, pool: Pool, report: Report | None, begin: float, known: Known) -> None:
-    running: dict[Future[dict[str, Any]], _Task] = {}
-    suspects: deque[_Task] = deque()
-    clock, last_report = _Clock(), 0.0
+def _run_tasks(todo: Todo, pool: Pool, report: Report | None, begin: float, known: Known) -> None:
+    running: dict[Future[dict[str, Any]], Task] = {}
+    suspects: deque[Task] = deque()
+    clock, last_report = Clock(), 0.0
     path, digest = str(todo.folder.path), todo.found.digest
 
-    def submit(task: _Task) -> Future[dict[str, Any]]:
+    def submit(task: Task) -> Future[dict[str, Any]]:
         if task.solves:
             contact = todo.found.contacts[task.contact]
             return pool.executor.submit(solve, path, digest, contact.point, contact.key, pool.threads, known)
@@ -469,10 +440,10 @@ def _run_tasks(todo: _Todo, pool: Pool, report: Report | None, begin: float, kno
         report(
             SweepProgress(
                 "computing",
-                len(todo.found.keys),
+                len(todo.points),
                 todo.done,
                 len(todo.failed),
-                len(todo.found.contacts),
+                todo.contacts,
                 todo.contacts_done,
                 width,
                 now - begin,
@@ -481,16 +452,22 @@ def _run_tasks(todo: _Todo, pool: Pool, report: Report | None, begin: float, kno
         )
 
     try:
-        while todo.left or running or suspects:
+        while todo.left or running or suspects or todo.elsewhere:
             width = pool.width()
             if suspects and not running and not todo.left:
                 task = suspects.popleft()
                 task.alone = True
                 running[submit(task)] = task
             while todo.left and len(running) < width and not any(one.alone for one in running.values()):
-                task = todo.take(sum(one.solves for one in running.values()), width)
-                running[submit(task)] = task
-            finished, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
+                taken = todo.take(sum(one.solves for one in running.values()), width)
+                if taken is not None:
+                    running[submit(taken)] = taken
+            if running:
+                finished, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
+            else:  # other processes compute all that is left
+                finished = set()
+                time.sleep(0.1)
+            todo.look_elsewhere()
             for future in finished:
                 task = running.pop(future)
                 if not pool.blames_one and not task.alone and isinstance(future.exception(), WorkerLost):
@@ -509,7 +486,7 @@ def _run_tasks(todo: _Todo, pool: Pool, report: Report | None, begin: float, kno
         raise
 
 
-def _settle(todo: _Todo, task: _Task, future: Future[dict[str, Any]], clock: _Clock) -> None:
+def _settle(todo: Todo, task: Task, future: Future[dict[str, Any]], clock: Clock) -> None:
     try:
         answer = future.result()
     except WorkerLost as error:

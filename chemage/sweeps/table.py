@@ -14,10 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage.ageing import elasticity
+from chemage.ageing.derived import CURVES, FIT
+from chemage.ageing.fitting import LN10
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.files import fresh_file
+from chemage.foundation.optional import optional_module
 from chemage.foundation.seals import seal
-from chemage.sweeps.grid import shown
+from chemage.sweeps.dimensions import Dimension, dimensions
+from chemage.sweeps.grid import Axis, shown
 
 if TYPE_CHECKING:
     import pandas
@@ -29,26 +33,13 @@ SCALARS: dict[str, tuple[str, str]] = {
     "sites": ("1", "reactive sites, mean over replicas"),
     "replicas": ("1", "replicas"),
     "events": ("1", "bonds formed and broken, all replicas"),
-    "beta": ("1", "slope of the friction coefficient drop per decade of hold time"),
-    "beta_stderr": ("1", "standard error of beta"),
-    "beta_half_width": ("1", "half the width of the 95 % interval of beta"),
-    "cutoff_time": ("s", "cut-off time"),
-    "cutoff_time_stderr": ("s", "standard error of the cut-off time"),
-    "cutoff_time_low": ("s", "lower end of the 95 % interval of the cut-off time"),
-    "cutoff_time_high": ("s", "upper end of the 95 % interval of the cut-off time"),
+    **FIT,
     **elasticity.MEASURES,
 }
-#: results at each hold time: name in the summary -> (unit, meaning)
-CURVES = {
-    "friction_drop": ("nN", "friction drop, mean over replicas"),
-    "friction_drop_stderr": ("nN", "its standard error"),
-    "friction_drop_half_width": ("nN", "half the width of its 95 % interval"),
-    "friction_coefficient_drop": ("1", "friction coefficient drop, mean over replicas"),
-    "friction_coefficient_drop_stderr": ("1", "its standard error"),
-    "friction_coefficient_drop_half_width": ("1", "half the width of its 95 % interval"),
-}
-
-
+#: those of SCALARS that only repeat a field of the scene; where that is swept, it has their place in the dataset
+GIVEN = {"load", "modulus", "replicas", "hardness", "shear_strength"}
+#: dimensions, values, attributes
+Variable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]
 #: what is listed of an output of an observable: suffix of the column -> (key in the summary, meaning)
 PARTS = {
     "": ("mean", ""),
@@ -81,14 +72,26 @@ class Table:
     observed: dict[str, tuple[str, str, np.ndarray]] = field(default_factory=dict)
     #: what is approximate about each point, in words; empty if no point is approximate
     approximate: list[str] = field(default_factory=list)
+    #: why beta of each point was not fitted, in words; empty if every one was
+    beta_reason: list[str] = field(default_factory=list)
+    #: of the grid, the last varying fastest; empty: the points are no grid
+    dimensions: tuple[Dimension, ...] = ()
 
     @classmethod
     def collect(
-        cls, swept: Mapping[str, Sequence[Any]], units: Mapping[str, str], points: Iterable[Mapping[str, Any]]
+        cls,
+        swept: Mapping[str, Sequence[Any]],
+        units: Mapping[str, str],
+        points: Iterable[Mapping[str, Any]],
+        axes: Sequence[Axis] = (),
     ) -> Table:
-        """Make the table from the files of the points, read one after the other; missing ones have only a status."""
+        """Make the table from the files of the points, read one after the other; missing ones have only a status.
+
+        ``axes`` are those of the grid, of which ``swept`` has the values at every point.
+        """
         count = len(next(iter(swept.values())))
         status, error, approximate = ["missing"] * count, [""] * count, [""] * count
+        reasons = [""] * count
         scalars = {name: np.full(count, np.nan) for name in SCALARS}
         rows: dict[int, tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = {}
         processors: dict[str, None] = {}
@@ -103,6 +106,8 @@ class Table:
                 processors[processor] = None
             observables[number] = summary.get("observables", {})
             approximate[number] = summary.get("approximate", "")
+            reasons[number] = summary.get("beta_reason") or ""
+            summary = _with_b(summary)
             for name, column in scalars.items():
                 if (value := summary.get(name)) is not None:
                     column[number] = value
@@ -121,6 +126,8 @@ class Table:
             **(padded := _padded(count, rows)),
             observed=_observed(count, padded["curves"], observables),
             approximate=approximate if any(approximate) else [],
+            beta_reason=reasons if any(reasons) else [],
+            dimensions=dimensions(axes, swept, {*SCALARS, *CURVES} - GIVEN),
         )
 
     @property
@@ -136,13 +143,17 @@ class Table:
             f"{path} ({unit})" if unit else path for path, unit in ((p, self.units.get(p, "")) for p in self.swept)
         ]
         scalars = [f"{name}{_in(SCALARS[name][0])}" for name in self.scalars]
-        last = {name: _last(values) for name, values in (("hold_time", self.hold_times), *self.curves.items())}
+        last = {"hold_time": _last(self.hold_times, self.hold_times)}
+        last |= {name: _last(values, value_of(name, self.curves)) for name, values in self.curves.items()}
         lasts = ["last hold_time (s)"] + [f"last {name}{_in(unit)}" for name, (unit, _) in CURVES.items()]
+        seen = {name: values for name, (_, _, values) in self.observed.items()}
         observed = {
-            f"{'last ' * (values.ndim == 2)}{name}{_in(unit)}": _last(values) if values.ndim == 2 else values
+            f"{'last ' * (values.ndim == 2)}{name}{_in(unit)}": _last(values, value_of(name, seen))
+            if values.ndim == 2
+            else values
             for name, (unit, _, values) in self.observed.items()
         }
-        marked = ["approximate"] if self.approximate else []
+        marked = ["approximate"] * bool(self.approximate) + ["beta_reason"] * bool(self.beta_reason)
         writer.writerow(["point", "status", *names, *scalars, *lasts, *observed, *marked, "error"])
         for row in range(self.points):
             done = self.status[row] == "done"
@@ -157,6 +168,7 @@ class Table:
                     *(_cell(values[row]) for values in self.swept.values()),
                     *(_cell(number) for number in numbers),
                     *self.approximate[row : row + 1],
+                    *self.beta_reason[row : row + 1],
                     self.error[row].replace("\n", " "),
                 ]
             )
@@ -164,7 +176,7 @@ class Table:
             part.write_text(text.getvalue(), encoding="utf-8")
 
     def write_hdf5(self, path: Path, attributes: Mapping[str, Any]) -> None:
-        """Write NetCDF4 with dimensions point, hold_time and replica, readable with ``xarray.open_dataset``."""
+        """Write NetCDF4 with the dimensions of :meth:`to_xarray`, readable with ``xarray.open_dataset``."""
         import h5netcdf
         import h5py
 
@@ -175,11 +187,11 @@ class Table:
             for name, value in attributes.items():
                 file.attrs[name] = value
             file.dimensions = {
-                "point": self.points,
+                **self._grid(),
                 "hold_time": self.hold_times.shape[-1],
                 "replica": self.bonds.shape[1],
             }
-            for name, (dims, values, notes) in self._variables().items():
+            for name, (dims, values, notes) in self.variables().items():
                 kind = text if values.dtype == object else values.dtype
                 empty = 0 in values.shape
                 variable = file.create_variable(name, dims, kind, data=None if empty else values)
@@ -189,38 +201,63 @@ class Table:
         with fresh_file(path, force=True, size=content.nbytes) as part:
             part.write_bytes(content)
 
-    def _variables(self) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]:
-        """name -> (dimensions, values, attributes)."""
-        found: dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]] = {
-            "point": (("point",), np.arange(self.points), {"long_name": "number of the point"}),
-            "status": (("point",), np.array(self.status, dtype=object), {"long_name": "done, failed or missing"}),
-            "error": (("point",), np.array(self.error, dtype=object), {"long_name": "why it failed"}),
-        }
+    def _grid(self) -> dict[str, int]:
+        """The dimensions of the grid and their lengths."""
+        return {one.name: one.size for one in self.dimensions} or {"point": self.points}
+
+    def variables(self) -> dict[str, Variable]:
+        """The variables of the dataset by name."""
+        grid = self._grid()
+        dims, shape = tuple(grid), tuple(grid.values())
+
+        def of_points(values: Any, *more: str, **notes: str) -> Variable:
+            array = values if isinstance(values, np.ndarray) else np.array(values, dtype=object)
+            return (*dims, *more), array.reshape(*shape, *array.shape[1:]), notes
+
+        found: dict[str, Variable] = {}
+        for axis, one in enumerate(self.dimensions):
+            first = tuple(slice(None) if place == axis else 0 for place in range(len(shape)))
+            for path, name in one.coordinates.items():
+                along = self.swept[path].reshape(shape)[first]
+                notes = {"units": self.units.get(path) or "1", "long_name": "swept", "path": path}
+                found[name] = ((one.name,), along, notes)
+        if not self.dimensions:
+            for path, values in self.swept.items():
+                found[path] = of_points(values, units=self.units.get(path) or "1", long_name="swept")
+        found["point"] = of_points(np.arange(self.points), long_name="number of the point")
+        found["status"] = of_points(self.status, long_name="done, failed, missing or damaged")
+        found["error"] = of_points(self.error, long_name="why it failed")
+        if self.beta_reason:
+            found["beta_reason"] = of_points(self.beta_reason, long_name="why beta was not fitted")
         if self.approximate:
-            marks = np.array(self.approximate, dtype=object)
-            found["approximate"] = (("point",), marks, {"long_name": "what is approximate"})
-        times = ("hold_time",) if self.hold_times.ndim == 1 else ("point", "hold_time")
-        name = "hold_time" if self.hold_times.ndim == 1 else "hold_times"
-        found[name] = (times, self.hold_times, {"units": "s", "long_name": "time since the contact was made"})
-        for path, values in self.swept.items():
-            found[path] = (("point",), values, {"units": self.units.get(path) or "1", "long_name": "swept"})
-        for values_of, group, dims in (
-            (self.scalars, SCALARS, ("point",)),
-            (self.curves, CURVES, ("point", "hold_time")),
-        ):
-            for name, values in values_of.items():
-                unit, meaning = group[name]
-                found[name] = (dims, values, {"units": unit, "long_name": meaning})
+            found["approximate"] = of_points(self.approximate, long_name="what is approximate")
+        times = {"units": "s", "long_name": "time since the contact was made"}
+        if self.hold_times.ndim == 1:
+            found["hold_time"] = (("hold_time",), self.hold_times, times)
+        else:
+            found["hold_times"] = of_points(self.hold_times, "hold_time", **times)
+        for name, values in self.scalars.items():
+            if name in found:  # swept, see GIVEN
+                continue
+            found[name] = of_points(values, units=SCALARS[name][0], long_name=SCALARS[name][1])
+        for name, values in self.curves.items():
+            found[name] = of_points(values, "hold_time", units=CURVES[name][0], long_name=CURVES[name][1])
         for name, (unit, meaning, values) in self.observed.items():
-            dims = ("point", "hold_time")[: values.ndim]
-            found[name] = (dims, values, {"units": unit, "long_name": meaning})
-        found["bonds"] = (("point", "replica", "hold_time"), self.bonds, {"units": "1", "long_name": "bonds"})
+            found[name] = of_points(values, *("hold_time",)[: values.ndim - 1], units=unit, long_name=meaning)
+        found["bonds"] = of_points(
+            self.bonds, "replica", "hold_time", units="1", long_name="bonds; -1 where there are none"
+        )
         return found
 
     def to_pandas(self) -> pandas.DataFrame:
-        """A data frame with one row per point, without the curves, which :meth:`to_xarray` includes."""
-        import pandas
+        """A data frame with one row per point, without the curves, which :meth:`to_xarray` includes.
 
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        pandas = optional_module("pandas", "xarray")
         observed = {name: values for name, (_, _, values) in self.observed.items() if values.ndim == 1}
         marked = {"approximate": self.approximate} if self.approximate else {}
         columns: dict[str, Any] = {"status": self.status, **self.swept, **self.scalars, **observed, **marked}
@@ -228,12 +265,26 @@ class Table:
         return pandas.DataFrame(columns, index=pandas.RangeIndex(self.points, name="point"))
 
     def to_xarray(self) -> xarray.Dataset:
-        """A dataset with dimensions point, hold_time and replica; the swept fields are coordinates along point."""
-        import xarray
+        """A dataset with one dimension for each axis of the grid, hold_time and replica; swept fields are coordinates.
 
-        variables = self._variables()
-        coordinates = ["point", *self.swept, *(name for name in ("hold_time", "hold_times") if name in variables)]
-        return xarray.Dataset(variables).set_coords(coordinates)
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        xarray = optional_module("xarray", "xarray")
+        variables = self.variables()
+        swept = [name for one in self.dimensions for name in one.coordinates.values()] or list(self.swept)
+        times = [name for name in ("hold_time", "hold_times") if name in variables]
+        return xarray.Dataset(variables).set_coords([*swept, "point", *times])
+
+
+def _with_b(summary: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The summary of a point with b, also of one that was written before there was b beside beta."""
+    if "b" in summary:
+        return summary
+    parts = {name: summary.get(f"beta{name[1:]}") for name in ("b", "b_stderr", "b_half_width")}
+    return {**summary, **{name: None if value is None else value / LN10 for name, value in parts.items()}}
 
 
 def _counts(bonds: Sequence[Any]) -> np.ndarray:
@@ -305,14 +356,19 @@ def _observed(
     return found
 
 
-def _last(values: np.ndarray) -> np.ndarray:
-    """The last finite number of each row, nan where there is none."""
+def value_of(name: str, values: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The curve that ``name`` is, or is the interval of."""
+    return values.get(name.removesuffix("_half_width"), values[name])
+
+
+def _last(values: np.ndarray, like: np.ndarray) -> np.ndarray:
+    """The number of each row at the last place where ``like`` is finite, nan where there is none."""
     if values.shape[-1] == 0:
         return np.full(values.shape[:-1], np.nan)
-    rows = np.atleast_2d(values)
+    rows, known = np.atleast_2d(values), np.isfinite(np.atleast_2d(like))
     found = np.full(rows.shape[0], np.nan)
     for number, row in enumerate(rows):
-        there = row[np.isfinite(row)]
+        there = row[known[number]]
         if there.size:
             found[number] = there[-1]
     return found if values.ndim == 2 else found[0]

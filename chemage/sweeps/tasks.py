@@ -55,6 +55,12 @@ class _Recent(Generic[T]):
             while len(self._kept) > self._size:
                 self._kept.popitem(last=False)
 
+    def drop(self, start: str) -> None:
+        """Forget the objects whose keys start so."""
+        with self._lock:
+            for key in [key for key in self._kept if key.startswith(start)]:
+                del self._kept[key]
+
 
 # 50 MB each at 2500 x 2500 pixels; points are computed in an order for which two of each are enough
 _surfaces: _Recent[Surface] = _Recent(2)
@@ -81,6 +87,12 @@ def _opened(path: str, digest: str) -> tuple[Folder, Grid, dict[str, Any]]:
 def _owner(path: str, digest: str) -> str:
     """Names the sweep and the plugins in use, which may change between two sweeps of one process."""
     return f"{path} {digest} {registry.current().state()}"
+
+
+def forget(path: str) -> None:
+    """Free the surfaces and contacts of the sweep in the folder ``path`` that this process has in memory."""
+    _surfaces.drop(f"{path} ")
+    _contacts.drop(f"{path} ")
 
 
 def solve(path: str, digest: str, point: int, key: str, threads: int, known: Known = ()) -> dict[str, Any]:
@@ -118,9 +130,10 @@ def _solution(scene: Scene, owner: str) -> ContactSolution:
 
 def _keep(folder: Folder, key: str, solution: ContactSolution, owner: str) -> ContactSolution:
     content = to_npz(solution)
-    folder.write_contact(key, content)
-    # points always use the stored contact, so that an interruption does not change them
-    kept = from_npz(ContactSolution, content, folder.contact(key))
+    mine = folder.write_contact(key, content)
+    # points always use the stored contact, so that an interruption or another process does not change them
+    stored = None if mine else folder.intact_contact(key)
+    kept = stored or from_npz(ContactSolution, content, folder.contact(key))
     _contacts.put(f"{owner} {key}", kept)
     return kept
 
@@ -147,7 +160,7 @@ def compute(path: str, digest: str, points: Sequence[int], threads: int, known: 
             contact = _keep(folder, contact_key, _solution(scene, owner), owner)
         _contacts.put(f"{owner} {contact_key}", contact)
         stage = "ageing"
-        made = run(scene, contact=contact, threads=threads)
+        made = run(scene, contact=contact, threads=threads, warn=False)
     except (Exception, SystemExit) as error:
         if isinstance(error, CannotWrite):
             raise

@@ -31,6 +31,7 @@ from chemage.testing.checks import (
 from chemage.testing.contacts import check_contact_solver, rough_surface
 from chemage.testing.engines import check_engine
 from chemage.testing.interactions import check_interaction
+from chemage.testing.materials import check_material
 from chemage.testing.observables import check_observable
 from chemage.testing.readers import check_reader
 from chemage.testing.ruptures import check_rupture
@@ -46,6 +47,7 @@ __all__ = [
     "check_contact_solver",
     "check_engine",
     "check_interaction",
+    "check_material",
     "check_observable",
     "check_reader",
     "check_rupture",

@@ -115,6 +115,31 @@ def _density_agrees_with_quantile(component: Barriers) -> None:
 
 
 @check_of("barriers")
+def _members_are_other_distributions(component: Barriers) -> None:
+    """``members(count)`` returns at most ``count`` distributions that differ from this one, always the same ones, and
+    that have no members themselves: a run ages each of them."""
+    found = list(component.members(3))
+    require(len(found) <= 3, f"members(3) returned {len(found)} distributions")
+    require(len(component.members(0)) == 0, "members(0) returned a distribution")
+    if not found:
+        return
+    for one in found:
+        require(isinstance(one, Barriers), f"members() returned {one!r}, which is no distribution of barriers")
+        require(not len(one.members(3)), f"{one!r} is a member and has members itself")
+    uniform = np.linspace(0.005, 0.995, 199)
+    own, *others = (one.quantile(uniform) for one in [component, *found])
+    require(
+        all(np.isfinite(one).all() and not np.array_equal(one, own) for one in others),
+        "a member has the same barriers as the distribution itself, or barriers that are not finite",
+    )
+    again = [one.quantile(uniform) for one in component.members(3)]
+    require(
+        [one.tobytes() for one in again] == [one.tobytes() for one in others],
+        "members() returned other distributions at the second call, so that a run would not repeat",
+    )
+
+
+@check_of("barriers")
 def _speed_does_not_change_the_barriers(component: Barriers) -> None:
     """Options in ``speed_only`` do not change a bit of any barrier; ``trade`` changes the median by a tenth at most."""
     uniform = np.linspace(0.01, 0.99, 99)

@@ -172,7 +172,7 @@ def _no_load_is_no_contact(component: ContactSolver, surfaces: Sequence[Surface]
 def _wrong_load_is_refused(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Negative and infinite loads, and loads in another dimension, are InputErrors; a load may have its unit."""
     surface, load = _solvable(component, surfaces)[0]
-    for wrong in (-1.0, math.nan, math.inf, "20 GPa", "20", True):
+    for wrong in (-1.0, math.nan, math.inf, "20 nm", "20", True):
         refuses(f"load {wrong!r}", lambda wrong=wrong: component.solve(surface, wrong))
     require(
         component.solve(surface, f"{load!r} nN") == component.solve(surface, load),

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from itertools import product
 from typing import Any
 
+from chemage.experiments.citations import bibtex_problem
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.plugins import registry
@@ -32,13 +33,26 @@ def _has_kind_and_role(component: Component) -> None:
 
 @check_of("")
 def _citations_are_strings(component: Component) -> None:
-    """``cite`` is a tuple of strings."""
+    """``cite`` is a tuple of strings, and ``bibtex``, if there is one, has an entry or "" for each of them."""
     cite = type(component).cite
     require(
         isinstance(cite, tuple),
         f"cite is a {type(cite).__name__}; expected a tuple of str, with a comma after a single one",
     )
     require(all(isinstance(one, str) and one.strip() for one in cite), f"cite = {cite!r}: not all are non-empty str")
+    owner = next(one for one in type(component).__mro__ if "cite" in vars(one))
+    entries = vars(owner).get("bibtex", ())
+    require(
+        isinstance(entries, tuple) and all(isinstance(one, str) for one in entries),
+        f"bibtex = {entries!r}: expected a tuple of str",
+    )
+    require(
+        len(entries) in (0, len(cite)),
+        f"bibtex has {len(entries)} entries for {len(cite)} of cite; write one for each, '' where there is none",
+    )
+    for entry in filter(None, entries):
+        problem = bibtex_problem(entry)
+        require(not problem, f"bibtex: {entry[:60]!r} {problem}")
 
 
 @check_of("")

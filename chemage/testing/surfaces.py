@@ -210,7 +210,7 @@ def _surface_is_as_expected(component: SurfaceMaker) -> None:
     """The properties that ``expected()`` returns are those of the surface: lengths in nm, the slope as a ratio."""
     surface, expected = component.make(0), component.expected()
     exact = {"nx": surface.shape[0], "ny": surface.shape[1], "pixel_size": surface.pixel_size}
-    known = (*exact, "rms_slope", "shortest_wavelength", "radius", "periodic")
+    known = (*exact, "rms_slope", "shortest_wavelength", "radius", "periodic", "cpu_seconds")
     require_estimates("expected()", expected, dict.fromkeys(known, math.inf))
     for name in exact.keys() & expected.keys():
         require(expected[name] == exact[name], f"expected() has {name} = {expected[name]}, not {exact[name]}")

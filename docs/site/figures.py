@@ -38,6 +38,52 @@ def runs() -> None:
     keep(Path("both/bonds-per-area.png"), "compare-bonds-per-area.png")
 
 
+def temperatures() -> None:
+    """The figure of activation energies, of the scene of its page."""
+    page = (DOCS / "arrhenius.md").read_text(encoding="utf-8")
+    Path("warm-tip.toml").write_text(
+        re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)[0], encoding="utf-8"
+    )
+    subprocess.run([*CHEMAGE, "run", "warm-tip.toml"], check=True)
+    subprocess.run([*CHEMAGE, "arrhenius", "warm-tip-sweep", "-o", "arrhenius.png"], check=True)
+    keep(Path("arrhenius.png"), "arrhenius.png", DOCS / "figures")
+    Path("arrhenius.png").unlink()
+
+
+def sweep() -> None:
+    """The figures of the sweep of the gallery."""
+    page = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    (scene,) = re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    Path("tip.toml").write_text(scene, encoding="utf-8")
+    subprocess.run([*CHEMAGE, "run", "tip.toml", "--out", "tip"], check=True)
+    subprocess.run([*CHEMAGE, "plot", "tip"], check=True)
+    subprocess.run([*CHEMAGE, "plot", "tip", "--heat"], check=True)
+    keep(Path("tip-figures/beta-friction_drop-against-temperature-by-load.png"), "sweep-lines.png")
+    keep(Path("tip-figures/friction_coefficient_drop-against-hold_time-by-temperature.png"), "sweep-ageing.png")
+    keep(Path("tip-figures/beta-friction_drop-against-temperature-and-load.png"), "sweep-heat.png")
+
+
+def maps() -> None:
+    """The figures of speed against accuracy: of a tip, a rough contact and the image of its page."""
+    import tomllib
+
+    import tomli_w
+
+    page = (DOCS / "measured.md").read_text(encoding="utf-8")
+    exec(re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)[0], {})
+    (surface,) = [
+        one for one in re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL) if "[surface]" in one
+    ]
+    subprocess.run([*CHEMAGE, "init", "measured.toml", "--like", "silica-patch"], check=True)
+    scene = tomllib.loads(Path("measured.toml").read_text(encoding="utf-8")) | tomllib.loads(surface)
+    scene["contact"]["load"] = "2 uN"
+    Path("measured.toml").write_text(tomli_w.dumps(scene), encoding="utf-8")
+    for name, one in (("tip", "silica-tip"), ("rough", "silica-rough"), ("measured", "measured.toml")):
+        subprocess.run([*CHEMAGE, "tradeoff", one, "-o", f"pareto-{name}.png"], check=True)
+        keep(Path(f"pareto-{name}.png"), f"pareto-{name}.png", DOCS / "figures")
+        Path(f"pareto-{name}.png").unlink()
+
+
 def scripts() -> None:
     """The figures that the Python blocks of the gallery draw."""
     page = (DOCS / "gallery.md").read_text(encoding="utf-8")
@@ -50,5 +96,8 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         runs()
+        temperatures()
+        sweep()
+        maps()
         scripts()
         os.chdir(DOCS)

@@ -16,7 +16,9 @@ import importlib
 import inspect
 import json
 import re
+import sys
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -26,6 +28,9 @@ import chemage
 from chemage.cli import app as command_line
 from chemage.foundation.names import HOME
 
+sys.path.insert(0, str(Path(__file__).parent))
+from notebooks import markdown
+
 BLOCK = re.compile(r"^```(names|components|commands)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 #: a letter with a subscript, and a power, as the pages write them in plain text
 SYMBOL = re.compile(r"(?<!\w)([^\W\d_]'?)_((?:rms|intrinsic|form|break|in|[NLrsBbcnpi])(?:,i)?)(?!\w)")
@@ -33,8 +38,18 @@ POWER = re.compile(r"\^\(([^()]*)\)")
 ROLE = re.compile(r":(?:class|func|meth|attr|mod|exc|data):")
 
 
+def on_files(files: Any, config: Any) -> Any:
+    """Add each notebook as a page."""
+    from mkdocs.structure.files import File
+
+    for path in sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb")):
+        files.append(File.generated(config, f"notebooks/{path.stem}.md", content=markdown(path)))
+    return files
+
+
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Replace the fenced blocks of a page."""
+    """Replace the fenced blocks of a page; links to notebooks lead to their pages."""
+    markdown = re.sub(r"\]\(notebooks/(\w+)\.ipynb\)", r"](notebooks/\1.md)", markdown)
     blocks = list(BLOCK.finditer(markdown))
     if not blocks:
         return markdown

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,6 +25,7 @@ from chemage import (
     random,
     run_kinetics,
 )
+from chemage.foundation.threads import in_order
 from chemage_ageing._independent import bonded_share, shift_per_gpa
 
 #: changes with what is computed below, so that tables of an older version are not used
@@ -121,13 +121,8 @@ def compute(
     setting: Setting, numbers: list[int], threads: int, progress: Callable[[int, int], None] | None
 ) -> dict[int, Node]:
     """The nodes of these numbers; node k is at k times :attr:`Setting.pressure_step`."""
-    done: dict[int, Node] = {}
-    with ThreadPoolExecutor(max(1, min(threads, len(numbers)))) as pool:
-        for number, node in zip(numbers, pool.map(lambda k: _node(setting, k), numbers), strict=True):
-            done[number] = node
-            if progress is not None:
-                progress(len(done), len(numbers))
-    return done
+    made = in_order(lambda k: _node(setting, numbers[k]), len(numbers), max(1, min(threads, len(numbers))), progress)
+    return dict(zip(numbers, made, strict=True))
 
 
 def taking_part(setting: Setting) -> Took:

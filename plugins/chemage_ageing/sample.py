@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextvars
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -23,7 +21,9 @@ from chemage import (
     build_lattice,
     run_kinetics,
 )
+from chemage.foundation.threads import in_order
 from chemage_ageing._independent import grouped_bonds
+from chemage_ageing._references import HANSEN
 from chemage_ageing._windows import Windows, fitting, square_of
 
 #: windows of a replica, and of all together, that the error can be estimated from
@@ -43,6 +43,7 @@ class Sample(AgeingMethod):
 
     kind = "sample"
     cite: ClassVar[tuple[str, ...]] = ("M. H. Hansen, W. N. Hurwitz, Ann. Math. Stat. 14, 333 (1943)",)
+    bibtex: ClassVar[tuple[str, ...]] = (HANSEN,)
     trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {"share": (0.02, 0.05, 0.1, 0.2)}
 
     share: Annotated[float, Unit("", gt=0, le=0.5)]
@@ -68,8 +69,9 @@ class Sample(AgeingMethod):
         """The cost of the sites in windows and margins."""
         simulated = min(1.0, self.share * (1 + 2 * self.margin / self.window) ** 2)
         known = {}
-        if "cpu_seconds" in kinetics:
-            known["cpu_seconds"] = replicas * (simulated * kinetics["cpu_seconds"] + 1e-7 * sites)
+        for name in ("cpu_seconds", "cpu_seconds_least", "cpu_seconds_most"):
+            if name in kinetics:
+                known[name] = replicas * (0.005 + simulated * kinetics[name] + 1e-6 * sites)
         if "bytes" in kinetics:
             known["bytes"] = simulated * kinetics["bytes"] + 40.0 * sites
         return known
@@ -217,18 +219,6 @@ def _coefficient(bonds: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _each(task: Callable[[int], _Replica], request: AgeingRequest) -> list[_Replica]:
-    """``task`` of every replica, some at a time; the first failure stops the rest."""
+    """``task`` of every replica."""
     at_once = max(1, min(request.replicas, request.threads // request.engine.concurrency()))
-    done: list[_Replica] = []
-    with ThreadPoolExecutor(at_once, thread_name_prefix="chemage-replica") as pool:
-        running = [pool.submit(contextvars.copy_context().run, task, number) for number in range(request.replicas)]
-        try:
-            for number, one in enumerate(running):
-                done.append(one.result())
-                if request.progress is not None:
-                    request.progress(number + 1, request.replicas)
-        except BaseException:
-            for one in running:
-                one.cancel()
-            raise
-    return done
+    return list(in_order(task, request.replicas, at_once, request.progress))

@@ -1,4 +1,4 @@
-"""Distributions of energy barriers: ``gaussian``, ``uniform``, ``tabulated``."""
+"""Distributions of energy barriers: ``gaussian``, ``uniform``, ``tabulated``, ``inferred``."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from chemage import hookimpl
 
 if TYPE_CHECKING:
     from chemage_barriers.gaussian import Gaussian as Gaussian
+    from chemage_barriers.inferred import Inferred as Inferred
     from chemage_barriers.piecewise import EmpiricalQuantile as EmpiricalQuantile
     from chemage_barriers.piecewise import PiecewiseLinearDensity as PiecewiseLinearDensity
     from chemage_barriers.tabulated import Tabulated as Tabulated
@@ -17,13 +18,22 @@ if TYPE_CHECKING:
 _HOME = {
     "EmpiricalQuantile": "piecewise",
     "Gaussian": "gaussian",
+    "Inferred": "inferred",
     "PiecewiseLinearDensity": "piecewise",
     "Tabulated": "tabulated",
     "Uniform": "uniform",
     "parse_columns": "tabulated",
 }
 
-__all__ = ["EmpiricalQuantile", "Gaussian", "PiecewiseLinearDensity", "Tabulated", "Uniform", "parse_columns"]
+__all__ = [
+    "EmpiricalQuantile",
+    "Gaussian",
+    "Inferred",
+    "PiecewiseLinearDensity",
+    "Tabulated",
+    "Uniform",
+    "parse_columns",
+]
 
 
 @hookimpl
@@ -34,6 +44,7 @@ def chemage_register() -> dict[str, dict[str, str]]:
             "gaussian": "chemage_barriers.gaussian:Gaussian",
             "uniform": "chemage_barriers.uniform:Uniform",
             "tabulated": "chemage_barriers.tabulated:Tabulated",
+            "inferred": "chemage_barriers.inferred:Inferred",
         }
     }
 

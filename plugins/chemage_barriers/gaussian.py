@@ -22,7 +22,7 @@ class Gaussian(Barriers):
 
     mean: Energy
     """mean of the normal distribution before truncation, eV"""
-    std: Annotated[float, Unit("eV", ge=0, le=1e300)]
+    std: Annotated[Energy, Unit("eV", ge=0, le=1e300)]
     """standard deviation of the normal distribution before truncation, eV; 0: all barriers are equal"""
     lower: Energy | None = None
     """lower bound of the barriers, eV; default: none"""

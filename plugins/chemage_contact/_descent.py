@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from chemage.foundation.progress import watched
+
 from . import _kernels as kernels
 from ._convolution import Convolution
 from ._grid import Grid, rescale
@@ -148,6 +150,8 @@ class Descent:
         """Iterate to the end."""
         while True:
             self._assess()
+            if self.final and (report := watched()) is not None:
+                report("contact", self.iteration, 0, f"residual {self.standing.error / self._scale():.1e}")
             target = self.tolerance * self._scale()
             trusted = self._trusted()
             stop = not math.isfinite(self.standing.error) or self.iteration >= self.limit

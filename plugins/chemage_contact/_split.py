@@ -44,10 +44,11 @@ def suits(body: Substrate, any_size: bool = False) -> bool:
         return False
     # of columns that are not whole coarse pixels, the last block must hold the reach of the stencil
     width, per_row = kernels.widths(body.shape[1])
-    return _divides(body.shape) or (any_size and body.shape[1] - width * (per_row - 1) >= kernels.REACH)
+    return divides(body.shape) or (any_size and body.shape[1] - width * (per_row - 1) >= kernels.REACH)
 
 
-def _divides(shape: tuple[int, int]) -> bool:
+def divides(shape: tuple[int, int]) -> bool:
+    """Whether a grid divides into coarse pixels."""
     return all(n % RATIO == 0 for n in shape)
 
 
@@ -59,7 +60,7 @@ class Split:
         nx, ny = body.shape
         coarse = (nx // RATIO, ny // RATIO)
         self._axes: tuple[kernels.Axis, kernels.Axis] | None = None
-        if not _divides(body.shape):
+        if not divides(body.shape):
             coarse = (fast_length(math.ceil(nx / RATIO)), fast_length(math.ceil(ny / RATIO)))
             self._axes = _axis(nx, coarse[0], np.dtype(dtype)), _axis(ny, coarse[1], np.dtype(dtype))
         self._transforms = Transforms(coarse, coarse, library, team.threads)

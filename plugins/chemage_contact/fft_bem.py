@@ -10,16 +10,15 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage import (
+    ContactModulus,
     ContactSolution,
     ContactSolver,
     ConvergenceError,
     InputError,
     Length,
-    Pressure,
     Surface,
     Unit,
     convert,
-    force,
 )
 from chemage.foundation.threads import available
 from chemage_contact import _iteration as iteration
@@ -27,7 +26,9 @@ from chemage_contact import _kernels as kernels
 from chemage_contact._grid import rescale, sums
 from chemage_contact._kernels import Heights
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate
+from chemage_contact._references import BUGNICOURT, POLONSKY, VOLLEBREGT
 from chemage_contact._team import Team
+from chemage_contact._warm_up import compile_kernels
 
 #: Thickness of a layer, in pixels and in lengths of the surface. A thinner one is a bed of springs, which rounding
 #: errors prevent from converging; a thicker one is a half-space.
@@ -35,6 +36,8 @@ THINNEST, THICKEST = 1e-6, 1e12
 #: Mean pressures, GPa and relative to the modulus: their squares and sums stay numbers.
 SMALLEST_PRESSURE, LARGEST_PRESSURE = 1e-307, 1e120
 _LAYER = "thickness: a layer needs a periodic surface; leave thickness out, or give boundary = 'periodic'"
+#: A contact of a tip that reaches beyond this share of the way to the edge of the grid is warned of.
+NEAR_EDGE = 0.9
 #: The smallest tolerance that single precision reaches, with a margin.
 SINGLE_LIMIT = 1e-6
 #: A reference: rounding errors of double precision allow little less than its tolerance.
@@ -62,11 +65,13 @@ class FFTBEM(ContactSolver):
     cite: ClassVar[tuple[str, ...]] = (
         "I. A. Polonsky, L. M. Keer, Wear 231, 206 (1999)",
         "L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018)",
-        "E. A. H. Vollebregt, J. Optim. Theory Appl. 162, 862 (2014)",
+        "E. A. H. Vollebregt, J. Optim. Theory Appl. 162, 931 (2014)",
     )
+    bibtex: ClassVar[tuple[str, ...]] = (POLONSKY, BUGNICOURT, VOLLEBREGT)
 
-    modulus: Pressure
-    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa"""
+    modulus: ContactModulus
+    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
+    and poisson"""
     tolerance: float = Field(default=1e-5, gt=0, lt=1, allow_inf_nan=False)
     """largest error of the gap, relative to the rms height (or to the approach since first touch, where smaller)"""
     pressure_tolerance: float | None = Field(default=None, gt=0, lt=1, allow_inf_nan=False)
@@ -126,19 +131,68 @@ class FFTBEM(ContactSolver):
             x = load / (pixels * surface["pixel_size"] ** 2) / self.modulus
             x = x / surface["rms_slope"] if surface["rms_slope"] > 0 else math.inf if load > 0 else 0.0
             fraction = known["area_fraction"] = math.erf(2.2 * x / math.sqrt(4.0 / math.pi))
-        digits = math.log10(1e-5 / self.tolerance)
-        work = (4e-8 + 5.5e-7 * math.sqrt(fraction)) * max(0.5, 1.0 + 0.2 * digits)
-        factor = {"single": 0.8, "mixed": 1.0, "double": 1.6}[self.precision] * (
-            4.0 if self.boundary == "free" else 1.0
-        )
-        return known | {"cpu_seconds": pixels * work * factor}
+        if {"pixel_size", "radius"} <= surface.keys() and not self._repeats(surface):
+            edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
+            fraction = known["area_fraction"] = min(math.pi * edge**2 / (pixels * surface["pixel_size"] ** 2), 1.0)
+        return known | {"cpu_seconds": self._seconds(pixels, fraction, self._repeats(surface))}
 
-    def check(self, surface: Mapping[str, float], load: float) -> None:
+    def _seconds(self, pixels: float, fraction: float, periodic: bool) -> float:
+        """CPU seconds of a solve, as measured on a 2-core Intel Xeon machine (``tests/benchmarks/estimates.py``)."""
+        required = min(self.tolerance, 0.2 * (self.pressure_tolerance or 1.0))
+        digits = math.log10(1e-5 / required)
+        work = (1.8e-7 + 1.2e-6 * math.sqrt(fraction)) * max(0.5, 1.0 + 0.14 * digits)
+        factor = {"single": 0.95, "mixed": 1.0, "double": 1.4}[self.precision]
+        return 0.03 + pixels * work * factor * (1.0 if periodic else 1.4) * (2.0 if self.levels == 1 else 1.0)
+
+    def _repeats(self, surface: Mapping[str, float]) -> bool:
+        """Whether a surface of which this is known is solved as a periodic one."""
+        return surface.get("periodic") != 0 if self.boundary == "auto" else self.boundary == "periodic"
+
+    def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
         """See :meth:`chemage.ContactSolver.check`."""
         if self.thickness is not None and self.boundary == "auto" and surface.get("periodic") == 0:
             raise InputError(_LAYER)
-        if {"nx", "ny", "pixel_size"} <= surface.keys():
-            self._check_range(surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2, surface["pixel_size"], load)
+        if not {"nx", "ny", "pixel_size"} <= surface.keys():
+            return ()
+        size = surface["pixel_size"]
+        self._check_range(surface["nx"] * surface["ny"] * size**2, size, load)
+        doubts = []
+        room = 0.5 * min(surface["nx"], surface["ny"]) * size
+        if "radius" in surface:
+            edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
+            if edge > room:
+                raise InputError.of(
+                    "load",
+                    load,
+                    f"the contact has a radius of about {edge:.4g} nm (Hertz), but the surface reaches only "
+                    f"{room:.4g} nm from the apex, so that the contact would be cut off at the edge of the grid",
+                    "use more pixels or a smaller load",
+                )
+            if edge > NEAR_EDGE * room:
+                doubts.append(
+                    f"the contact reaches {100 * edge / room:.0f} % of the way from the apex to the edge of the grid "
+                    f"({edge:.4g} of {room:.4g} nm); use more pixels"
+                )
+        if self.boundary == "periodic" and surface.get("periodic") == 0:
+            doubts.append(
+                "boundary = 'periodic' repeats a surface that is not periodic: its opposite edges become neighbours; "
+                "use boundary = 'free', or 'auto'"
+            )
+        if self.boundary == "free" and surface.get("periodic") == 1:
+            doubts.append(
+                "boundary = 'free' takes one period of a periodic surface for the whole body: sites near its edges "
+                "carry the pressures of the edge of a punch; use boundary = 'periodic', or 'auto'"
+            )
+        return tuple(doubts)
+
+    def warm_up(self, surface: Mapping[str, float], load: float) -> None:
+        """See :meth:`chemage.ContactSolver.warm_up`."""
+        if load == 0 or not {"nx", "ny", "pixel_size"} <= surface.keys():
+            return
+        shape, pixel = (int(surface["nx"]), int(surface["ny"])), (surface["pixel_size"], surface["pixel_size"])
+        periodic = bool(surface.get("periodic", 1)) if self.boundary == "auto" else self.boundary == "periodic"
+        # of the body, only its grid matters
+        compile_kernels((PeriodicHalfSpace if periodic else FreeHalfSpace)(shape, pixel), self._settings())
 
     def _check_range(self, area: float, pixel_size: float, load: float) -> None:
         """Refuse pressures and layers that leave the range of numbers; ``area`` nominal, nm²."""
@@ -157,6 +211,10 @@ class FFTBEM(ContactSolver):
             raise InputError.of("load", load, "leaves the range of numbers when spread over the surface")
         if self.precision == "single" and not (load / pixel_size**2 > 1e-35 and pressure < 1e35):
             raise InputError.of("load", load, "the pressure leaves the range of float32", "use precision = 'mixed'")
+
+    def is_nominally_flat(self, periodic: bool) -> bool:
+        """See :meth:`chemage.ContactSolver.is_nominally_flat`: ``boundary`` may make a surface periodic, or free."""
+        return periodic if self.boundary == "auto" else self.boundary == "periodic"
 
     def reference(self) -> FFTBEM:
         """Double precision at a tolerance of 1e-12, or the nearest to it that rounding errors allow."""
@@ -189,12 +247,12 @@ class FFTBEM(ContactSolver):
             return self._finish(surface, result, unit, quantum, load, team)
 
     def sweep(self, surface: Surface, loads: Sequence[float | str]) -> list[ContactSolution]:
-        """Contacts of ``surface`` under each of ``loads`` (nN, or strings), in the order given.
+        """Contacts of ``surface`` under each of ``loads`` (forces or nominal pressures), in the order given.
 
         Solved from the smallest load to the largest, each from its neighbour. This is the area–load curve:
         ``[(c.load, c.area) for c in solver.sweep(surface, loads)]``.
         """
-        values = [force(load) for load in loads]
+        values = [self.normal_force(load, surface) for load in loads]
         found: dict[int, ContactSolution] = {}
         start: ContactSolution | None = None
         for i in sorted(range(len(values)), key=values.__getitem__):

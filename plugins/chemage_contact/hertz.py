@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from chemage import ContactSolution, ContactSolver, InputError, Pressure, Surface
+from chemage import ContactModulus, ContactSolution, ContactSolver, InputError, Surface
+from chemage_contact._references import HERTZ, JOHNSON
 
 
 class Hertz(ContactSolver):
@@ -27,9 +28,11 @@ class Hertz(ContactSolver):
         "H. Hertz, J. reine angew. Math. 92, 156 (1881)",
         "K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",
     )
+    bibtex: ClassVar[tuple[str, ...]] = (HERTZ, JOHNSON)
 
-    modulus: Pressure
-    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa"""
+    modulus: ContactModulus
+    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
+    and poisson"""
     gap: bool = False
     """whether the solution contains the gap, at the centre of each pixel"""
 
@@ -44,7 +47,13 @@ class Hertz(ContactSolver):
         gap = {"gap_bytes": 8.0 * surface["nx"] * surface["ny"]} if self.gap else {}
         edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
         nominal = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2
-        return {"area_fraction": min(math.pi * edge**2 / nominal, 1.0), **gap}
+        pixels = surface["nx"] * surface["ny"]
+        cost = {"cpu_seconds": 0.005 + 3e-7 * pixels, "bytes": 100.0 * pixels}
+        return {"area_fraction": min(math.pi * edge**2 / nominal, 1.0), **cost, **gap}
+
+    def is_nominally_flat(self, periodic: bool) -> bool:
+        """A sphere is not."""
+        return False
 
     def check(self, surface: Mapping[str, float], load: float) -> None:
         """See :meth:`chemage.ContactSolver.check`."""

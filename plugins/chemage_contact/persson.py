@@ -9,12 +9,18 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from chemage import ContactStatistics, ContactTheory, Pressure, Roughness, theory
+from chemage import ContactModulus, ContactStatistics, ContactTheory, InputError, Roughness, theory
+from chemage_contact._references import MANNERS, PERSSON
 
 #: classes of pressure, and standard deviations beyond the mean pressure up to which they reach
 CLASSES, REACH = 512, 8.0
 #: largest relative error of the contact area, measured (``tests/benchmarks/persson_errors.py``)
 LARGEST_ERROR = 0.32
+
+_SMOOTH = (
+    "contact 'persson' is a theory of randomly rough surfaces, and this surface is a sphere; use contact 'hertz' or "
+    "'fft-bem'"
+)
 
 
 class Persson(ContactTheory):
@@ -34,9 +40,11 @@ class Persson(ContactTheory):
         "B. N. J. Persson, J. Chem. Phys. 115, 3840 (2001)",
         "W. Manners, J. A. Greenwood, Wear 261, 600 (2006)",
     )
+    bibtex: ClassVar[tuple[str, ...]] = (PERSSON, MANNERS)
 
-    modulus: Pressure
-    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa"""
+    modulus: ContactModulus
+    """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
+    and poisson"""
     kappa: float | None = Field(default=None, ge=1, le=4)
     """calibrated area–load coefficient κ = A h'_rms E*/F_N at small loads, such as that of a solved contact of the same
     spectrum: the rms slope in the theory is multiplied by √(8/π)/κ; default: that of the theory, √(8/π) = 1.60"""
@@ -51,12 +59,19 @@ class Persson(ContactTheory):
         fraction = theory.persson_area_fraction(load / area / slope) if slope > 0 else float(load > 0)
         return {**found, "area_fraction": float(fraction)}
 
+    def check(self, surface: Mapping[str, float], load: float) -> None:
+        """See :meth:`chemage.ContactSolver.check`."""
+        if "radius" in surface:
+            raise InputError(_SMOOTH)
+
     @property
     def _factor(self) -> float:
         """By which the rms slope is multiplied."""
         return 1.0 if self.kappa is None else math.sqrt(8 / math.pi) / self.kappa
 
     def _statistics(self, roughness: Roughness, load: float) -> ContactStatistics:
+        if "radius" in roughness.provenance:
+            raise InputError(_SMOOTH)
         mean, sigma = load / roughness.nominal_area, 0.5 * self.modulus * roughness.rms_slope * self._factor
         pressure, share = _classes(mean, sigma)
         return ContactStatistics(

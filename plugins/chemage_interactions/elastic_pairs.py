@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from chemage import InputError, Interaction, Seed, Unit, checked_count, checked_seed
+from chemage import Energy, InputError, Interaction, Seed, Unit, checked_count, checked_seed
 from chemage.foundation.memory import require
 
 #: random numbers of pairs of pixels are told apart up to here
@@ -46,7 +46,7 @@ class ElasticPairs(Interaction):
     kind = "elastic-pairs"
     cite: ClassVar[tuple[str, ...]] = ("Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)",)
 
-    strength: Annotated[float, Unit("eV", ge=0, le=1e6)]
+    strength: Annotated[Energy, Unit("eV", ge=0, le=1e6)]
     """I_b, the strength of the interaction, eV"""
     bias: Annotated[float, Unit("", ge=-1e6, le=1e6)] = 0.1
     """ε: the share of pairs in which a bond lowers its neighbour's forming barrier; default: 0.1"""

@@ -59,6 +59,15 @@ class Auto(ThreadedEngine):
             return Independent().expected(sites, interacting)
         return NextReaction(superbasins=self.superbasins).expected(sites, interacting, events)
 
+    def warm_up(self, lattice: ReactionLattice, temperature: float) -> None:
+        """Compile the engines between which a lattice of other size and patches may decide; the likelier one first."""
+        if not lattice.interacting or lattice.neighbours is None:
+            Independent().warm_up(lattice, temperature)
+            return
+        patches_of(lattice.neighbours)
+        RejectionFree(superbasins=self.superbasins).warm_up(lattice, temperature)
+        NextReaction(superbasins=self.superbasins).warm_up(lattice, temperature)
+
     def _run(
         self,
         lattice: ReactionLattice,

@@ -10,6 +10,7 @@ from chemage import Engine
 from chemage_kinetics import _bkl as kernel
 from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost
 from chemage_kinetics._rate_classes import members, new_classes
+from chemage_kinetics._references import BORTZ
 
 if TYPE_CHECKING:
     from chemage import BondHistory, ReactionLattice, Seed
@@ -23,6 +24,7 @@ class BKL(Engine):
 
     kind = "bkl"
     cite = ("Bortz, Kalos and Lebowitz, J. Comput. Phys. 17, 10 (1975), doi:10.1016/0021-9991(75)90060-1",)
+    bibtex = (BORTZ,)
 
     superbasins: bool = False
     """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its

@@ -10,6 +10,7 @@ from chemage import BondHistory, InputError, ReactionLattice, check_times, check
 from chemage_kinetics import _independent as kernel
 from chemage_kinetics._common import Holds
 from chemage_kinetics._driver import Job, expected_cost, model_of, run_pieces
+from chemage_kinetics._references import COX
 from chemage_kinetics._threads import ThreadedEngine
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ class Independent(ThreadedEngine):
 
     kind = "independent"
     cite = ("Cox, Renewal Theory (Methuen, 1962), chapter 7",)
+    bibtex = (COX,)
     interacting: ClassVar[bool] = False
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:

@@ -11,6 +11,7 @@ from chemage_kinetics._common import Holds
 from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost, run_pieces
 from chemage_kinetics._event_queue import new_order, new_queue
 from chemage_kinetics._patches import patches_of
+from chemage_kinetics._references import GIBSON
 from chemage_kinetics._threads import ThreadedEngine
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ class NextReaction(ThreadedEngine):
 
     kind = "next-reaction"
     cite = ("Gibson and Bruck, J. Phys. Chem. A 104, 1876 (2000), doi:10.1021/jp993732q",)
+    bibtex = (GIBSON,)
 
     superbasins: bool = False
     """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its

@@ -9,6 +9,7 @@ import numpy as np
 from chemage import Engine
 from chemage_kinetics import _rejection_free as kernel
 from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost
+from chemage_kinetics._references import GILLESPIE
 from chemage_kinetics._sum_tree import ROOM, empty_rates, fill, relist
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ class RejectionFree(Engine):
 
     kind = "rejection-free"
     cite = ("Gillespie, J. Comput. Phys. 22, 403 (1976), doi:10.1016/0021-9991(76)90041-3",)
+    bibtex = (GILLESPIE,)
 
     superbasins: bool = False
     """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its

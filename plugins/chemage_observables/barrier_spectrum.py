@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage import BondHistory, Chemistry, ContactSolution, Energy, Observable, Observed, Output, ReactionLattice
+from chemage.foundation.text import power_text
 from chemage.reports.figures import BLUE, GREEN, GREY, ORANGE
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ class BarrierSpectrum(Observable):
 
 def _draw_one(axes: Axes, one: Observed) -> list[float]:
     """Draw one result, and return the energies between which its densities are not zero."""
-    measured, last = one.aging.observables, f"{one.aging.hold_times[-1]:.3g} s"
+    measured, last = one.aging.observables, f"{power_text(one.aging.hold_times[-1])} s"
     edges = measured["barrier_edges"][0]
     energy = np.linspace(edges[0], edges[-1], 801)
     intrinsic = _intrinsic_density(one.chemistry, energy)
@@ -93,7 +94,8 @@ def _draw_one(axes: Axes, one: Observed) -> list[float]:
         ("barriers_open", ORANGE, f"unbonded at {last}"),
         ("barriers_bonded", GREEN, f"bonded at {last} (initial barrier)"),
     ):
-        axes.stairs(measured[name].mean(axis=0), edges, color=colour, lw=1.4, label=label)
+        if measured[name].any():
+            axes.stairs(measured[name].mean(axis=0), edges, color=colour, lw=1.4, label=label)
     filled = np.flatnonzero(measured["barriers_start"].mean(axis=0) + measured["barriers_open"].mean(axis=0))
     if not filled.size:
         return []
@@ -113,9 +115,11 @@ def _draw_several(axes: Axes, results: Sequence[Observed]) -> list[float]:
         edges = measured["barrier_edges"][0]
         for name, dashes, label in (
             ("barriers_start", "-", one.label),
-            ("barriers_open", "--", f"{one.label}, unbonded at {one.aging.hold_times[-1]:g} s"),
+            ("barriers_open", "--", f"{one.label}, unbonded at {power_text(one.aging.hold_times[-1])} s"),
         ):
             density = measured[name].mean(axis=0)
+            if not density.any():
+                continue
             axes.stairs(density, edges, color=one.color, lw=1.3, ls=dashes, label=label)
             filled = np.flatnonzero(density > density.max() * 1e-3)
             if filled.size:

@@ -26,6 +26,17 @@ def _table() -> tuple[PiecewiseLinearDensity, ...]:
     return tuple(PiecewiseLinearDensity(*rows[rows[:, 0] == member, 1:].T) for member in range(_MEMBERS + 1))
 
 
+_LIU = """@article{liu2012,
+  author = {Liu, Y. and Szlufarska, I.},
+  title = {Chemical origins of frictional aging},
+  journal = {Physical Review Letters},
+  volume = {109},
+  pages = {186102},
+  year = {2012},
+  doi = {10.1103/PhysRevLett.109.186102},
+}"""
+
+
 class MDSilica(Barriers):
     """Barriers to forming a siloxane bridge: a stand-in for the published distribution, calibrated to the published β.
 
@@ -41,6 +52,7 @@ class MDSilica(Barriers):
         "Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)",
         "Y. Liu, I. Szlufarska, Phys. Rev. Lett. 109, 186102 (2012)",
     )
+    bibtex: ClassVar[tuple[str, ...]] = ("", _LIU)
     #: number of members beside the best density: ``member`` is from 0 to this
     MEMBERS: ClassVar[int] = _MEMBERS
 

@@ -13,17 +13,26 @@ STUDIES = ("tips", "density")
 
 
 def study(
-    name: Annotated[str, typer.Argument(help=f"name of the study: {' or '.join(STUDIES)}")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME",
+            autocompletion=lambda incomplete: [one for one in STUDIES if one.startswith(incomplete)],
+            help=f"name of the study: {' or '.join(STUDIES)}",
+        ),
+    ],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="folder of the page, its figures and its tables; default: study-NAME"),
+        typer.Option(
+            "--out", "-o", metavar="FOLDER", help="folder of the page, its figures and tables; default: study-NAME"
+        ),
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="compute a few contacts only, as a test")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="compute only a few contacts, as a test")] = False,
     force: ForceOpt = False,
 ) -> None:
     """Run an installed study.
 
-    Writes a page with figures, and tables as CSV.
+    Writes a page with its figures, and tables as CSV.
     """
     from chemage import InputError, nearest
 

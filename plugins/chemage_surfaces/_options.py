@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
 from pydantic import BeforeValidator
@@ -44,7 +44,10 @@ def _grid(value: Any) -> tuple[int, int]:
 
 
 #: (nx, ny), from one number (a square) or two
-Pixels = Annotated[tuple[int, int], BeforeValidator(_grid, json_schema_input_type=int | tuple[int, int])]
+if TYPE_CHECKING:
+    Pixels: TypeAlias = Any  # to a type checker, so that one number can be given
+else:
+    Pixels = Annotated[tuple[int, int], BeforeValidator(_grid, json_schema_input_type=int | tuple[int, int])]
 
 
 def provenance(maker: SurfaceMaker, seed: Seed | None = None) -> dict[str, Any]:

@@ -9,21 +9,44 @@ import typer
 
 
 def roughness(
-    path: Annotated[Path, typer.Argument(help="file of a measured image")],
-    reader: Annotated[str | None, typer.Option(help="kind of the reader; default: by the ending of the file")] = None,
-    height_unit: Annotated[str | None, typer.Option(help="unit of the heights; default: as the file states")] = None,
-    pixel_size: Annotated[str | None, typer.Option(help="edge of a pixel; default: as the file states")] = None,
+    path: Annotated[Path, typer.Argument(metavar="FILE", help="file of a measured image")],
+    reader: Annotated[
+        str | None, typer.Option(metavar="KIND", help="kind of the reader; default: by the ending of the file")
+    ] = None,
+    height_unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help="unit of the heights, such as nm; default: as the file states")
+    ] = None,
+    pixel_size: Annotated[
+        str | None,
+        typer.Option(metavar="LENGTH", help="edge of a pixel, nm or with a unit; default: as the file states"),
+    ] = None,
     detrend: Annotated[
         str | None,
-        typer.Option(help="trend to subtract: none, mean, plane or quadratic; default: plane, and mean if periodic"),
+        typer.Option(
+            metavar="TREND",
+            help="trend to subtract: none, mean, plane or quadratic; default: plane, or mean if periodic",
+        ),
     ] = None,
-    missing: Annotated[str, typer.Option(help="missing heights: refuse or interpolate")] = "refuse",
-    spikes: Annotated[str, typer.Option(help="spikes: refuse, keep or interpolate")] = "refuse",
-    periodic: Annotated[bool | None, typer.Option(help="whether the image is one period; default: as stated")] = None,
-    resolution: Annotated[str | None, typer.Option(help="shortest wavelength to use; default: two pixels")] = None,
-    spacing: Annotated[str | None, typer.Option(help="pixel size of the section; default: that of the image")] = None,
+    missing: Annotated[
+        str, typer.Option(metavar="ACTION", help="what to do with missing heights: refuse or interpolate")
+    ] = "refuse",
+    spikes: Annotated[
+        str, typer.Option(metavar="ACTION", help="what to do with spikes: refuse, keep or interpolate")
+    ] = "refuse",
+    periodic: Annotated[
+        bool | None, typer.Option(help="whether the image is one period of the surface; default: as the file states")
+    ] = None,
+    resolution: Annotated[
+        str | None,
+        typer.Option(metavar="LENGTH", help="shortest wavelength of the fit, nm or with a unit; default: two pixels"),
+    ] = None,
+    spacing: Annotated[
+        str | None,
+        typer.Option(metavar="LENGTH", help="pixel size in the printed section; default: that of the image"),
+    ] = None,
     cutoff: Annotated[
-        str | None, typer.Option(help="shortest wavelength of the section; default: that of the fit")
+        str | None,
+        typer.Option(metavar="LENGTH", help="shortest wavelength in the printed section; default: that of the fit"),
     ] = None,
 ) -> None:
     """Fit the roughness of a measured image.

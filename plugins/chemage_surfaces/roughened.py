@@ -16,6 +16,7 @@ from chemage.foundation.memory import require
 from chemage.foundation.threads import available
 from chemage_surfaces import _fitting, _spectral, _steps
 from chemage_surfaces._options import provenance
+from chemage_surfaces._references import JACOBS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,6 +46,7 @@ class Roughened(SurfaceMaker):
     cite: ClassVar[tuple[str, ...]] = (
         "T. D. B. Jacobs, T. Junge, L. Pastewka, Surf. Topogr.: Metrol. Prop. 5, 013001 (2017)",
     )
+    bibtex: ClassVar[tuple[str, ...]] = (JACOBS,)
     figures: ClassVar[Mapping[str, str]] = {
         "roughened-spectrum": "Power spectral density of the measured image (points) and of the surface carried on to "
         "smaller wavelengths (line). Dashed: the power law that was fitted; the vertical line is the shortest "

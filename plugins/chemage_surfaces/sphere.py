@@ -11,6 +11,7 @@ from pydantic import model_validator
 from chemage import Length, Scatter, Seed, Surface, SurfaceMaker
 from chemage.foundation.memory import require
 from chemage_surfaces._options import Pixels, provenance
+from chemage_surfaces._references import JOHNSON
 
 
 class Sphere(SurfaceMaker):
@@ -26,6 +27,7 @@ class Sphere(SurfaceMaker):
 
     kind = "sphere"
     cite: ClassVar[tuple[str, ...]] = ("K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",)
+    bibtex: ClassVar[tuple[str, ...]] = (JOHNSON,)
 
     radius: Length
     """radius of curvature R, nm"""
@@ -47,7 +49,9 @@ class Sphere(SurfaceMaker):
     def expected(self) -> dict[str, float]:
         """The grid and the radius."""
         nx, ny = self.pixels
-        return {"nx": nx, "ny": ny, "pixel_size": self.pixel_size, "radius": self.radius, "periodic": 0.0}
+        return {"nx": nx, "ny": ny, "pixel_size": self.pixel_size, "radius": self.radius, "periodic": 0.0} | {
+            "cpu_seconds": 1e-8 * nx * ny
+        }
 
     def scatter(self, contact: Mapping[str, float]) -> Scatter:
         """None: the seed is ignored."""

@@ -16,6 +16,15 @@ from chemage_surfaces import HeightUnit, surface_of
 #: formats without a mark, which the library finds in any file of a certain size
 UNMARKED = ("hgt", "nms")
 INSTALL = "pip install 'chemage[topographies]'"
+_ROETTGER = """@article{roettger2022,
+  author = {R{\\"o}ttger, M. C. and others},
+  title = {Contact.engineering---{Create}, analyze and publish digital surface twins from topography measurements across many scales},
+  journal = {Surface Topography: Metrology and Properties},
+  volume = {10},
+  pages = {035032},
+  year = {2022},
+  doi = {10.1088/2051-672X/ac860a},
+}"""  # noqa: E501
 
 
 class Topography(Reader):
@@ -29,6 +38,7 @@ class Topography(Reader):
 
     kind = "topography"
     cite: ClassVar[tuple[str, ...]] = ("M. C. Röttger et al., Surf. Topogr.: Metrol. Prop. 10, 035032 (2022)",)
+    bibtex: ClassVar[tuple[str, ...]] = (_ROETTGER,)
     #: those of the library, less those of the readers of chemage and of line scans
     suffixes: ClassVar[tuple[str, ...]] = (
         *(".x3p", ".sdf", ".gwy", ".ibw", ".spm", ".001", ".002", ".003", ".004", ".005", ".al3d", ".apx", ".bcr"),

@@ -251,3 +251,17 @@ def test_repeated_hold_times_are_repeated_measurements():
     assert fit.points == 12
     pairs = fit_aging(measured(t, y), bootstrap="pairs", model="curve")
     assert pairs.beta_interval.low < pairs.beta < pairs.beta_interval.high
+
+
+def test_b_is_the_slope_per_factor_e():
+    """Δμ = b ln(t/t_c) of rate-and-state friction is the same line as β log10(t/t_c)."""
+    t = np.geomspace(1, 1e4, 9)
+    noise = np.random.default_rng(1).normal(0, 1e-3, t.size)
+    found = fit_aging(measured(t, 0.02 * np.log(t / 0.1) + noise))
+    assert found.b == pytest.approx(0.02, abs=1e-3)
+    assert found.b == found.beta / math.log(10)
+    assert found.b_stderr / found.b == pytest.approx(found.beta_stderr / found.beta, rel=1e-12)
+    assert found.b_interval.low < found.b < found.b_interval.high
+    assert found.b_half_width == pytest.approx((found.b_interval.high - found.b_interval.low) / 2, rel=1e-12)
+    assert found.todict()["b"] == found.b
+    assert found.b_text().startswith("0.0")

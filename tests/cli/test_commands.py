@@ -208,7 +208,7 @@ def test_init_overwrites_only_with_force(command, small):
     assert "already there" in done.err
     assert small.read_text() == before
     assert command("init", "small.toml", "--force").status == 0
-    assert tomllib.loads(small.read_text())["name"] == "silica-rough"
+    assert tomllib.loads(small.read_text())["name"] == "small"
 
 
 def test_init_like_what_is_not_there(command, small):

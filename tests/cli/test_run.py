@@ -22,7 +22,9 @@ KEYS = {
 def test_the_table_shows_what_the_file_holds(command, small):
     done = command("run", small)
     assert done.status == 0
-    assert not re.sub(r"^\w+: done in [\d.]+ s\n", "", done.err, flags=re.MULTILINE)
+    # on a busy machine more stages are slow
+    progress = r"^(loading chemage(: \d+ s)?|\w+: (done in )?[\d.]+ s|ageing: \d+ of \d+, \d+ s)\n"
+    assert not re.sub(progress, "", done.err, flags=re.MULTILINE)
     result = chemage.read("small.h5")
     fit = result.fit()
     for text in (
@@ -114,7 +116,7 @@ def no_computing(monkeypatch):
         ("y", ["--out", "small.toml", "--force"], "small.toml is an input of this scene"),
         ("y", ["--out", "./../here/small.toml", "--force"], "is an input of this scene"),
         ("y", ["--out", "/dev/null", "--force"], "/dev/null is a device or a pipe"),
-        ("y", ["--out", "n" * 300], "File name too long"),
+        ("y", ["--out", "n" * 300 + ".h5"], "File name too long"),
     ],
 )
 def test_what_is_there_is_kept_and_nothing_is_computed(command, small, made, words, said):
@@ -190,6 +192,72 @@ def test_only_stages_over_two_seconds_report(capsys, monkeypatch):
     printed = capsys.readouterr()
     assert printed.err == "slow: done in 2.5 s\n"
     assert printed.out == ""
+
+
+@pytest.fixture
+def quick_lines(monkeypatch):
+    """Lines that say that a stage is at work come after hundredths of a second."""
+    from chemage.foundation import progress
+
+    monkeypatch.setattr(progress, "SILENCE", 0.01)
+    monkeypatch.setattr(progress, "TICK", 0.002)
+
+
+def lines_until(capsys, wanted, seconds=20.0):
+    """What was printed on stderr, as soon as ``wanted`` is in it."""
+    begin, text = time.monotonic(), ""
+    while wanted not in text and time.monotonic() < begin + seconds:
+        time.sleep(0.005)
+        text += capsys.readouterr().err
+    return text
+
+
+def test_a_long_stage_says_that_it_is_at_work(capsys, quick_lines):
+    with progress_bars(alive=True) as tell:
+        tell("ageing", 3, 10)
+        assert "ageing: 3/10, 0 s\n" in lines_until(capsys, "3/10")
+
+
+def test_kernels_are_announced_at_once_and_their_line_ends_with_them(capsys, quick_lines):
+    with progress_bars(alive=True) as tell:
+        tell("contact", 0, 0)
+        tell("compiling", 0, 0, "kernels, once")
+        assert "compiling kernels, once\n" in capsys.readouterr().err
+        tell("compiling", 1, 0)
+        tell("compiling", 1, 0, "kernels, once")
+        assert "compiling: 1 done, 0 s\n" in lines_until(capsys, "1 done")
+        tell("compiling", 2, 0)
+        capsys.readouterr()
+        text = lines_until(capsys, "contact: 0 s")
+        assert "kernels" not in text
+
+
+def test_a_slow_start_says_so_and_a_quick_one_does_not(capsys, monkeypatch):
+    from chemage.foundation import progress
+
+    monkeypatch.setattr(progress, "LOADING", 0.01)
+    progress.loading("loading")
+    assert lines_until(capsys, "loading") == "loading\n"
+    progress.loaded()
+    monkeypatch.setattr(progress, "LOADING", 1000.0)
+    progress.loading("loading")
+    with progress_bars():
+        assert capsys.readouterr().err == ""
+    assert progress._loading is None
+
+
+def test_a_slow_start_is_silent_where_progress_is(capsys, monkeypatch):
+    from chemage.foundation import progress
+
+    monkeypatch.setattr(progress, "LOADING", 0.001)
+    progress.silence(True)
+    try:
+        progress.loading("loading")
+        time.sleep(0.05)
+        assert capsys.readouterr().err == ""
+    finally:
+        progress.loaded()
+        progress.silence(False)
 
 
 def test_a_terminal_gets_bars(monkeypatch):

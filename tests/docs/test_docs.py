@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-import typer
 
 from chemage import parse_scene, scene_data
 from chemage.cli import app as command_line
@@ -60,7 +59,7 @@ PYTHON = [page for page in PAGES if page != TUTORIAL and any(b.language == "pyth
 
 
 #: pages whose code computes for seconds
-LONG = ("kinetics.md", "gallery.md", "comparing.md")
+LONG = ("kinetics.md", "gallery.md", "comparing.md", "inference.md")
 
 
 @pytest.mark.parametrize(
@@ -117,8 +116,7 @@ def command_lines():
 
 @pytest.mark.parametrize("words", command_lines())
 def test_commands_and_options_exist(words):
-    command_line._add_plugin_commands()
-    command = typer.main.get_command(command_line.app)
+    command = command_line._all_commands()
     if words and words[0].startswith("-"):
         return
     while hasattr(command, "commands"):
@@ -127,7 +125,7 @@ def test_commands_and_options_exist(words):
         command = command.commands[name]
     known = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
     used = {word.partition("=")[0] for word in words if re.match(r"--?[a-zA-Z]", word)}
-    assert used <= known | {"--help"}, f"no such option: {used - known}"
+    assert used <= known | {"--help", "-h"}, f"no such option: {used - known}"
 
 
 def anchors(page):

@@ -30,7 +30,8 @@ def words(page, language):
 
 def test_every_page_is_in_the_navigation_once():
     listed = re.findall(r"^ +- .*: (\S+\.md)$", text("site/mkdocs.yml"), re.MULTILINE)
-    assert sorted(listed) == sorted(page.name for page in DOCS.glob("*.md"))
+    notebooks = [f"notebooks/{path.stem}.md" for path in (DOCS / "notebooks").glob("*.ipynb")]
+    assert sorted(listed) == sorted([*(page.name for page in DOCS.glob("*.md")), *notebooks])
 
 
 def test_every_public_name_is_in_the_reference_once():
@@ -89,10 +90,10 @@ def test_the_file_format_lists_every_array_with_its_dimensions_and_unit():
     for group, cls in groups.items():
         (section,) = re.findall(rf"^### {group}$(.*?)(?=^##|\Z)", page, re.MULTILINE | re.DOTALL)
         for name, (dims, unit, _) in cls.arrays.items():
-            row = f"| `{name}` | {', '.join(f'`{dim}`' for dim in dims)} | {unit or 1} |"
+            row = f"| `{cls.stored_names.get(name, name)}` | {', '.join(f'`{dim}`' for dim in dims)} | {unit or 1} |"
             assert row in section, f"{group}: {row}"
         for name in cls.model_fields:
-            assert f"`{name}`" in section, f"{group}: {name} is not described"
+            assert f"`{cls.stored_names.get(name, name)}`" in section, f"{group}: {name} is not described"
 
 
 def strings():
@@ -124,9 +125,18 @@ def test_every_message_in_troubleshooting_exists():
 def test_the_citation_file_agrees_with_the_project():
     import tomllib
 
+    import yaml
+
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"version: {project['version']}\n" in citation
     assert f"license: {project['license']}\n" in citation
     assert f"- name: {project['authors'][0]['name']}\n" in citation
-    assert "10.1103/PhysRevE.98.023001" in citation
+    content = yaml.safe_load(citation)
+    assert {"cff-version", "message", "title", "authors"} <= content.keys(), "required by the format"
+    assert content["cff-version"] == "1.2.0"
+    assert content["version"] == project["version"] == ca.__version__
+    assert content["authors"] == [{"name": "The chemage developers"}], "an entity"
+    (paper,) = content["references"]
+    assert {"type", "title", "authors"} <= paper.keys()
+    assert paper["doi"] == "10.1103/PhysRevE.98.023001"

@@ -207,7 +207,7 @@ def test_a_scene_that_is_not_there():
 
 def test_problems_carry_their_paths(data):
     with pytest.raises(SceneError) as caught:
-        parse_scene(override(data, {"surface.rms_slope": -1, "contact.load": "3 GPa"}), "mine.toml")
+        parse_scene(override(data, {"surface.rms_slope": -1, "contact.load": "3 K"}), "mine.toml")
     assert [path for path, _ in caught.value.problems] == ["surface.rms_slope", "contact.load"]
     assert caught.value.source == "mine.toml"
     assert isinstance(caught.value, ValueError)

@@ -55,7 +55,7 @@ def refuse(command, small, *words, verbs=("check", "run")):
         ("name=''", "name", "at least 1 character"),
         ("name=5", "name", "valid string"),
         # dimensions
-        ("contact.load='20 GPa'", "contact.load", '"20 GPa" is a quantity of gigapascal'),
+        ("contact.load='20 eV'", "contact.load", '"20 eV" is a quantity of electron_volt'),
         ("contact.load='20'", "contact.load", "has no unit"),
         ("contact.load='20 uM'", "contact.load", "uM"),
         ("contact.load='twenty'", "contact.load", "twenty"),

@@ -10,9 +10,9 @@ import pytest
 
 import chemage as ca
 from chemage import InputError
-from chemage.ageing.age import _in_order
 from chemage.experiments.limits import LongRunWarning
 from chemage.foundation import memory
+from chemage.foundation.threads import in_order
 
 #: changes to a small scene that no run survives, and what the message says
 BAD_SCENES = [
@@ -102,7 +102,7 @@ def test_a_run_of_hours_says_so_first(command, small, monkeypatch):
     from chemage_kinetics.rejection_free import RejectionFree
 
     monkeypatch.setattr(RejectionFree, "expected", lambda self, sites, interacting: {"cpu_seconds": 1e5, "bytes": 1.0})
-    assert "note: this will take about" in command("check", small).out
+    assert "warning: this will take about" in command("check", small).out
     with pytest.warns(LongRunWarning, match=r"this will take about .* (hours|days)"):
         ca.run(small)
 
@@ -127,10 +127,10 @@ def test_replicas_are_not_all_queued_at_once():
     seen = []
     done = []
     with pytest.raises(RuntimeError, match="60"):
-        seen.extend(_in_order(task, 100_000, 4, lambda ready, count: done.append(ready)))
+        seen.extend(in_order(task, 100_000, 4, lambda ready, count: done.append(ready)))
     assert max(most) <= 4
     assert len(most) < 100
-    assert list(_in_order(lambda number: number, 50, 4, None)) == list(range(50))
+    assert list(in_order(lambda number: number, 50, 4, None)) == list(range(50))
 
 
 def test_a_history_that_is_not_one_is_refused_before_a_kernel_sees_it(examples):
@@ -186,4 +186,4 @@ def test_wide_graphs_are_checked_as_narrow_ones(examples):
 def test_a_tradeoff_figure_of_no_format_is_refused_at_once(command, small):
     done = command("tradeoff", small, "--out", "x.exe")
     assert (done.status, done.out) == (2, "")
-    assert "figures end in .png, .pdf or .svg" in done.err
+    assert "must end in .json, .png, .pdf or .svg" in done.err

@@ -41,7 +41,7 @@ def carried_out(small, *, drawn, **changes):
 def look(result):
     """Every figure draws (any warning is an error), has labelled axes with finite limits, and shows something."""
     made = run_figures.figures(result)
-    assert {"surface", "pressure"} <= made.keys()
+    assert {"surface", *(["pressure"] if result.contact.patches else [])} <= made.keys()
     for name, figure in made.items():
         figure.canvas.draw()
         for axes in figure.axes:
@@ -89,7 +89,7 @@ def test_no_load_is_a_contact_without_sites(small, command, drawn):
     assert done.status == 0, done.err
     numbers = json.loads(done.out)
     assert numbers["friction_drop"] == summary["friction_drop"]
-    assert len(numbers["figures"]) >= 4
+    assert len(numbers["figures"]) >= 3
     assert command("show", "small.h5").status == 0
 
 

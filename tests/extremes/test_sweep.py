@@ -93,14 +93,15 @@ def test_every_point_is_validated_before_the_first_runs(tiny, tmp_path):
     text = """
     [sweep]
     "hold.seed" = [0, 1]
-    "contact.load" = [1.0, "3 GPa", -2.0]
+    "contact.load" = [1.0, "3 eV", -2.0]
     """
     with pytest.raises(SceneError) as caught:
         chemage.sweep(swept(tiny, text), tmp_path / "out")
-    quantity = '"3 GPa" is a quantity of gigapascal, but this field is in nN '
+    quantity = '"3 eV" is a quantity of electron_volt, but this field is in nN; a load is a force, such as "20 uN", '
+    quantity += 'or a nominal pressure, such as "10 MPa" '
     negative = "-2.0: must be finite and not negative; give a force such as 20 uN "
     assert caught.value.problems == [
-        ("contact.load", quantity + "[at point 1: hold.seed = 0, contact.load = 3 GPa and at 1 more of 6]"),
+        ("contact.load", quantity + "[at point 1: hold.seed = 0, contact.load = 3 eV and at 1 more of 6]"),
         ("contact.load", negative + "[at point 2: hold.seed = 0, contact.load = -2.0 and at 1 more of 6]"),
     ]
     assert tiny.computed() == []

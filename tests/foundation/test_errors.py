@@ -21,6 +21,7 @@ EXAMPLES = [
     InputError.of("load", -1, "negative", "give a force"),
     UnitError("no unit"),
     errors.UnknownKindError("no such"),
+    errors.MissingError("not installed"),
     SceneError("scene.toml", [("contact.load", "negative"), ("", "not valid TOML")]),
     PluginError("broken"),
     ConvergenceError("short", history=[1.0, 0.1], residual=0.1, tolerance=1e-5),

@@ -85,6 +85,7 @@ def test_every_field_is_part_of_the_digest(make):
         "provenance": {"kind": "other"},
         "states": np.array([[False, False, True], [True, False, True]]),
         "rupture_force": np.ones((2, 3)),
+        "member_ratios": np.ones((4, 3)),
         "outputs": {"x": {"dims": ["bin"], "unit": "nm", "description": ""}},
     }
     for name in type(record).model_fields:

@@ -8,20 +8,24 @@ import math
 import numpy as np
 import pytest
 
-from chemage.foundation.text import jsonable, plus_minus, with_interval
+from chemage.foundation.text import decimals, jsonable, plus_minus, with_error, with_interval
 
 
 @pytest.mark.parametrize(
     ("value", "error", "text"),
     [
         (0.4391, 0.0123, "0.439 ± 0.012"),
-        (1234.5, 67.0, "1234 ± 67"),
+        (1234.5, 67.0, "1230 ± 70"),
+        (1234.5, 12.0, "1234 ± 12"),
+        (0.4391, 0.031, "0.44 ± 0.03"),
+        (0.4391, 0.0967, "0.44 ± 0.10"),
         (0.5, math.nan, "0.5"),
         (0.5, 0.0, "0.5"),
+        (11.8875, 1.6e-14, "11.89"),  # the rounding of equal numbers
         (math.nan, 0.1, "nan"),
     ],
 )
-def test_a_value_is_cut_at_its_errors_second_digit(value, error, text):
+def test_a_value_is_cut_where_its_error_is(value, error, text):
     assert plus_minus(value, error) == text
     assert plus_minus(value, error, "nN") == f"{text} nN"
 
@@ -30,7 +34,7 @@ def test_a_value_is_cut_at_its_errors_second_digit(value, error, text):
     ("numbers", "text"),
     [
         ((0.7946, 0.7821, 0.8074), "0.795 [0.782, 0.807]"),
-        ((0.71, 0.43, 1.03), "0.71 [0.43, 1.03]"),
+        ((0.71, 0.43, 1.03), "0.7 [0.4, 1.0]"),
         ((20.0, 18.06, 21.47), "20.0 [18.1, 21.5]"),
         ((2.0, 1.9999999, 2.0000001), "2.00000 [2.00000, 2.00000]"),
         ((1.2345e-7, 1.1e-7, 1.4e-7), "1.23e-07 [1.10e-07, 1.40e-07]"),
@@ -42,6 +46,28 @@ def test_a_value_is_cut_at_its_errors_second_digit(value, error, text):
 )
 def test_an_interval_sets_the_digits_of_all_three_numbers(numbers, text):
     assert with_interval(*numbers) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (0.4283, 0.0312, "0.43(3)"),
+        (0.4283, 0.0125, "0.428(12)"),
+        (212.0, 57.0, "210(60)"),
+        (4.19, 1.13, "4.2(11)"),
+        (0.4283, math.nan, "0.428"),
+    ],
+)
+def test_in_legends_the_error_stands_in_brackets(value, error, text):
+    assert with_error(value, error) == text
+
+
+@pytest.mark.parametrize("error", [1.0, 1.94, 1.96, 2.0, 9.4, 9.6])
+def test_one_rule_rounds_every_error(error):
+    """Two digits where the first is 1, so that rounding changes no error by more than 25 %."""
+    for exponent in range(-8, 9):
+        size = error * 10.0**exponent
+        assert abs(round(size, decimals(size)) - size) <= 0.25 * size
 
 
 @pytest.mark.parametrize(

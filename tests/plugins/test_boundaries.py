@@ -32,6 +32,8 @@ ROOMS = (
     "friction",
     "ageing",
     "experiments",
+    "ensembles",
+    "inference",
     "store",
     "sweeps",
     "reports",
@@ -44,7 +46,10 @@ PUBLIC = {f"chemage.{module}" for module in names.MODULES.values()}
 #: what a kernel may use of the framework
 FOR_KERNELS = "chemage.foundation.random"
 #: modules that import numba and compile nothing -> what they want of it
-NO_KERNELS = {"chemage.testing.engines": "the number of threads, which an engine must not depend on"}
+NO_KERNELS = {
+    "chemage.testing.engines": "the number of threads, which an engine must not depend on",
+    "chemage.foundation.compiling": "when something is compiled",
+}
 
 
 def sources(folder: str) -> list[Path]:
@@ -99,6 +104,18 @@ def where(module: str, line: int) -> str:
 
 
 # -- the framework and its plugins ------------------------------------------------------------------------------------
+
+
+def test_users_need_no_pytest():
+    """Checks of plugins need pytest, which is not installed with chemage; no command may."""
+    bad = [
+        where(module, line)
+        for module in MODULES
+        if not module.startswith("chemage.testing")
+        for line, source, _ in imports(module)
+        if source.partition(".")[0] == "pytest" or source.startswith("chemage.testing")
+    ]
+    assert not bad, f"imports pytest, or chemage.testing, which does: {bad}"
 
 
 def test_the_framework_imports_no_plugin():
@@ -174,10 +191,16 @@ def test_every_plugin_package_is_an_entry_point():
     assert sorted(project["project"]["entry-points"]["chemage"].values()) == PLUGINS
 
 
-def test_every_package_is_installed():
+def test_every_package_is_installed_and_found_by_editors():
     with open(ROOT / "pyproject.toml", "rb") as file:
-        packages = tomllib.load(file)["tool"]["setuptools"]["packages"]
-    assert sorted(packages) == sorted(name for name, path in MODULES.items() if path.name == "__init__.py")
+        build = tomllib.load(file)["tool"]["hatch"]["build"]
+    assert build["targets"]["wheel"] == {"only-include": ["chemage", "plugins"], "sources": ["plugins"]}
+    # an editable install adds them in a .pth file, which type checkers read
+    assert build["dev-mode-dirs"] == [".", "plugins"]
+    for name, path in MODULES.items():
+        folder = path.parents[name.count(".") + (path.name == "__init__.py")]
+        assert folder in (ROOT, ROOT / "plugins")
+        assert path.name == "__init__.py" or (path.parent / "__init__.py").exists(), f"{path.parent} is no package"
 
 
 # -- kernels ----------------------------------------------------------------------------------------------------------
@@ -315,24 +338,39 @@ SAYS = {
     ("chemage/ageing/age.py", "bkl"): "example in a message",
     ("chemage/ageing/age.py", "barrier-spectrum"): "example in a message",
     ("chemage/cli/plugins.py", "fft-bem"): "example in help",
+    ("chemage/cli/inference.py", "inferred"): "how to use the result, in help",
     ("chemage/contacts/stage.py", "fft-bem"): "example in a docstring",
     ("chemage/scaffold/stubs.py", "fft-bem"): "example in a docstring",
     ("chemage/contacts/stage.py", "hertz"): "example in a message",
+    ("chemage/inference/families.py", "uniform"): "a parametric family",
+    ("chemage/inference/families.py", "gaussian"): "a parametric family",
+    ("chemage/inference/infer.py", "uniform"): "a parametric family",
+    ("chemage/inference/infer.py", "gaussian"): "a parametric family",
+    ("chemage/inference/infer.py", "measured"): "an argument",
+    ("chemage/inference/forecast.py", "sample"): "a dimension",
+    ("chemage/inference/inference.py", "sample"): "a dimension",
+    ("chemage/inference/kernel.py", "uniform"): "an argument",
     ("chemage/kinetics/role.py", "rejection-free"): "example in a message",
     ("chemage/kinetics/stage.py", "bkl"): "example in a docstring and a message",
     ("chemage/lattices/chemistry.py", "md-silica"): "example in a docstring",
     ("chemage/surfaces/stage.py", "self-affine"): "example in a docstring",
     ("chemage/surfaces/stage.py", "sphere"): "example in a message",
     # words that mean something else as well
+    ("chemage/cli/citing.py", "text"): "a format of citations",
     ("chemage/cli/sweeps.py", "hdf5"): "the format of a sweep's table",
     ("chemage/lattices/lattice.py", "independent"): "of sites without neighbours",
     ("chemage/foundation/names.py", "text"): "the name of a module",
+    ("chemage/experiments/materials.py", "measured"): "how a value is known",
+    ("chemage/reports/inference_text.py", "measured"): "what was measured, in tables",
+    ("chemage/reports/inference_figures.py", "measured"): "what was measured, in legends",
     ("chemage/lattices/role.py", "uniform"): "an argument",
     ("chemage/reports/comparison/figures.py", "pressures"): "the figure of the pressures in several contacts",
     ("chemage/reports/figures.py", "auto"): "matplotlib's aspect",
     ("chemage/reports/figures.py", "text"): "an argument",
     ("chemage/reports/figures.py", "pressures"): "the name of that figure",
     ("chemage/reports/page.py", "pressures"): "the caption of that figure",
+    ("chemage/sweeps/shares.py", "auto"): "the share that a job array names, and no engine",
+    ("chemage/sweeps/running.py", "auto"): "the same",
 }
 
 

@@ -12,7 +12,9 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from made_inference import made_inference
 
+import chemage as ca
 from chemage import Surface, registry
 from chemage.testing import checks_for, rough_surface
 
@@ -29,6 +31,7 @@ ROUGH = {"kind": "self-affine", "pixels": 64, "pixel_size": 2, "rms_slope": 0.1,
 PART = {"kind": "measured", "path": str(FILES / "part.txt"), "height_unit": "nm"}
 rough = registry.current().fromdict("surface", ROUGH).make(1).heights
 np.savetxt(FILES / "part.txt", rough[:40, :40], header="pixel_size = 2 nm")
+ca.write(FILES / "inferred.h5", made_inference())
 # an image of another program: columns x, y, z
 POINTS = np.indices((9, 7)).reshape(2, -1) * 0.5
 np.savetxt(FILES / "map.xyz", np.column_stack([*POINTS, rough_surface((9, 7)).heights.ravel()]))
@@ -66,6 +69,7 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
         {"energies": [0.8, 1.0, 1.1, 1.4], "weights": [0, 2, 3, 0]},
         {"samples": [0.85, 0.9, 1.0, 1.04, 1.3]},
     ],
+    ("barriers", "inferred"): [{"path": str(FILES / "inferred.h5")}, {"path": str(FILES / "inferred.h5"), "member": 3}],
     ("interaction", "elastic-pairs"): [{"strength": "0.5 eV", "bias": 0.1}],
     ("engine", "rejection-free"): [{}],
     ("engine", "bkl"): [{}],

@@ -226,6 +226,16 @@ def test_figures(installed, tmp_path):
     assert max(row.get_ydata()) == cut.get_ydata()[0] == run.surface.heights.max()
 
 
+def test_published(installed):
+    from chemage.reports.published import published
+
+    scene = {"surface": {"kind": "sphere"}, "contact": {"load": 50.0}}
+    assert published(scene) == []
+    installed.register(as_plugin(example("chemage_published")), "values")
+    assert published(scene) == [(0.8, "an example, not a measurement")]
+    assert published({**scene, "contact": {"load": 60.0}}) == []
+
+
 def test_scenes(installed, site):
     scene = """
         [surface]
@@ -245,6 +255,23 @@ def test_scenes(installed, site):
         assert "stiff-tip" in found.scenes()
         assert not [problem for problem in found.check() if "stiff-tip" in problem]
         assert ca.load_scene("stiff-tip").load == 50.0
+
+
+def test_materials(installed, site):
+    material = """
+        title = "Soda-lime glass"
+
+        [contact.modulus]
+        value = { young = "70 GPa", poisson = 0.22 }
+        how = "measured"
+        source = "a handbook"
+    """
+    files = {"chemage_example/__init__.py": example("chemage_materials"), "chemage_example/soda-lime.toml": material}
+    site.install("chemage-example", files, {"example": "chemage_example"})
+    with registry.using(registry.Registry()) as found:
+        assert found.materials()["soda-lime"] == "chemage_example:soda-lime.toml"
+        changes = {"material": "soda-lime", "contact.modulus": None}
+        assert ca.load_scene("silica-tip", changes).contact.modulus == ca.contact_modulus("70 GPa", 0.22)
 
 
 def test_cli(site):

@@ -177,7 +177,7 @@ plain = ca.run({**scene, "rupture": {"kind": "mean-force"}, "observe": []})
 np.testing.assert_array_equal(aging.bonds, plain.aging.bonds)
 bonds = aging.observables["bond_map"].sum(axis=(2, 3)) * (3 * 0.4518) ** 2
 np.testing.assert_allclose(bonds, aging.bonds, rtol=1e-9)
-assert aging.measured["bond_map"].output.dims == ("hold_times", "cell_x", "cell_y")
+assert aging.measured["bond_map"].output.dims == ("hold_time", "cell_x", "cell_y")
 assert "fullest_cell" in result.summary()["observables"]
 assert "bond-map" in figures(result)
 ca.write("bell-a.h5", result)
@@ -202,7 +202,7 @@ def test_the_stubs_know_the_plugin(project):
     chemage(project, ["plugins", "stubs"])
     stub = (project / "typings" / "chemage" / "__init__.pyi").read_text()
     assert 'Literal["weibull"]' in stub
-    assert "threshold: float | str = ..." in stub
+    assert "threshold: QuantityLike = ..." in stub
 
 
 def test_the_table_of_roles_is_complete():

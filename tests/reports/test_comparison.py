@@ -144,7 +144,8 @@ def test_the_table_has_a_row_for_everything_asked_and_a_cell_for_every_file(resu
         "cut-off time, 95 % interval",
     ):  # fmt: skip
         assert label in table, label
-    assert table["β, 95 % interval"][2:] == ["-", "-"]
+    assert table["β, 95 % interval"][2] == "-"
+    assert table["β, 95 % interval"][3].startswith("not fitted: load = 0")
     assert table["mean contact pressure"][3] == "-"
     assert table["surface, solver"][:2] == ["sphere, hertz", "self-affine, fft-bem"]
 
@@ -331,7 +332,7 @@ def test_measurements_short_of_the_window_are_fitted_over_what_there_is(results)
 
 def lines_of(figure):
     (axes,) = figure.axes[:1]
-    legend = axes.get_legend()
+    (legend,) = [axes.get_legend()] if axes.get_legend() else figure.legends  # below the plot where it is long
     return [text.get_text() for text in legend.get_texts()], axes
 
 
@@ -340,8 +341,14 @@ def test_figures_show_every_result_by_name_and_the_measurements_on_top(results):
     figures = comparison_figures(comparison)
     assert list(figures) == ["friction-drop", "friction-coefficient-drop", "bonds-per-area", "pressures", "barriers"]
     labels, axes = lines_of(figures["friction-coefficient-drop"])
-    assert {"tip", "rough", "afm (measured)"} <= set(labels)
-    assert any(label.startswith("afm: β = 1") for label in labels)
+    assert "afm (measured)" in labels
+    assert {"tip", "rough"} <= {label.partition(",")[0] for label in labels}, "each curve is named"
+    fitted = {label.partition(":")[0]: label for label in labels if "β = " in label}
+    assert set(fitted) == {"tip", "rough", "afm"}, "each fit names its data"
+    assert "fitted line, 10–10⁴ s" in fitted["rough"]
+    assert fitted["afm"].startswith("afm: β = 1 per decade")
+    assert "fitted β log(1 + t/t_c)" in fitted["afm"]
+    assert len(labels) == len(set(labels)), "one entry for each curve and its markers"
     # loads differ, so ΔF and Δμ cannot be turned into each other
     assert "pull (measured)" not in labels
     assert "pull (measured)" in lines_of(figures["friction-drop"])[0]

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import chemage
 import chemage_observables
-from chemage import ContactSolution, StoreError, load_scene
+from chemage import Aging, ContactSolution, StoreError, load_scene
+from chemage.foundation.text import with_error
 from chemage.reports import run_figures
 from chemage.reports.figures import pooled
+from chemage.reports.published import published
 
 pytestmark = pytest.mark.drawn
 
@@ -110,13 +114,16 @@ def test_friction_is_drawn_with_its_errors_and_its_fit(result):
         assert line.get_xdata() == pytest.approx(result.aging.hold_times)
         assert line.get_ydata() == pytest.approx(mean)
         half = [0.5 * (stick[1, 1] - stick[0, 1]) for stick in sticks.get_segments()]
-        assert half == pytest.approx(error)
+        # an error that is not known has no bar
+        assert half == pytest.approx(np.nan_to_num(error))
     (fitted,) = [line for line in coefficient.lines if str(line.get_label()).startswith("β")]
     fit = result.fit()
     t, y = fitted.get_xdata(), fitted.get_ydata()
     assert np.diff(y) / np.diff(np.log10(t)) == pytest.approx(fit.beta)
     assert (t[0], t[-1]) == pytest.approx((10.0, 1e4))
-    assert fit.beta_text() in fitted.get_label()
+    assert fitted.get_label() == f"β = {with_error(fit.beta, fit.beta_half_width)} per decade (fitted line, 10–10⁴ s)"
+    labels = [text.get_text() for text in coefficient.get_legend().get_texts()]
+    assert labels == [f"{result.name}, mean of {result.aging.replicas} replicas, 95 %", fitted.get_label()]
 
 
 def test_barriers_are_normalised_and_labelled_for_what_lowered_them(result, tmp_path, small_text):
@@ -195,3 +202,40 @@ def test_titles_and_labels_are_inside_the_figure(pixel_size, top):
                 if text.get_text():
                     assert inside.x0 <= place.x0 < place.x1 <= inside.x1, text.get_text()
                     assert inside.y0 <= place.y0 < place.y1 <= inside.y1, text.get_text()
+
+
+def with_patches(*patches):
+    pressure = np.zeros((64, 64))
+    for x, y, side in patches:
+        pressure[x : x + side, y : y + side] = 1.0
+    return ContactSolution(pressure=pressure, load=1.0, pixel_size=0.5, modulus=35.3)
+
+
+def test_one_patch_is_drawn_once_and_no_contact_not_at_all():
+    none, one, two = with_patches(), with_patches((20, 20, 6)), with_patches((5, 5, 3), (40, 40, 6))
+    assert run_figures.pressure_figure(none) is None
+    assert run_figures.map_figures(none) == {}
+    (tip, bar) = run_figures.pressure_figure(one).axes
+    assert tip.get_title().startswith("1 patch")
+    assert np.ptp(tip.get_xlim()) == pytest.approx(8 * 0.5), "the window is as large as the patch needs"
+    assert bar.get_ylabel() == "pressure (GPa)"
+    assert list(run_figures.map_figures(one)) == ["pressure"]
+    assert len(run_figures.pressure_figure(two).axes) == 4  # two maps with their bars
+    assert list(run_figures.map_figures(two)) == ["pressure", "patch"]
+
+
+def test_without_load_there_is_no_empty_panel(result):
+    aging = Aging(**result.aging.todict() | {"load": 0.0})
+    figure = run_figures.friction_figure(replace(result, aging=aging))
+    assert [axes.get_ylabel() for axes in figure.axes] == ["friction drop ΔF (nN)"]
+    at_once = Aging(**aging.todict() | {"hold_times": np.zeros_like(aging.hold_times)})
+    assert run_figures.friction_figure(replace(result, aging=at_once)) is None
+
+
+def test_the_published_slope_of_a_scene_is_drawn_beside_its_fit():
+    scene = load_scene("silica-rough").todict()
+    ((beta, source),) = published(scene)
+    assert beta == 0.45
+    assert "Li et al." in source
+    assert published({**scene, "contact": {**scene["contact"], "load": 1000.0}}) == []
+    assert published(load_scene("silica-tip").todict()) == []

@@ -115,7 +115,7 @@ def test_what_a_user_wrote_is_shown_and_not_obeyed(one, several):
 def test_pictures_are_described_and_tables_have_headers(one, files):
     page = Page(one)
     drawings, maps = page.of("svg"), page.of("img")
-    assert len(maps) == 3
+    assert len(maps) == 2  # heights and pressure; the only patch is not drawn twice
     assert len(drawings) == 5
     for attrs in drawings:
         assert attrs["role"] == "img"
@@ -240,3 +240,13 @@ def test_nothing_is_overwritten_and_nothing_half_written(files, tmp_path, monkey
     with pytest.raises(StoreError, match="nothing was kept"):
         write_report(files[:1], tmp_path / "full.html")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["r.html"]
+
+
+def test_the_page_begins_with_the_curve_and_the_main_numbers(one):
+    begin = one[one.index("<main>") :]
+    assert begin.index('class="numbers"') < begin.index("<svg") < begin.index("<h3>") < begin.index("<table")
+    numbers = begin[begin.index('<dl class="numbers">') : begin.index("</dl>")]
+    assert numbers.count("<dd>") == 3
+    for what in ("Δμ at 10³ s, 95 % interval", "β per decade, line fitted 10–10⁴ s", "area fraction A/A₀"):
+        assert what in numbers
+    assert "Friction coefficient drop against hold time" in begin[begin.index("<svg") : begin.index("<svg") + 400]

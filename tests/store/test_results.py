@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
@@ -209,7 +210,11 @@ def test_the_root_says_what_the_run_was(finished):
     [
         ("surface", {"x": 48, "y": 48}, {"heights": "nm", "x": "nm", "y": "nm"}),
         ("contact", {"x": 48, "y": 48}, {"pressure": "GPa", "x": "nm", "y": "nm"}),
-        ("aging", {"replica": 3, "hold_times": 17}, {"hold_times": "s", "bonds": "1", "sites": "1"}),
+        (
+            "aging",
+            {"replica": 3, "hold_time": 17},
+            {"hold_time": "s", "bonds": "1", "sites": "1", "friction_drop": "nN"},
+        ),
     ],
 )
 def test_xarray_reads_every_group(finished, group, dims, units):
@@ -222,11 +227,12 @@ def test_xarray_reads_every_group(finished, group, dims, units):
         thing = getattr(run, group)
         for name, (dimensions, _, _) in thing.arrays.items():
             if getattr(thing, name) is not None:
-                assert data[name].dims == dimensions
-                assert np.array_equal(data[name].values, getattr(thing, name))
+                stored = data[thing.stored_names.get(name, name)]
+                assert stored.dims == dimensions
+                assert np.array_equal(stored.values, getattr(thing, name))
         if group == "aging":
-            assert "hold_times" in data.coords
-            assert data["bonds"].sel(hold_times=100.0, method="nearest").shape == (3,)
+            assert "hold_time" in data.coords
+            assert data["bonds"].sel(hold_time=100.0, method="nearest").shape == (3,)
         else:
             assert set(data.coords) == {"x", "y"}
             assert data.x.values[:2] == pytest.approx([0.2259, 0.6777])
@@ -236,6 +242,90 @@ def test_xarray_reads_the_observables(finished):
     run, file = finished
     with xarray.open_dataset(file, group="aging/observables", engine="h5netcdf") as data:
         assert set(data.data_vars) == set(run.aging.observables)
+
+
+# -- what follows from the bonds ---------------------------------------------------------------------------------------
+
+FRICTION = [f"friction{quantity}_drop{error}" for quantity in ("", "_coefficient") for error in ("", "_stderr")]
+
+
+def test_friction_and_its_errors_are_beside_the_bonds(finished):
+    run, file = finished
+    with xarray.open_dataset(file, group="aging", engine="h5netcdf") as data:
+        summary = run.summary()
+        for name in (*FRICTION, "friction_drop_half_width", "friction_coefficient_drop_half_width"):
+            assert data[name].dims == ("hold_time",)
+            # what is not known is null in JSON
+            assert [None if math.isnan(value) else value for value in data[name].values.tolist()] == summary[name]
+            assert data[name].attrs["comment"] == "derived"
+        assert data["friction_coefficient_drop_stderr"].attrs["units"] == "1"
+        for name in ("beta", "beta_stderr", "beta_half_width", "cutoff_time", "cutoff_time_low"):
+            assert data.attrs[name] == summary[name]
+        assert data.attrs["fit_window"].tolist() == list(run.window)
+        derived = set(json.loads(data.attrs["derived"]))
+        assert {*FRICTION, "beta", "fit_window"} <= derived
+        assert not derived & set(Aging.model_fields)
+
+
+def test_curves_carry_the_dimension_scale_of_the_hold_times(finished):
+    with h5py.File(finished[1]) as opened:
+        aging = opened["aging"]
+        for name in (*FRICTION, "bonds"):
+            assert aging[name].dims[aging[name].ndim - 1][0] == aging["hold_time"]
+
+
+def test_the_fit_is_that_of_the_window_of_the_scene(finished, tmp_path):
+    run = finished[0]
+    narrow = dataclasses.replace(run, scene={**run.scene, "fit": {"start": 1.0, "stop": 100.0}})
+    chemage.write(tmp_path / "run.h5", narrow)
+    chemage.write(tmp_path / "aging.h5", run.aging)
+    for file, fit in (("run.h5", narrow.fit()), ("aging.h5", run.aging.fit())):
+        with h5py.File(tmp_path / file) as opened:
+            assert opened["aging"].attrs["beta"] == [fit.beta]
+
+
+def test_what_cannot_be_derived_is_absent(tmp_path):
+    chemage.write(tmp_path / "x.h5", OBJECTS["aging"])
+    with h5py.File(tmp_path / "x.h5") as opened:
+        aging = opened["aging"]
+        assert "friction_drop" in aging
+        assert "friction_coefficient_drop" not in aging, "there is no load"
+        assert "beta" not in aging.attrs
+
+
+def test_derived_numbers_are_computed_again_and_never_read(finished, tmp_path):
+    run, file = finished
+    copy = tmp_path / "x.h5"
+    copy.write_bytes(file.read_bytes())
+    with h5py.File(copy, "r+") as opened:
+        opened["aging/friction_drop"][:] = 7.0
+        opened["aging"].attrs["beta"] = [7.0]
+        del opened["aging/friction_coefficient_drop_stderr"]
+    again = chemage.read(copy)
+    assert again.aging == run.aging
+    assert again.summary() == run.summary()
+
+
+def test_files_with_the_former_names_of_dimensions_are_read(finished, tmp_path):
+    run, file = finished
+    copy = tmp_path / "x.h5"
+    copy.write_bytes(file.read_bytes())
+    with h5py.File(copy, "r+") as opened:
+        opened.move("aging/hold_time", "aging/hold_times")
+    assert chemage.read(copy).aging == run.aging
+
+
+def test_observables_share_the_dimensions_of_their_result(tmp_path):
+    declared = {"a": {"dims": ["hold_times", "bin"], "unit": "", "description": ""}}
+    aging = OBJECTS["aging"].model_copy(update={"observables": {"a": np.ones((2, 3, 4))}, "outputs": declared})
+    chemage.write(tmp_path / "x.h5", aging)
+    assert chemage.read(tmp_path / "x.h5") == aging
+    with xarray.open_dataset(tmp_path / "x.h5", group="aging/observables", engine="h5netcdf") as data:
+        assert dict(data["a"].sizes) == {"replica": 2, "hold_time": 3, "bin": 4}
+    if not hasattr(xarray, "open_datatree"):  # since 2024.10
+        return
+    with xarray.open_datatree(tmp_path / "x.h5", engine="h5netcdf") as tree:
+        assert tree["aging/observables"]["a"].sel(hold_time=0.0).shape == (2, 4)
 
 
 def test_a_pressure_map_is_compressed_and_noise_is_not(tmp_path):

@@ -352,3 +352,15 @@ def test_files_are_checked_before_a_run(folder):
     assert maker.expected() == {"nx": 5, "ny": 7, "pixel_size": 0.5, "periodic": 0.0, "rms_slope": slope}
     with pytest.raises(StoreError, match="No such file"):
         from_file("gone.npy", pixel_size=0.5).expected()
+
+
+def test_the_error_of_coarse_pixels_grows_as_the_square_of_the_rim():
+    maker = ca.surface("self-affine", pixels=256, pixel_size=0.5, rms_slope=0.1, hurst=0.8, zeta=16)
+    wide = {factor: maker.coarser_errors(factor, {"perimeter_to_area": 0.5})["beta"] for factor in (2, 4)}
+    assert wide[4] == pytest.approx(4 * wide[2])
+    assert 0.001 < wide[2] < 0.01
+    assert maker.coarser_errors(2, {"perimeter_to_area": 0.25})["beta"] == pytest.approx(wide[2] / 4)
+    # before a contact is solved, that of a typical rim: four over the shortest wavelength
+    before = maker.coarser_errors(2, {})
+    assert before == pytest.approx(maker.coarser_errors(2, {"perimeter_to_area": 4 / (256 * 0.5 / 16)}))
+    assert before == maker.coarser_errors(2, {"perimeter_to_area": float("nan")})

@@ -448,6 +448,7 @@ def test_a_cluster_of_our_own_that_stays_without_workers_is_an_error(monkeypatch
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore:the Dask cluster has had no worker")
 def test_workers_of_somebody_else_may_stand_in_a_queue(monkeypatch):
     now = [1000.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import sys
 import tomllib
 from pathlib import Path
 from textwrap import dedent
@@ -15,8 +16,10 @@ import xarray
 
 import chemage
 from chemage import Aging, ContactSolution, InputError, SceneError, StoreError, override, parse_scene
+from chemage.experiments.estimate import REPLICA_SECONDS
 from chemage.experiments.schema import scene_schema
 from chemage.foundation.codec import from_json, from_npz, to_json, to_npz
+from chemage.sweeps.dimensions import short_names
 from chemage.sweeps.grid import Grid, order_of
 from chemage.sweeps.progress import SweepProgress
 from chemage.sweeps.running import SweepWarning, read_grid, survey_of
@@ -173,10 +176,11 @@ def test_threads_of_a_contact_solver_are_in_no_key():
 
 def test_costs_are_of_distinct_stages(tiny):
     found = survey_of(read_grid(swept(tiny, AXES)))
-    # 6 contacts and 12 points of 2 replicas, a hundredth of a second each
-    assert found.total_cpu_seconds == pytest.approx(0.06 + 0.24)
+    # 6 contacts and 12 points of 2 replicas, a hundredth of a second each beside what chemage itself does
+    replica = 0.01 + REPLICA_SECONDS
+    assert found.total_cpu_seconds == pytest.approx(6 * 0.01 + 24 * replica, rel=0.01)
     text = '[sweep]\n"fit.stop" = [1e2, 1e3]'
-    assert survey_of(read_grid(swept(tiny, text))).total_cpu_seconds == pytest.approx(0.01 + 0.02)
+    assert survey_of(read_grid(swept(tiny, text))).total_cpu_seconds == pytest.approx(0.01 + 2 * replica, rel=0.01)
 
 
 def test_each_stage_is_computed_once_for_all_points_that_share_it(tiny, tmp_path):
@@ -367,15 +371,59 @@ def test_xarray_reads_the_file_as_it_reads_the_folder(result):
     with xarray.open_dataset(result.folder / "results.h5") as file:
         stored = file.load()
     made = result.to_xarray()
-    assert stored.sizes == made.sizes == {"point": 12, "hold_time": 4, "replica": 2}
+    assert stored.sizes == made.sizes == {"height": 2, "load": 3, "temperature": 2, "hold_time": 4, "replica": 2}
     for name in made.variables:
         np.testing.assert_array_equal(stored[name].values, made[name].values, err_msg=name)
         assert stored[name].attrs["long_name"] == made[name].attrs["long_name"]
-    assert stored["contact.load"].attrs["units"] == "nN"
+        assert stored[name].attrs.get("units") == made[name].attrs.get("units")
+    assert stored["load"].attrs == {"units": "nN", "long_name": "swept", "path": "contact.load"}
     assert stored["friction_drop"].attrs["units"] == "nN"
-    assert np.array_equal(stored["bonds"].values[7], result[7].aging().bonds)
-    chosen = made.isel(point=made["contact.load"].values == 20.0)
-    assert chosen.sizes["point"] == 4
+    for data in (stored, made):
+        for point in result:
+            place = data.sel(
+                height=point.values["surface.height"],
+                load=point.values["contact.load"],
+                temperature=point.values["hold.temperature"],
+            )
+            assert place["point"] == point.index
+            assert place["status"] == "done"
+            assert np.array_equal(place["bonds"].values, point.aging().bonds)
+            assert place["beta"] == point.summary["beta"]
+            half = np.array(point.summary["friction_drop_half_width"], dtype=float)  # None: not known
+            assert np.array_equal(place["friction_drop_half_width"].values, half, equal_nan=True)
+            assert place["seed"] == point.values["hold.seed"], "it varies together with the temperature"
+
+
+def test_points_that_are_missing_are_nan_and_say_so(result):
+    result.store.point(result.keys[4]).unlink()
+    data = chemage.load_sweep(result.folder).to_xarray()
+    place = np.unravel_index(4, (2, 3, 2))
+    assert data["status"].values[place] == "missing"
+    assert (data["status"] == "done").sum() == 11
+    assert np.isnan(data["beta"].values[place])
+    assert np.isnan(data["friction_drop"].values[place]).all()
+    assert (data["bonds"].values[place] == -1).all()
+    assert np.isfinite(data["beta"].values).sum() == 11
+
+
+def test_names_of_dimensions_are_short_where_they_are_clear():
+    paths = ["contact.load", "surface.seed", "hold.seed", "surface.rms_slope", "engine.kind", "surface"]
+    assert short_names(paths, {"rms_slope"}) == {
+        "contact.load": "load",
+        "surface.seed": "surface_seed",
+        "hold.seed": "hold_seed",
+        "surface.rms_slope": "surface_rms_slope",
+        "engine.kind": "engine",
+        "surface": "surface",
+    }
+    assert short_names(["observe.0.replica"]) == {"observe.0.replica": "observe_0_replica"}
+
+
+@pytest.mark.parametrize(("library", "method"), [("xarray", "to_xarray"), ("pandas", "to_pandas")])
+def test_a_library_that_is_not_installed_is_named_with_its_extra(result, monkeypatch, library, method):
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(InputError, match=rf"{library} is not installed; run: pip install 'chemage\[xarray\]'"):
+        getattr(result, method)()
 
 
 def test_pandas_has_a_row_for_each_point(result):
@@ -400,7 +448,7 @@ def test_hold_times_that_differ_are_padded(tiny, tmp_path):
     assert table.bonds.shape == (4, 3, 3)
     assert (table.bonds[0, 1:] == -1).all()
     assert np.array_equal(table.bonds[3], result[3].aging().bonds)
-    assert result.to_xarray()["hold_times"].dims == ("point", "hold_time")
+    assert result.to_xarray()["hold_times"].dims == ("times", "replicas", "hold_time")
     with open(tmp_path / "out" / "results.csv", newline="") as stream:
         assert [float(row["last hold_time (s)"]) for row in csv.DictReader(stream)] == [10, 10, 100, 100]
 
@@ -528,3 +576,19 @@ def test_the_schema_knows_sweeps():
     assert wrong({"contact.load": 3}) == ["sweep.contact.load"]
     assert wrong({"zip": {"a": [1]}}) == ["sweep.zip"]
     assert wrong({}) == ["sweep"]
+
+
+def test_a_scene_is_swept_along_axes_that_are_given(tiny, tmp_path):
+    """Data and a Scene give the same points; arrays of numpy and of pint are values of an axis."""
+    import pint
+
+    axes = {"contact.load": [10.0, 20.0], "hold.replicas": (1, 2)}
+    scene = chemage.parse_scene(tiny.scene())
+    made = chemage.sweep(scene, tmp_path / "scene", axes=axes)
+    data = chemage.sweep(tiny.scene(), tmp_path / "data", axes=axes)
+    loads = pint.UnitRegistry().Quantity([10, 20], "nN")
+    again = chemage.sweep(scene, tmp_path / "pint", axes={"contact.load": loads, "hold.replicas": np.array([1, 2])})
+    for result in (made, data, again):
+        assert result.table().scalars["load"].tolist() == [10, 10, 20, 20]
+    with pytest.raises(SceneError, match="give axes"):
+        chemage.sweep(scene, tmp_path / "none")

@@ -22,12 +22,14 @@ from chemage.ageing.elasticity import MEASURES, elastic_measures
 from chemage.ageing.fitting import Fit, Model, Quantity, fit_aging
 from chemage.ageing.measured import Measured
 from chemage.ageing.measurements import Measurements, read_measurements
+from chemage.ensembles.ensemble import Estimate
 from chemage.foundation.errors import InputError
 from chemage.foundation.statistics import half_width, standard_error
 from chemage.foundation.text import jsonable, mean_text
-from chemage.foundation.units import convert
+from chemage.foundation.units import QuantityLike, convert
 from chemage.reports.comparison.differences import Difference, differences
 from chemage.reports.comparison.entries import Entry, load_results
+from chemage.reports.ensemble_text import errors, interval_text
 
 #: rows about the limits of the elastic model: name of the measure -> label
 _ELASTIC = {
@@ -53,7 +55,7 @@ class Comparison:
 
     def chemistry_differences(self) -> list[Difference]:
         """Find the fields in which the chemistry of the aged results differs; empty if it is the same."""
-        return differences([one.chemistry() for one in self.results if one.aging is not None])
+        return differences([one.chemistry() for one in self.results if one.ages])
 
     def other_differences(self) -> list[Difference]:
         """Find the other fields in which the scenes differ, without options that exist for one kind only.
@@ -70,7 +72,7 @@ class Comparison:
 
     def statement(self) -> str:
         """State in one sentence whether the chemistry is the same."""
-        reacting = [one.name for one in self.results if one.aging is not None]
+        reacting = [one.name for one in self.results if one.ages]
         if len(reacting) < 2:
             return "Chemistry: nothing to compare; fewer than two of the results were aged."
         different = self.chemistry_differences()
@@ -84,36 +86,45 @@ class Comparison:
             ("scene", lambda one: str(one.scene.get("name", "")) or "-"),
             ("surface, solver", _made_of),
             ("load", lambda one: _text(one.load, "nN")),
-            ("contact area A", lambda one: _text(one.area, "nm²")),
-            ("area fraction A/A0", lambda one: _text(one.contact.get("area_fraction", math.nan))),
-            ("patches", lambda one: _text(one.contact.get("patches", math.nan))),
-            ("perimeter to area C/A", lambda one: _text(one.contact.get("perimeter_to_area", math.nan), "1/nm")),
-            ("mean contact pressure", lambda one: _text(one.contact.get("mean_contact_pressure", math.nan), "GPa")),
+            ("contact area A", partial(_contact_text, name="area", unit="nm²")),
+            ("area fraction A/A0", partial(_contact_text, name="area_fraction")),
+            ("patches", partial(_contact_text, name="patches")),
+            ("perimeter to area C/A", partial(_contact_text, name="perimeter_to_area", unit="1/nm")),
+            ("mean contact pressure", partial(_contact_text, name="mean_contact_pressure", unit="GPa")),
             ("sites", lambda one: _text(one.sites)),
             ("grid of sites", lambda one: one.site_grid),
             ("replicas", lambda one: str(one.aging.replicas) if one.aging else "-"),
         ]
-        for label, unit, curves in _CURVES:
+        if self.has_ensembles:
+            rows += [("mean over", lambda one: one.over), ("every ± is", _meaning)]
+        for name, (label, unit, curves) in zip(_CURVE_NAMES, _CURVES, strict=True):
             for time in self.times:
-                rows.append((f"{label} at {time:g} s", _row_at(curves, unit, time)))
-            rows.append((f"{label} at the last hold time", _row_at(curves, unit, None)))
+                rows.append((f"{label} at {time:g} s", _row_at(name, curves, unit, time)))
+            rows.append((f"{label} at the last hold time", _row_at(name, curves, unit, None)))
         if any(map(_further_errors, self.results)):
             rows.append(("further errors of the mean", lambda one: _further_errors(one) or "-"))
         rows += [(_ELASTIC[name], partial(_elastic_text, name=name)) for name in self._limits()]
         rows += self._measured_rows()
         rows += [
             ("last hold time", lambda one: _text(one.last(), "s")),
-            ("fit window", lambda one: f"{one.window[0]:g} to {one.window[1]:g} s" if one.aging else "-"),
-            ("β, 95 % interval", lambda one: f.beta_text() if (f := one.fit) else "-"),
-            ("cut-off time, 95 % interval", lambda one: f.cutoff_text() if (f := one.fit) else "-"),
+            ("fit window", lambda one: f"{one.window[0]:g} to {one.window[1]:g} s" if one.ages else "-"),
+            ("β, 95 % interval", lambda one: _beta(f) if (f := one.fit) else _not_fitted(one)),
+            ("cut-off time, 95 % interval", lambda one: f.cutoff_text() if (f := one.fit) else _no_cutoff(one)),
         ]
-        if any(one.scatter for one in self.results):
+        if self.has_ensembles:
+            rows.append(("standard errors of β", _parts_text))
+        if any(one.scatter or one.of_surfaces for one in self.results):
             rows.append(("scatter of β between surfaces", _scatter_text))
         if any(one.approximate for one in self.results):
             rows.append(("approximate", lambda one: one.approximate or "-"))
         if any(one.plugins for one in self.results):
             rows.append(("plugins that took part", lambda one: ", ".join(one.plugins.values()) or "-"))
         return [(label, [text_of(one) for one in self.results]) for label, text_of in rows]
+
+    @property
+    def has_ensembles(self) -> bool:
+        """Whether a result is an ensemble, so that it must be said what each error contains."""
+        return any(one.ensemble is not None for one in self.results)
 
     def _measured_rows(self) -> list[tuple[str, Callable[[Entry], str]]]:
         """Rows of the outputs of observables that are numbers, or curves against hold time."""
@@ -151,7 +162,8 @@ class Comparison:
         for time in (*self.times, one.last()):
             entry: dict[str, Any] = {"time": time}
             for name, (_, _, curves) in zip(_CURVE_NAMES, _CURVES, strict=True):
-                entry |= _with_errors(name, one.at(curves(one), time))
+                estimated = one.estimate(name, time)
+                entry |= _with_errors(name, one.at(curves(one), time)) if estimated is None else _of(name, estimated)
             for name, first in self.outputs().items():
                 if first.is_curve:
                     entry |= _with_errors(f"observable.{name}", _values_at(one, name, time))
@@ -174,14 +186,20 @@ class Comparison:
             "sites": one.sites,
             "site_grid": one.site_grid,
             "replicas": one.aging.replicas if one.aging else 0,
+            **(_interval_is(one) if self.has_ensembles else {}),
             **({"further_errors": _further_errors(one)} if any(map(_further_errors, self.results)) else {}),
             "plugins": dict(one.plugins),
             **({"approximate": one.approximate} if any(each.approximate for each in self.results) else {}),
             "fit_window": list(one.window),
             "beta": fit.beta if fit else None,
+            "beta_reason": one.fit_reason or None,
             "beta_stderr": fit.beta_stderr if fit else None,
             "beta_interval": [fit.beta_interval.low, fit.beta_interval.high] if fit else None,
-            "beta_scatter_between_surfaces": one.scatter.relative if one.scatter else None,
+            "b": fit.b if fit else None,
+            "b_stderr": fit.b_stderr if fit else None,
+            "b_interval": [fit.b_interval.low, fit.b_interval.high] if fit else None,
+            **_beta_of(one),
+            "beta_scatter_between_surfaces": one.scatter.relative if one.scatter else _measured_scatter(one),
             "cutoff_time": fit.cutoff_time if fit else None,
             "cutoff_time_stderr": fit.cutoff_time_stderr if fit else None,
             "cutoff_time_interval": [fit.cutoff_interval.low, fit.cutoff_interval.high] if fit else None,
@@ -199,10 +217,13 @@ class Comparison:
         different = self.chemistry_differences()
         return {
             "results": self.numbers(),
-            "same_chemistry": not different if sum(one.aging is not None for one in self.results) > 1 else None,
+            "same_chemistry": not different if sum(one.ages for one in self.results) > 1 else None,
             "chemistry_differences": listed(different),
             "other_differences": listed(self.other_differences()),
             "fits": [{"data": name, **fit.todict()} for name, fit in self.fits()],
+            "not_fitted": [
+                {"data": name, "model": model, "reason": reason} for name, model, reason in self.not_fitted()
+            ],
         }
 
     def csv(self) -> str:
@@ -217,7 +238,7 @@ class Comparison:
             line: dict[str, Any] = {}
             at, window = numbers.pop("at"), numbers.pop("fit_window")
             numbers["plugins"] = "; ".join(f"{name}: {source}" for name, source in numbers["plugins"].items())
-            for name in ("beta", "cutoff_time"):
+            for name in ("beta", "b", "cutoff_time"):
                 low, high = numbers.pop(f"{name}_interval") or (None, None)
                 numbers |= {f"{name}_low": low, f"{name}_high": high}
             numbers |= {"fit_start": window[0], "fit_stop": window[1], "last": at[-1]["time"]}
@@ -237,54 +258,91 @@ class Comparison:
 
     def fits(self) -> list[tuple[str, Fit]]:
         """Fit both models to each set of measurements, and to each result over the same hold times: (name, fit)."""
-        found = []
+        return [(name, fit) for name, _, fit in self._fits() if isinstance(fit, Fit)]
+
+    def not_fitted(self) -> list[tuple[str, str, str]]:
+        """The fits of :meth:`fits` that cannot be made: (name, model in words, reason)."""
+        words = {"line": "β log10(t/t_c)", "curve": "β log10(1 + t/t_c)"}
+        return [(name, words[model], reason) for name, model, reason in self._fits() if isinstance(reason, str)]
+
+    def _fits(self) -> list[tuple[str, Model, Fit | str]]:
+        """Each fit, or the reason why there is none: (name, model, fit or reason)."""
+        found: list[tuple[str, Model, Fit | str]] = []
+        models: tuple[Model, Model] = ("line", "curve")
         for data in self.measured:
-            for model in ("line", "curve"):
-                fit = self.measured_fit(data, model)
-                if fit is None:
+            for model in models:
+                fit = self._measured_fit(data, model)
+                found.append((data.name, model, fit))
+                if isinstance(fit, str):
                     continue
-                found.append((data.name, fit))
                 positive = data.hold_times[data.hold_times > 0]
                 window = fit.window or (float(positive.min()), float(positive.max()))
                 for one in self.results:
                     if (same := _simulated_fit(one, model, window, data.quantity)) is not None:
-                        found.append((one.name, same))
+                        found.append((one.name, model, same))
         return found
 
     def measured_fit(self, data: Measurements, model: Model) -> Fit | None:
         """Fit a model to measurements; None if there are too few."""
+        fit = self._measured_fit(data, model)
+        return fit if isinstance(fit, Fit) else None
+
+    def _measured_fit(self, data: Measurements, model: Model) -> Fit | str:
         # the line over the window of the results if it contains enough measurements, else over all of them
+        reason = ""
         windows = [self.results[0].window, None] if model == "line" else [None]
         for window in windows:
             try:
                 return fit_aging(data, model=model, window=window)
-            except InputError:
-                continue
-        return None
+            except InputError as error:
+                reason = str(error)
+        return reason
 
 
-def _simulated_fit(one: Entry, model: Model, window: tuple[float, float], quantity: Quantity) -> Fit | None:
-    if one.aging is None or (one.load == 0 and quantity == "friction_coefficient_drop"):
+def _simulated_fit(one: Entry, model: Model, window: tuple[float, float], quantity: Quantity) -> Fit | str | None:
+    """The fit, or why it cannot be made; None of a result without ageing."""
+    if one.ensemble is not None and one.ages:
+        return "a mean over surfaces has the β of its own window, with its errors, in the table of the results"
+    if one.aging is None:
         return None
     try:
         return fit_aging(one.aging, model=model, window=window, quantity=quantity)
-    except InputError:
-        return None
+    except InputError as error:
+        return str(error)
+
+
+def _beta(fit: Fit) -> str:
+    return f"{fit.beta_text()}; b = {fit.b_text()}"
+
+
+def _not_fitted(one: Entry) -> str:
+    """What stands in the row of a fit that is not there."""
+    if one.ensemble is not None and one.ensemble.quantities.has_beta:
+        beta, b = (
+            interval_text(one.ensemble.estimate("beta"), "per decade"),
+            interval_text(one.ensemble.b, "per e-fold"),
+        )
+        return f"{beta}; b = {b}"
+    return "-" if one.aging is None else f"not fitted: {one.fit_reason}"
+
+
+def _no_cutoff(one: Entry) -> str:
+    return "-" if one.aging is None else "not fitted"
 
 
 def compare_files(
     files: Sequence[str | Path],
     *,
     measured: Sequence[str | Path] = (),
-    times: Sequence[float | str] = TIMES,
+    times: Sequence[QuantityLike] = TIMES,
 ) -> Comparison:
     """Compare result files with each other and with measurements.
 
     Parameters
     ----------
     files
-        Files of runs, ageing curves or contacts, as written by :func:`chemage.write` and ``chemage run``, and folders
-        of sweeps.
+        Files of runs, ensembles, ageing curves or contacts, as written by :func:`chemage.write` and ``chemage run``,
+        and folders of sweeps.
     measured
         CSV files of measurements, see :func:`chemage.read_measurements`.
     times
@@ -326,8 +384,11 @@ def _made_of(one: Entry) -> str:
 Curves = Callable[[Entry], np.ndarray]
 
 
-def _row_at(curves: Curves, unit: str, time: float | None) -> Callable[[Entry], str]:
+def _row_at(name: str, curves: Curves, unit: str, time: float | None) -> Callable[[Entry], str]:
     def text_of(one: Entry) -> str:
+        if one.ensemble is not None and one.ages:
+            estimated = one.estimate(name, one.last() if time is None else time)
+            return "-" if estimated is None else interval_text(estimated, unit)
         values = one.at(curves(one), one.last() if time is None else time)
         return mean_text(values, unit)
 
@@ -351,7 +412,71 @@ def _measured_text(one: Entry, name: str, time: float | None = None) -> str:
     return mean_text(_values_at(one, name, time), part.unit) if part is not None else "-"
 
 
+def _contact_text(one: Entry, name: str, unit: str = "") -> str:
+    """A measure of the contact; of an ensemble with its interval."""
+    estimated = one.estimate(name)
+    if estimated is not None and math.isfinite(estimated.half_width):
+        return interval_text(estimated, unit)
+    return _text(one.contact.get(name, math.nan), unit)
+
+
+def _meaning(one: Entry) -> str:
+    """What the errors of a result contain, so that those of one surface are not taken for those of a mean."""
+    if one.of_surfaces:
+        return "95 % interval of the mean over surfaces: contains the scatter between surfaces"
+    if one.ensemble is not None:
+        return "95 % interval of the mean over replicas: disorder and noise on this surface alone"
+    if one.aging is None or one.aging.replicas < 2:
+        return "-"
+    return "95 % interval over replicas: disorder and noise on this one surface, without the scatter between surfaces"
+
+
+def _parts_text(one: Entry) -> str:
+    """The standard errors of β by name."""
+    if one.ensemble is not None:
+        estimated = one.estimate("beta")
+        return "-" if estimated is None else "; ".join(f"{part}: {size}" for part, size, _ in errors(estimated))
+    if one.fit is None or not math.isfinite(one.fit.relative_stderr):
+        return "-"
+    return f"replicas on one surface: {100 * one.fit.relative_stderr:.2g} %"
+
+
+def _interval_is(one: Entry) -> dict[str, Any]:
+    """Over how many surfaces a result is a mean, and what its intervals are about."""
+    surfaces = one.ensemble.surfaces if one.ensemble is not None and one.ensemble.random else 1
+    return {"surfaces": surfaces, "interval_over": "surfaces" if one.of_surfaces else "replicas on one surface"}
+
+
+def _beta_of(one: Entry) -> dict[str, Any]:
+    """β and b of an ensemble; empty of other results."""
+    if one.ensemble is None or not one.ensemble.quantities.has_beta:
+        return {}
+    found: dict[str, Any] = {"beta_reason": None}
+    for name, estimated in (("beta", one.ensemble.estimate("beta")), ("b", one.ensemble.b)):
+        low, high = estimated.value - estimated.half_width, estimated.value + estimated.half_width
+        found |= {name: estimated.value, f"{name}_stderr": _standard(estimated), f"{name}_interval": [low, high]}
+    return found
+
+
+def _standard(one: Estimate) -> float:
+    return math.hypot(*(part.size for part in one.errors.values()))
+
+
+def _of(name: str, one: Estimate) -> dict[str, float]:
+    """As :func:`_with_errors`, of an ensemble."""
+    return {name: one.value, f"{name}_stderr": _standard(one), f"{name}_half_width": one.half_width}
+
+
+def _measured_scatter(one: Entry) -> float | None:
+    """The scatter of β between surfaces that an ensemble measured."""
+    if one.ensemble is None or not one.of_surfaces or not math.isfinite(one.ensemble.scatter):
+        return None
+    return one.ensemble.scatter
+
+
 def _scatter_text(one: Entry) -> str:
+    if (measured := _measured_scatter(one)) is not None and one.ensemble is not None:
+        return f"{100 * measured:.2g} % (standard deviation), measured here on {one.ensemble.surfaces} surfaces"
     if one.scatter is None or one.fit is None:
         return "-"
     return one.scatter.text(one.fit.relative_stderr) or "one surface"

@@ -13,17 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import Aging
+from chemage.ageing.aging import Aging, fit_or_reason
 from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.ageing.measured import Measured
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
+from chemage.ensembles.ensemble import Ensemble, ErrorPart, Estimate
 from chemage.experiments.run import Run
 from chemage.experiments.sections import components_of, scatter_of
 from chemage.foundation.approximations import in_words
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
+from chemage.foundation.text import with_article
+from chemage.inference.inference import Inference
 from chemage.lattices.chemistry import SITE_DENSITY, Chemistry
+from chemage.reports.ensemble_text import over
 from chemage.reports.figures import plain
 from chemage.store.results import read
 from chemage.surfaces.scatter import Scatter
@@ -54,12 +58,14 @@ class Entry:
     window: tuple[float, float] = FIT_WINDOW
     #: of the contact, where the file holds no scene
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    #: a mean over surfaces, in place of ``aging``
+    ensemble: Ensemble | None = None
     #: reads the result again, maps included
     whole: Callable[[], Any] | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def of(cls, thing: Any, name: str = "", source: str = "") -> Entry:
-        """Make an entry of a :class:`chemage.Run`, an ageing curve or a contact.
+        """Make an entry of a :class:`chemage.Run`, an ensemble, an ageing curve or a contact.
 
         Raises
         ------
@@ -79,6 +85,8 @@ class Entry:
                 thing.approximate,
                 thing.window,
             )
+        if isinstance(thing, Ensemble):
+            return _of_ensemble(thing, name or thing.name, source)
         if isinstance(thing, Aging):
             approximate = in_words(thing.approximate)
             return cls(name, source, "", {}, thing.contact, thing, None, thing.plugins, approximate)
@@ -86,8 +94,9 @@ class Entry:
             own = thing.summary(), None, _pressures(thing), thing.plugins, in_words(thing.approximate)
             return cls(name, source, "", {}, *own, provenance=thing.provenance)
         raise InputError(
-            f"{source or name} holds a {type(thing).__name__}; a comparison takes runs, ageing curves or "
-            "contacts, such as `chemage run` writes"
+            f"{source or name} holds {with_article(type(thing).__name__)}; a comparison takes runs, ensembles, ageing "
+            "curves or contacts, such as `chemage run` writes"
+            + ("; `chemage report` shows several inferences on one page" if isinstance(thing, Inference) else "")
         )
 
     @property
@@ -96,8 +105,45 @@ class Entry:
         return plain(f"{self.name} (approximate)" if self.approximate else self.name)
 
     @property
+    def ages(self) -> bool:
+        """Whether there are curves against hold time."""
+        return self.aging is not None or (self.ensemble is not None and self.hold_times.size > 0)
+
+    @property
+    def hold_times(self) -> np.ndarray:
+        """(m,) s; empty without ageing."""
+        if self.ensemble is not None:
+            return self.ensemble.hold_times
+        return self.aging.hold_times if self.aging is not None else np.zeros(0)
+
+    @property
+    def temperature(self) -> float:
+        """K; nan without ageing."""
+        if self.aging is not None:
+            return self.aging.temperature
+        return float(self.scene.get("hold", {}).get("temperature", math.nan))
+
+    @property
+    def over(self) -> str:
+        """What the mean is over, and with it its error: the surfaces, or the replicas on one surface, in words."""
+        if self.ensemble is not None:
+            replicas = self.ensemble.levels[0]["replicas"]
+            each = f", {replicas} replica{'s' if replicas > 1 else ''} each" if self.ages and self.of_surfaces else ""
+            return over(self.ensemble) + each
+        if self.aging is None:
+            return "one surface"
+        return f"{self.aging.replicas} replica{'s' if self.aging.replicas > 1 else ''} on one surface"
+
+    @property
+    def of_surfaces(self) -> bool:
+        """Whether the errors contain the scatter between surfaces."""
+        return self.ensemble is not None and self.ensemble.random
+
+    @property
     def load(self) -> float:
         """Normal force, nN; nan if the file does not state it."""
+        if self.ensemble is not None:
+            return self.ensemble.load
         return self.aging.load if self.aging is not None else self.contact.get("load", math.nan)
 
     @property
@@ -147,10 +193,18 @@ class Entry:
     @cached_property
     def fit(self) -> Fit | None:
         """Line of Δμ against log t over the window of the scene; None without load or hold times in the window."""
-        try:
-            return self.aging.fit(*self.window) if self.aging is not None and self.load > 0 else None
-        except InputError:
-            return None
+        return self._fitted[0]
+
+    @property
+    def fit_reason(self) -> str:
+        """Why there is no fit, in words; "" where there is one, and without ageing."""
+        return self._fitted[1]
+
+    @cached_property
+    def _fitted(self) -> tuple[Fit | None, str]:
+        if self.aging is None:
+            return None, ""
+        return fit_or_reason(self.aging, self.window)
 
     def at(self, curves: np.ndarray, time: float) -> np.ndarray:
         """(replicas,) values of ``curves`` (replicas, m) at ``time`` (s).
@@ -169,30 +223,76 @@ class Entry:
         part = math.log(time / t[after - 1]) / math.log(t[after] / t[after - 1])
         return curves[:, after - 1] * (1 - part) + curves[:, after] * part
 
+    def estimate(self, name: str, time: float | None = None) -> Estimate | None:
+        """A quantity of an ensemble, of a curve at ``time`` (s); None of other results, and of what it does not have.
+
+        Between hold times the mean is interpolated linearly in log t, and so is half the width of the interval, which
+        is at most too wide.
+        """
+        if self.ensemble is None or name not in self.ensemble.quantities.names:
+            return None
+        if time is None:
+            return self.ensemble.estimate(name)
+        t = self.hold_times
+        near = int(np.abs(t - time).argmin())
+        if abs(t[near] - time) <= 1e-6 * time:
+            return self.ensemble.estimate(name, float(t[near]))
+        after = int(np.searchsorted(t, time))
+        if not 0 < after < t.size or t[after - 1] <= 0:
+            return None
+        part = math.log(time / t[after - 1]) / math.log(t[after] / t[after - 1])
+        low, high = (self.ensemble.estimate(name, float(t[k])) for k in (after - 1, after))
+        errors = {
+            name: ErrorPart(low.errors[name].size * (1 - part) + high.errors[name].size * part, low.errors[name].how)
+            for name in low.errors
+        }
+        return Estimate(
+            low.value * (1 - part) + high.value * part,
+            low.half_width * (1 - part) + high.half_width * part,
+            errors,
+        )
+
     def last(self) -> float:
         """The last hold time, s; nan without ageing."""
-        return float(self.aging.hold_times[-1]) if self.aging is not None else math.nan
+        return float(self.hold_times[-1]) if self.ages else math.nan
 
     def chemistry(self) -> dict[str, Any]:
         """The fields that determine the kinetics of the sites: dotted path -> value."""
-        if self.aging is None:
+        if not self.ages:
             return {}
         if self.scene:
             parts = {name: self.scene[name] for name in _CHEMICAL if name in self.scene}
         else:
+            assert self.aging is not None  # an ensemble has its scene
             whole = dict(self.aging.provenance.get("chemistry", {}))
             parts = {name: whole.pop(name, None) for name in ("forming", "breaking", "interaction")}
             parts["chemistry"] = whole
         own = {name: value for name, value in parts.get("chemistry", {}).items() if name not in Chemistry.limits}
         # results from before there was a choice
         parts = {**parts, "chemistry": {"site_density": SITE_DENSITY, **own}}
-        return dict(_flat({**parts, "temperature": self.aging.temperature}))
+        return dict(_flat({**parts, "temperature": self.temperature}))
 
     def elsewhere(self) -> dict[str, Any]:
         """The other fields of the scene (surface, contact, engine, hold and fit): dotted path -> value."""
         left = {name: part for name, part in self.scene.items() if name not in (*_CHEMICAL, "name", "title", "observe")}
         limits = {name: self.scene.get("chemistry", {}).get(name) for name in Chemistry.limits}
         return {path: value for path, value in _flat({**left, "chemistry": limits}) if path != "hold.temperature"}
+
+
+def _of_ensemble(made: Ensemble, name: str, source: str) -> Entry:
+    scene = made.provenance.get("scene", {})
+    means = {measure: made.estimate(measure).value for measure in made.measures}
+    return Entry(
+        name,
+        source,
+        str(scene.get("title", "")),
+        scene,
+        {measure: value for measure, value in means.items() if math.isfinite(value)},
+        plugins=made.plugins,
+        approximate=in_words(made.approximate),
+        window=made.window,
+        ensemble=made,
+    )
 
 
 def _pressures(contact: ContactSolution | ContactStatistics) -> tuple[np.ndarray, np.ndarray] | None:

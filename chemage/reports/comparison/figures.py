@@ -16,14 +16,18 @@ from chemage.experiments.run import Run
 from chemage.foundation.statistics import half_width
 from chemage.reports.comparison.comparison import Comparison, Curves, coefficient, friction
 from chemage.reports.comparison.entries import Entry
-from chemage.reports.figures import BLACK, GREY, PALETTE, blank, plain
+from chemage.reports.ensemble_text import over
+from chemage.reports.figures import BLACK, PALETTE, blank, draw_fit, legend, legend_entries, plain, replicas_text
 from chemage.reports.plugin_figures import Brought, Source, chemistry_of, plugin_figures
+from chemage.reports.published import draw_published
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _MARKERS = "osD^vP*X"
+#: fits are drawn for up to this many results
+_FITTED = 4
 #: inches; small, so that the text is legible on a phone
 _SIZE = (4.9, 3.6)
 
@@ -35,17 +39,48 @@ def _styles(count: int) -> list[dict[str, Any]]:
 
 def _drawn(axes: Axes, results: Sequence[Entry], curves: Curves) -> list[float]:
     """Draw mean and 95 % interval of each result against hold time; return the last mean of each."""
-    last = []
+    last: list[float] = []
+    among = any(one.ensemble is not None for one in results)
     for one, style in zip(results, _styles(len(results)), strict=True):
+        if one.ensemble is not None:
+            last += _drawn_ensemble(axes, one, curves, style)
+            continue
         values = curves(one)
         if one.aging is None or not values.size or not np.isfinite(values).any():
             continue
         t, mean = one.aging.hold_times, values.mean(axis=0)
         error = np.nan_to_num(half_width(values))
         shown = t > 0
-        axes.errorbar(t[shown], mean[shown], yerr=error[shown], ms=3.5, lw=1, capsize=2, label=one.legend, **style)
+        bars = error[shown] if error.any() else None
+        single = " on one surface" if among and one.aging.replicas > 1 else ""
+        label = f"{one.legend}, {replicas_text(one.aging).replace(' replicas', f' replicas{single}')}"
+        axes.errorbar(t[shown], mean[shown], yerr=bars, ms=3.5, lw=1, capsize=2, label=label, **style)
         last.append(float(mean[-1]))
     return last
+
+
+def _drawn_ensemble(axes: Axes, one: Entry, curves: Curves, style: dict[str, Any]) -> list[float]:
+    """Draw the mean of an ensemble with its interval, and return its last value.
+
+    A band contains the scatter between surfaces; bars are errors of replicas on one surface, as of a run.
+    """
+    made = one.ensemble
+    if made is None or curves not in (friction, coefficient) or (curves is coefficient and not one.load > 0):
+        return []
+    scale = 1.0 if curves is friction else 1 / one.load
+    shown = made.hold_times > 0
+    if not shown.any():
+        return []
+    t, mean, half = (values[shown] for values in (made.hold_times, made.friction_drop, made.friction_drop_half_width))
+    label = f"{one.legend}, mean of {over(made)}, 95 %"
+    if not one.of_surfaces:
+        axes.errorbar(t, scale * mean, yerr=scale * half, ms=3.5, lw=1, capsize=2, label=label, **style)
+        return [scale * float(mean[-1])]
+    axes.plot(t, scale * mean, ms=3.5, lw=1, label=f"{label} band", **style)
+    if np.isfinite(half).any():
+        low, high = scale * (mean - half), scale * (mean + half)
+        axes.fill_between(t, low, high, color=style["color"], alpha=0.25, lw=0)
+    return [scale * float(mean[-1])]
 
 
 def _scaled(axes: Axes, last: Sequence[float]) -> None:
@@ -67,9 +102,21 @@ def _against_time(results: Sequence[Entry], curves: Curves, label: str) -> tuple
 
 
 def _finish(figure: Figure, axes: Axes, last: Sequence[float]) -> Figure:
+    """Scale the axis, and put the legend inside or, if it is long, below the plot."""
     _scaled(axes, last)
-    axes.legend(frameon=False, fontsize=8)
+    handles, labels = legend_entries(axes)
+    if len(labels) <= 4:
+        legend(axes, fontsize=7)
+    else:
+        width, height = figure.get_size_inches()
+        figure.set_size_inches(width, height + 0.16 * len(labels))
+        figure.legend(handles, labels, loc="outside lower left", frameon=False, fontsize=7)
     return figure
+
+
+def _darker(color: str) -> str:
+    """The colour of the line fitted to a curve of this colour."""
+    return "#" + "".join(f"{round(0.6 * int(color[at : at + 2], 16)):02X}" for at in (1, 3, 5))
 
 
 def _overlay(axes: Axes, comparison: Comparison, quantity: Quantity) -> None:
@@ -95,17 +142,8 @@ def _overlay(axes: Axes, comparison: Comparison, quantity: Quantity) -> None:
         fit = comparison.measured_fit(data, "curve")
         if fit is not None and math.isfinite(fit.cutoff_time):
             line = np.geomspace(data.hold_times[shown].min(), data.hold_times[shown].max(), 100)
-            label = plain(f"{data.name}: β = {fit.beta_text()}")
+            label = plain(f"{data.name}: {fit.short_text()}")
             axes.plot(line, fit(line), color=BLACK, lw=1, ls=("--", ":", "-.")[number % 3], label=label)
-
-
-def _fitted_line(axes: Axes, one: Entry) -> None:
-    fit = one.fit
-    if fit is None or not (math.isfinite(fit.beta) and math.isfinite(fit.cutoff_time)):
-        return
-    line = np.geomspace(*one.window, 50)
-    label = f"β = {fit.beta_text()} per decade"
-    axes.plot(line, fit.beta * np.log10(line / fit.cutoff_time), color=GREY, lw=2.5, alpha=0.7, zorder=1, label=label)
 
 
 def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
@@ -127,7 +165,7 @@ def core_figures(comparison: Comparison) -> dict[str, Figure]:
 
 def friction_drop_figure(comparison: Comparison) -> Figure | None:
     """Draw ΔF against hold time, and measurements of ΔF, or of Δμ if all results have the same load."""
-    if not any(one.aging for one in comparison.results):
+    if not any(one.ages for one in comparison.results):
         return None
     figure, axes, last = _against_time(comparison.results, friction, f"friction drop {SYMBOL['friction_drop']} (nN)")
     _overlay(axes, comparison, "friction_drop")
@@ -136,12 +174,18 @@ def friction_drop_figure(comparison: Comparison) -> Figure | None:
 
 def friction_coefficient_figure(comparison: Comparison) -> Figure | None:
     """Draw Δμ against hold time, and measurements."""
-    if not any(one.aging and one.load > 0 for one in comparison.results):
+    if not any(one.ages and one.load > 0 for one in comparison.results):
         return None
     label = f"friction coefficient drop {SYMBOL['friction_coefficient_drop']}"
     figure, axes, last = _against_time(comparison.results, coefficient, label)
+    few = len(comparison.results) <= _FITTED
+    for one, style in zip(comparison.results, _styles(len(comparison.results)), strict=True):
+        if few:
+            alone = len(comparison.results) == 1
+            draw_fit(axes, one.fit, one.window, *(() if alone else (one.name, _darker(style["color"]))))
     if len(comparison.results) == 1:
-        _fitted_line(axes, comparison.results[0])
+        (one,) = comparison.results
+        draw_published(axes, one.scene, one.fit, one.window)
     _overlay(axes, comparison, "friction_coefficient_drop")
     return _finish(figure, axes, last)
 
@@ -163,10 +207,10 @@ def pressures_figure(results: Sequence[Entry]) -> Figure | None:
     for one, style in shown:
         assert one.pressure is not None
         edges, density = one.pressure
-        axes.stairs(density, edges, color=style["color"], lw=1.4, label=one.legend)
-        axes.plot(
-            0.5 * (edges[1:] + edges[:-1]), density, ls="none", markevery=max(1, density.size // 8), ms=3.5, **style
-        )
+        axes.stairs(density, edges, color=style["color"], lw=1.4)
+        middles, every = 0.5 * (edges[1:] + edges[:-1]), max(1, density.size // 8)
+        axes.plot(middles, density, ls="none", markevery=every, ms=3.5, **style)
+        axes.plot([], [], lw=1.4, ms=3.5, label=one.legend, **style)  # line and marker in one entry of the legend
     axes.set(xlabel="contact pressure (GPa)", ylabel="density over the contact (1/GPa)", xlim=(0, None), ylim=(0, None))
     axes.legend(frameon=False, fontsize=8)
     return figure

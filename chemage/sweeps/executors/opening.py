@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.errors import InputError
 from chemage.foundation.messages import nearest
-from chemage.sweeps.executors.clusters import open_cluster
+from chemage.sweeps.executors.clusters import open_cluster, seconds
 from chemage.sweeps.executors.pool import Pool, Serial, shares
 from chemage.sweeps.executors.processes import Processes
 
@@ -20,7 +20,12 @@ NAMES = ("serial", "processes", "dask")
 
 
 @contextmanager
-def open_pool(executor: str | Executor, workers: int | None = None, threads: int | None = None) -> Iterator[Pool]:
+def open_pool(
+    executor: str | Executor,
+    workers: int | None = None,
+    threads: int | None = None,
+    patience: float | str | None = None,
+) -> Iterator[Pool]:
     """Open the executor that ``executor`` names, for the duration of a block.
 
     Parameters
@@ -33,6 +38,9 @@ def open_pool(executor: str | Executor, workers: int | None = None, threads: int
         Number of concurrent tasks; default: chosen automatically from the number of processors.
     threads
         Threads per task; default: all processors with ``serial``, one with any other executor.
+    patience
+        Longest time to wait while a Dask cluster has no worker: s, or text with a unit such as ``"10 min"``; default:
+        120 s for a cluster started on this machine, no limit for any other, whose jobs may be queued.
 
     Raises
     ------
@@ -43,6 +51,7 @@ def open_pool(executor: str | Executor, workers: int | None = None, threads: int
     """
     _check_count("workers", workers)
     _check_count("threads", threads)
+    limit = None if patience is None else seconds(patience)
     if isinstance(executor, Executor):
         width = workers or getattr(executor, "_max_workers", None) or thread_budget.processors()
         yield Pool(executor, type(executor).__name__, threads or 1, lambda: width)
@@ -66,7 +75,7 @@ def open_pool(executor: str | Executor, workers: int | None = None, threads: int
         with Processes(workers, threads) as processes:
             yield Pool(processes, name, threads, lambda: workers, processes.abort)
     else:
-        with open_cluster(detail, workers, threads) as cluster:
+        with open_cluster(detail, workers, threads, limit) as cluster:
             yield cluster
 
 

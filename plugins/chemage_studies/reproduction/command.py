@@ -20,25 +20,32 @@ def reproduce(
     targets: Annotated[
         list[str] | None,
         typer.Argument(
-            help="fig1 … fig6, table1, kappa; of the supplement maps, areas, barriers; estimates of the text; "
-            "calibration of the barriers; interaction, temperature, tips; or all (the default). patches, not part "
-            "of all: what changes the number of patches. Since 0.2, fig1 is the surface (was: friction against "
-            "time, now in fig2), fig4 pressures and barriers (was: the interaction, now interaction), and fig5 "
-            "has ΔV = 0.",
+            metavar="TARGETS",
+            help="what to compute: fig1 … fig6, table1, kappa; maps, areas, barriers (supplement); estimates (numbers "
+            "in the text); calibration (of the barriers); interaction, temperature, tips; or all, the default. "
+            "patches, what changes the number of patches, is not part of all. Since 0.2, fig1 is the surface, fig2 "
+            "friction against time, fig4 pressures and barriers, and fig5 has ΔV = 0.",
             show_default=False,
         ),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="folder of the sweeps, the figures and the page")] = Path(
-        "reproduction"
-    ),
-    seeds: Annotated[int, typer.Option(min=1, max=32, help="number of surfaces per row; the paper has one")] = 4,
-    executor: Annotated[str, typer.Option(help="serial, processes, or dask[:ADDRESS]")] = "processes",
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FOLDER", help="folder of the sweeps, the figures and the page")
+    ] = Path("reproduction"),
+    seeds: Annotated[
+        int, typer.Option(min=1, max=32, metavar="N", help="number of surfaces per row, 1 to 32; the paper has one")
+    ] = 4,
+    executor: Annotated[
+        str, typer.Option(metavar="NAME", help="where points are computed: serial, processes or dask[:ADDRESS]")
+    ] = "processes",
     workers: WorkersOpt = None,
-    pixels: Annotated[int | None, typer.Option(help="pixels per side of coarser surfaces; default: 2500")] = None,
+    pixels: Annotated[
+        int | None, typer.Option(metavar="N", help="pixels per side, for coarser surfaces; default: 2500")
+    ] = None,
 ) -> None:
     """Compute the figures and tables of the paper.
 
-    The results are compared with the published numbers. Completed points are skipped; rerun the same command to resume.
+    The results are compared with the published numbers. Completed points are skipped, so that the same command resumes
+    an interrupted one.
     """
     from chemage_studies.reproduction import studies
 

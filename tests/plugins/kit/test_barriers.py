@@ -9,6 +9,12 @@ from kit_examples import Flat, broken, calls, failing
 from chemage import testing
 
 
+def _shifted():
+    """Another distribution at every call."""
+    by = 0.01 + 1e-4 * next(calls)
+    return broken(Flat, quantile=lambda self, u: Flat.quantile(self, u) + by)()
+
+
 @pytest.mark.parametrize(
     ("change", "check", "said"),
     [
@@ -23,6 +29,11 @@ from chemage import testing
         ({"density": lambda self, e: -Flat.density(self, e)}, "density_agrees_with_quantile", "negative or infinite"),
         ({"density": lambda self, e: np.array([1.0])}, "density_agrees_with_quantile", "shape"),
         ({"quantile": lambda self, u: np.ones(u.shape)}, "density_agrees_with_quantile", "point mass"),
+        ({"members": lambda self, n: [Flat()][:n]}, "members_are_other_distributions", "the distribution itself"),
+        ({"members": lambda self, n: [Flat()]}, "members_are_other_distributions", "members(0)"),
+        ({"members": lambda self, n: [0.8, 1.4][:n]}, "members_are_other_distributions", "no distribution"),
+        ({"members": lambda self, n: [type(self)()][:n]}, "members_are_other_distributions", "has members itself"),
+        ({"members": lambda self, n: [_shifted()][:n]}, "members_are_other_distributions", "second call"),
     ],
 )
 def test_barriers(change, check, said):

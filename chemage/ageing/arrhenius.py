@@ -1,0 +1,443 @@
+"""Apparent activation energies: how the times of ageing shift with temperature.
+
+Where the time t at which ageing reaches a given level depends on temperature as t = t₀ exp(E_a/k_B T), a line through
+ln t against 1/(k_B T) has the slope E_a. For sites that react independently over one barrier E under a pressure P, E_a
+is E − P ΔV at every level. For a distribution of barriers E_a grows with the level, because higher barriers are crossed
+later: it is the barrier below which that share of the sites lies.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from chemage.ageing.aging import Aging
+from chemage.ageing.fitting import FIT_WINDOW, UNIT, Fit, fit_aging
+from chemage.ageing.intervals import UNKNOWN, Interval
+from chemage.ageing.models import solve
+from chemage.foundation.errors import InputError
+from chemage.foundation.statistics import jackknife_error, student_limits
+from chemage.foundation.text import jsonable, with_interval
+from chemage.foundation.units import KB, convert
+
+Level = Literal["friction_coefficient_drop", "friction_drop", "bonds_per_site"]
+
+#: quantity -> how it is written
+SYMBOLS: dict[str, str] = {"friction_coefficient_drop": "Δμ", "friction_drop": "ΔF", "bonds_per_site": "bonds per site"}
+#: fewer temperatures make no line with an error
+LEAST = 3
+#: levels that are chosen where none are given
+CHOSEN = 5
+#: replicas from which on the temperatures are weighted by their errors; the errors of fewer are too uncertain
+FOR_WEIGHTS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class ActivationEnergy:
+    """The line through ln t against 1/(k_B T) at one level."""
+
+    #: of the quantity; None: the cut-off time of the fit of β
+    level: float | None
+    #: (n,) K, those at which the level is reached within the hold times
+    temperatures: np.ndarray
+    #: (n,) s
+    times: np.ndarray
+    #: (n,) standard errors of ln t, jackknife over replicas; nan for a single replica
+    log_time_errors: np.ndarray
+    #: E_a, eV
+    energy: float
+    energy_stderr: float
+    energy_interval: Interval
+    #: t₀, s
+    prefactor: float
+    prefactor_interval: Interval
+    #: root mean square distance of ln t from the line
+    rms_residual: float
+    #: how the interval was found, in words
+    intervals: str
+
+    def __call__(self, temperature: np.ndarray | float) -> np.ndarray:
+        """The time of the line at ``temperature`` (K), s."""
+        beta = 1 / (KB * np.asarray(temperature, dtype=np.float64))
+        return self.prefactor * np.exp(self.energy * beta)
+
+    def energy_text(self) -> str:
+        """E_a with its interval."""
+        return f"{_with(self.energy, self.energy_interval)} eV"
+
+    def prefactor_text(self) -> str:
+        """t₀ with its interval."""
+        return f"{_with(self.prefactor, self.prefactor_interval)} s"
+
+    def todict(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        return jsonable(
+            {
+                "level": self.level,
+                "temperatures": self.temperatures,
+                "times": self.times,
+                "log_time_errors": self.log_time_errors,
+                "energy": self.energy,
+                "energy_stderr": self.energy_stderr,
+                "energy_interval": [self.energy_interval.low, self.energy_interval.high],
+                "prefactor": self.prefactor,
+                "prefactor_interval": [self.prefactor_interval.low, self.prefactor_interval.high],
+                "rms_residual": self.rms_residual,
+                "intervals": self.intervals,
+            }
+        )
+
+
+def _with(value: float, interval: Interval) -> str:
+    known = math.isfinite(interval.low) and math.isfinite(interval.high)
+    return with_interval(value, interval.low, interval.high) if known else f"{value:.4g} (no interval)"
+
+
+@dataclass(frozen=True, eq=False)
+class Arrhenius:
+    """The summary of ageing at several temperatures."""
+
+    quantity: Level
+    #: (n,) K, ascending
+    temperatures: np.ndarray
+    #: β and cut-off time at each temperature; None where there is no fit
+    fits: tuple[Fit | None, ...]
+    #: the levels in ascending order, and last the cut-off time where it is known at enough temperatures
+    energies: tuple[ActivationEnergy, ...]
+    notes: tuple[str, ...] = ()
+    confidence: float = 0.95
+
+    @property
+    def unit(self) -> str:
+        """Unit of the levels."""
+        return UNIT.get(self.quantity, "")
+
+    def label(self, one: ActivationEnergy) -> str:
+        """What the times of ``one`` are the times of, in words."""
+        if one.level is None:
+            return "cut-off time"
+        return f"{SYMBOLS[self.quantity]} = {one.level:.4g} {self.unit}".strip()
+
+    def todict(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        fits = [
+            {"temperature": float(kelvin), **({} if fit is None else fit.todict())}
+            for kelvin, fit in zip(self.temperatures, self.fits, strict=True)
+        ]
+        return {
+            "quantity": self.quantity,
+            "unit": self.unit,
+            "temperatures": self.temperatures.tolist(),
+            "energies": [one.todict() for one in self.energies],
+            "fits": fits,
+            "confidence": self.confidence,
+            "notes": list(self.notes),
+        }
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """One temperature: the quantity of every replica at the hold times above 0."""
+
+    temperature: float
+    #: (m,) s
+    times: np.ndarray
+    #: (replicas, m)
+    values: np.ndarray
+
+    @property
+    def left_out(self) -> np.ndarray:
+        """(replicas, m): means with each replica left out in turn; (1, m), the mean itself, for a single one."""
+        r = len(self.values)
+        return self.values if r < 2 else (self.values.sum(axis=0) - self.values) / (r - 1)
+
+
+def activation_energies(
+    results: Sequence[Aging],
+    levels: float | str | Sequence[float | str] | None = None,
+    *,
+    quantity: Level | None = None,
+    window: tuple[float | str, float | str] = FIT_WINDOW,
+    confidence: float = 0.95,
+) -> Arrhenius:
+    """Apparent activation energies from ageing curves at three temperatures or more.
+
+    At each level the time t at which the mean over replicas first reaches it is interpolated linearly in log t between
+    hold times; E_a and t₀ are those of the line ln t = ln t₀ + E_a/(k_B T), by least squares, weighted by the errors of
+    ln t from five replicas on.
+
+    Parameters
+    ----------
+    results
+        Ageing curves that differ in temperature alone, one for each temperature.
+    levels
+        Levels of the quantity, in its unit; default: five that are reached at as many temperatures as possible.
+    quantity
+        ``"friction_coefficient_drop"`` (default), ``"friction_drop"`` (nN; default without load), or
+        ``"bonds_per_site"``.
+    window
+        First and last hold time of the line whose β and cut-off time are listed for each temperature.
+    confidence
+        Coverage of the intervals. They are Student's. With equal numbers of replicas the standard error is that of the
+        jackknife in which replica r is left out at every temperature at once, so that random numbers that temperatures
+        have in common are accounted for, with one degree of freedom less than replicas; with unequal numbers the
+        temperatures are taken as independent, with the degrees of freedom of that with the largest part of the error.
+        The weights are computed again without each replica. A single replica has no error, and the scatter of ln t
+        about the line takes its place. No interval includes the scatter between surfaces, nor the curvature of a line
+        that is none.
+
+    Raises
+    ------
+    InputError
+        Fewer than three temperatures, or two results at one; results that differ in more than temperature; a level that
+        fewer than three temperatures reach.
+    """
+    ordered = sorted(_checked(results), key=lambda one: one.temperature)
+    chosen = _quantity(quantity, ordered)
+    if not 0 < confidence < 1:
+        raise InputError.of("confidence", confidence, "must lie between 0 and 1", "give 0.95, say")
+    curves = [_curve(one, chosen) for one in ordered]
+    given = None if levels is None else _given(levels, UNIT.get(chosen, ""))
+    found = [_at_level(level, curves, confidence) for level in (_default(curves) if given is None else given)]
+    found = [one for one in found if given is not None or math.isfinite(one.energy)]
+    limits = convert(window[0], "s"), convert(window[1], "s")
+    fits = tuple(_fit(one, chosen, limits) for one in ordered)
+    notes = []
+    if (cutoff := _of_cutoff(ordered, fits, limits, confidence)) is not None:
+        found.append(cutoff)
+    if given is None and not any(one.level is not None for one in found):
+        notes.append("no level is reached at three temperatures within the hold times; give more hold times")
+    return Arrhenius(
+        chosen,
+        np.array([one.temperature for one in curves]),
+        fits,
+        tuple(found),
+        tuple(notes),
+        confidence,
+    )
+
+
+def _checked(results: Sequence[Aging]) -> list[Aging]:
+    curves = list(results)
+    for one in curves:
+        if not isinstance(one, Aging):
+            raise InputError(f"results: got a {type(one).__name__}; give ageing curves, one for each temperature")
+    kelvins = sorted(one.temperature for one in curves)
+    if len(kelvins) < LEAST:
+        raise InputError(f"results: {len(kelvins)} temperatures; a line with an error needs {LEAST} or more")
+    for first, second in pairwise(kelvins):
+        if second - first <= 1e-9 * second:
+            raise InputError(f"results: two of them are at {first:g} K; give one for each temperature")
+    for name in ("load", "bond_force", "front_factor"):
+        if len(values := {getattr(one, name) for one in curves}) > 1:
+            raise InputError(
+                f"results: differ in {name} ({', '.join(f'{value:g}' for value in sorted(values))}), not in "
+                "temperature alone; give results of one contact and one chemistry"
+            )
+    for name in ("chemistry", "contact"):
+        if any(one.provenance.get(name) != curves[0].provenance.get(name) for one in curves):
+            raise InputError(f"results: differ in their {name}, not in temperature alone; give results of one {name}")
+    return curves
+
+
+def _quantity(quantity: Level | None, curves: Sequence[Aging]) -> Level:
+    if quantity is None:
+        return "friction_coefficient_drop" if curves[0].load > 0 else "friction_drop"
+    if quantity not in get_args(Level):
+        raise InputError.of("quantity", quantity, f"choose {', '.join(get_args(Level))}")
+    if quantity == "friction_coefficient_drop" and curves[0].load == 0:
+        raise InputError("load = 0: the friction coefficient is undefined; choose quantity = 'friction_drop'")
+    return quantity
+
+
+def _curve(one: Aging, quantity: Level) -> _Curve:
+    if quantity == "bonds_per_site":
+        values = one.bonds / np.where(one.sites > 0, one.sites, np.nan)[:, None]
+    else:
+        values = one.friction_drop if quantity == "friction_drop" else one.friction_coefficient_drop
+    shown = one.hold_times > 0
+    return _Curve(one.temperature, one.hold_times[shown], np.asarray(values, dtype=np.float64)[:, shown])
+
+
+def _given(levels: float | str | Sequence[float | str], unit: str) -> list[float]:
+    listed = levels if isinstance(levels, Sequence) and not isinstance(levels, str) else [levels]
+    found = sorted({convert(level, unit) for level in listed})
+    if not found:
+        raise InputError("levels: an empty list; give levels, or leave them out")
+    if wrong := [level for level in found if not (math.isfinite(level) and level > 0)]:
+        raise InputError.of("level", wrong[0], "must be finite and positive", "give a level that is reached")
+    return found
+
+
+def _default(curves: Sequence[_Curve]) -> list[float]:
+    """Levels between those that the first and the last hold times reach at the largest number of temperatures."""
+    ranges = [(float(mean[0]), float(mean.max())) for one in curves if (mean := one.values.mean(axis=0)).size]
+    ranges = [(low, high) for low, high in ranges if high > low]
+    ends = sorted({end for pair in ranges for end in pair})
+    best, counted = (0.0, 0.0), 0
+    for low, high in pairwise(ends):
+        count = sum(first <= low and high <= last for first, last in ranges)
+        if count > counted or (count == counted and high - low > best[1] - best[0]):
+            best, counted = (low, high), count
+    if counted < LEAST:
+        return []
+    low, high = best
+    levels = [low + (high - low) * (k + 0.5) / CHOSEN for k in range(CHOSEN)]
+    short = [float(f"{level:.3g}") for level in levels]
+    return short if len(set(short)) == CHOSEN and low < short[0] and short[-1] < high else levels
+
+
+def _log_time(times: np.ndarray, means: np.ndarray, level: float) -> np.ndarray:
+    """(b,) ln t at which each row of ``means`` (b, m) first reaches ``level``; nan where it is not within the times."""
+    found = np.full(len(means), np.nan)
+    for row, mean in enumerate(means):
+        above = np.flatnonzero(mean >= level)
+        if above.size and (at := int(above[0])) > 0:
+            below, log_t = mean[at - 1], np.log(times[at - 1 : at + 1])
+            found[row] = log_t[0] + (log_t[1] - log_t[0]) * (level - below) / (mean[at] - below)
+    return found
+
+
+def _at_level(level: float, curves: Sequence[_Curve], confidence: float) -> ActivationEnergy:
+    logs = np.array([_log_time(one.times, one.values.mean(axis=0)[None, :], level)[0] for one in curves])
+    reached = np.isfinite(logs)
+    if np.count_nonzero(reached) < LEAST:
+        kelvins = ", ".join(f"{one.temperature:g} K" for one, there in zip(curves, reached, strict=True) if there)
+        raise InputError.of(
+            "level",
+            level,
+            f"is reached between the first and the last hold time at {np.count_nonzero(reached)} temperatures"
+            + (f" ({kelvins})" if kelvins else "")
+            + f", and a line needs {LEAST}",
+            "give another level, or more hold times",
+        )
+    used = [one for one, there in zip(curves, reached, strict=True) if there]
+    left_out = [_log_time(one.times, one.left_out, level) for one in used]
+    return _line(level, np.array([one.temperature for one in used]), logs[reached], left_out, confidence)
+
+
+def _line(
+    level: float | None, kelvins: np.ndarray, logs: np.ndarray, left_out: Sequence[np.ndarray], confidence: float
+) -> ActivationEnergy:
+    """The line through ln t (n,); ``left_out`` are its values with each replica left out, for each temperature."""
+    counts = [len(one) for one in left_out]
+    errors = np.array([float(jackknife_error(one)) if len(one) > 1 else math.nan for one in left_out])
+    x = 1 / (KB * kelvins)
+    weighted = min(counts) >= FOR_WEIGHTS and bool((np.isfinite(errors) & (errors > 0)).all())
+    weight = 1 / errors**2 if weighted else np.ones(x.size)
+    rows = _rows(x, weight)
+    energy, log_prefactor = rows @ logs
+    residual = logs - log_prefactor - energy * x
+    freedom: np.ndarray | float
+    if min(counts) < 2:
+        share = weight / weight.sum()
+        freedom = x.size - 2.0
+        error = np.sqrt(share @ residual**2 / freedom * (rows**2 / share).sum(axis=1))
+        words = f"Student's t, scatter about the line, {x.size} temperatures"
+    elif len(set(counts)) == 1:
+        error, freedom = _together(x, weight, left_out, weighted), counts[0] - 1.0
+        words = f"Student's t, jackknife over {counts[0]} replicas"
+    else:
+        error, freedom = _apart(x, weight, logs, left_out, weighted)
+        words = f"Student's t, jackknife over {min(counts)} to {max(counts)} replicas"
+    half = error * student_limits(np.broadcast_to(freedom, 2), confidence)
+    known = bool(np.isfinite(half).all())
+    return ActivationEnergy(
+        level=level,
+        temperatures=kelvins,
+        times=np.exp(logs),
+        log_time_errors=errors,
+        energy=float(energy),
+        energy_stderr=float(error[0]),
+        energy_interval=Interval(float(energy - half[0]), float(energy + half[0])) if known else UNKNOWN,
+        prefactor=math.exp(log_prefactor),
+        prefactor_interval=Interval(*np.exp([log_prefactor - half[1], log_prefactor + half[1]]).tolist())
+        if known
+        else UNKNOWN,
+        rms_residual=float(np.sqrt(np.mean(residual**2))),
+        intervals=words,
+    )
+
+
+def _rows(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(2, n): E_a and ln t₀ of the weighted line are these times ln t (n,)."""
+    share = weight / weight.sum()
+    away = x - share @ x
+    slope = share * away / (share @ away**2)
+    return np.array([slope, share - slope * (share @ x)])
+
+
+def _weights_without(left_out: np.ndarray) -> np.ndarray:
+    """(r,) the weight of a temperature with each of its r replicas left out, from what each adds to ln t."""
+    r = len(left_out)
+    added = (r - 1) * (left_out.mean() - left_out)
+    rest = (added**2).sum() - added**2 - added**2 / (r - 1)
+    with np.errstate(divide="ignore"):
+        return (r - 1) * (r - 2) / np.maximum(rest, 0.0)
+
+
+def _together(x: np.ndarray, weight: np.ndarray, left_out: Sequence[np.ndarray], weighted: bool) -> np.ndarray:
+    """Jackknife errors of E_a and ln t₀ with replica r left out at every temperature at once.
+
+    The weights are those without it: taken as known they would make the error too small, since temperatures that seem
+    to scatter little by chance count most.
+    """
+    values = np.array(left_out)
+    if not weighted:
+        return jackknife_error(values.T @ _rows(x, weight).T)
+    weights = np.array([_weights_without(one) for one in values])
+    weights = np.where(np.isfinite(weights), weights, weight[:, None])
+    return jackknife_error(np.array([_rows(x, weights[:, r]) @ values[:, r] for r in range(values.shape[1])]))
+
+
+def _apart(
+    x: np.ndarray, weight: np.ndarray, logs: np.ndarray, left_out: Sequence[np.ndarray], weighted: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of E_a and ln t₀ and their degrees of freedom, with the replicas of each temperature left out in turn.
+
+    The degrees of freedom are those of the temperature with the largest part: those of Welch and Satterthwaite are too
+    many where a few replicas decide.
+    """
+    parts = []
+    for at, one in enumerate(left_out):
+        values = []
+        weights = _weights_without(one) if weighted else np.full(len(one), weight[at])
+        for log, changed in zip(one, weights, strict=True):
+            logs_now, weight_now = logs.copy(), weight.copy()
+            logs_now[at], weight_now[at] = log, changed if math.isfinite(changed) else weight[at]
+            values.append(_rows(x, weight_now) @ logs_now)
+        parts.append(jackknife_error(np.array(values)) ** 2)
+    counts = np.array([len(one) for one in left_out])
+    return np.sqrt(np.sum(parts, axis=0)), counts[np.argmax(parts, axis=0)] - 1.0
+
+
+def _fit(one: Aging, quantity: Level, window: tuple[float, float]) -> Fit | None:
+    of_force = quantity == "friction_drop" or one.load == 0
+    try:
+        return fit_aging(one, window=window, quantity="friction_drop" if of_force else None)
+    except InputError:
+        return None
+
+
+def _of_cutoff(
+    results: Sequence[Aging], fits: Sequence[Fit | None], window: tuple[float, float], confidence: float
+) -> ActivationEnergy | None:
+    """The activation energy of the cut-off time; None where it is known at fewer than three temperatures."""
+    kelvins, logs, left_out = [], [], []
+    for result, fit in zip(results, fits, strict=True):
+        one = _curve(result, "friction_drop")  # of which the cut-off time is that of Δμ
+        use = (one.times >= window[0] * (1 - 1e-9)) & (one.times <= window[1] * (1 + 1e-9))
+        if fit is None or not (math.isfinite(fit.cutoff_time) and fit.cutoff_time > 0):
+            continue
+        kelvins.append(one.temperature)
+        logs.append(math.log(fit.cutoff_time))
+        even = np.ones((1, int(np.count_nonzero(use))))
+        left_out.append(solve("line", one.times[use], one.left_out[:, use], even)[1] * math.log(10))
+    if len(kelvins) < LEAST:
+        return None
+    return _line(None, np.array(kelvins), np.array(logs), left_out, confidence)

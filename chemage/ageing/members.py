@@ -1,0 +1,79 @@
+"""The error of the barriers: other distributions that the same data allow, aged on the same contact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from chemage.ageing.age import age
+from chemage.ageing.aging import Aging
+from chemage.contacts.solution import ContactSolution
+from chemage.contacts.statistics import ContactStatistics
+from chemage.foundation.errors import InputError
+from chemage.foundation.threads import available, in_order
+from chemage.lattices.chemistry import Chemistry
+
+#: name of the error
+BARRIERS = "barriers"
+#: members that are aged, sites over all replicas of each, and most replicas
+MEMBERS, SITES, MOST = 8, 2000, 40
+
+
+def with_members(
+    aging: Aging,
+    contact: ContactSolution | ContactStatistics,
+    chemistry: Chemistry,
+    *,
+    threads: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    **how: Any,
+) -> Aging:
+    """``aging`` with the error that its distribution of forming barriers has, where its members are known.
+
+    The distribution and :data:`MEMBERS` of its members are aged with the same disorder and kinetic noise. Each has as
+    many replicas as are needed for :data:`SITES` sites, :data:`MOST` at most. The rupture law takes no part: the error
+    is that of the mean number of bonds. ``how`` are the other arguments of :func:`chemage.age`.
+    """
+    members = list(chemistry.forming.members(MEMBERS))
+    if not members:
+        return aging
+    method, sites = how.get("method"), max(float(aging.sites.mean()), 1.0)
+    replicas = int(np.clip(np.ceil(SITES / sites), 1, MOST))
+    how |= {"replicas": replicas, "common": "all", "rupture": None, "observe": (), "threads": 1}
+    how.pop("checkpoints", None)
+    every = [chemistry.forming, *members]
+
+    def aged(number: int) -> np.ndarray:
+        return age(contact, chemistry.replace(forming=every[number]), **how).bonds.mean(axis=0, dtype=np.float64)
+
+    own, *others = in_order(aged, len(every), threads or available(), progress)
+    ratios = np.stack([np.divide(one, own, out=np.full(own.shape, np.nan), where=own > 0) for one in others])
+    count = (
+        f"{replicas} replica{'s' if replicas > 1 else ''} each" if method is None or method.replicates else "each once"
+    )
+    source = f"scatter of {len(others)} members of the distribution of barriers, {count}, same random numbers"
+    return aging.model_copy(
+        update={
+            "errors": {**aging.errors, BARRIERS: ratios.std(axis=0, ddof=1)},
+            "error_sources": {**aging.error_sources, BARRIERS: source},
+            "member_ratios": ratios,
+        }
+    )
+
+
+def barriers_error(aging: Aging | None, window: tuple[float, float]) -> float | None:
+    """Relative standard error of β over ``window`` (s) that is due to the barriers; None where it is not known."""
+    if aging is None or aging.member_ratios is None:
+        return None
+    try:
+        own = aging.fit(*window).beta
+    except InputError:
+        return None
+    inside = (aging.hold_times >= window[0] * (1 - 1e-9)) & (aging.hold_times <= window[1] * (1 + 1e-9))
+    drops = (aging.member_ratios * aging.mean_friction_coefficient_drop)[:, inside]
+    if not np.isfinite(drops).all() or own == 0:
+        return None
+    slopes = np.polyfit(np.log10(aging.hold_times[inside]), drops.T, 1)[0]
+    return float(slopes.std(ddof=1) / abs(own))

@@ -1,0 +1,107 @@
+"""What the shell offers as the next word: names of scenes, fields of a scene, kinds of components, endings of files.
+
+Nothing is imported that takes long: names come from the registry, fields from the text of the scene. Where nothing is
+offered, the shell offers files.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+
+def scenes(incomplete: str) -> list[str]:
+    """Installed scenes, and scene files of this folder; nothing for a path, which the shell completes."""
+    from chemage.plugins import registry
+
+    return _beginning(incomplete, [*registry.current().scenes(), *_files(incomplete, ".toml")])
+
+
+def installed_scenes(incomplete: str) -> list[str]:
+    """Installed scenes."""
+    from chemage.plugins import registry
+
+    return _beginning(incomplete, registry.current().scenes())
+
+
+def results(incomplete: str) -> list[str]:
+    """Result files of this folder, and folders of sweeps."""
+    sweeps = [] if _is_path(incomplete) else [entry.parent.name for entry in Path().glob("*/sweep.json")]
+    return _beginning(incomplete, [*_files(incomplete, ".h5"), *_files(incomplete, ".hdf5"), *sweeps])
+
+
+def sweeps(incomplete: str) -> list[str]:
+    """Folders of sweeps in this folder."""
+    return _beginning(incomplete, [entry.parent.name for entry in Path().glob("*/sweep.json")])
+
+
+def fields(incomplete: str) -> list[str]:
+    """``section.field=`` for every field that the scene on this line sets."""
+    return _beginning(incomplete, [f"{path}=" for path in _paths(_scene())])
+
+
+def kinds(incomplete: str) -> list[str]:
+    """Kinds of installed components, and plugins with options."""
+    from chemage.plugins import registry
+
+    plugins = registry.current()
+    named = [record.name for record in plugins.records if record.options and not record.error]
+    return _beginning(incomplete, {*(kind for role in plugins.roles for kind in plugins.kinds(role)), *named})
+
+
+def roles(incomplete: str) -> list[str]:
+    """Roles of components."""
+    from chemage.plugins import registry
+
+    return _beginning(incomplete, registry.current().roles)
+
+
+def one_of(*words: str) -> Callable[[str], list[str]]:
+    """Make a function that offers these words."""
+
+    def offered(incomplete: str) -> list[str]:
+        return _beginning(incomplete, words)
+
+    return offered
+
+
+def _beginning(incomplete: str, words: Iterable[str]) -> list[str]:
+    return sorted(word for word in words if word.startswith(incomplete))
+
+
+def _is_path(incomplete: str) -> bool:
+    return "/" in incomplete or incomplete.startswith(("~", "."))
+
+
+def _files(incomplete: str, ending: str) -> list[str]:
+    return [] if _is_path(incomplete) else [entry.name for entry in Path().glob(f"*{ending}")]
+
+
+def _scene() -> Mapping[str, Any]:
+    """The data of the scene on this line, as it is written; empty where there is none."""
+    from chemage.plugins import registry
+
+    plugins = registry.current()
+    try:
+        # an option without its value ends the parsing, and arguments before it are lost
+        words = shlex.split(os.environ.get("_TYPER_COMPLETE_ARGS") or os.environ.get("COMP_WORDS") or "")
+        name = next(word for word in words if word in plugins.scenes() or word.endswith(".toml"))
+        if name in plugins.scenes():
+            return tomllib.loads(registry.scene_text(plugins.scene_target(name)))
+        return tomllib.loads(Path(name).read_text(encoding="utf-8"))
+    except Exception:  # the shell cannot show an error
+        return {}
+
+
+def _paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:
+    found = []
+    for name, value in data.items():
+        if isinstance(value, Mapping):
+            found += _paths(value, f"{prefix}{name}.")
+        elif not (isinstance(value, list) and any(isinstance(item, Mapping) for item in value)):
+            found.append(f"{prefix}{name}")
+    return found

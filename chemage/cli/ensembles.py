@@ -1,0 +1,84 @@
+"""Ensembles on the command line: running one, and printing its result."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from chemage.cli import terminal
+from chemage.cli.files import drawn, figures_of, preflight_folder, result_written
+from chemage.cli.options import user_error
+from chemage.foundation import compiling
+from chemage.foundation.progress import progress_bars, reported
+
+if TYPE_CHECKING:
+    from chemage.ensembles.ensemble import Ensemble
+    from chemage.experiments.scene import Scene
+
+
+def samples_of(path: Path) -> Path:
+    """The folder of the samples of a result file."""
+    return path.with_name(f"{path.stem}-samples")
+
+
+def run(
+    one: Scene,
+    path: Path,
+    *,
+    threads: int | None,
+    early: compiling.Helpers,
+    figures: bool,
+    as_json: bool,
+    force: bool,
+) -> None:
+    """Sample the ensemble that a scene asks for, write it to ``path`` and print it."""
+    from chemage.ensembles.running import CORRECTING, SAMPLING, Sampler
+    from chemage.experiments.warm_up import compiled_ahead
+    from chemage.foundation.files import preflight
+    from chemage.foundation.text import jsonable
+    from chemage.reports import ensemble_figure
+    from chemage.store.results import write
+
+    folder = samples_of(path)
+    preflight(path, force=force)
+    if figures:
+        preflight_folder(figures_of(path), force)
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise user_error(f"{folder}, the folder for the samples, is a file or a link; choose another --out")
+    pictures: list[Path] = []
+    sampler = Sampler(one, samples=folder, threads=threads)
+    counted = sampler.request.counted
+    with progress_bars({SAMPLING: counted, CORRECTING: counted}, alive=True) as report:
+        with compiled_ahead(one, report, threads, early) as told:
+            made = sampler.run(told)
+        with reported(report, "writing"):
+            write(path, made, force=force)
+        if figures:
+            with result_written(path), reported(report, "drawing"):
+                pictures = drawn(partial(ensemble_figure.save, made), figures_of(path))
+    found = sampler.store.found
+    if as_json:
+        files = {"file": str(path), "samples": str(folder), "samples_taken": found}
+        print(json.dumps({**jsonable(made.summary()), **files, "figures": [str(p) for p in pictures]}))
+        return
+    show(made)
+    terminal.remark()
+    if found:
+        terminal.remark(f"{found} sample{'s' if found > 1 else ''} taken from {folder}")
+    terminal.say(f"result   {path}")
+    terminal.say(f"samples  {folder}")
+    for picture in pictures:
+        terminal.say(f"figure   {picture}")
+    terminal.remark("a run with a smaller interval takes these samples up; the folder may be removed otherwise")
+
+
+def show(made: Ensemble) -> None:
+    """Print the estimates with their intervals, and the parts of the error."""
+    from chemage.reports.ensemble_text import TITLE, rows
+
+    title = made.provenance.get("scene", {}).get("title") or made.name
+    terminal.show_pairs(f"{title}: {TITLE}", rows(made))
+    for note in made.notes:
+        terminal.remark(f"note: {note}")

@@ -1,0 +1,243 @@
+"""What ``chemage infer`` reads from its options: forecasts, planned measurements, unknowns, families, targets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from chemage.cli.options import user_error
+
+#: word of ``--predict`` and ``--next`` -> what it is an example of
+PREDICT = {"load": "500 nN", "temperature": "350 K", "hold_time": "1 ms to 1e5 s", "scene": "silica-tip"}
+NEXT = {"hold_time": "1e5 s", "load": "50 nN", "temperature": "350 K", "error": "3 %"}
+TARGET = {"energy": "1.0 eV", "load": "500 nN", "temperature": "350 K", "hold_time": "1e5 s"}
+#: hold times per decade of a range, in a forecast and among planned measurements
+PER_DECADE, PLANNED_PER_DECADE = 4, 1
+_UNITS = {"load": "nN", "temperature": "K", "hold_time": "s", "energy": "eV"}
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of an inference beside the density, checked before anything is computed."""
+
+    #: label -> arguments of :meth:`Inference.forecast`
+    forecasts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    candidates: Sequence[Mapping[str, Any]] = ()
+    target: Mapping[str, Any] | None = None
+    #: the target in words
+    target_text: str = ""
+
+
+def read_asked(predict: Sequence[str], planned: Sequence[str], target: str | None) -> Asked:
+    """Read ``--predict``, ``--next`` and ``--target``.
+
+    Raises
+    ------
+    InputError
+        Naming the option, the word that is wrong, and how to write it.
+    """
+    from chemage.inference.result import MOST_FORECASTS
+
+    forecasts: dict[str, Mapping[str, Any]] = {}
+    for text in predict:
+        arguments = _forecast(text)
+        parts = [part.strip() for part in text.split(",") if part.strip()]
+        # the last hold time stands beside the label
+        label = ", ".join(part for part in parts if not part.startswith("hold_time")) or "as in the scene"
+        label = label if label not in forecasts else ", ".join(parts)
+        if label in forecasts:
+            raise user_error(f"--predict {text}: given twice")
+        forecasts[label] = arguments
+    if len(forecasts) > MOST_FORECASTS:
+        raise user_error(f"--predict: {len(forecasts)} forecasts; one file holds {MOST_FORECASTS}")
+    candidates = [one for text in planned for one in _candidates(text)]
+    if target is not None and not candidates:
+        raise user_error("--target is what planned measurements are to narrow; give them with --next")
+    if target is None:
+        return Asked(forecasts, candidates, None, "the density at all visible energies")
+    found = _pairs("--target", target, TARGET)
+    wanted = {name: _quantity("--target", name, value) for name, value in found.items()}
+    if ("energy" in wanted) == ("hold_time" in wanted) or ("energy" in wanted and len(wanted) > 1):
+        raise user_error(
+            f'--target {target}: give an energy, "energy=1.0 eV", or a forecast with its hold time, '
+            '"load=500 nN, hold_time=1e5 s"'
+        )
+    return Asked(forecasts, candidates, wanted, target.strip())
+
+
+def read_unknowns(texts: Sequence[str]) -> dict[str, tuple[str, str]] | list[str]:
+    """Read ``--unknown NAME`` and ``--unknown "NAME=LOW to HIGH"``: names, or names with their bounds."""
+    names: list[str] = []
+    bounds: dict[str, tuple[str, str]] = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if name in names:
+            raise user_error(f"--unknown {text}: {name} is given twice")
+        names.append(name)
+        if equals:
+            low, to, high = (part.strip() for part in value.partition(" to "))
+            if not (low and to and high):
+                raise user_error(
+                    f'--unknown {text}: write the bounds as LOW to HIGH, such as "bond_force=1 nN to 10 nN"'
+                )
+            bounds[name] = low, high
+    if bounds and len(bounds) < len(names):
+        bare = ", ".join(name for name in names if name not in bounds)
+        raise user_error(f"--unknown {bare}: give bounds for all unknowns, or for none")
+    return bounds or names
+
+
+def read_families(text: str | None) -> Sequence[str]:
+    """Read ``--families NAME,NAME`` or ``none``."""
+    from chemage.inference.infer import FAMILIES
+
+    if text is None:
+        return FAMILIES
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    return () if names == ["none"] else tuple(dict.fromkeys(names))
+
+
+def read_share(text: str | None) -> float | None:
+    """Read ``--relative-error``, a number or a percentage."""
+    from chemage.foundation.errors import UnitError
+    from chemage.foundation.units import convert
+
+    if text is None:
+        return None
+    try:
+        value = convert(text if text.strip().endswith("%") else float(text), "")
+    except (ValueError, UnitError):
+        value = math.nan
+    if not 0 < value < 1:
+        raise user_error(f'--relative-error {text}: give a share of the value between 0 and 1, such as 0.03 or "3 %"')
+    return value
+
+
+def _forecast(text: str) -> Mapping[str, Any]:
+    from chemage.experiments.scene_files import load_scene
+
+    found: dict[str, Any] = _pairs("--predict", text, PREDICT)
+    arguments: dict[str, Any] = {}
+    for name, value in found.items():
+        if name == "scene":
+            arguments["scene"] = load_scene(value)
+        elif name == "hold_time":
+            arguments["hold_times"] = _times("--predict", value, PER_DECADE)
+        else:
+            arguments[name] = _quantity("--predict", name, value)
+    return arguments
+
+
+def _candidates(text: str) -> list[dict[str, Any]]:
+    if text.strip().lower().endswith(".csv") or ("=" not in text and Path(text).exists()):
+        return _from_file(Path(text))
+    found: dict[str, Any] = _pairs("--next", text, NEXT)
+    if "hold_time" not in found:
+        raise user_error(f'--next {text}: give a hold time, such as "hold_time=1e5 s", or a CSV file')
+    same: dict[str, Any] = {
+        name: value if name == "error" and value.endswith("%") else _quantity("--next", name, value)
+        for name, value in found.items()
+        if name != "hold_time"
+    }
+    return [{"hold_time": float(time), **same} for time in _times("--next", found["hold_time"], PLANNED_PER_DECADE)]
+
+
+def _from_file(path: Path) -> list[dict[str, Any]]:
+    """Planned measurements in a CSV file: columns hold_time (s), load (nN), temperature (K), error (nN)."""
+    import csv
+    import re
+
+    from chemage.foundation.tables import data_lines, read_text
+    from chemage.foundation.units import convert
+
+    lines = data_lines(read_text(path))
+    example = "hold_time (s), load (nN), temperature (K), error (nN)"
+    if len(lines) < 2:
+        raise user_error(
+            f"--next {path}: no planned measurements; write a header, such as {example}, and a row for each"
+        )
+    cells = [[cell.strip() for cell in next(csv.reader([line]))] for _, line in lines]
+    columns = [re.fullmatch(r"([^(\[]*?)\s*(?:[(\[]\s*(.*?)\s*[)\]])?", cell) for cell in cells[0]]
+    names = [match[1].strip().lower().replace(" ", "_") if match else "" for match in columns]
+    for name, cell in zip(names, cells[0], strict=True):
+        if name not in NEXT:
+            raise user_error(f"--next {path}: column {cell}; the columns are {example}")
+    if "hold_time" not in names:
+        raise user_error(f"--next {path}: no column hold_time; write the header as {example}")
+    found = []
+    for (number, _), row in zip(lines[1:], cells[1:], strict=True):
+        if len(row) != len(names):
+            raise user_error(f"--next {path}, line {number}: {len(row)} values under {len(names)} columns")
+        one: dict[str, Any] = {}
+        for name, match, cell in zip(names, columns, row, strict=True):
+            unit = (match[2] if match else None) or _UNITS.get(name, "nN")
+            if not cell:
+                continue
+            where = f"--next {path}, line {number}, column {name}"
+            if name == "error" and unit == "%":
+                one[name] = f"{cell} %"
+            else:
+                one[name] = convert(f"{cell} {unit}", _UNITS.get(name, "nN"), where)
+        if not one.get("hold_time", 0) > 0:
+            raise user_error(f"--next {path}, line {number}: the hold time must be above zero")
+        found.append(one)
+    return found
+
+
+def _pairs(option: str, text: str, known: Mapping[str, str]) -> dict[str, str]:
+    """Read ``name=value, name=value``."""
+    from chemage.foundation.messages import nearest
+
+    example = ", ".join(f"{name}={value}" for name, value in list(known.items())[:2])
+    found: dict[str, str] = {}
+    for part in filter(None, (piece.strip() for piece in text.split(","))):
+        name, equals, value = (piece.strip() for piece in part.partition("="))
+        name = {"hold_times": "hold_time"}.get(name, name)
+        if not equals or not value:
+            raise user_error(f'{option} {text}: {part!r}; write it as NAME=VALUE, such as "{example}"')
+        if name not in known:
+            raise user_error(f"{option} {text}: {name}{nearest(name, list(known))}; choose of {', '.join(known)}")
+        if name in found:
+            raise user_error(f"{option} {text}: {name} is given twice")
+        found[name] = value
+    if not found:
+        raise user_error(f'{option}: nothing given; write it as NAME=VALUE, such as "{example}"')
+    return found
+
+
+def _quantity(option: str, name: str, value: str) -> float:
+    """A quantity in internal units, above zero; a number alone has them."""
+    from chemage.foundation.errors import UnitError
+    from chemage.foundation.units import convert
+
+    unit = _UNITS.get(name, "nN")
+    try:
+        found = convert(_number(value), unit)
+    except UnitError as error:
+        raise user_error(f"{option}: {name}={value}: {error}") from None
+    if not (math.isfinite(found) and found > 0):
+        raise user_error(f"{option}: {name}={value}: give a quantity above zero, in {unit} or with its unit")
+    return found
+
+
+def _number(value: str) -> float | str:
+    try:
+        return float(value)
+    except ValueError:
+        return value
+
+
+def _times(option: str, value: str, per_decade: int) -> list[float]:
+    from chemage.ageing.hold_times import hold_times
+    from chemage.foundation.errors import ChemageError
+
+    low, to, high = (part.strip() for part in value.partition(" to "))
+    if not to:
+        return [_quantity(option, "hold_time", value)]
+    try:
+        return hold_times(_number(low), _number(high), per_decade).tolist()
+    except ChemageError as error:
+        raise user_error(f"{option}: hold_time={value}: {error}") from None

@@ -1,0 +1,128 @@
+"""The contact modulus, as a number or from the elastic constants of the bodies in contact."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+from pydantic import GetCoreSchemaHandler
+from pydantic_core import core_schema
+
+from chemage.foundation.components import Component
+from chemage.foundation.errors import InputError, shown
+from chemage.foundation.messages import nearest
+from chemage.foundation.units import QuantityLike, Unit, convert, in_range
+
+#: what a table of elastic constants holds
+CONSTANTS = ("young", "poisson")
+_FORM = 'give young = ["72 GPa", "210 GPa"] and poisson = [0.17, 0.3], or one of each for a rigid counter-body'
+
+
+def contact_modulus(
+    young: QuantityLike,
+    poisson: float,
+    counter_young: QuantityLike | None = None,
+    counter_poisson: float | None = None,
+) -> float:
+    """The contact modulus E* of two elastic bodies, 1/E* = (1 − ν₁²)/E₁ + (1 − ν₂²)/E₂, in GPa.
+
+    Parameters
+    ----------
+    young, poisson
+        Young's modulus E₁ (GPa, or a string with its unit) and Poisson's ratio ν₁ of a body; −1 < ν ≤ 0.5.
+    counter_young, counter_poisson
+        Those of the other body; None: it is rigid, and E* = E₁/(1 − ν₁²).
+
+    Raises
+    ------
+    InputError
+        A modulus is not positive, a ratio is out of range, or one of the two constants of the counter-body is missing.
+
+    Source: K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), section 4.2.
+    """
+    if (counter_young is None) != (counter_poisson is None):
+        raise InputError("counter_young, counter_poisson: give both, or neither for a rigid counter-body")
+    compliance = _compliance("young", young, "poisson", poisson)
+    if counter_young is not None:
+        compliance += _compliance("counter_young", counter_young, "counter_poisson", counter_poisson)
+    return in_range(1 / compliance, "GPa")
+
+
+def _compliance(young_name: str, young: object, poisson_name: str, poisson: object) -> float:
+    """(1 − ν²)/E of one body, 1/GPa."""
+    modulus, ratio = convert(young, "GPa"), convert(poisson, "")
+    if not (math.isfinite(modulus) and modulus > 0):
+        raise InputError.of(young_name, young, "must be finite and positive", "give Young's modulus, such as 72 GPa")
+    if not -1 < ratio <= 0.5:
+        raise InputError.of(poisson_name, poisson, "must be above -1 and at most 0.5", "give Poisson's ratio")
+    return (1 - ratio**2) / in_range(modulus, "GPa")
+
+
+def modulus_of(constants: Mapping[Any, Any]) -> float:
+    """The contact modulus (GPa) of a table with the entries ``young`` and ``poisson``: one number each for an elastic
+    body against a rigid one, lists of two for two bodies.
+
+    Raises
+    ------
+    InputError
+        Entries are missing, unknown, of unlike number or out of range.
+    """
+    if unknown := [name for name in constants if name not in CONSTANTS]:
+        raise InputError(f"{shown(unknown[0])}: no such elastic constant{nearest(str(unknown[0]), CONSTANTS)}; {_FORM}")
+    if missing := [name for name in CONSTANTS if name not in constants]:
+        raise InputError(f"{missing[0]} is missing; {_FORM}")
+    young, poisson = (
+        list(value) if isinstance(value, list | tuple) else [value]
+        for value in (constants["young"], constants["poisson"])
+    )
+    if not len(young) == len(poisson) <= 2 or not young:
+        raise InputError(f"young has {len(young)} entries and poisson {len(poisson)}; {_FORM}")
+    return contact_modulus(young[0], poisson[0], *young[1:], *poisson[1:])
+
+
+class _ModulusUnit(Unit):
+    """A contact modulus: a number in GPa, a string with its unit, or a table of elastic constants."""
+
+    def __init__(self) -> None:
+        super().__init__("GPa", gt=0)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        number = core_schema.float_schema(allow_inf_nan=False, gt=0)
+        one = core_schema.union_schema([number, core_schema.str_schema()])
+        two = core_schema.list_schema(one, min_length=2, max_length=2)
+        ratio = core_schema.float_schema(gt=-1, le=0.5)
+        ratios = core_schema.union_schema([ratio, core_schema.list_schema(ratio, min_length=2, max_length=2)])
+        table = core_schema.typed_dict_schema(
+            {
+                "young": core_schema.typed_dict_field(core_schema.union_schema([one, two])),
+                "poisson": core_schema.typed_dict_field(ratios),
+            },
+            extra_behavior="forbid",
+        )
+        return core_schema.no_info_before_validator_function(
+            self._read,
+            number,
+            json_schema_input_schema=core_schema.union_schema([number, core_schema.str_schema(), table]),
+        )
+
+    def _read(self, value: object) -> float:
+        return modulus_of(value) if isinstance(value, Mapping) else super()._read(value)
+
+    def __repr__(self) -> str:
+        return "ContactModulus"
+
+
+#: the type of an option that is a contact modulus E*, GPa: a number, a quantity, or the elastic constants of the bodies
+if TYPE_CHECKING:
+    ContactModulus: TypeAlias = Any  # see chemage.foundation.units
+else:
+    ContactModulus = Annotated[float, _ModulusUnit()]
+
+
+def modulus_in(component: Component) -> float | None:
+    """The contact modulus among the options of ``component``, GPa; None where it has none of this type."""
+    for name, info in type(component).model_fields.items():
+        if any(isinstance(mark, _ModulusUnit) for mark in info.metadata):
+            return getattr(component, name)
+    return None

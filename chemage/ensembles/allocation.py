@@ -1,0 +1,117 @@
+"""How many samples of each level make an interval narrow enough at the lowest cost.
+
+The estimate is a sum of means over independent levels (Giles, Oper. Res. 56, 607 (2008)): of the cheapest computation
+on many surfaces, and of the difference between a better and a cheaper one on few. Its variance is Σ v/n, with v the
+variance of one sample of a level and n their number; its degrees of freedom are those of Welch, Biometrika 34, 28
+(1947), and Satterthwaite, Biometrics Bulletin 2, 110 (1946).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from chemage.foundation.statistics import student_limit
+
+#: more samples of a level than this are not asked for
+MOST = 10_000_000
+
+
+@dataclass(frozen=True)
+class Spread:
+    """The variance of one sample of a level, and how well it is known."""
+
+    #: (quantities,)
+    variance: np.ndarray
+    #: degrees of freedom of the variance
+    freedom: int
+
+
+def half_width(spreads: list[Spread], counts: list[int], known: np.ndarray, confidence: float = 0.95) -> np.ndarray:
+    """Half the width of the interval of the sum of the means, (quantities,).
+
+    Parameters
+    ----------
+    spreads, counts
+        Of each level: its spread, and the number of samples in its mean.
+    known
+        (quantities,) standard errors from other causes, known before; they are taken as normal.
+    """
+    parts = [spread.variance / count for spread, count in zip(spreads, counts, strict=True)]
+    total = sum(parts) + known**2
+    found = np.zeros(total.shape)
+    for k, variance in enumerate(total):
+        if not variance <= 0:
+            below = sum(
+                float(part[k]) ** 2 / spread.freedom for part, spread in zip(parts, spreads, strict=True) if part[k] > 0
+            )
+            freedom = float(variance) ** 2 / below if below > 0 else math.inf
+            found[k] = limit(freedom, confidence) * math.sqrt(variance) if variance > 0 else math.nan
+    return found
+
+
+def limit(freedom: float, confidence: float = 0.95) -> float:
+    """Student's limit; of the normal distribution where the freedom is infinite."""
+    return student_limit(min(freedom, 1e9), confidence)  # pyright: ignore[reportArgumentType]
+
+
+def allocated(
+    spreads: list[Spread],
+    costs: list[float],
+    done: list[int],
+    known: np.ndarray,
+    wanted: np.ndarray,
+    confidence: float = 0.95,
+) -> list[int] | None:
+    """The cheapest numbers of samples, none below ``done``, whose interval is within ``wanted`` in every quantity.
+
+    None: no number of samples is enough, because of the errors that are ``known``.
+    """
+    if np.any(limit(math.inf, confidence) * known >= wanted):
+        return None
+    counts = list(done)
+    for k, half in enumerate(wanted):
+        if not math.isfinite(half):
+            continue
+        one = [Spread(spread.variance[k : k + 1], spread.freedom) for spread in spreads]
+        found = _of_one(one, costs, done, known[k : k + 1], float(half), confidence)
+        counts = [max(pair) for pair in zip(counts, found, strict=True)]
+    return counts
+
+
+def _of_one(
+    spreads: list[Spread], costs: list[float], done: list[int], known: np.ndarray, wanted: float, confidence: float
+) -> list[int]:
+    """As :func:`allocated`, of one quantity."""
+    scale = 1.0
+    counts = list(done)
+    # Student's limit depends on the counts; it falls as they rise, so that doubling the goal always ends
+    for _ in range(200):
+        if float(half_width(spreads, counts, known, confidence)[0]) <= wanted:
+            break
+        goal = (wanted / limit(math.inf, confidence)) ** 2 - float(known[0]) ** 2
+        counts = _optimal([float(spread.variance[0]) for spread in spreads], costs, done, max(goal, 1e-300) / scale)
+        scale *= 1.05
+    return counts
+
+
+def _optimal(variances: list[float], costs: list[float], done: list[int], goal: float) -> list[int]:
+    """Counts that give Σ v/n ≤ ``goal`` at the lowest cost, none below ``done``."""
+    counts = [float(count) for count in done]
+    free = [k for k, variance in enumerate(variances) if variance > 0]
+    while free:
+        held = sum(variances[k] / counts[k] for k in range(len(counts)) if k not in free)
+        left = goal - held
+        if left <= 0:  # what is held is too much: let everything grow
+            free, left = [k for k, variance in enumerate(variances) if variance > 0], goal
+        share = sum(math.sqrt(variances[k] * costs[k]) for k in free)
+        found = {k: math.sqrt(variances[k] / costs[k]) * share / left for k in free}
+        short = [k for k in free if found[k] < done[k]]
+        if not short or len(short) == len(free):
+            for k in free:
+                counts[k] = max(found[k], done[k])
+            break
+        free = [k for k in free if k not in short]
+    return [min(MOST, math.ceil(count - 1e-9)) for count in counts]

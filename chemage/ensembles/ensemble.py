@@ -1,0 +1,355 @@
+"""The result of an ensemble: means over random surfaces with intervals, and what their errors are due to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from pydantic import model_validator
+
+from chemage.ensembles.allocation import Spread, half_width
+from chemage.ensembles.quantities import CURVES, Quantities
+from chemage.foundation import pictures
+from chemage.foundation.approximations import in_words
+from chemage.foundation.datasets import dataset, frame
+from chemage.foundation.records import Doubles, Named, Number, Plain, Record
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.axes import Axes
+
+#: confidence of every interval
+CONFIDENCE = 0.95
+#: name of an error -> what it is due to, in words
+SOURCES = {
+    "surfaces": "scatter between surfaces",
+    "replicas": "scatter between replicas on one surface",
+    "surfaces and replicas": "scatter between surfaces, each with its own replica",
+    "discretisation": "grid of the contact",
+    "settings": "settings other than those of the scene",
+    "approximation": "approximate methods",
+    "barriers": "distributions of barriers that the same data allow",
+}
+
+
+@dataclass(frozen=True)
+class ErrorPart:
+    """One part of the error of an estimate."""
+
+    #: standard error, in the unit of the estimate; nan where it is not known
+    size: float
+    #: how it is known, in words
+    how: str
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean over surfaces, with its 95 % interval and the parts of its error."""
+
+    value: float
+    #: half the width of the interval; nan where a part of the error is not known
+    half_width: float
+    errors: Mapping[str, ErrorPart] = field(default_factory=dict)
+
+    @property
+    def relative(self) -> float:
+        """Half the width of the interval over the magnitude of the mean."""
+        return self.half_width / abs(self.value) if self.value else math.nan
+
+
+class Ensemble(Record):
+    """Samples of a scene on many surfaces, and the means over all surfaces that they give.
+
+    The mean is a sum over levels: of the cheapest computation over many surfaces, and of the difference between a
+    better and a cheaper one over few.
+    """
+
+    arrays = {"hold_times": (("hold_time",), "s", "time since the contact was made")}
+    stored_names = {"hold_times": "hold_time"}
+
+    hold_times: Doubles
+    """(m,) s"""
+    load: Number
+    """nN"""
+    window: tuple[float, float]
+    """hold times of the fit of β, s"""
+    measures: tuple[str, ...] = ()
+    """measures of the contact, in the order of the columns"""
+    levels: tuple[Plain, ...]
+    """of each level: ``words``, ``replicas``, ``samples``, ``cpu_seconds`` (of a sample, as estimated before),
+    ``variance_of`` (samples in the variance of the interval), ``freedom`` (its degrees of freedom), ``random`` (another
+    surface for each sample) and ``seeds`` (those of surface and hold of the first samples)"""
+    rows: Named
+    """number of a level -> (samples, quantities): β per decade if it can be fitted, ΔF in nN at each hold time,
+    measures of the contact"""
+    within: Named = {}
+    """"variance" (quantities,) between replicas on one surface, where some samples have several"""
+    known: Named = {}
+    """name of an error -> (quantities,) relative standard errors known before; nan: not known"""
+    known_how: dict[str, str] = {}
+    """the same names -> how they are known, in words"""
+    goals: dict[str, float] = {}
+    """what was asked: quantity -> relative half width"""
+    stopped: str = ""
+    """why sampling ended, in words"""
+    notes: tuple[str, ...] = ()
+    provenance: Plain = {}
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len(self.levels) != len(self.rows) or not self.levels:
+            raise ValueError(f"rows: {len(self.rows)} levels of samples, but {len(self.levels)} are described")
+        for number in range(len(self.levels)):
+            rows = self.rows.get(str(number))
+            if rows is None or rows.ndim != 2 or rows.shape[1] != self.quantities.count or len(rows) < 2:
+                raise ValueError(
+                    f"rows: level {number} must have two samples at least, {self.quantities.count} numbers"
+                )
+        return self
+
+    def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
+        """See :meth:`Record.declared`."""
+        field_name, _, key = name.partition("/")
+        if field_name == "rows":
+            return (f"sample_{key}", "quantity"), "", "β per decade, friction drop (nN), measures of the contact"
+        if field_name in ("within", "known"):
+            return ("quantity",), "", ""
+        return super().declared(name)
+
+    @property
+    def quantities(self) -> Quantities:
+        """What the columns of the rows are."""
+        return Quantities(self.hold_times, self.load, self.window, self.measures)
+
+    @property
+    def surfaces(self) -> int:
+        """Surfaces of the first level."""
+        return len(self.rows["0"])
+
+    @cached_property
+    def _spreads(self) -> list[Spread]:
+        found = []
+        for number, level in enumerate(self.levels):
+            rows = self.rows[str(number)]
+            chosen = rows[: int(level.get("variance_of", len(rows)))]
+            variance = np.maximum(chosen.var(axis=0, ddof=1), rows.var(axis=0, ddof=1))
+            found.append(Spread(variance, int(level.get("freedom", len(chosen) - 1))))
+        return found
+
+    @cached_property
+    def mean(self) -> np.ndarray:
+        """(quantities,) the estimates of all quantities."""
+        return np.sum([rows.mean(axis=0) for rows in self._rows()], axis=0)
+
+    def _rows(self) -> list[np.ndarray]:
+        return [self.rows[str(number)] for number in range(len(self.levels))]
+
+    @cached_property
+    def half_widths(self) -> np.ndarray:
+        """(quantities,) half the widths of their 95 % intervals."""
+        counts = [len(rows) for rows in self._rows()]
+        known = [np.abs(self.mean) * relative for relative in self.known.values()]
+        total = np.sqrt(np.sum([one**2 for one in known], axis=0)) if known else np.zeros(self.quantities.count)
+        return half_width(self._spreads, counts, total, CONFIDENCE)
+
+    def estimate(self, name: str, time: float | None = None) -> Estimate:
+        """The mean of a quantity over surfaces; of a curve at a hold time (s), by default the last.
+
+        Raises
+        ------
+        InputError
+            There is no such quantity, or no such hold time.
+        """
+        return self._estimate(
+            self.quantities.column(name, time), 1 / self.load if name.endswith("coefficient_drop") else 1
+        )
+
+    def _estimate(self, column: int, scale: float) -> Estimate:
+        parts = {name: ErrorPart(scale * part.size, part.how) for name, part in self._parts(column).items()}
+        return Estimate(float(self.mean[column]) * scale, float(self.half_widths[column]) * scale, parts)
+
+    def _parts(self, column: int) -> dict[str, ErrorPart]:
+        """The parts of the error of a column: standard errors."""
+        spreads, rows, parts = self._spreads, self._rows(), {}
+        first, count = float(spreads[0].variance[column]), len(rows[0])
+        replicas = max(1, int(self.levels[0].get("replicas", 1)))
+        how = f"measured here, {count} surfaces" if self.random else f"measured here, {count * replicas} replicas"
+        if not self.random:
+            parts["replicas"] = ErrorPart(math.sqrt(first / count), how + " on this one surface")
+        elif column >= self._curve.stop:  # the contact is the same for all replicas
+            parts["surfaces"] = ErrorPart(math.sqrt(first / count), how)
+        elif "variance" in self.within:
+            inside = float(self.within["variance"][column]) / replicas
+            parts["surfaces"] = ErrorPart(math.sqrt(max(0.0, first - inside) / count), how)
+            on_each = f"measured here, {replicas} on each surface" if replicas > 1 else "measured here, on few surfaces"
+            parts["replicas"] = ErrorPart(math.sqrt(min(inside, first) / count), on_each)
+        else:
+            parts["surfaces and replicas"] = ErrorPart(math.sqrt(first / count), how)
+        for number in range(1, len(rows)):
+            size = math.sqrt(float(spreads[number].variance[column]) / len(rows[number]))
+            parts["discretisation"] = ErrorPart(
+                size, f"measured here: corrected by {self.levels[number]['words']} on {len(rows[number])} surfaces"
+            )
+        for name, relative in self.known.items():
+            size = abs(float(self.mean[column])) * float(relative[column])
+            parts[name] = ErrorPart(size, self.known_how.get(name, ""))
+        return parts
+
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return str(self.provenance.get("scene", {}).get("name", "ensemble"))
+
+    @property
+    def random(self) -> bool:
+        """Whether the mean is over surfaces, and not over replicas on one surface."""
+        return bool(self.levels[0].get("random", True))
+
+    @property
+    def b(self) -> Estimate:
+        """b = β/ln 10, per e-fold of the hold time."""
+        beta = self.estimate("beta")
+        parts = {name: ErrorPart(part.size / math.log(10), part.how) for name, part in beta.errors.items()}
+        return Estimate(beta.value / math.log(10), beta.half_width / math.log(10), parts)
+
+    @property
+    def friction_drop(self) -> np.ndarray:
+        """ΔF, mean over surfaces, nN, (m,)."""
+        return self.mean[self._curve]
+
+    @property
+    def single_friction_drops(self) -> np.ndarray:
+        """ΔF of each sample of the first level, nN, (samples, m)."""
+        return self.rows["0"][:, self._curve]
+
+    @property
+    def friction_drop_half_width(self) -> np.ndarray:
+        """Half the width of its 95 % interval, nN, (m,)."""
+        return self.half_widths[self._curve]
+
+    @property
+    def _curve(self) -> slice:
+        first = int(self.quantities.has_beta)
+        return slice(first, first + self.hold_times.size)
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of β between the samples of the first level over its mean; nan without β."""
+        if not self.quantities.has_beta or not self.mean[0]:
+            return math.nan
+        return float(self.rows["0"][:, 0].std(ddof=1) / abs(self.mean[0]))
+
+    def plot(self, ax: Axes | None = None, *, singles: bool = True, color: str | None = None, label: str = "") -> Axes:
+        """Draw Δμ (without load ΔF) against hold time into ``ax`` or a figure of pyplot, and return the axes.
+
+        The mean with its 95 % interval as a band, and the line of β. Without ageing the parts of the error are drawn.
+
+        Parameters
+        ----------
+        singles
+            Whether the curves of single surfaces are drawn, too.
+        color, label
+            Of the mean; without a label it is said what the mean is over.
+
+        Raises
+        ------
+        InputError
+            matplotlib is missing.
+        """
+        return pictures.draw(self, ax, singles=singles, color=color, label=label)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The arrays with the names, dimensions and units of the file, and the mean curves of friction with half the
+        widths of their 95 % intervals and the parts of their errors (standard errors). Needs xarray."""
+        units = {"friction_drop": "nN"}
+        derived = {
+            name: (
+                ("hold_time",),
+                values,
+                {"units": units.get(name.partition(".")[0].removesuffix("_half_width"), "1")},
+            )
+            for name, values in self._curves().items()
+        }
+        return dataset(self, derived)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """One row for each hold time (s): means of ΔF (nN) and Δμ, half the widths of their 95 % intervals
+        (``_half_width``), and the parts of their errors by name (``friction_drop.surfaces``: standard errors). Without
+        hold times one row for each measure of the contact. Needs pandas."""
+        attributes = {"surfaces": self.surfaces if self.random else 1, "load": self.load}
+        if not self.hold_times.size:
+            found = {name: self.estimate(name) for name in self.measures}
+            parts = dict.fromkeys(part for one in found.values() for part in one.errors)
+            columns = {
+                "measure": np.array(list(found)),
+                "value": np.array([one.value for one in found.values()]),
+                "half_width": np.array([one.half_width for one in found.values()]),
+            }
+            for part in parts:
+                none = ErrorPart(math.nan, "")
+                columns[f"error.{part}"] = np.array([one.errors.get(part, none).size for one in found.values()])
+            return frame(columns, "measure", attributes)
+        return frame({"hold_time": self.hold_times, **self._curves()}, "hold_time", attributes)
+
+    def _curves(self) -> dict[str, np.ndarray]:
+        """Columns of the curves of friction: name -> (m,)."""
+        columns: dict[str, np.ndarray] = {}
+        for name in (curve for curve in CURVES if curve in self.quantities.names):
+            found = [self.estimate(name, float(time)) for time in self.hold_times]
+            columns[name] = np.array([one.value for one in found])
+            columns[f"{name}_half_width"] = np.array([one.half_width for one in found])
+            for part in found[0].errors:
+                columns[f"{name}.{part}"] = np.array([one.errors[part].size for one in found])
+        return columns
+
+    def _repr_html_(self) -> str:
+        return pictures.html(self)
+
+    def summary(self) -> dict[str, Any]:
+        """One JSON-able object with the estimates, their intervals and the parts of their errors."""
+        names = [name for name in self.quantities.names if not name.endswith("_drop")]
+        found: dict[str, Any] = {name: _plain(self.estimate(name)) for name in names}
+        for name in self.quantities.names:
+            if name.endswith("_drop"):
+                scale = 1 / self.load if name.endswith("coefficient_drop") else 1.0
+                found[name] = [
+                    {"hold_time": float(time), **_plain(self._estimate(self._curve.start + k, scale))}
+                    for k, time in enumerate(self.hold_times)
+                ]
+        if self.quantities.has_beta:
+            found["b"] = _plain(self.b)
+        approximate = in_words(self.approximate)
+        return {
+            "name": self.name,
+            "surfaces": self.surfaces if self.random else 1,
+            "levels": [dict(level) for level in self.levels],
+            "goals": self.goals,
+            "stopped": self.stopped,
+            "notes": list(self.notes),
+            "quantities": found,
+            "versions": self.provenance.get("versions", {}),
+            "plugins": self.plugins,
+            "cite": self.provenance.get("cite", []),
+            **({"approximate": approximate} if approximate else {}),
+        }
+
+    def __repr__(self) -> str:
+        if not self.quantities.has_beta:
+            return f"<Ensemble of {self.surfaces} samples>"
+        beta = self.estimate("beta")
+        return f"<Ensemble of {self.surfaces} samples, beta {beta.value:.4g} ± {beta.half_width:.2g}>"
+
+    __str__ = __repr__
+
+
+def _plain(one: Estimate) -> dict[str, Any]:
+    return {
+        "value": one.value,
+        "half_width": one.half_width,
+        "errors": {name: {"standard_error": part.size, "known": part.how} for name, part in one.errors.items()},
+    }

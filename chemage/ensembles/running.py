@@ -1,0 +1,400 @@
+"""From a scene to its mean over surfaces: as many as are asked for, or as an accuracy or a time needs."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from chemage.ageing.members import BARRIERS
+from chemage.ensembles import stages
+from chemage.ensembles.allocation import MOST, Spread, half_width
+from chemage.ensembles.barriers import barriers_error
+from chemage.ensembles.computations import Computation, fitting, replicas_of_difference
+from chemage.ensembles.ensemble import Ensemble
+from chemage.ensembles.goals import Goal, Request, with_request
+from chemage.ensembles.measured import own_error
+from chemage.ensembles.quantities import Quantities
+from chemage.ensembles.sampling import Difference, Samples, Single, Store, within
+from chemage.experiments.doubts import doubts
+from chemage.experiments.estimate import cost
+from chemage.experiments.limits import check_limits, in_hours
+from chemage.experiments.provenance import versions
+from chemage.experiments.scene import Scene, parse_scene
+from chemage.experiments.scene_files import load_scene
+from chemage.experiments.trade_map import TradeMap
+from chemage.foundation.approximations import merged
+from chemage.foundation.errors import InputError
+from chemage.foundation.progress import Report
+from chemage.foundation.threads import available
+from chemage.foundation.warned import PlanWarning
+
+#: seconds between two intervals that are shown
+PERIOD = 0.25
+#: stages that are reported: of the first level, and of the others
+SAMPLING, CORRECTING = "sampling", "correcting"
+#: notes of every ensemble, and of one whose surface is the same at every seed
+OWN_ERRORS = "the errors of the scene's own contact grid, tolerance and precision are not in the interval"
+ONE_SURFACE = "the surface is the same at every seed: the interval is about disorder and noise alone"
+
+
+def ensemble(
+    scene: Scene | str | Path | Mapping[str, Any],
+    *,
+    surfaces: int | None = None,
+    accuracy: Mapping[str, Any] | None = None,
+    budget: float | str | None = None,
+    most: int | None = None,
+    measured: str | Path | TradeMap | None = None,
+    samples: str | Path | None = None,
+    threads: int | None = None,
+    progress: Report | None = None,
+) -> Ensemble:
+    """The mean of a scene over random surfaces, each with its own disorder.
+
+    Where the seed does not change the surface (a tip, a measured one), the mean is over replicas on it.
+
+    Parameters
+    ----------
+    scene
+        A :class:`Scene`, a scene file, the name of an installed scene, or scene data.
+    surfaces
+        How many surfaces, computed as the scene is written; in place of an ``accuracy`` and ``budget`` of the scene.
+        What is not given here is as the scene says in ``[ensemble]`` and ``[accuracy]``.
+    accuracy
+        Quantity -> relative half width of its 95 % interval, such as ``{"beta": "2 %", "friction_coefficient_drop@1e3
+        s": 0.05}``. The cheapest computations that reach it are chosen: grids, surfaces and replicas.
+    budget
+        Wall time, s or with a unit; the interval is as narrow as it allows. With ``accuracy``: whichever comes first.
+    most
+        Surfaces that are allowed; default: as the scene says, or 10,000.
+    measured
+        The map of this scene, or its file (``chemage tradeoff SCENE -o FILE``): the settings are chosen by costs and
+        errors that were measured, and no longer by estimates.
+    samples
+        Folder in which samples are kept, and from which they are taken; default: none are kept.
+    threads
+        Surfaces that are computed at the same time; default: one per processor.
+    progress
+        Called as samples are taken, with stage, number, expected total, and the interval so far.
+
+    Raises
+    ------
+    InputError
+        What is asked for contradicts itself, or cannot be reached.
+    """
+    if not isinstance(scene, Scene):
+        scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
+    request: dict[str, Any] = {"surfaces": surfaces, "accuracy": accuracy, "budget": budget, "most": most}
+    given = measured if isinstance(measured, TradeMap) else None
+    made = with_request(scene.completed(), **request, map=None if isinstance(measured, TradeMap) else measured)
+    return Sampler(made, samples=samples, threads=threads, measured=given).run(progress)
+
+
+def needing(names: str, count: int, seconds: float, asked: Request, so_far: str = "") -> str:
+    """What to say where more surfaces would be needed than are allowed; ``seconds`` of CPU time."""
+    about = f"about {round(count, 2 - len(str(count))):,}" if count < MOST else f"more than {MOST:,}"
+    time_text = in_hours(seconds) if seconds >= 120 else f"{seconds:.2g} s"
+    return (
+        f"{names}: would need {about} {asked.counted} ({time_text} of CPU time), and {asked.most:,} are allowed"
+        f"{so_far}; ask for a wider interval, or allow more with [ensemble] most"
+    )
+
+
+def _silent(stage: str, done: int, total: int, note: str = "") -> None:
+    pass
+
+
+class Sampler:
+    """Takes the samples of one ensemble."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        samples: str | Path | None = None,
+        threads: int | None = None,
+        measured: TradeMap | None = None,
+    ) -> None:
+        with scene.in_use():
+            self.request = Request.of(scene, measured)
+            known = cost(scene)
+            check_limits(scene, known)
+            for doubt in doubts(scene, known):
+                if doubt.kind != "long":  # how long an ensemble takes is another question
+                    warnings.warn(doubt.text, PlanWarning, stacklevel=3)
+            self.store = Store(None if samples is None else Path(samples), versions(scene))
+        self.scene = scene
+        self._workers = threads or available()
+        self._progress: Report = _silent
+        self._routes: list[stages.Route] = []
+        #: (quantities,) relative standard errors of the barriers, and how they are known; measured when sampling begins
+        self._barriers, self._barriers_how = np.zeros(self.request.quantities.count), ""
+        #: the state after the last stage, and the counts that are aimed at
+        self._aimed: tuple[stages.State, list[int]] | None = None
+        self._shown = (-math.inf, "")
+
+    @property
+    def _quantities(self) -> Quantities:
+        return self.request.quantities
+
+    def run(self, progress: Report | None = None) -> Ensemble:
+        """Sample until the request is fulfilled, and call ``progress`` as samples are taken.
+
+        Raises
+        ------
+        InputError
+            It cannot be fulfilled.
+        """
+        self._progress = progress or _silent
+        with self.scene.in_use():
+            self._measure_barriers()
+            self._routes = self.possible_routes()
+            try:
+                return self._sampled()
+            except stages.Unreachable as error:
+                raise InputError(self._explained(error)) from None
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt(self._so_far()) from None
+
+    def _sampled(self) -> Ensemble:
+        asked = self.request
+        if asked.surfaces is not None:
+            taken = stages.Sampled(self._routes[0].levels[0])
+            taken.upto(asked.surfaces)
+            state = stages.State(self._routes[0], [taken], np.zeros(self._quantities.count, dtype=bool))
+            return self._made(state, "the number of surfaces that was asked for")
+        clock = stages.Clock(asked.budget if asked.budget is not None else math.inf)
+        state = stages.run_stages(self._routes, asked.accuracy(), most=asked.most, clock=clock, watch=self._watch)
+        reached = "the accuracy was reached" if state.in_time and asked.goals else "the time was over"
+        return self._made(state, reached)
+
+    def possible_routes(self) -> list[stages.Route]:
+        """Ways to the answer, the one without corrections first."""
+        found = self.request.computations()
+        base = np.hypot(self._approximation(), self._barriers)
+        coarse, fine = found[0], found[-1]
+        single = Single(self._samples(coarse, 0), self._quantities)
+        if len(found) == 1 or (coarse.errors is not None and not coarse.errors.any()):
+            return [stages.Route("own grid", (single,), lambda mean: base)]
+        replicas = replicas_of_difference(fine, coarse)
+        level = [self._samples(one.with_replicas(replicas), 1) for one in (fine, coarse)]
+        difference = Difference(level[0], level[1], self._quantities)
+        corrected = stages.Route("corrected", (single, difference), lambda mean: base)
+
+        def before(mean: np.ndarray) -> np.ndarray:
+            return np.sqrt(base**2 + self._coarsening(coarse, mean) ** 2)
+
+        return [stages.Route("not corrected", (single,), before), corrected]
+
+    def _samples(self, computation: Computation, level: int) -> Samples:
+        return Samples(
+            computation,
+            level=level,
+            varied=self.request.random,
+            store=self.store,
+            workers=fitting(computation, self._workers),
+            taken=self._taken,
+        )
+
+    # -- errors that are known before ---------------------------------------------------------------------------------
+
+    def _measure_barriers(self) -> None:
+        """Age members of the distribution of barriers on the first surface, where it has some."""
+        cheapest = self.request.computations()[0]
+        self._barriers, self._barriers_how = barriers_error(
+            cheapest,
+            self._samples(cheapest, 0).seeds(0),
+            self._quantities,
+            self._workers,
+            lambda done, total: self._progress(BARRIERS, done, total),
+        )
+
+    def _coarsening(self, computation: Computation, mean: np.ndarray) -> np.ndarray:
+        """(quantities,) relative standard errors of a coarse grid, as far as the maker of the surface knows them; or of
+        other settings, as the map has them."""
+        if computation.errors is not None:
+            return computation.errors
+        names = self._quantities.measures
+        measures = dict(zip(names, mean[len(mean) - len(names) :].tolist(), strict=True))
+        return self._columns(self.scene.surface.coarser_errors(computation.factor, measures))
+
+    def _approximation(self) -> np.ndarray:
+        """(quantities,) relative standard errors that approximate components of the scene declare."""
+        total = np.zeros(self._quantities.count)
+        for component in self.scene.components():
+            method = component is self.scene.ageing
+            if component.exact or (method and self.scene.ageing is not None and self.scene.ageing.replicates):
+                continue
+            declared = component.declared_error
+            errors = self._columns({} if declared is None else {"friction_drop": declared})
+            if component is not self.scene.surface and component is not self.scene.contact:
+                errors[errors.size - len(self._quantities.measures) :] = 0.0  # the contact is solved before
+            total += errors**2
+        return np.sqrt(total)
+
+    def _columns(self, known: Mapping[str, float]) -> np.ndarray:
+        """Errors by name as one number for each quantity; nan where nothing is known."""
+        found = np.full(self._quantities.count, np.nan)
+        first = int(self._quantities.has_beta)
+        if first and "beta" in known:
+            found[0] = known["beta"]
+        if "friction_drop" in known:
+            found[first : first + self._quantities.hold_times.size] = known["friction_drop"]
+        return found
+
+    # -- progress and messages ----------------------------------------------------------------------------------------
+
+    def _watch(self, state: stages.State, aimed: list[int]) -> None:
+        self._aimed = (state, aimed)
+
+    def _taken(self, samples: Samples) -> None:
+        """Report one more sample."""
+        if samples.level and samples is not self._routes[-1].levels[-1].parts[0]:  # pyright: ignore[reportAttributeAccessIssue]
+            return  # the coarse part of a difference
+        done = len(samples.samples)
+        total = max(done, self._total(samples.level))
+        now = time.monotonic()
+        if now - self._shown[0] > PERIOD:
+            self._shown = (now, self._interval())
+        if done < total:  # more may be needed: the end is reported when it is certain
+            self._progress(CORRECTING if samples.level else SAMPLING, done, total, self._shown[1])
+
+    def _total(self, level: int) -> int:
+        """How many samples of a level are expected."""
+        if self.request.surfaces is not None:
+            return self.request.surfaces
+        if self._aimed is not None and level < len(self._aimed[1]):
+            return self._aimed[1][level]
+        return stages.FIRST_DIFFERENCES if level else stages.FIRST
+
+    def _interval(self) -> str:
+        """The interval of what is asked from the samples so far, in words; "" where there are too few."""
+        route = self._aimed[0].route if self._aimed is not None else self._routes[0]
+        rows = [level.so_far() for level in route.levels]  # pyright: ignore[reportAttributeAccessIssue]
+        if min(len(one) for one in rows) < 2:
+            return ""
+        mean = np.sum([one.mean(axis=0) for one in rows], axis=0)
+        looks = 0 if self.request.surfaces is not None else stages.LOOKS
+        spreads = [Spread(one.var(axis=0, ddof=1), max(1, len(one) - 1 - looks)) for one in rows]
+        half = half_width(spreads, [len(one) for one in rows], route.known(mean) * np.abs(mean))
+        return self._in_words(mean, half)
+
+    def _in_words(self, mean: np.ndarray, half: np.ndarray) -> str:
+        shown = self.request.goals or [Goal(self._quantities.names[0], 0, 0.0)]
+        parts = []
+        for goal in shown:
+            reached = 100 * half[goal.column] / abs(mean[goal.column]) if mean[goal.column] else math.nan
+            if math.isfinite(reached):
+                goal_text = f" of {100 * goal.accuracy:.3g} %" if goal.accuracy else ""
+                parts.append(f"{goal.name} ± {reached:.2g} %{goal_text}")
+        return ", ".join(parts)
+
+    def _so_far(self) -> str:
+        """What an interrupted ensemble leaves, in words."""
+        route = self._aimed[0].route if self._aimed is not None else self._routes[0]
+        counts = " and ".join(str(len(level.so_far())) for level in route.levels)  # pyright: ignore[reportAttributeAccessIssue]
+        kept = ""
+        if self.store.folder is not None:
+            kept = f", kept in {self.store.folder}; the same command takes them up and goes on"
+        return f"so far {self._interval() or 'too few for an interval,'} from {counts} samples{kept}"
+
+    def _explained(self, error: stages.Unreachable) -> str:
+        state, asked = error.state, self.request
+        names = ", ".join(f"accuracy.{goal.name} = {100 * goal.accuracy:g} %" for goal in asked.goals)
+        words = self._in_words(state.mean, state.half_width())
+        so_far = f"{words or 'no interval'} from {state.sampled[0].count} samples"
+        if error.reason == "zero":
+            return f"{names}: its mean is 0 within its interval ({so_far}), so that no relative accuracy can be reached"
+        if error.reason == "unknown":
+            undefined = [goal.name for goal in asked.goals if math.isnan(state.mean[goal.column])]
+            if undefined:
+                return f"accuracy.{undefined[0]}: some contacts of this scene do not have this quantity; leave it out"
+            return (
+                f"{names}: an approximate part of the scene does not say how large its error of this quantity is; "
+                "leave the part out, or ask for the friction drop"
+            )
+        if error.reason == "known" or error.needed is None:
+            return (
+                f"{names}: errors that no number of {asked.counted} makes smaller are larger ({so_far}); "
+                "ask for a wider interval"
+            )
+        seconds = sum(count * one.level.cost for count, one in zip(error.needed, state.sampled, strict=True))
+        return needing(names, max(error.needed), seconds, asked, f" ({so_far})")
+
+    # -- the result ---------------------------------------------------------------------------------------------------
+
+    def _made(self, state: stages.State, stopped: str) -> Ensemble:
+        interval = self._in_words(state.mean, state.half_width())
+        for number, one in enumerate(state.sampled):
+            self._progress(CORRECTING if number else SAMPLING, one.count, one.count, interval)
+        levels, rows, inside = [], {}, None
+        for number, one in enumerate(state.sampled):
+            parts = one.level.parts  # pyright: ignore[reportAttributeAccessIssue]
+            levels.append(self._described(one, parts))
+            rows[str(number)] = np.array(one.values)
+            inside = within(parts, self._quantities) or inside
+        known, how = {}, {}
+        approximation = self._approximation()
+        if not np.all(approximation == 0):
+            known["approximation"], how["approximation"] = approximation, "declared by the approximate parts"
+        if self._barriers_how:
+            known[BARRIERS], how[BARRIERS] = self._barriers, self._barriers_how
+        if state.route.name == "not corrected":
+            part = state.sampled[0].level.parts[0].computation  # pyright: ignore[reportAttributeAccessIssue]
+            name = "discretisation" if part.grid_only else "settings"
+            known[name] = self._coarsening(part, state.mean)
+            how[name] = f"measured before on other surfaces, pixels {part.factor} times larger"
+            if part.errors is not None:
+                how[name] = f"measured for the map: {part.settings}"
+        return Ensemble(
+            hold_times=self._quantities.hold_times,
+            load=self._quantities.load,
+            window=self._quantities.window,
+            measures=self._quantities.measures,
+            levels=tuple(levels),
+            rows=rows,
+            within={} if inside is None else {"variance": inside[0]},
+            known=known,
+            known_how=how,
+            goals={goal.name: goal.accuracy for goal in self.request.goals},
+            stopped=stopped,
+            notes=self._notes(),
+            provenance=self._provenance(state),
+        )
+
+    def _notes(self) -> tuple[str, ...]:
+        notes = (OWN_ERRORS,) if self.request.random else (ONE_SURFACE, OWN_ERRORS)
+        if self.request.map is None or not (text := own_error(self.request.map, self._quantities)):
+            return notes
+        return (*notes, text)
+
+    def _provenance(self, state: stages.State) -> dict[str, Any]:
+        samples = [one for level in state.sampled for part in level.level.parts for one in part.samples]  # pyright: ignore[reportAttributeAccessIssue]
+        plugins = {name: source for one in samples for name, source in one.plugins.items()}
+        approximate = merged(*(one.approximate for one in samples))
+        return {
+            "scene": self.scene.todict(),
+            "versions": {**versions(self.scene), **plugins},
+            "cite": list(self.scene.cite()),
+            **({"plugins": plugins} if plugins else {}),
+            **({"approximate": approximate} if approximate else {}),
+        }
+
+    def _described(self, one: stages.Sampled, parts: tuple[Samples, ...]) -> dict[str, Any]:
+        """A level as it is in the record."""
+        return {
+            "words": " minus ".join(part.computation.words for part in parts),
+            "replicas": parts[0].computation.replicas,
+            "samples": one.count,
+            "cpu_seconds": one.level.cost,
+            "variance_of": one.frozen or one.count,
+            "freedom": one.freedom,
+            "random": self.request.random,
+            "seeds": [list(parts[0].seeds(k)) for k in range(min(one.count, 10))],
+        }

@@ -1,0 +1,345 @@
+"""The rule by which an ensemble is sampled: in three stages, after which its interval is as narrow as asked.
+
+A first stage of few samples says roughly how many are needed; a quarter of these says it better. The second stage takes
+half of them and fixes the variance, the third the rest. The interval is Student's with the variance of the second
+stage, or that of all samples where it is larger, and the degrees of freedom of the second stage less two. With the
+variance of a stage that is fixed before, the coverage of normal samples is that stated, whatever the number of samples
+that the variance leads to (Stein, Ann. Math. Stat. 16, 243 (1945); three stages: Hall, Ann. Stat. 9, 1229 (1981)). Here
+the second stage is as large as the first one says, for which the two degrees of freedom are given up, and several
+levels have approximate degrees of freedom, so that the coverage is measured: 93 to 97 % (``tests/ensembles``).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from chemage.ensembles.allocation import Spread, allocated, half_width
+
+#: samples of the first stage: of a level that is sampled often, and of one that corrects it
+FIRST, FIRST_DIFFERENCES = 6, 5
+#: parts of the samples that seem to be needed: after the first, their number is looked at again; the second fixes the
+#: variance
+LOOK, SECOND = 0.25, 0.5
+#: degrees of freedom that are given up because the variance was looked at before it was fixed: without them the
+#: intervals hold the truth in 92.5 to 95 % of cases
+LOOKS = 2
+#: an interval without a goal is known well enough from so many samples
+ENOUGH = 64
+
+
+class Level(Protocol):
+    """What is sampled: one computation on a random surface, or the difference between two on the same surface."""
+
+    @property
+    def cost(self) -> float:
+        """CPU seconds of one sample, estimated before anything is computed, so that it is the same everywhere."""
+        ...
+
+    def sample(self, begin: int, end: int) -> np.ndarray:
+        """(end − begin, quantities): the samples of these numbers, the same however they are divided into calls."""
+        ...
+
+
+@dataclass(frozen=True)
+class Route:
+    """One way to the answer: the levels whose means add up to it, and the errors that no sampling makes smaller."""
+
+    name: str
+    levels: tuple[Level, ...]
+    #: (quantities,) of the mean of all quantities: relative standard errors from other causes; nan: not known, so that
+    #: no accuracy can be promised
+    known: Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass
+class Sampled:
+    """The samples of one level so far."""
+
+    level: Level
+    #: (samples, quantities)
+    values: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    #: samples in the variance
+    frozen: int = 0
+    #: degrees of freedom that are given up
+    looks: int = 0
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        return len(self.values)
+
+    @property
+    def spread(self) -> Spread:
+        """The variance that the interval is made of: that of the second stage, or of all samples where it is larger."""
+        chosen = self.values[: self.frozen or self.count]
+        every = self.values.var(axis=0, ddof=1)
+        return Spread(np.maximum(chosen.var(axis=0, ddof=1), every), self.freedom)
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of the variance."""
+        return max(1, (self.frozen or self.count) - 1 - self.looks)
+
+    def upto(self, count: int) -> None:
+        """Take samples until there are ``count``."""
+        if count > self.count:
+            more = self.level.sample(self.count, count)
+            self.values = np.concatenate([self.values, more]) if self.count else more
+
+
+@dataclass
+class State:
+    """What is known after the samples so far."""
+
+    route: Route
+    sampled: list[Sampled]
+    #: (quantities,) bool: what is to be accurate
+    asked: np.ndarray
+    #: whether the accuracy was reached, and not the end of the time
+    in_time: bool = True
+
+    @property
+    def mean(self) -> np.ndarray:
+        """(quantities,)"""
+        return np.sum([one.values.mean(axis=0) for one in self.sampled], axis=0)
+
+    @property
+    def known(self) -> np.ndarray:
+        """(quantities,) standard errors that no sampling makes smaller."""
+        mean = self.mean
+        return self.route.known(mean) * np.abs(mean)
+
+    def half_width(self, confidence: float = 0.95) -> np.ndarray:
+        """(quantities,) half the width of the interval."""
+        counts = [one.count for one in self.sampled]
+        return half_width([one.spread for one in self.sampled], counts, self.known, confidence)
+
+    def cost(self, counts: Sequence[int]) -> float:
+        """CPU seconds of the samples that are missing to ``counts``."""
+        return sum(max(0, count - one.count) * one.level.cost for count, one in zip(counts, self.sampled, strict=True))
+
+
+class Unreachable(Exception):
+    """No number of samples gives the accuracy that was asked for."""
+
+    def __init__(self, state: State, needed: list[int] | None, reason: str) -> None:
+        super().__init__(reason)
+        self.state, self.needed, self.reason = state, needed, reason
+
+
+#: called after each stage, with what is known and the counts that are aimed at
+Watch = Callable[[State, list[int]], None]
+
+
+@dataclass
+class Clock:
+    """The wall time that sampling may take; without a budget it is unlimited, and never measured."""
+
+    seconds: float = math.inf
+    now: Callable[[], float] = time.monotonic
+    begin: float = field(init=False)
+    #: by the identity of a level: wall seconds and samples so far
+    spent: dict[int, tuple[float, int]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.begin = self.now()
+
+    @property
+    def left(self) -> float:
+        """Seconds that are left."""
+        return self.seconds - (self.now() - self.begin) if math.isfinite(self.seconds) else math.inf
+
+    def upto(self, one: Sampled, count: int) -> None:
+        """Take samples until there are ``count``, and note how long it took."""
+        before, begin = one.count, self.now()
+        one.upto(count)
+        wall, done = self.spent.get(id(one.level), (0.0, 0))
+        self.spent[id(one.level)] = (wall + self.now() - begin, done + one.count - before)
+
+    def wall(self, one: Sampled, state: State) -> float:
+        """Wall seconds of one more sample, as measured; of a level without samples in proportion to its cost."""
+        wall, done = self.spent.get(id(one.level), (0.0, 0))
+        if done:
+            return wall / done
+        first = state.sampled[0]
+        wall, done = self.spent.get(id(first.level), (0.0, 0))
+        return wall / max(done, 1) * one.level.cost / max(first.level.cost, 1e-12)
+
+    def affordable(self, state: State, counts: list[int]) -> list[int]:
+        """``counts``, or as many samples as the time that is left allows, divided so that the interval is narrowest."""
+        if not math.isfinite(self.seconds):
+            return counts
+        walls = [max(self.wall(one, state), 1e-9) for one in state.sampled]
+        more = sum(
+            max(0, count - one.count) * wall for count, one, wall in zip(counts, state.sampled, walls, strict=True)
+        )
+        left = max(self.left, 0.0)
+        if more <= left:
+            return counts
+        asked = np.argmax(state.half_width() / np.maximum(np.abs(state.mean), 1e-300) * state.asked)
+        variances = [float(one.spread.variance[asked]) for one in state.sampled]
+        total = left + sum(one.count * wall for one, wall in zip(state.sampled, walls, strict=True))
+        share = sum(math.sqrt(variance * wall) for variance, wall in zip(variances, walls, strict=True)) or 1.0
+        best = [total * math.sqrt(v / w) / share for v, w in zip(variances, walls, strict=True)]
+        short = [
+            max(0.0, count - one.count) * wall for count, one, wall in zip(best, state.sampled, walls, strict=True)
+        ]
+        scale = min(1.0, left / sum(short)) if sum(short) > 0 else 0.0
+        return [
+            one.count + int(scale * max(0.0, count - one.count)) for count, one in zip(best, state.sampled, strict=True)
+        ]
+
+
+def run_stages(
+    routes: Sequence[Route],
+    accuracy: np.ndarray,
+    *,
+    most: int,
+    clock: Clock | None = None,
+    watch: Watch | None = None,
+    first: int = FIRST,
+    confidence: float = 0.95,
+) -> State:
+    """Sample until the half width of the interval is at most ``accuracy`` times the mean, in every quantity, or until
+    the time of ``clock`` is over.
+
+    Parameters
+    ----------
+    routes
+        Ways to the answer whose first levels are the same.
+    accuracy
+        (quantities,) relative half widths asked for; inf where a quantity need not be accurate, 0 where it is to be as
+        accurate as the time allows.
+    most
+        Samples of one level that are allowed.
+    watch
+        Called after each stage.
+    first
+        Samples of the first level in the first stage.
+
+    Raises
+    ------
+    Unreachable
+        More than ``most`` samples would be needed, or errors that are known already are too large, or a mean is zero
+        within its interval.
+    """
+    clock = clock or Clock()
+    beginning = Sampled(routes[0].levels[0], looks=LOOKS)
+    clock.upto(beginning, first)
+    state = State(routes[0], [beginning], np.isfinite(accuracy))
+    search = _Search(routes, accuracy, most, clock, confidence)
+    state, counts = search.chosen(state)
+    for part in (LOOK, SECOND):
+        aimed = clock.affordable(state, counts)
+        if watch is not None:
+            watch(state, aimed)
+        for one, count in zip(state.sampled, aimed, strict=True):
+            more = math.ceil(one.count + part * max(0, count - one.count))
+            clock.upto(one, max(more if part == SECOND else math.ceil(part * count), one.count))
+        counts = search.needed(state)
+    for one in state.sampled:
+        one.frozen = one.count
+    while True:
+        counts = search.needed(state)
+        aimed = clock.affordable(state, counts)
+        if watch is not None:
+            watch(state, aimed)
+        if all(count <= one.count for count, one in zip(aimed, state.sampled, strict=True)):
+            state.in_time = aimed == counts or all(c <= one.count for c, one in zip(counts, state.sampled, strict=True))
+            return state
+        for one, count in zip(state.sampled, aimed, strict=True):
+            # with a budget in parts, because times vary
+            step = math.ceil(0.7 * (count - one.count)) if math.isfinite(clock.seconds) else count - one.count
+            clock.upto(one, one.count + max(0, step))
+
+
+@dataclass(frozen=True)
+class _Search:
+    """How many samples are needed, and which route needs the least."""
+
+    routes: Sequence[Route]
+    accuracy: np.ndarray
+    most: int
+    clock: Clock
+    confidence: float
+
+    def needed(self, state: State) -> list[int]:
+        """The numbers of samples that the accuracy needs; with a budget no more than ``most``.
+
+        Raises
+        ------
+        Unreachable
+            See :func:`run_stages`.
+        """
+        mean, half = state.mean, state.half_width(self.confidence)
+        asked = np.isfinite(self.accuracy)
+        timed = math.isfinite(self.clock.seconds)
+        if np.any(asked & (np.abs(mean) <= 0.2 * half)):
+            raise Unreachable(state, None, "zero")
+        if np.any(asked & np.isnan(state.known)):
+            raise Unreachable(state, None, "unknown")
+        counts = allocated(
+            [one.spread for one in state.sampled],
+            [one.level.cost for one in state.sampled],
+            [one.count for one in state.sampled],
+            state.known,
+            np.where(asked, np.where(asked, self.accuracy, 0.0) * np.abs(mean), np.inf),
+            self.confidence,
+        )
+        if counts is None and not timed:
+            raise Unreachable(state, None, "known")
+        if counts is None:
+            return [self.most] * len(state.sampled)
+        # the first samples say how many are needed within a factor of four
+        certain = all(one.frozen for one in state.sampled)
+        if not timed and max(counts) > (self.most if certain else 4 * self.most):
+            raise Unreachable(state, counts, "most")
+        return [min(count, self.most) for count in counts]
+
+    def chosen(self, state: State) -> tuple[State, list[int]]:
+        """The route that seems best after the first stage, and its counts; routes with corrections take their first
+        samples where they may be better than those without."""
+        found: list[tuple[float, State, list[int]]] = []
+        failed: Unreachable | None = None
+        for route in sorted(self.routes, key=lambda one: len(one.levels)):
+            if found and not self._may_pay(route, state, min(one[0] for one in found)):
+                continue
+            tried = State(route, [state.sampled[0]], state.asked)
+            for level in route.levels[1:]:
+                more = Sampled(level, looks=LOOKS)
+                self.clock.upto(more, FIRST_DIFFERENCES)
+                tried.sampled.append(more)
+            try:
+                counts = self.needed(tried)
+            except Unreachable as error:
+                failed = failed if failed is not None and failed.needed is not None else error
+                continue
+            found.append((self._price(tried, counts), tried, counts))
+        if not found:
+            assert failed is not None
+            raise failed
+        _, chosen, counts = min(found, key=lambda one: one[0])
+        return chosen, counts
+
+    def _price(self, state: State, counts: list[int]) -> float:
+        """What a route costs, CPU seconds; where time is limited, the relative half width that it will reach."""
+        if math.isfinite(self.clock.seconds):
+            aimed = self.clock.affordable(state, counts)
+            half = half_width([one.spread for one in state.sampled], aimed, state.known, self.confidence)
+            return float(np.max((half / np.maximum(np.abs(state.mean), 1e-300))[state.asked]))
+        spent = sum(one.level.cost * one.count for one in state.sampled[1:])
+        return state.cost(counts) + spent
+
+    def _may_pay(self, route: Route, state: State, least: float) -> bool:
+        """Whether the first samples of a route may be worth their cost."""
+        least_cost = FIRST_DIFFERENCES * sum(level.cost for level in route.levels[1:])
+        if math.isfinite(self.clock.seconds):
+            wall = self.clock.wall(Sampled(route.levels[-1]), state)
+            return FIRST_DIFFERENCES * wall < 0.35 * self.clock.left
+        return least_cost < least

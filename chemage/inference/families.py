@@ -1,0 +1,210 @@
+"""Parametric families of densities, fitted by least squares and compared by what they predict of points left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from chemage.inference.kernel import EnergyGrid
+
+#: contiguous blocks of hold times, of which one after the other is left out
+BLOCKS = 5
+#: starting points of a fit along each of the first two parameters
+STARTS = 5
+#: nodes of the piecewise linear family
+NODES = 6
+
+#: the cumulative distribution at energies, of parameters
+Distribution = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Family:
+    """A density with a few parameters."""
+
+    parameters: tuple[str, ...]
+    #: (E, θ) -> share of the barriers below E
+    below: Distribution
+    #: (low, high) of the energies seen -> starting points of θ
+    starts: Callable[[float, float], list[np.ndarray]]
+    bounds: Callable[[float, float], tuple[np.ndarray, np.ndarray]]
+
+    def density(self, grid: EnergyGrid, theta: np.ndarray) -> np.ndarray:
+        """(n,) 1/eV: means over the cell of each node; what lies below the first is added to it."""
+        edges = np.concatenate([grid.nodes - grid.step / 2, [grid.nodes[-1] + grid.step / 2]])
+        share = np.diff(self.below(edges, theta))
+        share[0] += self.below(edges[:1], theta)[0]
+        return share / grid.areas
+
+
+def _uniform(energy: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    return np.clip((energy - theta[0]) / theta[1], 0.0, 1.0)
+
+
+def _triangle(energy: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    peak, left, right = theta
+    rise = np.clip(energy - peak + left, 0, left) ** 2 / (left * (left + right))
+    fall = np.clip(peak + right - energy, 0, right) ** 2 / (right * (left + right))
+    return np.where(energy < peak, rise, 1 - fall)
+
+
+def _gaussian(energy: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    from scipy.special import ndtr
+
+    return ndtr((energy - theta[0]) / theta[1])
+
+
+def _piecewise(low: float, high: float) -> Family:
+    nodes = np.linspace(low, high + 0.3, NODES)
+
+    def below(energy: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        heights = np.exp(np.append(theta, 0.0) - np.max(np.append(theta, 0.0)))
+        sums = np.concatenate([[0.0], np.cumsum((heights[1:] + heights[:-1]) / 2 * np.diff(nodes))])
+        place = np.clip(np.searchsorted(nodes, energy, side="right") - 1, 0, NODES - 2)
+        part = np.clip(energy - nodes[place], 0.0, np.diff(nodes)[place])
+        slope = np.diff(heights)[place] / np.diff(nodes)[place]
+        return (sums[place] + heights[place] * part + slope * part**2 / 2) / sums[-1]
+
+    return Family(
+        tuple(f"log weight at {node:.3f} eV over that at {nodes[-1]:.3f} eV" for node in nodes[:-1]),
+        below,
+        lambda low, high: [np.zeros(NODES - 1), np.linspace(-2, 0, NODES - 1), np.linspace(2, 0, NODES - 1)],
+        lambda low, high: (np.full(NODES - 1, -8.0), np.full(NODES - 1, 8.0)),
+    )
+
+
+def _pairs(low: float, high: float, widths: tuple[float, ...], copies: int) -> list[np.ndarray]:
+    return [np.array([at, *([width] * copies)]) for at in np.linspace(low, high, STARTS) for width in widths]
+
+
+def family(name: str, low: float, high: float) -> Family:
+    """The family of a name; ``low`` to ``high`` are the energies that the data see, eV."""
+    if name == "uniform":
+        return Family(
+            ("lowest (eV)", "width (eV)"),
+            _uniform,
+            lambda low, high: _pairs(low, high, (0.1, 0.4, 0.8), 1),
+            lambda low, high: (np.array([low - 0.5, 0.01]), np.array([high + 0.3, 3.0])),
+        )
+    if name == "triangle":
+        return Family(
+            ("peak (eV)", "rise (eV)", "fall (eV)"),
+            _triangle,
+            lambda low, high: _pairs(low, high, (0.1, 0.4), 2),
+            lambda low, high: (np.array([low - 0.3, 0.01, 0.01]), np.array([high + 0.5, 2.0, 2.0])),
+        )
+    if name == "gaussian":
+        return Family(
+            ("mean (eV)", "standard deviation (eV)"),
+            _gaussian,
+            lambda low, high: _pairs(low, high, (0.05, 0.2, 0.4), 1),
+            lambda low, high: (np.array([low - 0.5, 0.005]), np.array([high + 1.0, 1.5])),
+        )
+    return _piecewise(low, high)
+
+
+def blocks_of(curve: np.ndarray, hold_times: np.ndarray) -> np.ndarray:
+    """(m,) number of the block of each point: contiguous hold times of each curve."""
+    found = np.zeros(curve.size, dtype=np.int64)
+    for number in np.unique(curve):
+        here = np.flatnonzero(curve == number)
+        rank = np.argsort(np.argsort(hold_times[here], kind="stable"), kind="stable")
+        found[here] = rank * min(BLOCKS, here.size) // here.size
+    return found
+
+
+def log_score(values: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> float:
+    """Logarithm of the normal density of ``values``."""
+    lower = np.linalg.cholesky(covariance)
+    away = np.linalg.solve(lower, values - mean)
+    return float(-0.5 * away @ away - np.log(np.diag(lower)).sum() - 0.5 * values.size * np.log(2 * np.pi))
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Measured values and their linear model."""
+
+    grid: EnergyGrid
+    matrix: np.ndarray
+    offset: np.ndarray
+    values: np.ndarray
+    errors: np.ndarray
+    #: bounds of the logarithm of an unknown common factor; None without one
+    factor: tuple[float, float] | None = None
+
+
+def compare(name: str, data: Linear, blocks: np.ndarray, low: float, high: float) -> tuple[dict[str, Any], float]:
+    """The fit of a family to all points, and its score on blocks left out."""
+    chosen = family(name, low, high)
+    theta, covariance, chi2 = _fit(chosen, data, np.ones(data.values.size, dtype=bool), low, high)
+    names = list(chosen.parameters) + (["bond_force over that of the scene"] if data.factor is not None else [])
+    shown = np.append(theta[:-1], np.exp(theta[-1])) if data.factor is not None else theta
+    errors = np.sqrt(np.diag(covariance))
+    about = {
+        "parameters": dict(zip(names, shown.tolist(), strict=True)),
+        "errors": dict(zip(names, errors.tolist(), strict=True)),
+        "chi2": chi2,
+        "density": chosen.density(data.grid, theta[: len(chosen.parameters)]).tolist(),
+    }
+    score = 0.0
+    for block in np.unique(blocks):
+        out = blocks == block
+        theta, covariance, _ = _fit(chosen, data, ~out, low, high)
+        mean = _predicted(chosen, data, theta)[out]
+        slope = _slope(chosen, data, theta)[out]
+        score += log_score(data.values[out], mean, slope @ covariance @ slope.T + np.diag(data.errors[out] ** 2))
+    return about, score
+
+
+def _predicted(chosen: Family, data: Linear, theta: np.ndarray) -> np.ndarray:
+    count = len(chosen.parameters)
+    scale = np.exp(theta[count]) if data.factor is not None else 1.0
+    return scale * (data.offset + data.matrix @ chosen.density(data.grid, theta[:count]))
+
+
+def _slope(chosen: Family, data: Linear, theta: np.ndarray) -> np.ndarray:
+    columns = []
+    for at in range(theta.size):
+        step = np.zeros(theta.size)
+        step[at] = 1e-3
+        columns.append((_predicted(chosen, data, theta + step) - _predicted(chosen, data, theta - step)) / 2e-3)
+    return np.stack(columns, axis=1)
+
+
+def _fit(
+    chosen: Family, data: Linear, kept: np.ndarray, low: float, high: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Parameters of least χ² among the points ``kept``, their covariance, and χ²."""
+    from scipy.optimize import least_squares
+
+    lower, upper = chosen.bounds(low, high)
+    if data.factor is not None:
+        lower, upper = np.append(lower, data.factor[0]), np.append(upper, data.factor[1])
+
+    def residuals(theta: np.ndarray) -> np.ndarray:
+        return ((_predicted(chosen, data, theta) - data.values) / data.errors)[kept]
+
+    starts = []
+    for start in chosen.starts(low, high):
+        extended = np.append(start, 0.0) if data.factor is not None else start
+        extended = np.clip(extended, lower + 1e-6, upper - 1e-6)
+        starts.append((float(np.sum(residuals(extended) ** 2)), extended))
+    starts.sort(key=lambda one: one[0])
+    best = None
+    for _, start in starts[:4]:
+        found = least_squares(
+            residuals, start, bounds=(lower, upper), x_scale=np.maximum(np.abs(start), 0.05), max_nfev=200
+        )
+        if best is None or found.cost < best.cost:
+            best = found
+    assert best is not None
+    theta, chi2 = best.x, 2 * float(best.cost)
+    slope = (_slope(chosen, data, theta) / data.errors[:, None])[kept]
+    # what the data do not know is known to within the bounds
+    precision = slope.T @ slope + np.diag(12 / (upper - lower) ** 2)
+    # a fit that is off makes its own prediction uncertain
+    inflation = max(1.0, chi2 / max(int(kept.sum()) - theta.size, 1))
+    return theta, inflation * np.linalg.inv(precision), chi2

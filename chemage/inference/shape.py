@@ -1,0 +1,153 @@
+"""The shape of an inferred density in numbers: shares of the sites by energy, and the peaks that the data support."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from chemage.inference.forecast import band
+from chemage.inference.inference import Inference
+
+#: parts into which the visible energies are cut, at most
+PARTS = 6
+#: share of the samples in which a peak must be higher than the valleys beside it
+SURE = 0.95
+
+
+@dataclass(frozen=True)
+class Share:
+    """The share of all sites whose barriers lie between two energies."""
+
+    #: eV
+    low: float
+    high: float
+    mean: float
+    #: lower and upper end of the 95 % band
+    band: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A peak of the density, averaged over the resolution."""
+
+    #: eV
+    energy: float
+    #: eV, 95 % band of its position
+    band: tuple[float, float]
+    #: 1/eV
+    height: float
+
+
+def shares(inference: Inference, parts: int = PARTS) -> list[Share]:
+    """Shares of the sites in equal parts of the visible energies, each at least as wide as the resolution."""
+    low, high = inference.visible_range
+    if not high > low:
+        return []
+    count = int(np.clip((high - low) / inference.resolution, 1, parts))
+    edges = np.linspace(low, high, count + 1)
+    below = np.stack([_integral(inference.energies, inference.samples, edge) for edge in edges])
+    return [
+        Share(float(edges[at]), float(edges[at + 1]), float(part.mean()), _ends(part))
+        for at, part in enumerate(np.diff(below, axis=0))
+    ]
+
+
+def unseen_share(inference: Inference) -> tuple[float, tuple[float, float]]:
+    """Share of the sites whose barriers lie above the visible energies: mean and 95 % band."""
+    above = 1 - _integral(inference.energies, inference.samples, inference.visible_range[1])
+    return float(above.mean()), _ends(above)
+
+
+def peaks(inference: Inference) -> list[Peak]:
+    """Peaks within the visible energies which nearly all samples have, from low to high energies."""
+    energies, samples = _seen(inference)
+    if energies.size < 3:
+        return []
+    mean = samples.mean(axis=0)
+    inner = np.flatnonzero((mean[1:-1] >= mean[:-2]) & (mean[1:-1] > mean[2:])) + 1
+    kept: list[int] = []
+    for at in sorted(inner.tolist(), key=lambda place: -mean[place]):
+        if all(_apart(samples, mean, at, other) for other in kept) and _above_ends(samples, mean, at):
+            kept.append(at)
+    found = []
+    for at in sorted(kept):
+        left, right = _domain(mean, at, kept)
+        places = energies[left + samples[:, left:right].argmax(axis=1)]
+        low, high = band(places[:, None], 0.95)
+        found.append(Peak(float(energies[at]), (float(low[0]), float(high[0])), float(mean[at])))
+    return found
+
+
+def trend(inference: Inference) -> float:
+    """Share of the samples whose density is higher at the upper end of the visible energies than at the lower."""
+    _, samples = _seen(inference)
+    return float((samples[:, -1] > samples[:, 0]).mean()) if samples.shape[1] > 1 else 0.5
+
+
+def rises(inference: Inference) -> tuple[bool, bool]:
+    """Whether nearly all samples rise from the valley beside the outermost peaks to the lower and to the upper end.
+
+    A peak beyond the visible energies may cause it.
+    """
+    there = peaks(inference)
+    energies, samples = _seen(inference)
+    if not there:
+        return False, False
+    mean = samples.mean(axis=0)
+    first, last = (int(np.argmin(np.abs(energies - one.energy))) for one in (there[0], there[-1]))
+    below, above = int(mean[: first + 1].argmin()), last + int(mean[last:].argmin())
+    lower = below > 0 and (samples[:, 0] > samples[:, below]).mean() >= SURE
+    upper = above < mean.size - 1 and (samples[:, -1] > samples[:, above]).mean() >= SURE
+    return bool(lower), bool(upper)
+
+
+def _seen(inference: Inference) -> tuple[np.ndarray, np.ndarray]:
+    """Visible energies, and the densities of the samples there, averaged over the resolution."""
+    energies = inference.energies
+    if not inference.visible.any():
+        return energies[:0], inference.samples[:, :0]
+    low, high = inference.visible_range
+    inside = (energies >= low) & (energies <= high)
+    away = (energies[inside][:, None] - energies[inside]) / (inference.resolution / 2.355)
+    weights = np.exp(-0.5 * away**2)
+    weights /= weights.sum(axis=1, keepdims=True)
+    return energies[inside], inference.samples[:, inside] @ weights.T
+
+
+def _apart(samples: np.ndarray, mean: np.ndarray, one: int, other: int) -> bool:
+    """Whether nearly all samples have a valley between two maxima."""
+    left, right = sorted((one, other))
+    valley = left + int(mean[left : right + 1].argmin())
+    lower = np.minimum(samples[:, left], samples[:, right])
+    return bool((samples[:, valley] < lower).mean() >= SURE)
+
+
+def _above_ends(samples: np.ndarray, mean: np.ndarray, at: int) -> bool:
+    """Whether nearly all samples are higher at a maximum than at the lowest place on either side of it."""
+    left, right = int(mean[: at + 1].argmin()), at + int(mean[at:].argmin())
+    return bool((samples[:, at] > np.maximum(samples[:, left], samples[:, right])).mean() >= SURE)
+
+
+def _domain(mean: np.ndarray, at: int, kept: list[int]) -> tuple[int, int]:
+    """Where a peak reaches to: the lowest places towards its neighbours, or towards the ends."""
+    first = max((one for one in kept if one < at), default=0)
+    last = min((one for one in kept if one > at), default=mean.size - 1)
+    return first + int(mean[first : at + 1].argmin()), at + int(mean[at : last + 1].argmin()) + 1
+
+
+def _integral(energies: np.ndarray, samples: np.ndarray, upper: float) -> np.ndarray:
+    """(S,) integral of the densities up to an energy."""
+    step = np.diff(energies)
+    whole = np.concatenate(
+        [np.zeros((len(samples), 1)), np.cumsum(0.5 * step * (samples[:, 1:] + samples[:, :-1]), axis=1)], axis=1
+    )
+    at = int(np.clip(np.searchsorted(energies, upper, side="right") - 1, 0, energies.size - 2))
+    part = min(upper - energies[at], step[at])
+    slope = (samples[:, at + 1] - samples[:, at]) / step[at]
+    return whole[:, at] + part * (samples[:, at] + 0.5 * part * slope)
+
+
+def _ends(values: np.ndarray) -> tuple[float, float]:
+    low, high = band(values[:, None], 0.95)
+    return float(low[0]), float(high[0])

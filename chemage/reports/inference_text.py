@@ -1,0 +1,210 @@
+"""An inference in words: the rows that the command line and the page show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from chemage.foundation.text import plus_minus, power_text
+from chemage.inference.forecast import Forecast
+from chemage.inference.inference import Inference
+from chemage.inference.result import InferenceResult
+from chemage.inference.shape import peaks, rises, shares, trend, unseen_share
+
+#: unit of what may be unknown
+UNITS = {"bond_force": "nN", "activation_volume": "nm³", "attempt_frequency": "Hz"}
+#: samples that have to agree on a slope
+SURE = 0.95
+#: scores that differ by less do not tell two models apart
+APART = 2.0
+#: name of the smooth density among the scores
+SMOOTH = "density"
+#: planned measurements that are shown
+MOST_EXPERIMENTS = 5
+Rows = list[tuple[str, str]]
+
+
+def title(made: InferenceResult) -> str:
+    """What was inferred from what."""
+    names = ", ".join(dict.fromkeys(one["name"] for one in made.inference.curves))
+    return f"Density of forming barriers inferred from {names if len(names) < 40 else 'measured curves'}"
+
+
+def rows(made: InferenceResult) -> Rows:
+    """The main numbers: (name, text); bands hold 95 % of the posterior."""
+    one = made.inference
+    found = [("measured", measured_text(one)), ("visible energies", visible_text(one))]
+    found += shape_rows(one)
+    found += [
+        ("effective parameters", f"{one.effective_parameters:.1f} of {one.hold_times.size} points"),
+        ("chi²", f"{one.chi2:.1f} for {one.hold_times.size} points; largest residual {_largest_residual(one)}"),
+    ]
+    found += [(name, text) for name, text in scalar_rows(one)]
+    sampling = one.diagnostics
+    if "effective_samples" in sampling:
+        text = f"{len(one.samples)} kept, {sampling['effective_samples']:.0f} effective"
+        if "r_hat" in sampling:
+            text += f", R-hat {sampling['r_hat']:.3f}"
+        found.append(("samples", f"{text}; seed {one.seed}"))
+    return found
+
+
+def measured_text(one: Inference) -> str:
+    """Curves, points and conditions."""
+    count = len(one.curves)
+    loads = _several([curve["load"] for curve in one.curves], "nN")
+    temperatures = _several([curve["temperature"] for curve in one.curves], "K")
+    times = f"{power_text(one.hold_times.min())} to {power_text(one.hold_times.max())} s"
+    curves = f"{count} curve{'s' if count > 1 else ''}"
+    return f"{one.hold_times.size} points of {curves}, {times}, {loads}, {temperatures}"
+
+
+def visible_text(one: Inference) -> str:
+    """The range of energies that the data see."""
+    low, high = one.visible_range
+    if not math.isfinite(low):
+        return "none: at every energy the band is as wide as that of the prior"
+    return f"{low:.3f} to {high:.3f} eV, resolution {one.resolution:.3f} eV"
+
+
+def shape_rows(one: Inference) -> Rows:
+    """The density in words, and the shares of the sites by energy."""
+    low, high = one.visible_range
+    if not math.isfinite(low):
+        return []
+    found: Rows = [("density", density_text(one))]
+    for part in shares(one):
+        text = f"{_percent(part.mean, part.band)} of the sites"
+        found.append((f"  {part.low:.3f} to {part.high:.3f} eV", text))
+    share, ends = unseen_share(one)
+    found.append((f"  above {high:.3f} eV", f"{_percent(share, ends)} of the sites: seen as not reacted"))
+    return found
+
+
+def density_text(one: Inference) -> str:
+    """The peaks that the data support, or how the density runs."""
+    there = peaks(one)
+    places = [f"{peak.energy:.3f} eV ({peak.band[0]:.3f} to {peak.band[1]:.3f})" for peak in there]
+    if places:
+        ends = [end for end, up in zip(("lower", "upper"), rises(one), strict=True) if up]
+        more = f"; rises again towards the {' and the '.join(ends)} end" if ends else ""
+        if len(places) > 1:
+            return f"{len(places)} peaks: {', '.join(places[:-1])} and {places[-1]}{more}"
+        return f"one peak at {places[0]}{more}"
+    up = trend(one)
+    if up >= SURE:
+        return "no peak inside; rises towards the upper end of the visible energies"
+    if up <= 1 - SURE:
+        return "no peak inside; falls towards the upper end of the visible energies"
+    return "no peak that the data support: flat within the band"
+
+
+def scalar_rows(one: Inference) -> Rows:
+    """The unknown scalars, with their intervals and the bounds of their priors."""
+    found = []
+    for name, values in one.scalars.items():
+        low, high = one.interval(name)
+        bounds = one.scalar_bounds.get(name)
+        within = f"; prior {bounds[0]:.3g} to {bounds[1]:.3g}" if bounds else ""
+        text = f"{np.median(values):.3g} {UNITS.get(name, '')} ({low:.3g} to {high:.3g}{within})"
+        found.append((name, text))
+    return found
+
+
+def family_rows(one: Inference) -> list[tuple[str, str, str, str]]:
+    """Models by their score, the best first: (name, score less that of the best, χ², parameters)."""
+    if not one.scores:
+        return []
+    best = max(one.scores.values())
+    found = []
+    for name, score in sorted(one.scores.items(), key=lambda item: -item[1]):
+        fit: Mapping[str, Any] = one.families.get(name, {})
+        less = "best" if score == best else f"{score - best:.1f}"
+        if name == SMOOTH:
+            found.append(("smooth density", less, f"{one.chi2:.1f}", "as above"))
+            continue
+        chi2 = f"{fit['chi2']:.1f}" if "chi2" in fit else ""
+        found.append((name, less, chi2, _parameters(fit)))
+    return found
+
+
+def family_verdict(one: Inference) -> str:
+    """What the scores say, in a sentence; "" without scores."""
+    if len(one.scores) < 2:
+        return ""
+    best = max(one.scores.values())
+    close = [name for name, score in one.scores.items() if best - score < APART]
+    shown = ["the smooth density" if name == SMOOTH else name for name in close]
+    if len(shown) == 1:
+        return f"hold times that were left out are predicted best by {shown[0]}"
+    return f"the data do not tell apart {', '.join(shown[:-1])} and {shown[-1]}: scores within {APART:g}"
+
+
+def forecast_row(label: str, one: Forecast) -> tuple[str, str, str, str]:
+    """(label, ΔF at the last hold time, its 68 and 95 % bands)."""
+    low68, high68 = one.band(0.68)
+    low95, high95 = one.band(0.95)
+    mark = f" ({100 * one.unseen:.0f} % unseen)" if one.unseen > 0.1 else ""
+    return (
+        f"{label} at {power_text(one.hold_times[-1])} s{mark}",
+        f"{one.friction_drop[-1]:.4g} nN",
+        f"{low68[-1]:.4g} to {high68[-1]:.4g}",
+        f"{low95[-1]:.4g} to {high95[-1]:.4g}",
+    )
+
+
+def experiment_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
+    """(planned measurement, expected reduction of the variance, standard deviation afterwards)."""
+    deviation = one.get("deviation")
+    return (
+        experiment_text(one),
+        f"{100 * float(one.get('reduction', math.nan)):.0f} %",
+        "" if deviation is None else f"{float(deviation):.3g}",
+    )
+
+
+def experiment_text(one: Mapping[str, Any]) -> str:
+    """A planned measurement in words."""
+    text = f"{power_text(float(one['hold_time']))} s"
+    for name, unit in (("load", "nN"), ("temperature", "K")):
+        if one.get(name) is not None:
+            value = one[name]
+            text += f", {value:g} {unit}" if isinstance(value, int | float) else f", {value}"
+    return text
+
+
+def notes(made: InferenceResult) -> list[str]:
+    """What users should know, each once."""
+    found = [*made.inference.notes]
+    for label, one in made.forecasts.items():
+        found += [f"forecast {label}: {note}" for note in one.notes]
+    return list(dict.fromkeys(found))
+
+
+def _parameters(fit: Mapping[str, Any]) -> str:
+    values, errors = fit.get("parameters", {}), fit.get("errors", {})
+    texts = []
+    for name, value in values.items():
+        word, _, unit = name.partition(" (")
+        texts.append(f"{word} {plus_minus(value, errors.get(name, math.nan), unit.removesuffix(')'))}")
+    return "; ".join(texts) if len(texts) <= 3 else f"{len(texts)} weights"
+
+
+def _several(values: list[float], unit: str) -> str:
+    different = sorted(set(values))
+    if len(different) > 3:
+        return f"{different[0]:g} to {different[-1]:g} {unit}"
+    return f"{', '.join(f'{value:g}' for value in different)} {unit}"
+
+
+def _percent(mean: float, ends: tuple[float, float]) -> str:
+    return f"{100 * mean:.1f} % ({100 * max(ends[0], 0):.1f} to {100 * ends[1]:.1f})"
+
+
+def _largest_residual(one: Inference) -> str:
+    residuals = one.residuals
+    at = int(np.abs(residuals).argmax())
+    return f"{residuals[at]:+.1f} standard errors at {power_text(one.hold_times[at])} s"

@@ -1,0 +1,127 @@
+"""A distribution of barriers that was inferred from measured ageing."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from pydantic import BeforeValidator, Field
+
+from chemage import Barriers, Inference, InputError, StoreError, read, regular_file
+from chemage_barriers.piecewise import PiecewiseLinearDensity
+
+#: eV above the last energy, and width of the range, where barriers lie that do not react within the measured times
+_GAP, _WIDTH = 0.5, 0.1
+#: identifies the content of a file without reading it: size, modification time (ns), inode, device
+_Stamp = tuple[int, int, int, int]
+
+
+class _Table(NamedTuple):
+    """The densities of a file."""
+
+    content: str
+    #: (n,) eV
+    energies: np.ndarray
+    #: (n,) and (members, n) 1/eV
+    mean: np.ndarray
+    samples: np.ndarray
+
+
+def _stamp(path: str) -> _Stamp:
+    found = regular_file(path)
+    return found.st_size, found.st_mtime_ns, found.st_ino, found.st_dev
+
+
+@lru_cache(maxsize=8)
+def _read(path: str, stamp: _Stamp) -> _Table:
+    """The densities in a file, which is read once as long as its stamp stays."""
+    found = read(path)
+    if not isinstance(found, Inference):
+        raise InputError(f"{path} holds a {type(found).__name__}, not an inference; `chemage infer` makes such files")
+    try:
+        content = hashlib.blake2b(Path(path).read_bytes(), digest_size=16).hexdigest()
+    except OSError as error:
+        raise StoreError(f"{path}: {error.strerror or error}") from None
+    return _Table(content, found.energies, found.density, found.samples)
+
+
+class _Distribution:
+    """A piecewise linear density whose integral is at most 1; what is missing lies far above its last energy."""
+
+    def __init__(self, energies: np.ndarray, density: np.ndarray) -> None:
+        integral = float(np.trapezoid(density, energies))
+        self.share = min(integral, 1.0)
+        self.inside = PiecewiseLinearDensity(energies, density) if integral > 0 else None
+        self.first = float(energies[-1]) + _GAP
+
+    def quantile(self, uniform: np.ndarray) -> np.ndarray:
+        u, share = np.asarray(uniform, dtype=np.float64), self.share
+        beyond = self.first + _WIDTH * np.clip((u - share) / max(1 - share, 1e-300), 0.0, 1.0)
+        if self.inside is None:
+            return beyond
+        return np.where(u < share, self.inside.quantile(np.minimum(u / share, 1.0)), beyond)
+
+    def density(self, energy: np.ndarray) -> np.ndarray:
+        e = np.asarray(energy, dtype=np.float64)
+        beyond = np.where((e >= self.first) & (e <= self.first + _WIDTH), (1 - self.share) / _WIDTH, 0.0)
+        return beyond if self.inside is None else self.share * self.inside.density(e) + beyond
+
+
+@lru_cache(maxsize=64)
+def _distribution(path: str, stamp: _Stamp, member: int) -> _Distribution:
+    table = _read(path, stamp)
+    if member > len(table.samples):
+        raise InputError(
+            f"member = {member}: {path} has members 1 to {len(table.samples)}; 0 is the mean of the posterior"
+        )
+    return _Distribution(table.energies, table.mean if member == 0 else table.samples[member - 1])
+
+
+class Inferred(Barriers):
+    """The density of forming barriers that ``chemage infer`` found, or a member of its ensemble.
+
+    Sites whose barriers the data do not see, because they lie above those that react within the measured hold times,
+    get barriers half an eV above the last energy and never bond. A run with member 0 ages some members as well, and
+    their scatter is its error ``barriers``. The file is read when barriers are needed, and its content is part of the
+    keys.
+    """
+
+    kind = "inferred"
+
+    path: Annotated[str, BeforeValidator(lambda value: str(value) if isinstance(value, Path) else value)]
+    """result file of ``chemage infer``"""
+    member: int = Field(default=0, ge=0)
+    """0: the mean of the posterior; 1, 2, …: a sample of it; default: 0"""
+
+    def content(self) -> dict[str, str]:
+        """A hash of the content of the file, so that an edited file is another distribution.
+
+        Raises
+        ------
+        StoreError
+            The file cannot be read.
+        """
+        return {"file_blake2b": _read(self.path, _stamp(self.path)).content}
+
+    def members(self, count: int) -> Sequence[Inferred]:
+        """Members evenly spaced among the samples; none of a member."""
+        if self.member != 0:
+            return ()
+        there = len(_read(self.path, _stamp(self.path)).samples)
+        count = min(count, there)
+        return [self.replace(member=int((number + 0.5) * there / count) + 1) for number in range(count)]
+
+    def quantile(self, uniform: np.ndarray) -> np.ndarray:
+        """Barriers (eV) at the probabilities ``uniform``, same shape."""
+        return self._in_use().quantile(uniform)
+
+    def density(self, energy: np.ndarray) -> np.ndarray:
+        """Probability density (1/eV) at ``energy`` (eV), same shape."""
+        return self._in_use().density(energy)
+
+    def _in_use(self) -> _Distribution:
+        return _distribution(self.path, _stamp(self.path), self.member)

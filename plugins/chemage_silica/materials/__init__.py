@@ -1,0 +1,1 @@
+"""Materials with silanol groups at their surface."""

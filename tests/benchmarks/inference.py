@@ -1,0 +1,415 @@
+"""How well `chemage.infer` finds densities that are known: recovery, interaction, coverage, linear ageing, time.
+
+    python tests/benchmarks/inference.py recovery|peaks|interaction|two-curves|coverage|linear|all
+        [--out FOLDER] [--first 1000] [--cases 60]
+
+Measured curves are made by the quadrature of the ageing method `closure` where sites do not interact, which shares no
+code with the inference, and by the kinetics of every site (`chemage.age`) where they do; then noise of 3 % is added.
+Finished cases are kept in FOLDER, one JSON line each, and are not computed again. The prior was chosen with seeds below
+1000 and with 1000, 1001 and 3000; the others tuned nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import chemage as ca
+
+NOISE = 0.03
+TIMES = np.logspace(-3, 5, 25)
+TIP = "silica-tip"
+#: densities below this part of the largest count as zero, and bands reach that much further
+ZERO = 0.01
+#: what is printed of each case
+SHOWN = ("l1", "left_open", "points", "held", "inside", "peaks", "oracle", "chi2", "scores", "refused")
+SHOWN += ("effective_samples", "r_hat", "cpu_seconds")
+
+
+def _normal(energy: np.ndarray, mean: float, std: float) -> np.ndarray:
+    return np.exp(-0.5 * ((energy - mean) / std) ** 2) / std
+
+
+def table(weights: Any, low: float = 0.3, high: float = 2.0) -> dict[str, Any]:
+    """A tabulated density of a function of the energy."""
+    energies = np.linspace(low, high, 1701)
+    return {"kind": "tabulated", "energies": energies.tolist(), "weights": np.asarray(weights(energies)).tolist()}
+
+
+#: the four densities of the issue; two peaks .3 eV apart
+TRUTHS: dict[str, dict[str, Any]] = {
+    "uniform": {"kind": "uniform", "lower": 0.8, "upper": 1.4},
+    "triangle": {"kind": "tabulated", "energies": [0.8, 1.0, 1.2], "weights": [0, 1, 0]},
+    "gaussian": {"kind": "gaussian", "mean": 1.05, "std": 0.08},
+    "two peaks": table(lambda e: _normal(e, 0.73, 0.03) + _normal(e, 1.03, 0.03)),
+}
+
+
+def drawn_truth(rng: np.random.Generator) -> tuple[str, dict[str, Any]]:
+    """A density of a family drawn at random."""
+    kind = ["uniform", "triangle", "gaussian", "two peaks", "piecewise"][rng.integers(5)]
+    if kind == "uniform":
+        low = rng.uniform(0.65, 0.9)
+        return kind, {"kind": "uniform", "lower": low, "upper": low + rng.uniform(0.25, 0.7)}
+    if kind == "triangle":
+        peak = rng.uniform(0.8, 1.1)
+        ends = [peak - rng.uniform(0.1, 0.3), peak, peak + rng.uniform(0.1, 0.4)]
+        return kind, {"kind": "tabulated", "energies": ends, "weights": [0, 1, 0]}
+    if kind == "gaussian":
+        return kind, {"kind": "gaussian", "mean": rng.uniform(0.8, 1.1), "std": rng.uniform(0.05, 0.15)}
+    if kind == "two peaks":
+        first, apart, share = rng.uniform(0.7, 0.8), rng.uniform(0.2, 0.32), rng.uniform(0.3, 0.7)
+        wide = rng.uniform(0.025, 0.05, 2)
+        return kind, table(
+            lambda e: share * _normal(e, first, wide[0]) + (1 - share) * _normal(e, first + apart, wide[1])
+        )
+    energies = np.sort(rng.uniform(0.6, 1.4, 5))
+    energies[0], energies[-1] = rng.uniform(0.6, 0.75), rng.uniform(1.15, 1.5)
+    energies = np.sort(energies) + np.arange(5) * 0.01
+    return kind, {"kind": "tabulated", "energies": energies.tolist(), "weights": rng.uniform(0.05, 1, 5).tolist()}
+
+
+def scene_of(name: str, forming: dict[str, Any], strength: float, **changes: Any) -> ca.Scene:
+    """A scene with this density and interaction."""
+    data, _ = ca.scene_data(name)
+    changed = {"forming": forming, "observe": [], "sweep": None, **changes}
+    changed |= {"interaction.strength": strength} if strength else {"interaction": None}
+    return ca.parse_scene(ca.override(data, changed))
+
+
+def true_curve(
+    scene: ca.Scene, temperature: float, times: np.ndarray, sites: int = 200_000, seed: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """ΔF without noise, nN, and its standard error: exactly without an interaction, else by the kinetics."""
+    surface = ca.make_surface(scene.surface, scene.surface_seed)
+    contact = ca.solve_contact(scene.solver, surface, scene.load)
+    chemistry = scene.chemistry
+    assert chemistry is not None
+    call: dict[str, Any] = {"engine": scene.engine, "hold_times": times, "temperature": temperature, "seed": seed}
+    if chemistry.interaction is None:
+        aging = ca.age(contact, chemistry, method=ca.ageing_method("closure"), replicas=1, **call)
+        return aging.friction_drop[0], np.zeros(times.size)
+    count = chemistry.sites_of(contact).sites.size
+    aging = ca.age(contact, chemistry, replicas=max(4, sites // count), **call)
+    return aging.mean_friction_drop, aging.friction_drop_stderr
+
+
+def measured(
+    scene: ca.Scene, temperature: float, rng: np.random.Generator, times: np.ndarray = TIMES, name: str = "curve"
+) -> ca.MeasuredCurve:
+    """A curve with noise of 3 %."""
+    values, error = true_curve(scene, temperature, times, seed=int(rng.integers(2**31)))
+    values = np.maximum(values, 1e-3)
+    return ca.MeasuredCurve(
+        name=name,
+        load=scene.load,
+        temperature=temperature,
+        hold_times=times,
+        values=values * (1 + NOISE * rng.standard_normal(times.size)),
+        errors=np.hypot(np.maximum(NOISE * values, 1e-3), error),
+    )
+
+
+def compared(found: ca.Inference, forming: ca.Barriers) -> dict[str, Any]:
+    """How far the density is from the truth at visible energies."""
+    energies, step = found.energies, float(found.energies[1] - found.energies[0])
+    # the truth as means over the cell of each node, as a piecewise linear density can hold it
+    fine = (np.arange(40) + 0.5) / 40 - 0.5
+    truth = forming.density(energies[:, None] + step * fine).mean(axis=1)
+    seen = found.visible
+    low, high = found.band(0.90)
+    zero = ZERO * truth.max()
+    held = (truth >= low - zero) & (truth <= high + zero)
+    exactly = (truth >= low - 1e-12) & (truth <= high + 1e-12)
+    positive = truth > zero
+    return {
+        "l1": float((np.abs(found.density - truth) * step)[seen].sum()),
+        # how far samples of the posterior are from their mean: what the data leave open
+        "left_open": float(np.median((np.abs(found.samples - found.density) * step)[:, seen].sum(axis=1))),
+        "mass": float((truth * step)[seen].sum()),
+        "points": int(seen.sum()),
+        "held": int(held[seen].sum()),
+        "held_exactly": int(exactly[seen].sum()),
+        "positive": int((seen & positive).sum()),
+        "held_positive": int((held & seen & positive).sum()),
+        "visible": list(found.visible_range),
+        "peaks": _peaks(found.density, energies, seen),
+        "chi2": found.chi2,
+        "effective_parameters": found.effective_parameters,
+        "scores": found.scores,
+        **{
+            name: found.diagnostics[name] for name in ("effective_samples", "r_hat", "sweeps", "cpu_seconds", "changes")
+        },
+    }
+
+
+def _peaks(density: np.ndarray, energies: np.ndarray, seen: np.ndarray) -> list[float]:
+    """Energies of the maxima that stand out from the dip beside them by a factor of 2 and are 20 % of the largest."""
+    found: list[int] = []
+    inside = np.flatnonzero(seen)
+    for at in inside[1:-1]:
+        if (
+            density[at] >= density[at - 1]
+            and density[at] > density[at + 1]
+            and density[at] > 0.2 * density[inside].max()
+        ):
+            if found and density[found[-1] : at].min() > 0.5 * min(density[found[-1]], density[at]):
+                if density[at] > density[found[-1]]:
+                    found[-1] = int(at)
+                continue
+            found.append(int(at))
+    return [round(float(energies[at]), 3) for at in found]
+
+
+class Kept:
+    """Finished cases, one JSON line each."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lines = path.read_text().splitlines() if path.exists() else []
+        self.rows = {row["case"]: row for row in map(json.loads, lines)}
+
+    def add(self, case: str, make: Any) -> dict[str, Any]:
+        """The row of a case, computed where it is not there."""
+        if case not in self.rows:
+            begin = time.perf_counter()
+            row = {"case": case, **make(), "seconds": 0.0}
+            row["seconds"] = time.perf_counter() - begin
+            self.rows[case] = row
+            with self.path.open("a") as file:
+                file.write(json.dumps(row) + "\n")
+        row = self.rows[case]
+        shown = {k: row[k] for k in SHOWN if k in row}
+        print(f"{case:44s} {shown}", flush=True)
+        return row
+
+
+def recovery(kept: Kept, first: int) -> None:
+    """The four densities, no interaction."""
+    for name, forming in TRUTHS.items():
+
+        def one(forming: dict[str, Any] = forming, seed: int = first) -> dict[str, Any]:
+            scene = scene_of(TIP, forming, 0.0)
+            curve = measured(scene, 300.0, np.random.default_rng([seed, 1]))
+            assert scene.chemistry is not None
+            return compared(ca.infer(curve, scene, seed=seed), scene.chemistry.forming)
+
+        kept.add(f"recovery {name} {first}", one)
+
+
+def peaks(kept: Kept, first: int, cases: int) -> None:
+    """Two peaks with other noise, and what is possible: the best smoothness, chosen by the truth itself."""
+    rows = []
+    for seed in range(first, first + cases):
+
+        def one(seed: int = seed) -> dict[str, Any]:
+            scene = scene_of(TIP, TRUTHS["two peaks"], 0.0)
+            curve = measured(scene, 300.0, np.random.default_rng([seed, 1]))
+            assert scene.chemistry is not None
+            found = ca.infer(curve, scene, seed=seed, families=())
+            row = compared(found, scene.chemistry.forming)
+            return {**row, "oracle": _oracle(found, scene.chemistry.forming)}
+
+        rows.append(kept.add(f"two peaks {seed}", one))
+    distances = np.array([row["l1"] for row in rows])
+    print(f"two peaks seen as two: {sum(len(row['peaks']) == 2 for row in rows)} of {len(rows)}")
+    at90 = np.quantile(distances, 0.9)
+    print(f"L1 median {np.median(distances):.3f}, 90 % below {at90:.3f}, largest {distances.max():.3f}")
+    print(f"within 0.15: {int((distances <= 0.15).sum())} of {len(rows)}")
+    print(f"oracle: median {np.median([row['oracle'] for row in rows]):.3f}, "
+          f"largest {max(row['oracle'] for row in rows):.3f}")  # fmt: skip
+
+
+def _oracle(found: ca.Inference, forming: ca.Barriers) -> float:
+    """Least distance to the truth of non-negative densities of least χ² + λ ∫ p''², λ chosen by the truth."""
+    from chemage.inference.estimate import smooth_fit
+    from chemage.inference.forward import Contacts, make_condition
+    from chemage.inference.kernel import EnergyGrid
+
+    energies, step = found.energies, float(found.energies[1] - found.energies[0])
+    grid = EnergyGrid(float(energies[0]), step, energies.size)
+    scene = found.scene
+    assert scene.chemistry is not None
+    condition = make_condition(scene.chemistry, Contacts(scene).at(scene.load), 300.0, found.hold_times, grid)
+    matrix = condition.without_neighbours()
+    fine = (np.arange(40) + 0.5) / 40 - 0.5
+    truth = forming.density(energies[:, None] + step * fine).mean(axis=1)
+    fits = [smooth_fit(grid, matrix, found.values, found.errors, weight)[0] for weight in np.geomspace(1e-3, 1e-12, 28)]
+    return float(min((np.abs(fit - truth) * step)[found.visible].sum() for fit in fits))
+
+
+ROUGH: dict[str, Any] = {"surface.pixels": 768, "surface.zeta": 46, "contact.load": "1.9 uN"}
+
+
+def interaction(kept: Kept, first: int) -> None:
+    """With an interaction, on a tip and on a rough surface; and the same data inverted without it."""
+    for place, changes in (("tip", {}), ("rough", ROUGH)):
+        for strength in (0.1, 0.5):
+            for name, forming in TRUTHS.items():
+                for used in (strength, 0.0):
+
+                    def one(
+                        place: str = place,
+                        changes: dict[str, Any] = changes,
+                        strength: float = strength,
+                        forming: dict[str, Any] = forming,
+                        used: float = used,
+                        seed: int = first,
+                    ) -> dict[str, Any]:
+                        base = TIP if place == "tip" else "silica-rough"
+                        scene = scene_of(base, forming, strength, **changes)
+                        curve = measured(scene, 300.0, np.random.default_rng([seed, 2]))
+                        assumed = scene_of(base, forming, used, **changes)
+                        assert scene.chemistry is not None
+                        return compared(ca.infer(curve, assumed, seed=seed), scene.chemistry.forming)
+
+                    kept.add(f"interaction {place} {strength} {name} assumed {used} {first}", one)
+
+
+def two_curves(kept: Kept, first: int) -> None:
+    """Whether two curves at different loads or temperatures tell that neighbours raise barriers."""
+    pairs = {"loads": ((20.0, 300.0), (500.0, 300.0)), "temperatures": ((50.0, 300.0), (50.0, 400.0))}
+    for strength in (0.1, 0.5):
+        for name, conditions in pairs.items():
+            for used in (strength, 0.0):
+
+                def one(
+                    strength: float = strength,
+                    conditions: tuple[tuple[float, float], ...] = conditions,
+                    used: float = used,
+                    seed: int = first,
+                ) -> dict[str, Any]:
+                    rng = np.random.default_rng([seed, 5])
+                    forming = TRUTHS["triangle"]
+                    curves = [
+                        measured(
+                            scene_of(TIP, forming, strength, **{"contact.load": load}), kelvin, rng, name=f"{number}"
+                        )
+                        for number, (load, kelvin) in enumerate(conditions)
+                    ]
+                    assumed = scene_of(TIP, forming, used)
+                    assert assumed.chemistry is not None
+                    try:
+                        found = ca.infer(curves, assumed, seed=seed, families=("triangle",))
+                    except ca.UnexplainedError as error:
+                        return {"refused": str(error), "chi2": error.chi2}
+                    return compared(found, assumed.chemistry.forming)
+
+                kept.add(f"two {name} {strength} assumed {used} {first}", one)
+
+
+def coverage(kept: Kept, first: int, cases: int) -> None:
+    """Bands of densities drawn at random, and of a load or a temperature that was left out."""
+    rows = []
+    for seed in range(first, first + cases):
+
+        def one(seed: int = seed) -> dict[str, Any]:
+            rng = np.random.default_rng([seed, 3])
+            kind, forming = drawn_truth(rng)
+            strength = float(rng.choice([0.0, 0.1, 0.5], p=[0.8, 0.1, 0.1]))
+            load = float(rng.choice([20.0, 50.0, 120.0]))
+            scene = scene_of(TIP, forming, strength, **{"contact.load": load})
+            curve = measured(scene, 300.0, rng)
+            found = ca.infer(curve, scene, seed=seed, families=())
+            assert scene.chemistry is not None
+            row = {"kind": kind, "strength": strength, **compared(found, scene.chemistry.forming)}
+            other, kelvin = (4 * load, 300.0) if seed % 2 else (load, 330.0)
+            # hold times whose energies were seen
+            times = np.logspace(-2.5, 4.5, 8) if seed % 2 else np.logspace(-2.5, 2.5, 6)
+            truth, error = true_curve(
+                scene_of(TIP, forming, strength, **{"contact.load": other}), kelvin, times, seed=seed + 7
+            )
+            made = found.forecast(load=other, temperature=kelvin, hold_times=times, samples=1000)
+            low, high = made.band(0.90)
+            # the truth is simulated as well: its own error widens the band
+            inside = (truth >= low - 1.64 * error) & (truth <= high + 1.64 * error)
+            at = int(rng.integers(times.size))
+            return {
+                **row,
+                "left_out": [other, kelvin, float(times[at])],
+                "inside": bool(inside[at]),
+                "inside_all": inside.tolist(),
+                "width": ((high - low) / truth).tolist(),
+                "off": ((made.friction_drop - truth) / truth).tolist(),
+            }
+
+        rows.append(kept.add(f"coverage {seed}", one))
+    points = sum(row["points"] for row in rows)
+    for name in ("held", "held_exactly"):
+        print(f"{name}: {sum(row[name] for row in rows) / points:.3f} of {points} visible energies")
+    positive = sum(row["positive"] for row in rows)
+    print(f"where the density is above 1 %: {sum(row['held_positive'] for row in rows) / positive:.3f} of {positive}")
+    print(f"left out, inside the 90 % band: {sum(row['inside'] for row in rows)} of {len(rows)}")
+    every = [one for row in rows for one in row["inside_all"]]
+    print(f"at all hold times: {np.mean(every):.3f} of {len(every)}")
+    print(f"median L1 {np.median([row['l1'] for row in rows]):.3f}, largest {max(row['l1'] for row in rows):.3f}")
+
+
+def linear(kept: Kept, first: int) -> None:
+    """Ageing linear in time from 5 to 90 ms, and logarithmic ageing."""
+    times = np.linspace(0.005, 0.09, 18)
+    log_times = np.logspace(-3, 5, 25)
+
+    def one(values: np.ndarray, hold: np.ndarray, seed: int = first) -> dict[str, Any]:
+        rng = np.random.default_rng([seed, 4])
+        scene = scene_of("silica-linear-tip", TRUTHS["uniform"], 0.0)
+        curve = ca.MeasuredCurve(
+            load=scene.load,
+            temperature=300.0,
+            hold_times=hold,
+            values=values * (1 + NOISE * rng.standard_normal(hold.size)),
+            errors=NOISE * values,
+        )
+        found = ca.infer(curve, scene, seed=seed)
+        seen, density = found.visible, found.density
+        # the peak of linear ageing is at the end of what is seen, or above it
+        inside, weights = found.energies, density / density.sum()
+        at = inside[int(np.argmax(density))]
+        mean = float(weights @ inside)
+        return {
+            "visible": list(found.visible_range),
+            "peak": float(at),
+            "mean": mean,
+            "std": float(np.sqrt(weights @ (inside - mean) ** 2)),
+            "variation": float(density[seen].std() / max(density[seen].mean(), 1e-12)),
+            "energies": found.energies.tolist(),
+            "density": density.tolist(),
+            "band": [one.tolist() for one in found.band(0.9)],
+            "chi2": found.chi2,
+            "scores": found.scores,
+        }
+
+    kept.add(f"linear {first}", lambda: one(40.0 * times / 0.09, times))
+    kept.add(f"logarithmic {first}", lambda: one(60.0 * np.log10(log_times / 3e-4), log_times))
+
+
+def main() -> None:
+    """Run the parts that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("recovery", "peaks", "interaction", "two-curves", "coverage", "linear", "all"))
+    parser.add_argument("--out", type=Path, default=Path("inference-benchmark"))
+    parser.add_argument("--first", type=int, default=1000)
+    parser.add_argument("--cases", type=int, default=60)
+    given = parser.parse_args()
+    for name in (
+        ("recovery", "peaks", "linear", "coverage", "interaction", "two-curves")
+        if given.what == "all"
+        else (given.what,)
+    ):
+        kept = Kept(given.out / f"{name}.jsonl")
+        if name in ("coverage", "peaks"):
+            {"coverage": coverage, "peaks": peaks}[name](kept, given.first, given.cases)
+        else:
+            {"recovery": recovery, "interaction": interaction, "linear": linear, "two-curves": two_curves}[name](
+                kept, given.first
+            )
+
+
+if __name__ == "__main__":
+    main()

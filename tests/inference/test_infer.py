@@ -1,0 +1,243 @@
+"""From curves to densities: known truths are found, nothing is claimed where nothing is seen, bad input is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import chemage as ca
+
+TIMES = np.logspace(-3, 5, 25)
+NOISE = 0.03
+SCALE = 300.0
+
+
+@pytest.fixture(autouse=True)
+def fewer_samples(monkeypatch):
+    """Means and bands need fewer effective samples than users get."""
+    monkeypatch.setattr("chemage.inference.sampling.ENOUGH", 60)
+    monkeypatch.setattr("chemage.inference.sampling.AGREED", 1.1)
+    monkeypatch.setattr("chemage.inference.infer.SHORT_SWEEPS", 40)
+
+
+def scene(strength=0.0, **changes):
+    data, _ = ca.scene_data("silica-tip")
+    interaction = {"interaction.strength": strength} if strength else {"interaction": None}
+    return ca.parse_scene(ca.override(data, {"observe": [], **interaction, **changes}))
+
+
+def solved(made):
+    return ca.solve_contact(made.solver, ca.make_surface(made.surface), made.load)
+
+
+def curve(forming, *, made=None, temperature=300.0, seed=7, times=TIMES, noise=NOISE):
+    """A curve without interaction, exact but for noise of 3 %."""
+    made = made or scene()
+    chemistry = made.chemistry.replace(forming=forming)
+    call = {"engine": made.engine, "hold_times": times, "temperature": temperature, "replicas": 1}
+    aging = ca.age(solved(made), chemistry, method=ca.ageing_method("closure"), **call)
+    values = aging.friction_drop[0]
+    noisy = values * (1 + noise * np.random.default_rng(seed).standard_normal(times.size))
+    return ca.MeasuredCurve(
+        load=made.load, temperature=temperature, hold_times=times, values=noisy, errors=noise * values
+    )
+
+
+def rising(times=TIMES, errors=1.0):
+    values = 50.0 * np.log10(times / times[0] * 10)
+    return ca.MeasuredCurve(
+        load=50.0, temperature=300.0, hold_times=times, values=values, errors=np.full(times.size, errors)
+    )
+
+
+def distance(found, forming):
+    """L1 distance over the visible energies."""
+    step = found.energies[1] - found.energies[0]
+    fine = found.energies[:, None] + step * ((np.arange(20) + 0.5) / 20 - 0.5)
+    truth = forming.density(fine).mean(axis=1)
+    return float((np.abs(found.density - truth) * step)[found.visible].sum())
+
+
+def two_peaks():
+    energies = np.linspace(0.4, 1.4, 1001)
+    weights = sum(np.exp(-0.5 * ((energies - at) / 0.03) ** 2) for at in (0.73, 1.03))
+    return ca.barriers("tabulated", energies=energies.tolist(), weights=weights.tolist())
+
+
+TRUTHS = {
+    "uniform": lambda: ca.barriers("uniform", lower=0.8, upper=1.4),
+    "triangle": lambda: ca.barriers("tabulated", energies=[0.8, 1.0, 1.2], weights=[0, 1, 0]),
+    "gaussian": lambda: ca.barriers("gaussian", mean=1.05, std=0.08),
+    "two peaks": two_peaks,
+}
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+@pytest.mark.long
+def test_a_known_density_is_recovered_and_nothing_is_claimed_outside(name):
+    forming = TRUTHS[name]()
+    found = ca.infer(curve(forming), scene(), families=(), samples=500, seed=3)
+    if name == "two peaks":
+        # as narrow as the resolution: no further than the data leave open, by the posterior's own account
+        step = found.energies[1] - found.energies[0]
+        away = (np.abs(found.samples - found.density) * step)[:, found.visible].sum(axis=1)
+        assert distance(found, forming) <= np.quantile(away, 0.95)
+    else:
+        assert distance(found, forming) <= 0.15
+    low, high = found.visible_range
+    # k_BT ln(νt) of the first and last hold time, less the pressure of up to 0.1 eV, more the width of a step
+    assert 0.55 < low < 0.75
+    assert 1.05 < high < 1.2
+    outside = found.energies > high + 0.06
+    wide = found.band(0.68)[1][outside] - found.band(0.68)[0][outside]
+    prior = found.prior_band(0.68)[1][outside] - found.prior_band(0.68)[0][outside]
+    if name == "uniform":  # a third of the barriers lies above what is seen, anywhere
+        assert (wide > 0.4 * prior).all()
+    if name == "two peaks":
+        valley = found.density[(found.energies > 0.82) & (found.energies < 0.94)].max()
+        for peak in (0.73, 1.03):
+            near = np.abs(found.energies - peak) < 0.03
+            assert found.density[near].max() > 4 * valley
+    assert found.chi2 < 45
+
+
+@pytest.mark.long
+def test_the_interaction_is_part_of_the_inference_and_leaving_it_out_is_worse():
+    forming = ca.barriers("tabulated", energies=[0.8, 1.0, 1.2], weights=[0, 1, 0])
+    made = scene(0.5)
+    chemistry = made.chemistry.replace(forming=forming)
+    call = {"engine": made.engine, "hold_times": TIMES, "temperature": 300.0, "replicas": 600, "seed": 21}
+    aging = ca.age(solved(made), chemistry, **call)
+    values, error = np.maximum(aging.mean_friction_drop, 1e-2), aging.friction_drop_stderr
+    noisy = values * (1 + NOISE * np.random.default_rng(4).standard_normal(TIMES.size))
+    measured = ca.MeasuredCurve(
+        load=50.0, temperature=300.0, hold_times=TIMES, values=noisy, errors=np.hypot(NOISE * values, error) + 1e-3
+    )
+    found = ca.infer(measured, made, families=("triangle",), samples=400, seed=3)
+    alone = ca.infer(measured, scene(), families=("triangle",), samples=400, seed=3)
+    assert distance(found, forming) <= 0.25
+    assert distance(alone, forming) > 0.4
+    assert found.scores["triangle"] > alone.scores["triangle"] + 3
+    assert found.diagnostics["changes"][-1] < 0.1
+
+
+@pytest.mark.long
+def test_a_left_out_load_is_predicted_and_a_plan_is_ranked():
+    forming = ca.barriers("gaussian", mean=0.95, std=0.1)
+    found = ca.infer(curve(forming), scene(), families=(), samples=400, seed=5)
+    other = scene(**{"contact.load": 200.0})
+    truth = curve(forming, made=other, noise=1e-9, times=np.logspace(-2, 4, 7)).values
+    forecast = found.forecast(load="200 nN", hold_times=np.logspace(-2, 4, 7))
+    low, high = forecast.band(0.95)
+    assert np.mean((truth >= low) & (truth <= high)) > 0.7
+    assert forecast.friction_drop == pytest.approx(truth, rel=0.08)
+    plans = found.next_experiment([{"hold_time": "1 s"}, {"hold_time": 10.0, "load": 200.0}], target={"energy": 0.85})
+    assert plans[0]["reduction"] >= plans[1]["reduction"] >= 0
+    assert all(0 <= one["reduction"] < 1 for one in plans)
+
+
+@pytest.mark.long
+def test_the_result_is_stored_whole_and_the_same_seed_gives_the_same(tmp_path):
+    data = curve(ca.barriers("gaussian", mean=0.95, std=0.1))
+    found = ca.infer(data, scene(), families=("uniform", "gaussian"), samples=60, seed=1)
+    ca.write(tmp_path / "i.h5", found)
+    again = ca.read(tmp_path / "i.h5")
+    assert again == found
+    assert again.scene.digest() == found.scene.digest()
+    assert found.scores["gaussian"] > found.scores["uniform"]
+    other = ca.infer(data, scene(), families=("uniform", "gaussian"), samples=60, seed=1)
+    assert np.array_equal(other.samples, found.samples)
+    assert other.scores == found.scores
+    assert found.families["gaussian"]["parameters"]["mean (eV)"] == pytest.approx(0.95, abs=0.02)
+    assert len(found.members(17)) == 17
+    summary = found.summary()
+    assert len(summary["residuals"]) == summary["points"] == 25
+
+
+@pytest.mark.long
+def test_an_unknown_activation_volume_is_found_from_two_loads():
+    forming = ca.barriers("gaussian", mean=0.95, std=0.1)
+    curves = [curve(forming, made=scene(**{"contact.load": load}), seed=int(load)) for load in (20.0, 500.0)]
+    unknown = {"activation_volume": ("0 angstrom**3", "15 angstrom**3")}
+    found = ca.infer(curves, scene(), unknown=unknown, families=(), samples=400, seed=2)
+    low, high = found.interval("activation_volume")
+    assert high - low < 0.004
+    assert found.scalars["activation_volume"].mean() == pytest.approx(0.0064, abs=0.001)
+    with pytest.raises(ca.InputError, match="was not inferred; there are activation_volume"):
+        found.interval("bond_force")
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"unknown": ("mass",)}, "unknown = 'mass': cannot be inferred"),
+        ({"unknown": {"bond_force": (3.0, 1.0)}}, "must be a lower and a larger upper bound"),
+        ({"families": ("lorentz",)}, "families = 'lorentz': is no family; choose of uniform"),
+        ({"samples": 3}, "samples = 3: must be a whole number of at least 50"),
+        ({"seed": -1}, "seed = -1"),
+    ],
+)
+def test_wrong_arguments_are_refused(given, message):
+    with pytest.raises(ca.InputError, match=message):
+        ca.infer(rising(), scene(), **given)
+
+
+def test_fewer_points_than_unknowns_are_refused():
+    few = rising(np.array([0.1, 1.0, 100.0]))
+    with pytest.raises(ca.InputError, match=r"3 points are fewer than the unknowns, .* bond_force; measure at more"):
+        ca.infer(few, scene(), unknown=("bond_force",))
+    with pytest.raises(ca.InputError, match="is no MeasuredCurve"):
+        ca.infer([1, 2], scene())  # pyright: ignore[reportArgumentType]
+
+
+def test_curves_of_another_chemistry_are_refused():
+    made = scene()
+    call = {"engine": made.engine, "hold_times": [0.1, 1.0, 10.0, 100.0], "temperature": 300.0, "replicas": 20}
+    aging = ca.age(solved(made), made.chemistry, **call)
+    simulated = ca.MeasuredCurve.of_aging(aging, relative_error=0.05)
+    other = scene(**{"chemistry.activation_volume": "0 nm**3"})
+    with pytest.raises(ca.InputError, match=r"measured with activation_volume = 0.0064, .* has 0.0; infer"):
+        ca.infer(simulated, other)
+    # another density is what is looked for
+    assert "forming" not in simulated.chemistry
+
+
+def test_data_that_no_density_explains_are_refused_with_the_best_fit():
+    """A jump by a factor of ten within a third of a decade, and more friction than all sites together can give."""
+    jump = ca.MeasuredCurve(
+        load=50.0, temperature=300.0, hold_times=TIMES, values=np.where(TIMES < 1, 10.0, 100.0), errors=np.ones(25)
+    )
+    with pytest.raises(
+        ca.UnexplainedError, match="no density of barriers explains them; the best fit has χ² = "
+    ) as one:
+        ca.infer(jump, scene())
+    assert "rises faster with the hold time than a single barrier" in str(one.value)
+    assert one.value.chi2 > 100
+    assert one.value.density.shape == one.value.energies.shape
+    assert np.abs(one.value.residuals).max() > 3
+    much = rising().model_copy(update={"values": 20 * rising().values})
+    with pytest.raises(ca.UnexplainedError, match="all sites of the contact would have to be bonded and more"):
+        ca.infer(much, scene())
+
+
+@pytest.mark.long
+def test_linear_ageing_is_a_narrow_peak_at_the_upper_end_and_logarithmic_ageing_a_flat_density():
+    """Tian et al., Phys. Rev. Lett. 124, 026801 (2020): linear ageing of 5 to 90 ms at 300 K."""
+    times = np.linspace(0.005, 0.09, 18)
+    data, _ = ca.scene_data("silica-linear-tip")
+    made = ca.parse_scene(ca.override(data, {"observe": [], "interaction": None}))
+    values = 40.0 * times / 0.09
+    measured = ca.MeasuredCurve(
+        load=made.load, temperature=300.0, hold_times=times, values=values, errors=NOISE * values
+    )
+    found = ca.infer(measured, made, families=(), samples=400, seed=1)
+    upper = ca.units.KB * 300 * np.log(1e13 * 0.09)
+    below = found.energies < upper - 0.06
+    share = found.samples @ np.gradient(found.energies)
+    low = found.samples[:, below].sum(axis=1) * np.gradient(found.energies)[0]
+    # nearly nothing below; the rise is that of a peak at or above the upper end
+    assert low.mean() < 0.15 * share.mean()
+    logarithmic = rising(errors=3.0)
+    flat = ca.infer(logarithmic, scene(), families=(), samples=400, seed=1)
+    inside = flat.visible & (flat.energies > 0.7) & (flat.energies < 1.0)
+    assert flat.density[inside].std() < 0.2 * flat.density[inside].mean()

@@ -1,0 +1,83 @@
+"""The shape of a density in words: peaks, shares, verdicts; and the figures of an inference."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from made_inference import made_forecast, made_inference
+
+from chemage.inference.result import InferenceResult
+from chemage.inference.shape import peaks, shares, unseen_share
+from chemage.reports import inference_text as words
+from chemage.reports.inference_figures import CAPTIONS, inference_figures
+
+
+def test_one_two_and_no_peak_are_told_apart():
+    (peak,) = peaks(made_inference((1.0,)))
+    assert peak.energy == pytest.approx(1.0, abs=0.02)
+    assert peak.band[0] <= peak.energy <= peak.band[1]
+    assert [round(one.energy, 1) for one in peaks(made_inference((0.85, 1.1)))] == [0.8, 1.1]
+    assert peaks(made_inference(())) == []
+    assert "flat" in words.density_text(made_inference(()))
+    assert words.density_text(made_inference((1.4,))).startswith("no peak inside; rises")
+
+
+def test_a_rise_towards_an_end_is_named():
+    assert words.density_text(made_inference((0.9, 1.25))).endswith("; rises again towards the upper end")
+
+
+def test_a_peak_that_only_some_samples_have_is_none():
+    one = made_inference(())
+    bump = np.exp(-0.5 * ((one.energies - 1.0) / 0.05) ** 2)
+    samples = one.samples.copy()
+    samples[::2] += bump
+    samples *= 0.5
+    assert peaks(one.model_copy(update={"samples": samples})) == []
+
+
+def test_shares_are_integrals_of_the_density():
+    one = made_inference()
+    found = shares(one)
+    low, high = one.visible_range
+    assert (found[0].low, found[-1].high) == pytest.approx((low, high))
+    inside = (one.energies >= low) & (one.energies <= high)
+    whole = np.trapezoid(one.density[inside], one.energies[inside])
+    assert sum(part.mean for part in found) == pytest.approx(whole, rel=1e-9)
+    assert unseen_share(one)[0] == pytest.approx(
+        1 - np.trapezoid(one.density[one.energies <= high], one.energies[one.energies <= high]), abs=1e-9
+    )
+
+
+def test_data_that_tell_nothing_are_shown_as_such():
+    one = made_inference(visible=np.zeros(61, dtype=bool))
+    made = InferenceResult(one)
+    assert peaks(one) == []
+    assert shares(one) == []
+    rows = dict(words.rows(made))
+    assert rows["visible energies"].startswith("none")
+    assert "density" in inference_figures(made)
+
+
+def test_scores_name_the_best_and_those_as_good():
+    one = made_inference()
+    assert words.family_rows(one)[0][:2] == ("gaussian", "best")
+    assert words.family_verdict(one) == ("the data do not tell apart the smooth density and gaussian: scores within 2")
+    alone = made_inference(scores={"density": 10.0, "uniform": 1.0})
+    assert words.family_verdict(alone).endswith("best by the smooth density")
+    assert words.family_rows(made_inference(scores={})) == []
+
+
+def test_every_figure_has_a_caption_and_what_it_should_show():
+    scalars = {"bond_force": np.random.default_rng(0).uniform(2, 4, 60)}
+    one = made_inference(scalars=scalars, scalar_bounds={"bond_force": (1.0, 9.0)})
+    made = InferenceResult(one, {"load=50 nN": made_forecast(), "at 1 s": made_forecast(80.0, unseen=0.4)})
+    figures = inference_figures(made)
+    assert figures.keys() == {"density", "data", "predictive", "forecasts", "unknowns"}
+    assert figures.keys() <= CAPTIONS.keys()
+    (density,) = figures["density"].axes
+    labels = density.get_legend_handles_labels()[1]
+    assert {"visible energies", "95 % band", "68 % band", "mean", "gaussian", "uniform"} <= {*labels}
+    data, residuals = figures["data"].axes
+    assert residuals.get_lines()[-1].get_ydata() == pytest.approx(one.residuals)
+    assert data.get_xscale() == "log"
+    assert "40 % unseen" in " ".join(figures["forecasts"].axes[0].get_legend_handles_labels()[1])
