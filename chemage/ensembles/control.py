@@ -1,8 +1,8 @@
 """The mean of the first level with a control: a cheap number of each surface, known on many more surfaces.
 
 This is double sampling with a regression estimator (Cochran, Sampling Techniques, 3rd ed. (1977), section 12.6), known
-as multifidelity Monte Carlo where the number is a cheaper model (Peherstorfer, Willcox & Gunzburger, SIAM J. Sci. Comput.
-38, A3163 (2016)). Of n samples y of the first level and N ≥ n of the control x,
+as multifidelity Monte Carlo where the number is a cheaper model (Peherstorfer, Willcox & Gunzburger, SIAM J. Sci.
+Comput. 38, A3163 (2016)). Of n samples y of the first level and N ≥ n of the control x,
 
     mean = ȳ_n + α (x̄_N − x̄_n),   variance = σ²(1 − ρ²)/n + σ²ρ²/N
 
