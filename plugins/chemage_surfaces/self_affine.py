@@ -140,7 +140,7 @@ class SelfAffine(SurfaceMaker):
 
         step = math.gcd(*self.pixels)
         sides = [side // step for side in self.pixels]
-        parts = next_fast_len(math.ceil(SKETCHED * self.zeta / max(sides)), real=True)
+        parts = next_fast_len(math.ceil(SKETCHED * self.zeta / max(sides)), real=True) or step
         if parts >= step:
             return None
         return self.replace(pixels=(sides[0] * parts, sides[1] * parts), pixel_size=self.pixel_size * step / parts)
