@@ -34,7 +34,7 @@ def run(
     force: bool,
 ) -> None:
     """Sample the ensemble that a scene asks for, write it to ``path`` and print it."""
-    from chemage.ensembles.running import CORRECTING, SAMPLING, Sampler
+    from chemage.ensembles.running import CORRECTING, SAMPLING, SKETCHING, Sampler
     from chemage.experiments.warm_up import compiled_ahead
     from chemage.foundation.files import preflight
     from chemage.foundation.text import jsonable
@@ -50,7 +50,7 @@ def run(
     pictures: list[Path] = []
     sampler = Sampler(one, samples=folder, threads=threads)
     counted = sampler.request.counted
-    with progress_bars({SAMPLING: counted, CORRECTING: counted}, alive=True) as report:
+    with progress_bars({SAMPLING: counted, SKETCHING: counted, CORRECTING: counted}, alive=True) as report:
         with compiled_ahead(one, report, threads, early) as told:
             made = sampler.run(told)
         with reported(report, "writing"):

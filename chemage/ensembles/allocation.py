@@ -29,6 +29,26 @@ class Spread:
     freedom: int
 
 
+def spread_of(rows: np.ndarray, chosen: int, freedom: int, regressed: bool = False) -> Spread:
+    """The spread of a level from its samples: that of the first ``chosen``, or of all of them where it is larger.
+
+    Parameters
+    ----------
+    rows
+        (samples, quantities)
+    regressed
+        Whether the rows are what remains of a regression, whose coefficient takes a degree of freedom and adds its own
+        error to the mean (Cochran, Sampling Techniques, 3rd ed. (1977), section 12.6).
+    """
+    parts = []
+    for part in (rows[:chosen], rows):
+        count, variance = len(part), part.var(axis=0, ddof=1)
+        if regressed and count > 3:
+            variance = variance * (count - 1) / (count - 2) * (1 + 1 / (count - 3))
+        parts.append(variance)
+    return Spread(np.maximum(*parts), max(1, freedom - 1) if regressed else freedom)
+
+
 def half_width(spreads: list[Spread], counts: list[int], known: np.ndarray, confidence: float = 0.95) -> np.ndarray:
     """Half the width of the interval of the sum of the means, (quantities,).
 

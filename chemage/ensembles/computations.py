@@ -11,6 +11,7 @@ import numpy as np
 
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
+from chemage.contacts.theories import ContactTheory
 from chemage.experiments.estimate import cost
 from chemage.experiments.run import run
 from chemage.experiments.scene import Scene
@@ -24,6 +25,8 @@ from chemage.foundation.memory import capacity
 COARSER = (4, 2)
 #: a coarser grid is used where it costs at most this part of the scene's own
 PAYS = 0.6
+#: a control is used where it costs at most this part of the cheapest computation
+CONTROL_PAYS = 0.5
 #: memory of the program itself, bytes
 PROGRAM = 2e8
 #: replicas of a sample whose contact takes all the time
@@ -109,6 +112,20 @@ def bare(scene: Scene) -> Scene:
     if scene.hold is not None:
         update["hold"] = scene.hold.model_copy(update={"replicas": 1, "common": "all"})
     return scene.model_copy(update=update)
+
+
+def control(cheapest: Computation) -> Computation | None:
+    """The contact of a sketch of the surface, whose area explains most of the scatter between surfaces; None where the
+    surface has no sketch, or it would cost too much."""
+    scene = cheapest.scene
+    maker = None if isinstance(scene.contact, ContactTheory) else scene.surface.sketch()
+    if maker is None:
+        return None
+    known = scene.surface.expected(), maker.expected()
+    sizes = [one.get("pixel_size", math.nan) for one in known]
+    made = estimated(scene.model_copy(update={"surface": maker, "hold": None}), 1)
+    made = replace(made, factor=max(1, round(cheapest.factor * sizes[1] / sizes[0])) if sizes[0] > 0 else 1)
+    return made if made.seconds <= CONTROL_PAYS * cheapest.seconds else None
 
 
 def estimated(scene: Scene, factor: int) -> Computation:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage.ensembles.allocation import Spread, half_width
+from chemage.ensembles.allocation import Spread, half_width, spread_of
+from chemage.ensembles.control import regressed
 from chemage.ensembles.quantities import CURVES, Quantities
 from chemage.foundation import pictures
 from chemage.foundation.approximations import in_words
@@ -66,7 +67,8 @@ class Ensemble(Record):
     """Samples of a scene on many surfaces, and the means over all surfaces that they give.
 
     The mean is a sum over levels: of the cheapest computation over many surfaces, and of the difference between a
-    better and a cheaper one over few.
+    better and a cheaper one over few. Where a control was used, the first level is regressed on it
+    (:mod:`chemage.ensembles.control`).
     """
 
     arrays = {"hold_times": (("hold_time",), "s", "time since the contact was made")}
@@ -83,10 +85,12 @@ class Ensemble(Record):
     levels: tuple[Plain, ...]
     """of each level: ``words``, ``replicas``, ``samples``, ``cpu_seconds`` (of a sample, as estimated before),
     ``variance_of`` (samples in the variance of the interval), ``freedom`` (its degrees of freedom), ``random`` (another
-    surface for each sample) and ``seeds`` (those of surface and hold of the first samples)"""
+    surface for each sample) and ``seeds`` (those of surface and hold of the first samples); the last may be a
+    ``control``"""
     rows: Named
     """number of a level -> (samples, quantities): β per decade if it can be fitted, ΔF in nN at each hold time,
-    measures of the contact"""
+    measures of the contact; of a control (samples, 1): the area fraction of the contact of a sketch, of the surfaces of
+    the first level and of more"""
     within: Named = {}
     """"variance" (quantities,) between replicas on one surface, where some samples have several"""
     known: Named = {}
@@ -105,17 +109,20 @@ class Ensemble(Record):
         if len(self.levels) != len(self.rows) or not self.levels:
             raise ValueError(f"rows: {len(self.rows)} levels of samples, but {len(self.levels)} are described")
         for number in range(len(self.levels)):
-            rows = self.rows.get(str(number))
-            if rows is None or rows.ndim != 2 or rows.shape[1] != self.quantities.count or len(rows) < 2:
-                raise ValueError(
-                    f"rows: level {number} must have two samples at least, {self.quantities.count} numbers"
-                )
+            rows, last = self.rows.get(str(number)), number == len(self.levels) - 1
+            count = 1 if number and last and self.controlled else self.quantities.count
+            if rows is None or rows.ndim != 2 or rows.shape[1] != count or len(rows) < 2:
+                raise ValueError(f"rows: level {number} must have two samples at least, {count} numbers")
+        if self.controlled and len(self.rows[str(len(self.levels) - 1)]) < len(self.rows["0"]):
+            raise ValueError("rows: the control has fewer samples than the first level")
         return self
 
     def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
         """See :meth:`Record.declared`."""
         field_name, _, key = name.partition("/")
         if field_name == "rows":
+            if self.controlled and key == str(len(self.levels) - 1):
+                return (f"sample_{key}", "control"), "1", "area fraction of the contact of a sketch"
             return (f"sample_{key}", "quantity"), "", "β per decade, friction drop (nN), measures of the contact"
         if field_name in ("within", "known"):
             return ("quantity",), "", ""
@@ -134,25 +141,32 @@ class Ensemble(Record):
     @cached_property
     def _spreads(self) -> list[Spread]:
         found = []
-        for number, level in enumerate(self.levels):
-            rows = self.rows[str(number)]
-            chosen = rows[: int(level.get("variance_of", len(rows)))]
-            variance = np.maximum(chosen.var(axis=0, ddof=1), rows.var(axis=0, ddof=1))
-            found.append(Spread(variance, int(level.get("freedom", len(chosen) - 1))))
+        for number, (level, rows) in enumerate(zip(self.levels, self._terms, strict=True)):
+            chosen = int(level.get("variance_of", len(rows)))
+            freedom = int(level.get("freedom", chosen - 1))
+            found.append(spread_of(rows, chosen, freedom, self.controlled and not number))
         return found
+
+    @property
+    def controlled(self) -> bool:
+        """Whether the last level is a control."""
+        return len(self.levels) > 1 and bool(self.levels[-1].get("control", False))
 
     @cached_property
     def mean(self) -> np.ndarray:
         """(quantities,) the estimates of all quantities."""
-        return np.sum([rows.mean(axis=0) for rows in self._rows()], axis=0)
+        return np.sum([rows.mean(axis=0) for rows in self._terms], axis=0)
 
-    def _rows(self) -> list[np.ndarray]:
-        return [self.rows[str(number)] for number in range(len(self.levels))]
+    @cached_property
+    def _terms(self) -> list[np.ndarray]:
+        """(samples, quantities) of each level: independent samples, whose means add up to the mean."""
+        rows = [self.rows[str(number)] for number in range(len(self.levels))]
+        return regressed(rows) if self.controlled else rows
 
     @cached_property
     def half_widths(self) -> np.ndarray:
         """(quantities,) half the widths of their 95 % intervals."""
-        counts = [len(rows) for rows in self._rows()]
+        counts = [len(rows) for rows in self._terms]
         known = [np.abs(self.mean) * relative for relative in self.known.values()]
         total = np.sqrt(np.sum([one**2 for one in known], axis=0)) if known else np.zeros(self.quantities.count)
         return half_width(self._spreads, counts, total, CONFIDENCE)
@@ -175,22 +189,26 @@ class Ensemble(Record):
 
     def _parts(self, column: int) -> dict[str, ErrorPart]:
         """The parts of the error of a column: standard errors."""
-        spreads, rows, parts = self._spreads, self._rows(), {}
+        spreads, rows, parts = self._spreads, self._terms, {}
         first, count = float(spreads[0].variance[column]), len(rows[0])
+        # of the mean of the control
+        more = float(spreads[-1].variance[column]) / len(rows[-1]) if self.controlled else 0.0
         replicas = max(1, int(self.levels[0].get("replicas", 1)))
         how = f"measured here, {count} surfaces" if self.random else f"measured here, {count * replicas} replicas"
+        if self.controlled:
+            how += f" and the area of sketches of {len(rows[-1])}"
         if not self.random:
             parts["replicas"] = ErrorPart(math.sqrt(first / count), how + " on this one surface")
         elif column >= self._curve.stop:  # the contact is the same for all replicas
-            parts["surfaces"] = ErrorPart(math.sqrt(first / count), how)
+            parts["surfaces"] = ErrorPart(math.sqrt(first / count + more), how)
         elif "variance" in self.within:
             inside = float(self.within["variance"][column]) / replicas
-            parts["surfaces"] = ErrorPart(math.sqrt(max(0.0, first - inside) / count), how)
+            parts["surfaces"] = ErrorPart(math.sqrt(max(0.0, first - inside) / count + more), how)
             on_each = f"measured here, {replicas} on each surface" if replicas > 1 else "measured here, on few surfaces"
             parts["replicas"] = ErrorPart(math.sqrt(min(inside, first) / count), on_each)
         else:
-            parts["surfaces and replicas"] = ErrorPart(math.sqrt(first / count), how)
-        for number in range(1, len(rows)):
+            parts["surfaces and replicas"] = ErrorPart(math.sqrt(first / count + more), how)
+        for number in range(1, len(rows) - self.controlled):
             size = math.sqrt(float(spreads[number].variance[column]) / len(rows[number]))
             parts["discretisation"] = ErrorPart(
                 size, f"measured here: corrected by {self.levels[number]['words']} on {len(rows[number])} surfaces"

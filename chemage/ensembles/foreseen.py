@@ -21,6 +21,8 @@ TAIL = 0.1
 #: the difference between two grids on one surface: its standard deviation over the mean with so many replicas, and the
 #: variance of one replica over that of the surfaces; as measured by ``tests/benchmarks/ensemble_estimates.py``
 DIFFERENCE, DIFFERENCE_REPLICAS, REPLICA_SHARE = 0.008, 10, 3.0
+#: correlation of the area of a sketch with what β has in common on a surface (``tests/benchmarks/sketches.py``)
+CORRELATION = 0.95
 
 
 @dataclass(frozen=True)
@@ -107,14 +109,18 @@ class _Imagined:
     rng: np.random.Generator
     workers: int
     spent: _Spent
-    taken: int = 0
+    #: (quantities,) correlation with the number that each surface has
+    correlation: np.ndarray
+    #: of the numbers of the surfaces, the same for the levels that have them in common
+    seed: int
 
     def sample(self, begin: int, end: int) -> np.ndarray:
         """See :class:`chemage.ensembles.stages.Level`."""
         self.spent.cpu += self.cost * (end - begin)
         self.spent.wall += self.cost * (end - begin) / min(self.workers, max(1, end - begin))
-        self.taken = end
-        return self.mean + self.deviation * self.rng.normal(size=(end - begin, self.mean.size))
+        own = self.rng.normal(size=(end - begin, self.mean.size))
+        common = np.random.default_rng(self.seed).normal(size=end)[begin:, None]
+        return self.mean + self.deviation * (self.correlation * common + np.sqrt(1 - self.correlation**2) * own)
 
 
 @dataclass(frozen=True)
@@ -134,6 +140,8 @@ class Foreseen:
     reached: float = 1.0
     #: why it is not: the reasons of :class:`chemage.ensembles.stages.Unreachable`
     reason: str = ""
+    #: samples of the control
+    sketches: int = 0
 
 
 def foreseen(
@@ -176,6 +184,7 @@ def foreseen(
         intervals=middle,
         reached=1 - len(reasons) / TRIALS,
         reason=max(set(reasons), key=reasons.count) if reasons else "",
+        sketches=round(float(np.median([trial.sketches for trial in trials]))),
     )
 
 
@@ -207,18 +216,29 @@ def _trial(
         if id(level) not in made:
             replicas = _replicas_of(level)
             deviation = expected.sample(replicas)[columns]
-            mean = np.ones(len(columns))
+            mean, correlation = np.ones(len(columns)), np.zeros(len(columns))
             if number:
                 per_surface = (1 + REPLICA_SHARE / replicas) / (1 + REPLICA_SHARE / DIFFERENCE_REPLICAS)
                 deviation, mean = np.full(len(columns), DIFFERENCE * math.sqrt(per_surface)), np.zeros(len(columns))
-            made[id(level)] = _Imagined(level.cost, mean, deviation, rng, workers, spent)
+            else:
+                correlation = CORRELATION * expected.surfaces[columns] / np.maximum(deviation, 1e-300)
+            made[id(level)] = _Imagined(level.cost, mean, deviation, rng, workers, spent, correlation, seed)
         return made[id(level)]
+
+    def sketched(level: stages.Level | None) -> _Imagined | None:
+        one = np.ones(1)
+        return None if level is None else _Imagined(level.cost, one, one, rng, workers, spent, one, seed)
 
     def errors(route: stages.Route) -> Callable[[np.ndarray], np.ndarray]:
         return lambda mean: route.known(full)[columns]
 
     drawn = [
-        stages.Route(one.name, tuple(imagined(level, k) for k, level in enumerate(one.levels)), errors(one))
+        stages.Route(
+            one.name,
+            tuple(imagined(level, k) for k, level in enumerate(one.levels)),
+            errors(one),
+            sketched(one.control),
+        )
         for one in routes
     ]
     clock = stages.Clock(math.inf if request.budget is None else request.budget, now=lambda: spent.wall)
@@ -226,10 +246,10 @@ def _trial(
     reason = ""
     try:
         state = stages.run_stages(drawn, accuracy, most=request.most, clock=clock)
-        counts = [one.count for one in state.sampled]
+        counts = state.counts
     except stages.Unreachable as error:
         state, reason = error.state, error.reason
-        counts = error.needed or [one.count for one in state.sampled]
+        counts = error.needed or state.counts
     half = state.half_width() / np.abs(state.mean)
     names = [goal.name for goal in request.goals] or [request.quantities.names[0]]
     places = [columns.index(goal.column) for goal in request.goals] or [0]
@@ -238,7 +258,8 @@ def _trial(
         cpu = sum(count * one.level.cost for count, one in zip(counts, state.sampled, strict=True))
         wall = cpu / workers
     return Foreseen(
-        samples=tuple(counts),
+        samples=tuple(counts[: len(counts) - state.controlled]),
+        sketches=counts[-1] if state.controlled else 0,
         range=(counts[0], counts[0]),
         cpu_seconds=cpu,
         cpu_range=(cpu, cpu),

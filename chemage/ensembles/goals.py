@@ -13,9 +13,11 @@ import numpy as np
 from chemage.contacts.solution import MEASURES
 from chemage.contacts.theories import ContactTheory
 from chemage.ensembles import measured, stages
-from chemage.ensembles.computations import Computation, computations
+from chemage.ensembles.allocation import limit
+from chemage.ensembles.computations import Computation, computations, replicas_of_difference
 from chemage.ensembles.quantities import Quantities
 from chemage.experiments import asked
+from chemage.experiments.estimate import cost
 from chemage.experiments.scene import Scene
 from chemage.experiments.trade_map import TradeMap
 from chemage.experiments.variants import is_random
@@ -23,6 +25,11 @@ from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.threads import available
 from chemage.foundation.units import convert
+
+#: scatter of a quantity between surfaces that is expected where nothing is known, over the mean
+SCATTER = 0.05
+#: surfaces in the variance of a correction, over its mean squared
+CORRECTION = 0.008
 
 
 @dataclass(frozen=True)
@@ -112,9 +119,35 @@ class Request:
         found = computations(self.scene)
         if not self.random or self.surfaces is not None:
             found = found[-1:]
+        elif self.goals:
+            found = found[self._beginning(found) :]
         if self.surfaces is not None and self.scene.hold is not None:
             found = [found[0].with_replicas(self.scene.hold.replicas)]
         return found
+
+    def _beginning(self, found: list[Computation]) -> int:
+        """The grid to begin with, which is expected to lead to the goals at the lowest cost: the coarsest one where
+        many surfaces are needed, a finer one where its error leaves too little of the interval to few surfaces."""
+        known, sure = cost(self.scene), limit(math.inf)
+        means = {} if known.area_fraction is None else {"area_fraction": known.area_fraction}
+        scatter = self.scene.surface.scatter(means)
+        spread = SCATTER if scatter is None or not scatter.relative else scatter.relative
+        accuracy = min(goal.accuracy for goal in self.goals)
+        names = {"beta" if goal.column == 0 and self.quantities.has_beta else "friction_drop" for goal in self.goals}
+
+        def seconds(one: Computation) -> float:
+            errors = self.scene.surface.coarser_errors(one.factor, means) if one.factor > 1 else dict.fromkeys(names, 0)
+            error = max(errors.get(name, math.inf) for name in names)
+            left = (accuracy / sure) ** 2
+            alone = math.inf
+            if error**2 < left:
+                alone = max(stages.FIRST, spread**2 / (left - error**2)) * one.seconds
+            own = found[-1].with_replicas(replicas_of_difference(found[-1], one))
+            both = own.seconds + one.with_replicas(own.replicas).seconds
+            corrections = max(stages.FIRST_DIFFERENCES, CORRECTION**2 / left) * both
+            return min(alone, max(stages.FIRST, spread**2 / left) * one.seconds + corrections)
+
+        return min(range(len(found)), key=lambda number: seconds(found[number]))
 
     def accuracy(self) -> np.ndarray:
         """(quantities,) the relative half widths that are asked for; inf where none is, 0 for the first quantity if it

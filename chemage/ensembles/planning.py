@@ -10,7 +10,7 @@ from typing import Any
 
 from chemage.ensembles import stages
 from chemage.ensembles.allocation import limit
-from chemage.ensembles.computations import PROGRAM, Computation, fitting, replicas_of_difference
+from chemage.ensembles.computations import PROGRAM, Computation, control, fitting, replicas_of_difference
 from chemage.ensembles.foreseen import Foreseen, Scatters, foreseen, scatters
 from chemage.ensembles.goals import Request
 from chemage.ensembles.running import Sampler, needing
@@ -122,6 +122,7 @@ class EnsemblePlan:
                     {"words": words, "samples": count, "replicas": replicas, "cpu_seconds": seconds}
                     for words, count, replicas, seconds in self._levels()
                 ],
+                "sketches": None if self.sketch is None else self.sketch[1],
                 "expected_samples": self.expected,
                 "expected_samples_range": None if seen is None else list(seen.range),
                 "expected_samples_reason": self.reason,
@@ -145,6 +146,13 @@ class EnsemblePlan:
             words = " minus ".join(one.words for one in made)
             levels.append((words, self.foreseen.samples[1], made[0].replicas, self.seconds[1]))
         return levels
+
+    @property
+    def sketch(self) -> tuple[Computation, int] | None:
+        """The control, and how many samples of it are expected; None where it is not expected to pay."""
+        count = 0 if self.foreseen is None else self.foreseen.sketches
+        made = control(self.computations[0]) if count else None
+        return None if made is None else (made, count)
 
     def not_computed(self) -> list[str]:
         """What an ensemble leaves out of a run of its scene, and why, in words."""
@@ -207,6 +215,11 @@ class EnsemblePlan:
             (name, f"{one.words}, about {_seconds(one.seconds)} of CPU time each")
             for name, one in zip(names, used, strict=False)
         ]
+        if self.sketch is not None:
+            made, count = self.sketch
+            grid = made.words.partition(",")[0]
+            text = f"the area of the contact of {count} surfaces on {grid}, {_seconds(made.seconds)} of CPU time each"
+            rows.append(("control", text))
         levels = self._levels()
         if len(levels) > 1:
             words, count, _, seconds = levels[1]

@@ -13,14 +13,14 @@ import numpy as np
 
 from chemage.ageing.members import BARRIERS
 from chemage.ensembles import stages
-from chemage.ensembles.allocation import MOST, Spread, half_width
+from chemage.ensembles.allocation import MOST
 from chemage.ensembles.barriers import barriers_error
-from chemage.ensembles.computations import Computation, fitting, replicas_of_difference
+from chemage.ensembles.computations import Computation, control, fitting, replicas_of_difference
 from chemage.ensembles.ensemble import Ensemble
 from chemage.ensembles.goals import Goal, Request, with_request
 from chemage.ensembles.measured import own_error
 from chemage.ensembles.quantities import Quantities
-from chemage.ensembles.sampling import Difference, Samples, Single, Store, within
+from chemage.ensembles.sampling import Control, Difference, Samples, Single, Store, Taken, within
 from chemage.experiments.doubts import doubts
 from chemage.experiments.estimate import cost
 from chemage.experiments.limits import check_limits, in_hours
@@ -36,8 +36,8 @@ from chemage.foundation.warned import PlanWarning
 
 #: seconds between two intervals that are shown
 PERIOD = 0.25
-#: stages that are reported: of the first level, and of the others
-SAMPLING, CORRECTING = "sampling", "correcting"
+#: stages that are reported: of the first level, of corrections, and of the control
+SAMPLING, CORRECTING, SKETCHING = "sampling", "correcting", "sketching"
 #: notes of every ensemble, and of one whose surface is the same at every seed
 OWN_ERRORS = "the errors of the scene's own contact grid, tolerance and precision are not in the interval"
 ONE_SURFACE = "the surface is the same at every seed: the interval is about disorder and noise alone"
@@ -180,26 +180,28 @@ class Sampler:
         base = np.hypot(self._approximation(), self._barriers)
         coarse, fine = found[0], found[-1]
         single = Single(self._samples(coarse, 0), self._quantities)
+        sketched = control(coarse) if self.request.random and self.request.surfaces is None else None
+        drawn = None if sketched is None else Control(self._samples(sketched, 0, self._sketched))
         if len(found) == 1 or (coarse.errors is not None and not coarse.errors.any()):
-            return [stages.Route("own grid", (single,), lambda mean: base)]
+            return [stages.Route("own grid", (single,), lambda mean: base, drawn)]
         replicas = replicas_of_difference(fine, coarse)
         level = [self._samples(one.with_replicas(replicas), 1) for one in (fine, coarse)]
         difference = Difference(level[0], level[1], self._quantities)
-        corrected = stages.Route("corrected", (single, difference), lambda mean: base)
+        corrected = stages.Route("corrected", (single, difference), lambda mean: base, drawn)
 
         def before(mean: np.ndarray) -> np.ndarray:
             return np.sqrt(base**2 + self._coarsening(coarse, mean) ** 2)
 
-        return [stages.Route("not corrected", (single,), before), corrected]
+        return [stages.Route("not corrected", (single,), before, drawn), corrected]
 
-    def _samples(self, computation: Computation, level: int) -> Samples:
+    def _samples(self, computation: Computation, level: int, taken: Taken | None = None) -> Samples:
         return Samples(
             computation,
             level=level,
             varied=self.request.random,
             store=self.store,
             workers=fitting(computation, self._workers),
-            taken=self._taken,
+            taken=taken or self._taken,
         )
 
     # -- errors that are known before ---------------------------------------------------------------------------------
@@ -265,6 +267,13 @@ class Sampler:
         if done < total:  # more may be needed: the end is reported when it is certain
             self._progress(CORRECTING if samples.level else SAMPLING, done, total, self._shown[1])
 
+    def _sketched(self, samples: Samples) -> None:
+        """Report one more sample of the control."""
+        done, aimed = len(samples.samples), self._aimed
+        total = aimed[1][-1] if aimed is not None and aimed[0].controlled else done
+        if done < total:
+            self._progress(SKETCHING, done, total, self._shown[1])
+
     def _total(self, level: int) -> int:
         """How many samples of a level are expected."""
         if self.request.surfaces is not None:
@@ -276,14 +285,19 @@ class Sampler:
     def _interval(self) -> str:
         """The interval of what is asked from the samples so far, in words; "" where there are too few."""
         route = self._aimed[0].route if self._aimed is not None else self._routes[0]
-        rows = [level.so_far() for level in route.levels]  # pyright: ignore[reportAttributeAccessIssue]
-        if min(len(one) for one in rows) < 2:
-            return ""
-        mean = np.sum([one.mean(axis=0) for one in rows], axis=0)
+        levels = self._aimed[0].sampled if self._aimed is not None else []
         looks = 0 if self.request.surfaces is not None else stages.LOOKS
-        spreads = [Spread(one.var(axis=0, ddof=1), max(1, len(one) - 1 - looks)) for one in rows]
-        half = half_width(spreads, [len(one) for one in rows], route.known(mean) * np.abs(mean))
-        return self._in_words(mean, half)
+        found = [
+            stages.Sampled(level, level.so_far(), looks=looks)  # pyright: ignore[reportAttributeAccessIssue]
+            for level in ([one.level for one in levels] or route.levels)
+        ]
+        if min(one.count for one in found) < 2:
+            return ""
+        if len(found) > len(route.levels):  # a sample may be there before its control
+            pairs = min(found[0].count, found[-1].count)
+            found[0].values = found[0].values[:pairs]
+        state = stages.State(route, found, np.zeros(self._quantities.count, dtype=bool))
+        return self._in_words(state.mean, state.half_width())
 
     def _in_words(self, mean: np.ndarray, half: np.ndarray) -> str:
         shown = self.request.goals or [Goal(self._quantities.names[0], 0, 0.0)]
@@ -331,14 +345,18 @@ class Sampler:
 
     def _made(self, state: stages.State, stopped: str) -> Ensemble:
         interval = self._in_words(state.mean, state.half_width())
-        for number, one in enumerate(state.sampled):
-            self._progress(CORRECTING if number else SAMPLING, one.count, one.count, interval)
+        names = [SAMPLING, *[CORRECTING] * (len(state.route.levels) - 1), *[SKETCHING] * state.controlled]
+        for name, one in zip(names, state.sampled, strict=True):
+            self._progress(name, one.count, one.count, interval)
         levels, rows, inside = [], {}, None
         for number, one in enumerate(state.sampled):
             parts = one.level.parts  # pyright: ignore[reportAttributeAccessIssue]
             levels.append(self._described(one, parts))
             rows[str(number)] = np.array(one.values)
-            inside = within(parts, self._quantities) or inside
+            if names[number] == SKETCHING:
+                levels[-1]["control"] = True
+            else:
+                inside = within(parts, self._quantities) or inside
         known, how = {}, {}
         approximation = self._approximation()
         if not np.all(approximation == 0):

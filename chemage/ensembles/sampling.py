@@ -199,6 +199,27 @@ class Single:
         return self.so_far()[begin:end]
 
 
+class Control:
+    """What the first level is regressed on: the area of a contact, on the surfaces of its samples and on more."""
+
+    def __init__(self, samples: Samples) -> None:
+        self.parts = (samples,)
+
+    @property
+    def cost(self) -> float:
+        """CPU seconds of a sample."""
+        return self.parts[0].computation.seconds
+
+    def so_far(self) -> np.ndarray:
+        """(samples, 1): what is there."""
+        return np.array([[one.measures["area_fraction"]] for one in self.parts[0].samples]).reshape(-1, 1)
+
+    def sample(self, begin: int, end: int) -> np.ndarray:
+        """(end − begin, 1)."""
+        self.parts[0].upto(end)
+        return self.so_far()[begin:end]
+
+
 class Difference:
     """A level of the difference between a finer and a coarser computation on the same surfaces."""
 

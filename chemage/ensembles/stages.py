@@ -19,7 +19,8 @@ from typing import Protocol
 
 import numpy as np
 
-from chemage.ensembles.allocation import Spread, allocated, half_width
+from chemage.ensembles.allocation import Spread, allocated, half_width, spread_of
+from chemage.ensembles.control import regressed
 
 #: samples of the first stage: of a level that is sampled often, and of one that corrects it
 FIRST, FIRST_DIFFERENCES = 6, 5
@@ -31,6 +32,8 @@ LOOK, SECOND = 0.25, 0.5
 LOOKS = 2
 #: an interval without a goal is known well enough from so many samples
 ENOUGH = 64
+#: a control is tried where so many samples of the first level seem to be needed, on at most so many of them
+CONTROLLED, PAIRS = 32, 16
 
 
 class Level(Protocol):
@@ -55,6 +58,9 @@ class Route:
     #: (quantities,) of the mean of all quantities: relative standard errors from other causes; nan: not known, so that
     #: no accuracy can be promised
     known: Callable[[np.ndarray], np.ndarray]
+    #: (samples, 1): a cheap number of the surface of each sample of the first level, and of more surfaces, which the
+    #: first level is regressed on where that pays; its costs are those of the number alone
+    control: Level | None = None
 
 
 @dataclass
@@ -75,13 +81,6 @@ class Sampled:
         return len(self.values)
 
     @property
-    def spread(self) -> Spread:
-        """The variance that the interval is made of: that of the second stage, or of all samples where it is larger."""
-        chosen = self.values[: self.frozen or self.count]
-        every = self.values.var(axis=0, ddof=1)
-        return Spread(np.maximum(chosen.var(axis=0, ddof=1), every), self.freedom)
-
-    @property
     def freedom(self) -> int:
         """Degrees of freedom of the variance."""
         return max(1, (self.frozen or self.count) - 1 - self.looks)
@@ -98,6 +97,7 @@ class State:
     """What is known after the samples so far."""
 
     route: Route
+    #: of each level of the route, and of its control where that is used
     sampled: list[Sampled]
     #: (quantities,) bool: what is to be accurate
     asked: np.ndarray
@@ -105,9 +105,38 @@ class State:
     in_time: bool = True
 
     @property
+    def controlled(self) -> bool:
+        """Whether the last of the samples are those of the control."""
+        return len(self.sampled) > len(self.route.levels)
+
+    @property
+    def counts(self) -> list[int]:
+        """Samples so far."""
+        return [one.count for one in self.sampled]
+
+    @property
+    def costs(self) -> list[float]:
+        """CPU seconds of a sample."""
+        return [one.level.cost for one in self.sampled]
+
+    @property
+    def terms(self) -> list[np.ndarray]:
+        """(samples, quantities) of each level: independent samples, whose means add up to the mean."""
+        values = [one.values for one in self.sampled]
+        return regressed(values) if self.controlled else values
+
+    @property
+    def spreads(self) -> list[Spread]:
+        """Of each of the terms: the variance that the interval is made of."""
+        return [
+            spread_of(term, one.frozen or one.count, one.freedom, self.controlled and not number)
+            for number, (term, one) in enumerate(zip(self.terms, self.sampled, strict=True))
+        ]
+
+    @property
     def mean(self) -> np.ndarray:
         """(quantities,)"""
-        return np.sum([one.values.mean(axis=0) for one in self.sampled], axis=0)
+        return np.sum([term.mean(axis=0) for term in self.terms], axis=0)
 
     @property
     def known(self) -> np.ndarray:
@@ -117,12 +146,18 @@ class State:
 
     def half_width(self, confidence: float = 0.95) -> np.ndarray:
         """(quantities,) half the width of the interval."""
-        counts = [one.count for one in self.sampled]
-        return half_width([one.spread for one in self.sampled], counts, self.known, confidence)
+        return half_width(self.spreads, self.counts, self.known, confidence)
 
     def cost(self, counts: Sequence[int]) -> float:
         """CPU seconds of the samples that are missing to ``counts``."""
         return sum(max(0, count - one.count) * one.level.cost for count, one in zip(counts, self.sampled, strict=True))
+
+    def upto(self, counts: Sequence[int], clock: Clock) -> None:
+        """Take samples until there are ``counts``; each of the first level has that of the control."""
+        for one, count in zip(self.sampled, counts, strict=True):
+            clock.upto(one, count)
+        if self.controlled:
+            clock.upto(self.sampled[-1], self.sampled[0].count)
 
 
 class Unreachable(Exception):
@@ -183,7 +218,7 @@ class Clock:
         if more <= left:
             return counts
         asked = np.argmax(state.half_width() / np.maximum(np.abs(state.mean), 1e-300) * state.asked)
-        variances = [float(one.spread.variance[asked]) for one in state.sampled]
+        variances = [float(spread.variance[asked]) for spread in state.spreads]
         total = left + sum(one.count * wall for one, wall in zip(state.sampled, walls, strict=True))
         share = sum(math.sqrt(variance * wall) for variance, wall in zip(variances, walls, strict=True)) or 1.0
         best = [total * math.sqrt(v / w) / share for v, w in zip(variances, walls, strict=True)]
@@ -234,14 +269,13 @@ def run_stages(
     clock.upto(beginning, first)
     state = State(routes[0], [beginning], np.isfinite(accuracy))
     search = _Search(routes, accuracy, most, clock, confidence)
-    state, counts = search.chosen(state)
+    state, counts = search.controlled(*search.chosen(state))
     for part in (LOOK, SECOND):
         aimed = clock.affordable(state, counts)
         if watch is not None:
             watch(state, aimed)
-        for one, count in zip(state.sampled, aimed, strict=True):
-            more = math.ceil(one.count + part * max(0, count - one.count))
-            clock.upto(one, max(more if part == SECOND else math.ceil(part * count), one.count))
+        done = [0] * len(aimed) if part == LOOK else state.counts
+        state.upto([math.ceil(one + part * max(0, count - one)) for one, count in zip(done, aimed, strict=True)], clock)
         counts = search.needed(state)
     for one in state.sampled:
         one.frozen = one.count
@@ -250,13 +284,13 @@ def run_stages(
         aimed = clock.affordable(state, counts)
         if watch is not None:
             watch(state, aimed)
-        if all(count <= one.count for count, one in zip(aimed, state.sampled, strict=True)):
-            state.in_time = aimed == counts or all(c <= one.count for c, one in zip(counts, state.sampled, strict=True))
+        if all(count <= done for count, done in zip(aimed, state.counts, strict=True)):
+            state.in_time = aimed == counts or all(c <= done for c, done in zip(counts, state.counts, strict=True))
             return state
-        for one, count in zip(state.sampled, aimed, strict=True):
-            # with a budget in parts, because times vary
-            step = math.ceil(0.7 * (count - one.count)) if math.isfinite(clock.seconds) else count - one.count
-            clock.upto(one, one.count + max(0, step))
+        # with a budget in parts, because times vary
+        part = 0.7 if math.isfinite(clock.seconds) else 1.0
+        steps = [math.ceil(part * max(0, count - done)) for count, done in zip(aimed, state.counts, strict=True)]
+        state.upto([done + step for done, step in zip(state.counts, steps, strict=True)], clock)
 
 
 @dataclass(frozen=True)
@@ -285,9 +319,9 @@ class _Search:
         if np.any(asked & np.isnan(state.known)):
             raise Unreachable(state, None, "unknown")
         counts = allocated(
-            [one.spread for one in state.sampled],
-            [one.level.cost for one in state.sampled],
-            [one.count for one in state.sampled],
+            state.spreads,
+            state.costs,
+            state.counts,
             state.known,
             np.where(asked, np.where(asked, self.accuracy, 0.0) * np.abs(mean), np.inf),
             self.confidence,
@@ -300,7 +334,24 @@ class _Search:
         certain = all(one.frozen for one in state.sampled)
         if not timed and max(counts) > (self.most if certain else 4 * self.most):
             raise Unreachable(state, counts, "most")
+        if state.controlled:
+            counts[-1] = max(counts[-1], counts[0])
         return [min(count, self.most) for count in counts]
+
+    def controlled(self, state: State, counts: list[int]) -> tuple[State, list[int]]:
+        """The same with the control of the route, where that seems to be cheaper; and the counts."""
+        control = state.route.control
+        first = min(PAIRS, math.ceil(LOOK * self.clock.affordable(state, counts)[0]))
+        if control is None or counts[0] < CONTROLLED or first < FIRST:
+            return state, counts
+        tried = State(state.route, [*state.sampled, Sampled(control, looks=LOOKS)], state.asked)
+        tried.upto([max(first, state.sampled[0].count), *state.counts[1:], first], self.clock)
+        try:
+            counts = self.needed(state)
+            less = self.needed(tried)
+        except Unreachable:
+            return state, counts
+        return (tried, less) if self._price(tried, less) < self._price(state, counts) else (state, counts)
 
     def chosen(self, state: State) -> tuple[State, list[int]]:
         """The route that seems best after the first stage, and its counts; routes with corrections take their first
@@ -331,7 +382,7 @@ class _Search:
         """What a route costs, CPU seconds; where time is limited, the relative half width that it will reach."""
         if math.isfinite(self.clock.seconds):
             aimed = self.clock.affordable(state, counts)
-            half = half_width([one.spread for one in state.sampled], aimed, state.known, self.confidence)
+            half = half_width(state.spreads, aimed, state.known, self.confidence)
             return float(np.max((half / np.maximum(np.abs(state.mean), 1e-300))[state.asked]))
         spent = sum(one.level.cost * one.count for one in state.sampled[1:])
         return state.cost(counts) + spent

@@ -130,7 +130,7 @@ def _contact_table(made: Ensemble) -> Table:
 def _provenance(one: Entry, made: Ensemble) -> Table:
     found: list[tuple[str, str]] = [("file", one.source)]
     for number, level in enumerate(made.levels):
-        first = "samples" if number == 0 else "corrections"
+        first = "samples" if number == 0 else "control" if level.get("control") else "corrections"
         found.append((first, f"{level['samples']} of {level['words']}"))
         pairs = level.get("seeds", [])[:_SEEDS]
         shown = ", ".join(f"{surface} {hold}" for surface, hold in pairs)

@@ -56,6 +56,9 @@ def averaged(made: Ensemble) -> Rows:
         mean = f"{first['samples']} replicas on the one surface: {first['words'].partition(',')[0]}"
     found = [("mean over", mean)]
     for level in others:
+        if level.get("control"):
+            found.append(("regressed on", f"the area of the contact of {level['samples']} surfaces: {level['words']}"))
+            continue
         found.append(("corrected by", f"{level['samples']} of these differences: {level['words']}"))
     return found
 

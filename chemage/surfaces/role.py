@@ -46,6 +46,12 @@ class SurfaceMaker(Component, ABC):
         """A maker of the same surface at the same size on pixels ``factor`` times larger; None where there is none."""
         return None
 
+    def sketch(self) -> Self | None:
+        """A maker of the same surface at the same size on hardly more pixels than its waves need; None where there is
+        none. The area of its contact tells surfaces with larger contacts from others, and need not be right: it is the
+        control of an ensemble (:mod:`chemage.ensembles.control`)."""
+        return None
+
     def coarser_errors(self, factor: int, contact: Mapping[str, float]) -> Mapping[str, float]:
         """Relative standard errors of what contacts on :meth:`coarser` pixels give, with these measures on average
         (:data:`chemage.contacts.solution.MEASURES`), as measured before on surfaces like this one: ``beta``, and

@@ -258,6 +258,31 @@ def _coarser_is_the_same_surface(component: SurfaceMaker) -> None:
     )
 
 
+@check_of("surface")
+def _sketch_is_the_same_surface(component: SurfaceMaker) -> None:
+    """``sketch()`` is None, or makes the same surface of the same size on fewer pixels."""
+    sketch = component.sketch()
+    if sketch is None:
+        return
+    require(isinstance(sketch, SurfaceMaker), f"sketch() returned {type(sketch).__name__}")
+    fine, made = component.make(3), sketch.make(3)
+    sizes = [(n * made.pixel_size, m * fine.pixel_size) for n, m in zip(made.shape, fine.shape, strict=True)]
+    require(
+        made.heights.size < fine.heights.size and all(math.isclose(*pair) for pair in sizes),
+        f"sketch(): {made.shape} pixels of {made.pixel_size} nm for {fine.shape} of {fine.pixel_size} nm",
+    )
+    rows, columns = (
+        np.rint(np.arange(n) * made.pixel_size / fine.pixel_size).astype(int).clip(max=m - 1)
+        for n, m in zip(made.shape, fine.shape, strict=True)
+    )
+    away = _apart(made.heights, fine.heights.astype(np.float64)[np.ix_(rows, columns)])
+    require(
+        away <= 0.7,
+        f"sketch() makes another surface at the same seed: heights differ by {away:.2g} rms heights from those of the "
+        "fine grid",
+    )
+
+
 def _apart(one: Any, two: np.ndarray) -> float:
     one, two = one - np.mean(one), two - np.mean(two)
     size = float(np.linalg.norm(two))

@@ -18,9 +18,11 @@ from chemage_surfaces._references import JACOBS
 #: what was measured of the scatter between surfaces: A/A0, ζ/η, and the scatter itself
 MEASURED_AREA, LEAST_RATIO, MEASURED_SCATTER = (0.0025, 0.2), 2.0, (0.006, 0.25)
 
-#: relative standard errors of a contact on coarser pixels are so many times (pixel size · perimeter / area)²; the
-#: perimeter over the area is about the second number over the shortest wavelength
-COARSER_ERRORS, PERIMETER = {"beta": 0.016, "friction_drop": 0.016}, 4.0
+#: relative standard errors of a contact on coarser pixels are so many times (pixel size · perimeter / area)²
+COARSER_ERRORS = {"beta": 0.016, "friction_drop": 0.016}
+
+#: pixels per shortest wavelength of a sketch; two would be the least
+SKETCHED = 2.1
 
 
 class SelfAffine(SurfaceMaker):
@@ -132,6 +134,17 @@ class SelfAffine(SurfaceMaker):
             return None
         return self.replace(pixels=(nx // factor, ny // factor), pixel_size=self.pixel_size * factor)
 
+    def sketch(self) -> Self | None:
+        """The same surface on about two pixels per shortest wavelength."""
+        from scipy.fft import next_fast_len
+
+        step = math.gcd(*self.pixels)
+        sides = [side // step for side in self.pixels]
+        parts = next_fast_len(math.ceil(SKETCHED * self.zeta / max(sides)), real=True) or step
+        if parts >= step:
+            return None
+        return self.replace(pixels=(sides[0] * parts, sides[1] * parts), pixel_size=self.pixel_size * step / parts)
+
     def coarser_errors(self, factor: int, contact: Mapping[str, float]) -> dict[str, float]:
         """Pixels at the rim of patches are those that are wrong, so that errors grow with the part of the pixels which
         the rim has, of first order in the perimeter times the pixel size over the area; those that remain with sites in
@@ -143,10 +156,20 @@ class SelfAffine(SurfaceMaker):
         pixel = self.pixel_size * factor
         perimeter = contact.get("perimeter_to_area", math.nan)
         if not perimeter > 0:
-            nx, ny = self.pixels
-            perimeter = PERIMETER * self.zeta / (max(nx, ny) * self.pixel_size)
+            perimeter = self._perimeter(contact.get("area_fraction", math.nan))
         rim = (perimeter * pixel) ** 2
         return {name: error * rim for name, error in COARSER_ERRORS.items()}
+
+    def _perimeter(self, area: float) -> float:
+        """Perimeter over area of a contact of this area fraction, 1/nm; of a hundredth where it is not known.
+
+        It is in proportion to the rms curvature over the rms slope, both spectral. Fitted to 29 contacts (3 %), it is
+        5 to 20 % off on five others.
+        """
+        nx, ny = self.pixels
+        curvature = math.sqrt(_moment(self, 5.0) / _moment(self, 3.0)) * 2 * math.pi / (max(nx, ny) * self.pixel_size)
+        area = area if area > 0 else 0.01
+        return 2.79 * curvature * area**-0.083 * (self.zeta / self.eta) ** -0.172 * math.exp(-0.703 * self.hurst)
 
     def make(self, seed: Seed = 0) -> Surface:
         """Make the surface of ``seed``: heights (nx, ny) float64 nm with zero mean, reproducible to the last bit.

@@ -29,7 +29,8 @@ from chemage.ageing.intervals import Interval
 from chemage.ageing.measured import Measured
 from chemage.ageing.outputs import Output
 from chemage.ageing.paired import paired_difference
-from chemage.ensembles.allocation import Spread, half_width
+from chemage.ensembles.allocation import Spread, half_width, spread_of
+from chemage.ensembles.control import regressed
 from chemage.ensembles.running import ensemble
 from chemage.experiments.extrapolation import vanishing_pixels
 from chemage.experiments.tradeoff import NORMAL_LIMIT
@@ -322,6 +323,21 @@ def two_levels(rng: np.random.Generator, trials: int) -> Iterable[Held]:
                 half = half_width(spreads, list(counts), np.zeros(1))[0]
                 off = abs(sum(float(one.mean()) for one in rows))
                 yield Held(f"ensemble on two grids, {counts[0]} and {counts[1]} surfaces, {words}", bool(off <= half))
+
+
+@case
+def sketched(rng: np.random.Generator, trials: int) -> Iterable[Held]:
+    """The mean of a level that is regressed on a number of each surface."""
+    for counts in ((6, 40), (16, 160), (40, 400)):
+        for correlation in (0.8, 0.97):
+            for _ in range(trials):
+                surface, own = rng.standard_normal(counts[1]), rng.standard_normal(counts[0])
+                level = correlation * surface[: counts[0]] + np.sqrt(1 - correlation**2) * own
+                rows = regressed([level[:, None], surface[:, None]])
+                spreads = [spread_of(one, len(one), len(one) - 1, not number) for number, one in enumerate(rows)]
+                half = half_width(spreads, list(counts), np.zeros(1))[0]
+                words = f"{counts[0]} of {counts[1]} sketches with kinetics, correlation {correlation:g}"
+                yield Held(f"ensemble, {words}", bool(abs(sum(float(one.mean()) for one in rows)) <= half))
 
 
 @case

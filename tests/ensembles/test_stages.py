@@ -4,29 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from drawn_levels import Drawn, Timer, nothing
 
 from chemage.ensembles.stages import FIRST, Clock, Route, Unreachable, run_stages
-
-
-class Drawn:
-    """A level of random numbers."""
-
-    def __init__(self, rng: np.random.Generator, mean: float, deviation: float, cost: float, skewed: float = 0.0):
-        self.rng, self.mean, self.deviation, self.cost, self.skewed = rng, mean, deviation, cost, skewed
-        self.taken = 0
-
-    def sample(self, begin: int, end: int) -> np.ndarray:
-        assert begin == self.taken
-        self.taken = end
-        x = self.rng.standard_normal(end - begin)
-        if self.skewed:
-            x = np.exp(self.skewed * x - self.skewed**2 / 2) - 1
-            x /= np.sqrt(np.expm1(self.skewed**2))
-        return (self.mean + self.deviation * x)[:, None]
-
-
-def nothing(mean: np.ndarray) -> np.ndarray:
-    return np.zeros(1)
 
 
 def trial(seed: int, deviation: float, difference: float | None, skewed: float, wanted: float) -> tuple[bool, int]:
@@ -96,16 +76,6 @@ def test_the_cheaper_of_two_routes_is_taken():
     assert both(0.008, 0.05) == "biased"  # what is known before is enough
     assert both(0.008, 0.01) == "corrected"
     assert both(float("nan"), 0.05) == "corrected"
-
-
-class Timer:
-    """A clock that only moves when samples are taken."""
-
-    def __init__(self) -> None:
-        self.time = 0.0
-
-    def __call__(self) -> float:
-        return self.time
 
 
 class Timed(Drawn):

@@ -28,6 +28,7 @@ CASES = [
     "measurements",
     "arrhenius",
     "two_levels",
+    "sketched",
     "seeds_of_sweeps",
     "observables",
     "grids",

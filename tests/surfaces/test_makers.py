@@ -360,7 +360,26 @@ def test_the_error_of_coarse_pixels_grows_as_the_square_of_the_rim():
     assert wide[4] == pytest.approx(4 * wide[2])
     assert 0.001 < wide[2] < 0.01
     assert maker.coarser_errors(2, {"perimeter_to_area": 0.25})["beta"] == pytest.approx(wide[2] / 4)
-    # before a contact is solved, that of a typical rim: four over the shortest wavelength
-    before = maker.coarser_errors(2, {})
-    assert before == pytest.approx(maker.coarser_errors(2, {"perimeter_to_area": 4 / (256 * 0.5 / 16)}))
-    assert before == maker.coarser_errors(2, {"perimeter_to_area": float("nan")})
+    assert maker.coarser_errors(2, {}) == maker.coarser_errors(2, {"perimeter_to_area": float("nan")})
+
+
+@pytest.mark.parametrize(("hurst", "zeta", "eta", "load"), [(0.8, 24, 1, 2e3), (0.5, 20, 3, 8e3)])
+def test_the_rim_that_is_foreseen_is_that_of_a_contact(hurst, zeta, eta, load):
+    """Within 25 %: it was fitted to other contacts, 3 % from most and 20 % from some."""
+    maker = ca.surface("self-affine", pixels=384, pixel_size=0.45, rms_slope=0.1, hurst=hurst, zeta=zeta, eta=eta)
+    made = ca.contact("fft-bem", modulus=35.3).solve(maker.make(4), load).summary()
+    error = maker.coarser_errors(2, {"area_fraction": made["area_fraction"]})["beta"]
+    exact = maker.coarser_errors(2, {"perimeter_to_area": made["perimeter_to_area"]})["beta"]
+    assert (error / exact) ** 0.5 == pytest.approx(1, rel=0.25)
+
+
+def test_a_sketch_is_the_same_surface_on_two_pixels_per_shortest_wave():
+    maker = ca.surface("self-affine", pixels=(256, 512), pixel_size=0.5, rms_slope=0.1, hurst=0.8, zeta=40)
+    sketch = maker.sketch()
+    assert sketch is not None
+    assert sketch.pixels == (45, 90)
+    fine, made = maker.make(3), sketch.make(3)
+    # the waves are the same: their amplitudes on both grids
+    waves = [np.fft.fft2(one.heights)[:20, :20] / one.heights.size for one in (fine, made)]
+    assert waves[1] == pytest.approx(waves[0], rel=1e-9, abs=1e-12)
+    assert ca.surface("self-affine", pixels=64, pixel_size=0.5, rms_slope=0.1, hurst=0.8, zeta=31).sketch() is None

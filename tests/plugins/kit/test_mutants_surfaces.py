@@ -96,6 +96,10 @@ class Blocks(ROUGH):
 _seen: list[int] = []
 
 
+def _another(self):
+    return self.replace(pixels=16, pixel_size=2 * self.pixel_size, zeta=2, hurst=0.1)
+
+
 def _by_call(surface, self, seed):
     _seen.append(1)
     return changed(surface, heights=surface.heights + 1e-6 * len(_seen))
@@ -174,6 +178,14 @@ MAKERS: dict[str, tuple[Any, str]] = {
             coarser=lambda self, f: self.replace(pixels=16, pixel_size=f * self.pixel_size, zeta=2, hurst=0.1),
         )(**OPTIONS[ROUGH]),
         "coarser_is_the_same_surface",
+    ),
+    "a sketch of another size": (
+        lambda: mutant(ROUGH, "small", sketch=lambda self: self.replace(pixels=16, zeta=2))(**OPTIONS[ROUGH]),
+        "sketch_is_the_same_surface",
+    ),
+    "a sketch of another surface": (
+        lambda: mutant(ROUGH, "another", sketch=_another)(**OPTIONS[ROUGH]),
+        "sketch_is_the_same_surface",
     ),
     "heights by call": (lambda: maker(ROUGH, "calls", _by_call), "makes_a_surface"),
     "blocks that change bits": (lambda: Blocks(**OPTIONS[ROUGH]), "speed_does_not_change_the_surface"),
