@@ -389,8 +389,13 @@ class _Search:
 
     def _may_pay(self, route: Route, state: State, least: float) -> bool:
         """Whether the first samples of a route may be worth their cost."""
-        least_cost = FIRST_DIFFERENCES * sum(level.cost for level in route.levels[1:])
         if math.isfinite(self.clock.seconds):
             wall = self.clock.wall(Sampled(route.levels[-1]), state)
             return FIRST_DIFFERENCES * wall < 0.35 * self.clock.left
-        return least_cost < least
+        # what it costs at least: its first samples, and the first level without the errors that it corrects
+        alone = State(Route("", route.levels[:1], route.known), state.sampled[:1], state.asked)
+        try:
+            first = alone.cost(self.needed(alone))
+        except Unreachable:
+            return False
+        return FIRST_DIFFERENCES * sum(level.cost for level in route.levels[1:]) + first < least

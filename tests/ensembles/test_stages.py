@@ -78,6 +78,17 @@ def test_the_cheaper_of_two_routes_is_taken():
     assert both(float("nan"), 0.05) == "corrected"
 
 
+def test_corrections_that_cannot_pay_take_no_samples():
+    """Without its known error the first level would need nearly as many samples, and the corrections cost more."""
+    rng = np.random.default_rng(8)
+    first, difference = Drawn(rng, 1.0, 0.05, 0.25), Drawn(rng, 0.0, 0.001, 1.5)
+    small = Route("not corrected", (first,), lambda mean: np.array([0.002]))
+    state = run_stages([small, Route("corrected", (first, difference), nothing)], np.array([0.02]), most=10**6)
+    assert state.route.name == "not corrected"
+    assert state.cost([60]) + state.counts[0] * 0.25 > 5 * 1.5  # more than the first corrections alone
+    assert difference.taken == 0
+
+
 class Timed(Drawn):
     """A level whose samples take their cost."""
 
