@@ -211,7 +211,7 @@ class Ensemble(Record):
         for number in range(1, len(rows) - self.controlled):
             size = math.sqrt(float(spreads[number].variance[column]) / len(rows[number]))
             parts["discretisation"] = ErrorPart(
-                size, f"measured here: corrected by {self.levels[number]['words']} on {len(rows[number])} surfaces"
+                size, f"measured here: corrected by {len(rows[number])} surfaces computed both ways"
             )
         for name, relative in self.known.items():
             size = abs(float(self.mean[column])) * float(relative[column])

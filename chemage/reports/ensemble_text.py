@@ -45,6 +45,8 @@ def rows(made: Ensemble) -> Rows:
 
 def over(made: Ensemble) -> str:
     """What the mean is over, in few words."""
+    if made.controlled:
+        return f"{made.surfaces} surfaces and {made.levels[-1]['samples']} sketches"
     return f"{made.surfaces} surfaces" if made.random else f"{made.surfaces} replicas on one surface"
 
 
