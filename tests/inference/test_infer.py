@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_inference import made_inference
 
 import chemage as ca
 
@@ -134,6 +135,29 @@ def test_a_left_out_load_is_predicted_and_a_plan_is_ranked():
     plans = found.next_experiment([{"hold_time": "1 s"}, {"hold_time": 10.0, "load": 200.0}], target={"energy": 0.85})
     assert plans[0]["reduction"] >= plans[1]["reduction"] >= 0
     assert all(0 <= one["reduction"] < 1 for one in plans)
+    assert not found.forecast(load="50 nN", hold_times=[1.0]).notes
+    (note,) = found.forecast(load="200 nN", temperature="350 K", hold_times=np.logspace(-2, 4, 7)).notes
+    assert "s on, more than 5 % of the predicted friction comes from energies that the data do not see" in note
+
+
+WRONG = {
+    "no time above zero": (lambda one: one.forecast(hold_times=[0.0]), "must have a time above zero"),
+    "no samples": (lambda one: one.forecast(samples=0), "samples = 0"),
+    "no level": (lambda one: one.band(1.5), "level = 1.5: must be between 0 and 1"),
+    "planned at once": (lambda one: one.next_experiment([{"hold_time": 0}]), "must have a time above zero"),
+    "negative error": (
+        lambda one: one.next_experiment([{"hold_time": 1, "error": "-3 %"}]), "error = '-3 %': must be above"
+    ),
+    "no error": (lambda one: one.next_experiment([{"hold_time": 1, "error": "x %"}]), "candidates.0.error"),
+    "unknown word": (lambda one: one.next_experiment([{"hold_time": 1, "loads": 3}]), "is not known .*load"),
+    "no target": (lambda one: one.next_experiment([{"hold_time": 1}], target="1 eV"), "must be a dict"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "message"), WRONG.values(), ids=WRONG)
+def test_wrong_questions_to_an_inference_are_refused(call, message):
+    with pytest.raises(ca.InputError, match=message):
+        call(made_inference())
 
 
 @pytest.mark.long
@@ -215,6 +239,9 @@ def test_data_that_no_density_explains_are_refused_with_the_best_fit():
     assert one.value.chi2 > 100
     assert one.value.density.shape == one.value.energies.shape
     assert np.abs(one.value.residuals).max() > 3
+    below = rising().model_copy(update={"values": rising().values - 300})
+    with pytest.raises(ca.UnexplainedError, match="values are below zero, but bonds that form can only add"):
+        ca.infer(below, scene())
     much = rising().model_copy(update={"values": 20 * rising().values})
     with pytest.raises(ca.UnexplainedError, match="all sites of the contact would have to be bonded and more"):
         ca.infer(much, scene())
