@@ -15,7 +15,7 @@ from chemage.foundation.messages import nearest
 from chemage.foundation.units import KB, QuantityLike, convert
 from chemage.inference.forecast import Forecast
 from chemage.inference.forward import Condition, Contacts, check_scene, make_condition
-from chemage.inference.kernel import EnergyGrid
+from chemage.inference.kernel import EnergyGrid, averaging
 from chemage.lattices.chemistry import Chemistry
 
 #: share of a prediction from energies which the data do not see above which a note says so
@@ -226,9 +226,7 @@ def _goals(
     if target is not None and not isinstance(target, Mapping):
         raise InputError.of("target", target, "must be a dict", 'give {"energy": 1.0}, for example')
     if target is None or "energy" in target:
-        away = (nodes[:, None] - nodes) / (0.5 * resolution)
-        mean = np.exp(-0.5 * away**2)
-        mean /= mean.sum(axis=1, keepdims=True)
+        mean = averaging(nodes, resolution)
         if target is None:
             return forecaster.samples @ mean[visible if visible.any() else slice(None)].T
         energy = convert(target["energy"], "eV", "target.energy")
