@@ -14,7 +14,7 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.messages import nearest
 from chemage.foundation.units import KB, QuantityLike, convert
 from chemage.inference.forecast import Forecast
-from chemage.inference.forward import Condition, Contacts, check_scene, make_condition
+from chemage.inference.forward import Condition, Contacts, check_scene, largest_lowering, make_condition
 from chemage.inference.kernel import EnergyGrid, averaging
 from chemage.lattices.chemistry import Chemistry
 
@@ -97,8 +97,9 @@ def forecast_of(
     unseen = parts[:, ~visible].sum(axis=1) / np.maximum(parts.sum(axis=1), 1e-300)
     notes = []
     nodes, chemistry = forecaster.grid.nodes, forecaster.chemistry
-    # a site of this barrier reacts at the hold time, with the width of a step
-    reached = KB * kelvin * (np.log(chemistry.attempt_frequency * unique) + 1.0)
+    # a site of this barrier reacts at the hold time, with the width of a step, under the largest pressure
+    lowering = largest_lowering(forecaster.contacts.at(newton), chemistry)
+    reached = KB * kelvin * (np.log(chemistry.attempt_frequency * unique) + 1.0) + lowering
     if reached.max() > nodes[-1]:
         at = unique[int(np.argmax(reached > nodes[-1]))]
         notes.append(
@@ -106,11 +107,11 @@ def forecast_of(
             "they are counted as never bonding, so that the prediction is a lower bound"
         )
     if unseen.max() > UNSEEN:
-        at, worst = unique[int(np.argmax(unseen > UNSEEN))], int(np.argmax(unseen))
+        worst = int(np.argmax(unseen))
         notes.append(
-            f"from {at:.3g} s on, more than {100 * UNSEEN:.0f} % of the predicted friction comes from energies that "
-            f"the data do not see ({100 * unseen[worst]:.0f} % at {unique[worst]:.3g} s); that part and its band are "
-            "those of the prior"
+            f"{_when(unique, unseen > UNSEEN)}, more than {100 * UNSEEN:.0f} % of the predicted friction comes from "
+            f"energies that the data do not see ({100 * unseen[worst]:.0f} % at {unique[worst]:.3g} s); that part and "
+            "its band are those of the prior"
         )
     return Forecast(
         load=newton,
@@ -121,6 +122,16 @@ def forecast_of(
         notes=tuple(notes),
         provenance=provenance,
     )
+
+
+def _when(times: np.ndarray, over: np.ndarray) -> str:
+    """The hold times (m,), ascending, that ``over`` marks, in words."""
+    clear = np.flatnonzero(~over)
+    if not clear.size:
+        return "at all hold times"
+    early = [f"up to {times[clear[0] - 1]:.3g} s"] if over[0] else []
+    late = [f"from {times[clear[-1] + 1]:.3g} s on"] if over[-1] else []
+    return " and ".join([*early, *late]) or "at some hold times"
 
 
 def _conditions(

@@ -157,8 +157,8 @@ def forecast_row(label: str, one: Forecast) -> tuple[str, str, str, str]:
 
 
 def unseen_text(one: Forecast) -> str:
-    """The share of a forecast that comes from energies which the data do not see, in brackets, where it matters."""
-    return f" ({100 * one.unseen:.0f} % unseen)" if one.unseen > UNSEEN else ""
+    """The largest share of a forecast that comes from energies which the data do not see, where it matters."""
+    return f" (up to {100 * one.unseen:.0f} % unseen)" if one.unseen > UNSEEN else ""
 
 
 def experiment_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
