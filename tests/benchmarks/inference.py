@@ -138,6 +138,9 @@ def compared(found: ca.Inference, forming: ca.Barriers) -> dict[str, Any]:
         "held_exactly": int(exactly[seen].sum()),
         "positive": int((seen & positive).sum()),
         "held_positive": int((held & seen & positive).sum()),
+        # where the band ends at zero, it holds any density that is low enough
+        "above_zero": int((seen & positive & (low > 0)).sum()),
+        "held_above_zero": int((held & seen & positive & (low > 0)).sum()),
         "visible": list(found.visible_range),
         "peaks": _peaks(found.density, energies, seen),
         "chi2": found.chi2,
@@ -347,6 +350,9 @@ def coverage(kept: Kept, first: int, cases: int) -> None:
         print(f"{name}: {sum(row[name] for row in rows) / points:.3f} of {points} visible energies")
     positive = sum(row["positive"] for row in rows)
     print(f"where the density is above 1 %: {sum(row['held_positive'] for row in rows) / positive:.3f} of {positive}")
+    if all("above_zero" in row for row in rows):
+        above = sum(row["above_zero"] for row in rows)
+        print(f"and the band ends above zero: {sum(row['held_above_zero'] for row in rows) / above:.3f} of {above}")
     print(f"left out, inside the 90 % band: {sum(row['inside'] for row in rows)} of {len(rows)}")
     every = [one for row in rows for one in row["inside_all"]]
     print(f"at all hold times: {np.mean(every):.3f} of {len(every)}")
