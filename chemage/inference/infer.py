@@ -26,7 +26,7 @@ from chemage.inference.kernel import averaging
 from chemage.inference.problem import Problem
 from chemage.inference.rounds import estimated, sampled
 from chemage.inference.sampling import Samples
-from chemage.inference.unknowns import Unknowns, unknowns_of
+from chemage.inference.unknowns import UNITS, Unknowns, unknowns_of
 
 #: parametric families with which the smooth density is compared
 FAMILIES = ("uniform", "triangle", "gaussian", "piecewise")
@@ -37,6 +37,8 @@ WIDTH = 2.446
 PRIOR_SAMPLES = 400
 #: effective samples below which, and R-hat above which, a note says so
 FEW, APART = 100, 1.05
+#: different values of an unknown among the samples below which its grid is too coarse for its interval
+FEWEST_VALUES = 4
 #: an energy is visible where the standard deviation of the density, or that over its mean, is below this share of the
 #: prior's
 NARROWER = 0.7
@@ -227,6 +229,21 @@ def _cite(scene: Scene) -> list[str]:
     return list(dict.fromkeys([*texts, *(one.source for one in scene.from_material)]))
 
 
+def _coarse(name: str, values: np.ndarray, unknowns: Unknowns) -> list[str]:
+    """A note if the samples (S,) of an unknown lie on so few values of its grid that its interval is not resolved."""
+    found = np.unique(values)
+    if name not in unknowns.values or found.size >= FEWEST_VALUES:
+        return []
+    grid = np.unique(unknowns.values[name])
+    first, last = np.searchsorted(grid, found[[0, -1]])
+    low, high = grid[max(first - 1, 0)], grid[min(last + 1, grid.size - 1)]
+    text = (
+        f"{name}: its interval is narrower than the {grid.size} values between its bounds resolve; infer it again with "
+        f"the bounds {low:.4g} to {high:.4g} {UNITS[name][0]}"
+    )
+    return [text]
+
+
 def _notes(
     model: Model,
     problem: Problem,
@@ -257,6 +274,7 @@ def _notes(
         bottom, top = model.unknowns.bounds[name]
         if float(high[0] - low[0]) > 0.8 * (top - bottom):
             notes.append(f"{name}: its interval is as wide as its bounds, so that the data do not tell it")
+        notes += _coarse(name, values, model.unknowns)
     if diagnostics["r_hat"] > APART or diagnostics["effective_samples"] < FEW:
         notes.append(
             f"sampling has not converged ({diagnostics['effective_samples']:.0f} effective samples, R-hat "

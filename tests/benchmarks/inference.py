@@ -277,7 +277,7 @@ def interaction(kept: Kept, first: int, places: tuple[str, ...]) -> None:
                     kept.add(f"interaction {place} {strength} {name} assumed {used} {first}", one)
 
 
-#: nN and K of two curves; at 400 K bonds break and form again 14,000 times in 10⁵ s, which takes hours to simulate
+#: nN and K of two curves; at 400 K bonds break and form again 14,000 times in 10⁵ s, too often to simulate
 PAIRS = {"loads": ((20.0, 300.0), (500.0, 300.0)), "temperatures": ((50.0, 300.0), (50.0, 350.0))}
 
 
