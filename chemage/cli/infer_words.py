@@ -138,7 +138,7 @@ def _candidates(text: str) -> list[dict[str, Any]]:
     if "hold_time" not in found:
         raise user_error(f'--next {text}: give a hold time, such as "hold_time=1e5 s", or a CSV file')
     same: dict[str, Any] = {
-        name: value if name == "error" and value.endswith("%") else _quantity("--next", name, value)
+        name: _percent("--next", value) if name == "error" and value.endswith("%") else _quantity("--next", name, value)
         for name, value in found.items()
         if name != "hold_time"
     }
@@ -178,7 +178,7 @@ def _from_file(path: Path) -> list[dict[str, Any]]:
                 continue
             where = f"--next {path}, line {number}, column {name}"
             if name == "error" and unit == "%":
-                one[name] = f"{cell} %"
+                one[name] = _percent(where, f"{cell} %")
             else:
                 one[name] = convert(f"{cell} {unit}", _UNITS.get(name, "nN"), where)
         if not one.get("hold_time", 0) > 0:
@@ -221,6 +221,14 @@ def _quantity(option: str, name: str, value: str) -> float:
     if not (math.isfinite(found) and found > 0):
         raise user_error(f"{option}: {name}={value}: give a quantity above zero, in {unit} or with its unit")
     return found
+
+
+def _percent(where: str, text: str) -> str:
+    """A percentage above zero, as it is written."""
+    value = _number(text.removesuffix("%"))
+    if isinstance(value, str) or not 0 < value < math.inf:
+        raise user_error(f'{where}: error={text}: give a percentage above zero, such as "3 %"')
+    return text
 
 
 def _number(value: str) -> float | str:

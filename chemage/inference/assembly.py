@@ -87,9 +87,7 @@ class Model:
         """(m, n): the derivative without interaction."""
         return self._gathered(lambda k: self.condition(point, k).without_neighbours())
 
-    def calibrate(
-        self, density: np.ndarray, threads: int | None, progress: Callable[[int, int], None] | None = None
-    ) -> None:
+    def calibrate(self, density: np.ndarray, threads: int | None) -> None:
         """Simulate the kinetics of every condition at ``density``; all points of the grid get the same correction."""
         middle = self.middle
         for number in range(len(self.keys)):
@@ -98,8 +96,6 @@ class Model:
             for (_, other), one in self.conditions.items():
                 if other == number:
                     one.correction, one.correction_error = made.correction, made.correction_error
-            if progress:
-                progress(number + 1, len(self.keys))
 
     def errors(self, value: np.ndarray) -> np.ndarray:
         """(m,) standard errors of the measured values, with those of the forward model at ``value``."""

@@ -156,9 +156,7 @@ class Chain:
             seen = matrix * pattern.positive[:, None]
             factors = np.linalg.cholesky(self.problem.prior.precisions[0] + seen @ seen.T)
             goal = seen @ (target - LEVEL * seen.sum(axis=0))
-            half = np.linalg.solve(factors, np.broadcast_to(goal[:, None], (len(factors), goal.size, 1)))
-            means = LEVEL + np.linalg.solve(np.swapaxes(factors, 1, 2), half)[:, :, 0]
-            pattern.tables[self.complete] = np.ascontiguousarray(means), factors
+            pattern.tables[self.complete] = LEVEL + choice_kernels.solved_twice(factors, goal), factors
         return pattern.tables[self.complete]
 
     def _directions(self, count: int) -> np.ndarray:

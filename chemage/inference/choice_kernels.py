@@ -70,6 +70,24 @@ def solved(factor, goals):
 
 
 @nb.njit(cache=True, nogil=True)
+def solved_twice(factors, goal):
+    """(k, n) solutions of L Lᵀ x = ``goal`` (n,) for each of the lower triangular L of ``factors`` (k, n, n)."""
+    found = np.empty((factors.shape[0], goal.size))
+    for k in range(factors.shape[0]):
+        lower, x = factors[k], found[k]
+        for i in range(goal.size):
+            total = goal[i]
+            for j in range(i):
+                total -= lower[i, j] * x[j]
+            x[i] = total / lower[i, i]
+        for j in range(goal.size - 1, -1, -1):
+            x[j] /= lower[j, j]
+            for i in range(j):
+                x[i] -= lower[j, i] * x[j]
+    return found
+
+
+@nb.njit(cache=True, nogil=True)
 def moved(x, choice, level, candidates, means, factors, inverses, logs, matrix, target, areas, limit, gumbels):
     """Draw the choice among ``candidates`` (k,) at fixed η; changes ``x`` (n,) in place, returns the choice.
 

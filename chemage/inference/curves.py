@@ -311,11 +311,18 @@ def _row(cells: list[str], columns: dict[str, tuple[int, str | None]], where: st
         number = _number(cells[place], f"{where}, column {name}")
         if name == "error" and unit == "%" and target:
             row["error"] = number / 100 * abs(row["value"])
-            continue
-        row["value" if name == value_column else name] = number * _factor(name, unit, target, where)
+        elif name == value_column:
+            row["value"] = number * _factor(name, unit, target, where)
+        else:
+            row[name] = number * _factor(name, unit, target, where)
     for name in ("load", "temperature"):
         if name in row and row[name] <= 0:
             raise InputError(f"{where}, column {name}: {row[name]:g} is not above zero")
+    if row["hold_time"] > 0 and row.get("error", 1.0) <= 0:
+        raise InputError(
+            f"{where}, column error: {row['error']:g}: a standard error must be above zero; give the scatter of "
+            "repeated measurements, or an estimate of it"
+        )
     return row
 
 

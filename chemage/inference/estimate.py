@@ -81,6 +81,10 @@ def check_explained(
             "all sites of the contact would have to be bonded and more, so that bond_force, site_density or the "
             "contact area of the scene is too small"
         )
+    if np.any(values < -3 * errors):
+        why.append(
+            "values are below zero, but bonds that form can only add; check their sign and what they are counted from"
+        )
     if np.any(residuals[1:] > 3) and np.any(residuals[:-1] < -3):
         why.append(
             "the curve rises faster with the hold time than a single barrier makes it, or its errors are too small"

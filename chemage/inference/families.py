@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from chemage.foundation.progress import Report
+from chemage.inference.assembly import Model
 from chemage.inference.kernel import EnergyGrid
+from chemage.inference.problem import Problem
+from chemage.inference.rounds import short
+from chemage.inference.sampling import Samples
 
 #: contiguous blocks of hold times, of which one after the other is left out
 BLOCKS = 5
@@ -136,13 +141,52 @@ class Linear:
     factor: tuple[float, float] | None = None
 
 
-def compare(name: str, data: Linear, blocks: np.ndarray, low: float, high: float) -> tuple[dict[str, Any], float]:
+def compared(
+    model: Model, problem: Problem, found: Samples, families: Sequence[str], threads: int | None, report: Report
+) -> tuple[dict[str, float], dict[str, Any]]:
+    """Scores of the smooth density and of the families on hold times left out, and the fits of the families."""
+    if not families:
+        return {}, {}
+    blocks = blocks_of(model.curve, model.hold_times)
+    total, done = len(families) + blocks.max() + 1, 0
+    seen = model.grid.nodes[model.seen()]
+    low, high = (float(seen[0]), float(seen[-1])) if seen.size else (model.grid.nodes[0], model.grid.nodes[-1])
+    scores, fits = {"density": 0.0}, {}
+    start = np.where(found.densities.mean(axis=0) > 1e-3, found.densities.mean(axis=0), -0.1)
+    for block in np.unique(blocks):
+        report("families", done, total)
+        out = blocks == block
+        made = short(problem.without(out), start, model.seed + 100 + int(block), threads)
+        values = made.fitted(problem)[:, out]
+        covariance = np.atleast_2d(np.cov(values.T)) + np.diag(problem.errors[out] ** 2)
+        scores["density"] += log_score(problem.values[out], values.mean(axis=0), covariance)
+        done += 1
+    point = int(np.bincount(found.points).argmax())
+    data = Linear(
+        model.grid,
+        problem.matrices[point],
+        problem.offsets[point],
+        problem.values,
+        problem.errors,
+        model.unknowns.factor,
+    )
+    for name in families:
+        report("families", done, total)
+        fits[name], scores[name] = _compared(name, data, blocks, low, high)
+        done += 1
+    report("families", int(total), int(total))
+    return scores, fits
+
+
+def _compared(name: str, data: Linear, blocks: np.ndarray, low: float, high: float) -> tuple[dict[str, Any], float]:
     """The fit of a family to all points, and its score on blocks left out."""
     chosen = family(name, low, high)
     theta, covariance, chi2 = _fit(chosen, data, np.ones(data.values.size, dtype=bool), low, high)
     names = list(chosen.parameters) + (["bond_force over that of the scene"] if data.factor is not None else [])
     shown = np.append(theta[:-1], np.exp(theta[-1])) if data.factor is not None else theta
     errors = np.sqrt(np.diag(covariance))
+    if data.factor is not None:  # fitted as its logarithm
+        errors[-1] *= shown[-1]
     about = {
         "parameters": dict(zip(names, shown.tolist(), strict=True)),
         "errors": dict(zip(names, errors.tolist(), strict=True)),

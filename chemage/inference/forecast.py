@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 from pydantic import model_validator
 
+from chemage.foundation.errors import InputError
 from chemage.foundation.records import Doubles, Plain, PositiveNumber, Record
 
 #: shares of the probability that bands hold
@@ -65,6 +66,14 @@ class Forecast(Record):
 
 
 def band(samples: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
-    """The central band of ``samples`` (S, n) that holds ``level`` of them: two arrays (n,)."""
+    """The central band of ``samples`` (S, n) that holds ``level`` of them: two arrays (n,).
+
+    Raises
+    ------
+    InputError
+        ``level`` is not between 0 and 1.
+    """
+    if not 0 < level < 1:
+        raise InputError.of("level", level, "must be between 0 and 1", "95 % is 0.95")
     low, high = np.quantile(samples, [0.5 - level / 2, 0.5 + level / 2], axis=0)
     return low, high

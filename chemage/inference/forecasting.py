@@ -11,11 +11,17 @@ from chemage.ageing.hold_times import hold_times as spaced
 from chemage.experiments.scene import Scene
 from chemage.foundation.checks import check_times, force, temperature_value
 from chemage.foundation.errors import InputError
+from chemage.foundation.messages import nearest
 from chemage.foundation.units import KB, QuantityLike, convert
 from chemage.inference.forecast import Forecast
-from chemage.inference.forward import Condition, Contacts, check_scene, make_condition
-from chemage.inference.kernel import EnergyGrid
+from chemage.inference.forward import Condition, Contacts, check_scene, largest_lowering, make_condition
+from chemage.inference.kernel import EnergyGrid, averaging
 from chemage.lattices.chemistry import Chemistry
+
+#: share of a prediction from energies which the data do not see above which a note says so
+UNSEEN = 0.05
+#: what a planned measurement may state
+PLAN = ("hold_time", "load", "temperature", "error")
 
 
 class Forecaster:
@@ -91,19 +97,21 @@ def forecast_of(
     unseen = parts[:, ~visible].sum(axis=1) / np.maximum(parts.sum(axis=1), 1e-300)
     notes = []
     nodes, chemistry = forecaster.grid.nodes, forecaster.chemistry
-    # a site of this barrier reacts at the hold time, with the width of a step
-    reached = KB * kelvin * (np.log(chemistry.attempt_frequency * unique) + 1.0)
+    # a site of this barrier reacts at the hold time, with the width of a step, under the largest pressure
+    lowering = largest_lowering(forecaster.contacts.at(newton), chemistry)
+    reached = KB * kelvin * (np.log(chemistry.attempt_frequency * unique) + 1.0) + lowering
     if reached.max() > nodes[-1]:
         at = unique[int(np.argmax(reached > nodes[-1]))]
         notes.append(
             f"from {at:.3g} s on, barriers above {nodes[-1]:.3f} eV react, beyond the energies of the inference; "
             "they are counted as never bonding, so that the prediction is a lower bound"
         )
-    if unseen.max() > 0.2:
-        at = unique[int(np.argmax(unseen > 0.2))]
+    if unseen.max() > UNSEEN:
+        worst = int(np.argmax(unseen))
         notes.append(
-            f"from {at:.3g} s on, more than 20 % of the predicted friction comes from energies that the data do not "
-            "see; there the band is that of the prior"
+            f"{_when(unique, unseen > UNSEEN)}, more than {100 * UNSEEN:.0f} % of the predicted friction comes from "
+            f"energies that the data do not see ({100 * unseen[worst]:.0f} % at {unique[worst]:.3g} s); that part and "
+            "its band are those of the prior"
         )
     return Forecast(
         load=newton,
@@ -114,6 +122,16 @@ def forecast_of(
         notes=tuple(notes),
         provenance=provenance,
     )
+
+
+def _when(times: np.ndarray, over: np.ndarray) -> str:
+    """The hold times (m,), ascending, that ``over`` marks, in words."""
+    clear = np.flatnonzero(~over)
+    if not clear.size:
+        return "at all hold times"
+    early = [f"up to {times[clear[0] - 1]:.3g} s"] if over[0] else []
+    late = [f"from {times[clear[-1] + 1]:.3g} s on"] if over[-1] else []
+    return " and ".join([*early, *late]) or "at some hold times"
 
 
 def _conditions(
@@ -130,6 +148,8 @@ def _conditions(
     if hold_times is None:
         hold_times = spaced(1e-3, 1e5, 4) if hold is None else hold.hold_times
     times = check_times(hold_times)
+    if not (times > 0).any():
+        raise InputError.of("hold_times", times.tolist(), "must have a time above zero", "nothing has aged at 0 s")
     return newton, kelvin, times[times > 0]
 
 
@@ -157,16 +177,8 @@ def ranked(
     if not total > 0:
         raise InputError.of("target", target, "has no variance in the samples, so that nothing can narrow it")
     conditions: dict[tuple[float, float], list[int]] = {}
-    plans = []
-    for number, one in enumerate(candidates):
-        if not isinstance(one, Mapping) or "hold_time" not in one:
-            raise InputError.of(
-                f"candidates.{number}", one, "has no hold_time", 'give {"hold_time": 10.0, "load": 50.0}'
-            )
-        load, kelvin, times = _conditions(
-            forecaster.scene, one.get("load"), one.get("temperature"), [convert(one["hold_time"], "s", "hold_time")]
-        )
-        plans.append((load, kelvin, float(times[0])))
+    plans = [_plan(forecaster.scene, number, one, relative_error) for number, one in enumerate(candidates)]
+    for number, (load, kelvin, *_) in enumerate(plans):
         conditions.setdefault((load, kelvin), []).append(number)
     found: list[dict[str, Any]] = [{} for _ in candidates]
     with forecaster.scene.in_use():
@@ -174,15 +186,16 @@ def ranked(
             times = np.unique([plans[number][2] for number in numbers])
             samples, _ = forecaster(load, kelvin, times)
             for number in numbers:
-                values = samples[:, int(np.searchsorted(times, plans[number][2]))]
-                error = _error_of(candidates[number].get("error"), float(values.mean()), relative_error)
+                _, _, time, error, relative = plans[number]
+                values = samples[:, int(np.searchsorted(times, time))]
+                error = relative * float(values.mean()) if relative else error
                 covariance = (values - values.mean()) @ goals / len(values)
                 gain = float((covariance**2).sum() / (values.var() + error**2))
                 found[number] = {
                     **candidates[number],
                     "load": load,
                     "temperature": kelvin,
-                    "hold_time": plans[number][2],
+                    "hold_time": time,
                     "error": error,
                     "expected": float(values.mean()),
                     "reduction": gain / total,
@@ -191,15 +204,29 @@ def ranked(
     return sorted(found, key=lambda one: -one["reduction"])
 
 
-def _error_of(given: Any, value: float, relative: float) -> float:
-    if given is None:
-        return relative * value
-    if isinstance(given, str) and given.strip().endswith("%"):
-        return float(given.strip()[:-1]) / 100 * value
-    error = convert(given, "nN", "error")
-    if not error > 0:
-        raise InputError.of("error", given, "must be above zero", "give nN, or a text such as 3 %")
-    return error
+def _plan(
+    scene: Scene, number: int, one: Mapping[str, Any], relative_error: float
+) -> tuple[float, float, float, float, float]:
+    """Load (nN), temperature (K), hold time (s), and the error in nN or relative, else 0, of a planned measurement."""
+    if not isinstance(one, Mapping) or "hold_time" not in one:
+        raise InputError.of(f"candidates.{number}", one, "has no hold_time", 'give {"hold_time": 10.0, "load": 50.0}')
+    for name in one:
+        if name not in PLAN:
+            raise InputError.of(
+                f"candidates.{number}", name, f"is not known{nearest(str(name), PLAN)}", f"give {', '.join(PLAN)}"
+            )
+    load, kelvin, times = _conditions(
+        scene, one.get("load"), one.get("temperature"), [convert(one["hold_time"], "s", "hold_time")]
+    )
+    if (error := one.get("error")) is not None:
+        share = isinstance(error, str) and error.strip().endswith("%")
+        value = convert(error, "" if share else "nN", f"candidates.{number}.error")
+        if not 0 < value < np.inf:
+            raise InputError.of(
+                f"candidates.{number}.error", error, "must be above zero", "give nN, or a text such as 3 %"
+            )
+        return load, kelvin, float(times[0]), 0.0 if share else value, value if share else 0.0
+    return load, kelvin, float(times[0]), 0.0, relative_error
 
 
 def _goals(
@@ -207,10 +234,10 @@ def _goals(
 ) -> np.ndarray:
     """(S, k) what is wanted, of each sample."""
     nodes = forecaster.grid.nodes
+    if target is not None and not isinstance(target, Mapping):
+        raise InputError.of("target", target, "must be a dict", 'give {"energy": 1.0}, for example')
     if target is None or "energy" in target:
-        away = (nodes[:, None] - nodes) / (0.5 * resolution)
-        mean = np.exp(-0.5 * away**2)
-        mean /= mean.sum(axis=1, keepdims=True)
+        mean = averaging(nodes, resolution)
         if target is None:
             return forecaster.samples @ mean[visible if visible.any() else slice(None)].T
         energy = convert(target["energy"], "eV", "target.energy")

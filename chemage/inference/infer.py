@@ -16,31 +16,29 @@ from chemage.foundation.checks import checked_count, checked_seed
 from chemage.foundation.errors import InputError, shown
 from chemage.foundation.progress import Report
 from chemage.foundation.units import KB, QuantityLike
-from chemage.inference import families as parametric
 from chemage.inference.assembly import Model, make_model
 from chemage.inference.curves import MeasuredCurve, check_curves, read_curves
-from chemage.inference.estimate import check_explained, first_estimate, smooth_fit
+from chemage.inference.families import compared
 from chemage.inference.forecast import band
 from chemage.inference.forward import check_scene
 from chemage.inference.inference import Inference
-from chemage.inference.prior import Prior
-from chemage.inference.problem import Problem, Scalars
-from chemage.inference.sampling import Samples, sample
-from chemage.inference.unknowns import Unknowns, unknowns_of
+from chemage.inference.kernel import averaging
+from chemage.inference.problem import Problem
+from chemage.inference.rounds import estimated, sampled
+from chemage.inference.sampling import Samples
+from chemage.inference.unknowns import UNITS, Unknowns, unknowns_of
 
 #: parametric families with which the smooth density is compared
 FAMILIES = ("uniform", "triangle", "gaussian", "piecewise")
 #: width over k_BT of the range of barriers that react about one hold time: full width at half maximum of the
 #: derivative of 1 − exp(−exp(x))
 WIDTH = 2.446
-#: rounds of Gauss-Newton steps, each with kinetics simulated at its density; steps in a round
-ROUNDS, STEPS = 4, 6
-#: change of the density, integrated over the visible energies, that ends the iteration
-CONVERGED = 0.01
-#: samples of the prior that are kept; samples of short runs, and sweeps of their chains
-PRIOR_SAMPLES, SHORT, SHORT_SWEEPS = 400, 400, 200
+#: samples of the prior that are kept
+PRIOR_SAMPLES = 400
 #: effective samples below which, and R-hat above which, a note says so
 FEW, APART = 100, 1.05
+#: different values of an unknown among the samples below which its grid is too coarse for its interval
+FEWEST_VALUES = 4
 #: an energy is visible where the standard deviation of the density, or that over its mean, is below this share of the
 #: prior's
 NARROWER = 0.7
@@ -108,9 +106,9 @@ def infer(
     report = progress or (lambda stage, done, total, note="": None)
     with scene.in_use():
         model = make_model(scene, chemistry, unknowns, curves, seed, lambda done, all: report("contact", done, all))
-        density, changes = _estimated(model, threads, report)
-        problem, found, changes = _sampled(model, density, samples, threads, report, changes)
-        scores, fits = _compared(model, problem, found, families, threads, report)
+        density, changes = estimated(model, threads, report)
+        problem, found, changes = sampled(model, density, samples, threads, report, changes)
+        scores, fits = compared(model, problem, found, families, threads, report)
     return _made(model, problem, found, scores, fits, changes, time.process_time() - begin)
 
 
@@ -147,183 +145,9 @@ def _check_chemistry(curves: Sequence[MeasuredCurve], scene: Scene, unknowns: Un
                 )
 
 
-# -- from the curves to a linear model --------------------------------------------------------------------------------
-
-
-def _estimated(model: Model, threads: int | None, report: Report) -> tuple[np.ndarray, list[float]]:
-    """The density of best fit, smoothed, and how much each round of the interaction changed it."""
-    values, factor = model.values, model.unknowns.factor
-    if model.unknowns.points > 1:
-        model.middle = _best_point(model)
-    middle = model.middle
-    matrix = model.without_neighbours(middle)
-    errors = model.errors(values)
-    if not model.interacting:
-        check_explained(model.grid, matrix, values, errors, np.zeros(values.size), model.labels(), _bounds(factor))
-        return first_estimate(model.grid, _scaled(model, matrix), values, errors), []
-    density = first_estimate(model.grid, _scaled(model, matrix), values, errors)
-    seen, changes = model.seen(), []
-    total = ROUNDS * STEPS
-    for number in range(ROUNDS):
-        before = density
-        for step in range(STEPS):
-            report("interaction", number * STEPS + step, total)
-            fitted, slope = model.linear(density, middle)
-            offset = fitted - slope @ density
-            scale = _common_factor(model, fitted)
-            found = first_estimate(model.grid, scale * slope, values - scale * offset, model.errors(values))
-            # full steps in the end, half ones while the neighbours' part still changes much
-            change = _distance(model, found, density, seen)
-            density = found if change < 0.1 else 0.5 * (found + density)
-            if change < CONVERGED:
-                break
-        changes.append(_distance(model, density, before, seen))
-        model.calibrate(density, threads)
-        if number and changes[-1] < CONVERGED:
-            break
-    fitted, slope = model.linear(density, middle)
-    check_explained(
-        model.grid, slope, values, model.errors(values), fitted - slope @ density, model.labels(), _bounds(factor)
-    )
-    report("interaction", total, total)
-    return density, changes
-
-
-def _best_point(model: Model) -> int:
-    """The point of the grid of scalars at which a density fits best, the neighbours left out."""
-    found = []
-    for point in range(model.unknowns.points):
-        matrix = _scaled(model, model.without_neighbours(point))
-        found.append(smooth_fit(model.grid, matrix, model.values, model.errors(model.values), 1e-11)[1])
-    return int(np.argmin(found))
-
-
-def _bounds(factor: tuple[float, float] | None) -> tuple[float, float] | None:
-    return None if factor is None else (float(np.exp(factor[0])), float(np.exp(factor[1])))
-
-
-def _scaled(model: Model, matrix: np.ndarray) -> np.ndarray:
-    """The derivative, times a common factor with which some density reaches the largest value."""
-    return matrix * _common_factor(model, matrix @ np.full(model.grid.count, 0.9 / model.grid.areas.sum()))
-
-
-def _common_factor(model: Model, fitted: np.ndarray) -> float:
-    if model.unknowns.factor is None:
-        return 1.0
-    ratio = float(np.log(max(model.values.max(), 1e-12) / max(fitted.max(), 1e-12)))
-    return float(np.exp(np.clip(ratio, *model.unknowns.factor)))
-
-
-def _distance(model: Model, one: np.ndarray, other: np.ndarray, seen: np.ndarray) -> float:
-    return float((np.abs(one - other) * model.grid.areas)[seen].sum())
-
-
-def _problem(model: Model, prior: Prior, density: np.ndarray) -> Problem:
-    """The linear model of all points of the grid of scalars about ``density``."""
-    matrices, offsets = [], []
-    for point in range(model.unknowns.points):
-        value, slope = model.linear(density, point)
-        matrices.append(slope)
-        offsets.append(value - slope @ density)
-    unknowns = model.unknowns
-    return Problem(
-        prior,
-        model.grid.areas,
-        model.values,
-        model.errors(model.values),
-        np.stack(matrices),
-        np.stack(offsets),
-        Scalars(
-            unknowns.values,
-            unknowns.neighbours,
-            "bond_force" if unknowns.factor is not None else "",
-            unknowns.factor or (0.0, 0.0),
-            model.middle,
-        ),
-    )
-
-
-def _sampled(
-    model: Model, density: np.ndarray, samples: int, threads: int | None, report: Report, changes: list[float]
-) -> tuple[Problem, Samples, list[float]]:
-    """Samples of the posterior; with an interaction the model is linear about their mean."""
-    prior = Prior(model.grid.nodes)
-    start = np.where(density > 1e-6, density, -0.1)
-    if model.interacting:
-        seen = model.seen()
-        for number in range(2):
-            short = _short(_problem(model, prior, density), start, model.seed + number, threads)
-            mean = short.densities.mean(axis=0)
-            changes = [*changes, _distance(model, mean, density, seen)]
-            density = mean
-            model.linear(density, model.middle)
-            model.calibrate(density, threads)
-            if changes[-1] < CONVERGED:
-                break
-        start = np.where(density > 1e-3, density, -0.1)
-    problem = _problem(model, prior, density)
-    found = sample(
-        problem,
-        start,
-        samples=samples,
-        seed=model.seed,
-        watched=model.seen(),
-        threads=threads,
-        progress=lambda done, total: report("sampling", done, total),
-    )
-    return problem, found, changes
-
-
-def _short(problem: Problem, start: np.ndarray, seed: int, threads: int | None) -> Samples:
-    """Fewer samples, where their mean and covariance are enough."""
-    return sample(problem, start, samples=SHORT, seed=seed, sweeps=SHORT_SWEEPS, threads=threads)
-
-
-# -- what follows from the samples ------------------------------------------------------------------------------------
-
-
-def _compared(
-    model: Model, problem: Problem, found: Samples, families: Sequence[str], threads: int | None, report: Report
-) -> tuple[dict[str, float], dict[str, Any]]:
-    """Scores of the smooth density and of the families on hold times left out, and the fits of the families."""
-    if not families:
-        return {}, {}
-    blocks = parametric.blocks_of(model.curve, model.hold_times)
-    total, done = len(families) + blocks.max() + 1, 0
-    seen = model.grid.nodes[model.seen()]
-    low, high = (float(seen[0]), float(seen[-1])) if seen.size else (model.grid.nodes[0], model.grid.nodes[-1])
-    scores, fits = {"density": 0.0}, {}
-    start = np.where(found.densities.mean(axis=0) > 1e-3, found.densities.mean(axis=0), -0.1)
-    for block in np.unique(blocks):
-        report("families", done, total)
-        out = blocks == block
-        made = _short(problem.without(out), start, model.seed + 100 + int(block), threads)
-        values = made.fitted(problem)[:, out]
-        covariance = np.atleast_2d(np.cov(values.T)) + np.diag(problem.errors[out] ** 2)
-        scores["density"] += parametric.log_score(problem.values[out], values.mean(axis=0), covariance)
-        done += 1
-    point = int(np.bincount(found.points).argmax())
-    data = parametric.Linear(
-        model.grid,
-        problem.matrices[point],
-        problem.offsets[point],
-        problem.values,
-        problem.errors,
-        model.unknowns.factor,
-    )
-    for name in families:
-        report("families", done, total)
-        fits[name], scores[name] = parametric.compare(name, data, blocks, low, high)
-        done += 1
-    report("families", int(total), int(total))
-    return scores, fits
-
-
 def _visible(model: Model, samples: np.ndarray, prior: np.ndarray, resolution: float) -> np.ndarray:
     """(n,) where hold times lie on both sides, and the density averaged over the resolution is narrower than before."""
-    away = (model.grid.nodes[:, None] - model.grid.nodes) / (0.5 * resolution)
-    mean = np.exp(-0.5 * away**2)
-    mean /= mean.sum(axis=1, keepdims=True)
+    mean = averaging(model.grid.nodes, resolution)
     after, before = samples @ mean.T, prior @ mean.T
     narrower = after.std(axis=0) < NARROWER * before.std(axis=0)
     # where the density is high, its deviation may be large and still small beside it
@@ -405,6 +229,21 @@ def _cite(scene: Scene) -> list[str]:
     return list(dict.fromkeys([*texts, *(one.source for one in scene.from_material)]))
 
 
+def _coarse(name: str, values: np.ndarray, unknowns: Unknowns) -> list[str]:
+    """A note if the samples (S,) of an unknown lie on so few values of its grid that its interval is not resolved."""
+    found = np.unique(values)
+    if name not in unknowns.values or found.size >= FEWEST_VALUES:
+        return []
+    grid = np.unique(unknowns.values[name])
+    first, last = np.searchsorted(grid, found[[0, -1]])
+    low, high = grid[max(first - 1, 0)], grid[min(last + 1, grid.size - 1)]
+    text = (
+        f"{name}: its interval is narrower than the {grid.size} values between its bounds resolve; infer it again with "
+        f"the bounds {low:.4g} to {high:.4g} {UNITS[name][0]}"
+    )
+    return [text]
+
+
 def _notes(
     model: Model,
     problem: Problem,
@@ -435,6 +274,7 @@ def _notes(
         bottom, top = model.unknowns.bounds[name]
         if float(high[0] - low[0]) > 0.8 * (top - bottom):
             notes.append(f"{name}: its interval is as wide as its bounds, so that the data do not tell it")
+        notes += _coarse(name, values, model.unknowns)
     if diagnostics["r_hat"] > APART or diagnostics["effective_samples"] < FEW:
         notes.append(
             f"sampling has not converged ({diagnostics['effective_samples']:.0f} effective samples, R-hat "
@@ -448,6 +288,3 @@ def _notes(
     if chi2 > 1.5 * problem.values.size + 10:
         notes.append(f"χ² = {chi2:.0f} for {problem.values.size} points: the errors are too small, or the scene is off")
     return notes
-
-
-__all__ = ["FAMILIES", "Unknowns", "infer"]

@@ -12,6 +12,7 @@ from pydantic import model_validator
 
 from chemage.experiments.scene import Scene, parse_scene
 from chemage.experiments.scene_files import load_scene
+from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Doubles, Flags, Indices, Named, Plain, Record
 from chemage.foundation.units import QuantityLike
@@ -155,8 +156,8 @@ class Inference(Record):
         """
         if name not in self.scalars:
             raise InputError.of("name", name, f"was not inferred; there are {', '.join(self.scalars) or 'none'}")
-        low, high = np.quantile(self.scalars[name], [0.5 - level / 2, 0.5 + level / 2])
-        return float(low), float(high)
+        low, high = band(self.scalars[name][:, None], level)
+        return float(low[0]), float(high[0])
 
     def members(self, count: int, seed: int = 0) -> np.ndarray:
         """``count`` different samples of the density drawn at random, (count, n) 1/eV, for an ensemble of tables.
@@ -188,7 +189,7 @@ class Inference(Record):
         samples
             Posterior samples that are carried on.
         """
-        made = self._forecaster(scene, samples)
+        made = self._forecaster(scene, checked_count("samples", samples))
         provenance = {"scene": made.scene.todict(), "versions": self.provenance.get("versions", {}), "seed": self.seed}
         return forecast_of(made, self.visible, load, temperature, hold_times, provenance)
 

@@ -81,6 +81,12 @@ def energy_grid(chemistry: Chemistry, temperatures: np.ndarray, times: np.ndarra
     return EnergyGrid(low, step, math.ceil((high - low) / step) + 1)
 
 
+def averaging(nodes: np.ndarray, resolution: float) -> np.ndarray:
+    """(n, n): means over the resolution (eV) about each node; the standard deviation of the weights is half of it."""
+    weights = np.exp(-0.5 * ((nodes[:, None] - nodes) / (0.5 * resolution)) ** 2)
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
 def bonded_probability(chemistry: Chemistry, temperature: float, times: np.ndarray, energies: np.ndarray) -> np.ndarray:
     """Probability that a site over the forming barrier is bonded, (times, energies), averaged over breaking barriers.
 

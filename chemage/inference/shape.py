@@ -8,6 +8,7 @@ import numpy as np
 
 from chemage.inference.forecast import band
 from chemage.inference.inference import Inference
+from chemage.inference.kernel import averaging
 
 #: parts into which the visible energies are cut, at most
 PARTS = 6
@@ -109,10 +110,7 @@ def _seen(inference: Inference) -> tuple[np.ndarray, np.ndarray]:
         return energies[:0], inference.samples[:, :0]
     low, high = inference.visible_range
     inside = (energies >= low) & (energies <= high)
-    away = (energies[inside][:, None] - energies[inside]) / (inference.resolution / 2.355)
-    weights = np.exp(-0.5 * away**2)
-    weights /= weights.sum(axis=1, keepdims=True)
-    return energies[inside], inference.samples[:, inside] @ weights.T
+    return energies[inside], inference.samples[:, inside] @ averaging(energies[inside], inference.resolution).T
 
 
 def _apart(samples: np.ndarray, mean: np.ndarray, one: int, other: int) -> bool:

@@ -12,7 +12,7 @@ from chemage.inference.forecast import band
 from chemage.inference.inference import Inference
 from chemage.inference.result import InferenceResult
 from chemage.reports.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, legend, panels, plain, save_figures
-from chemage.reports.inference_text import UNITS
+from chemage.reports.inference_text import UNITS, unseen_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -146,10 +146,14 @@ def draw_forecasts(axes: Axes, made: InferenceResult, size: float = 8) -> None:
         forecast, colour = made.forecasts[label], PALETTE[number % len(PALETTE)]
         for level, alpha in ((0.95, 0.2), (0.68, 0.35)):
             axes.fill_between(forecast.hold_times, *forecast.band(level), color=colour, alpha=alpha, lw=0)
-        unseen = f" ({100 * forecast.unseen:.0f} % unseen)" if forecast.unseen > 0.1 else ""
         single = {"marker": "o", "ms": 4} if forecast.hold_times.size == 1 else {}
         axes.plot(
-            forecast.hold_times, forecast.friction_drop, color=colour, lw=1.3, label=plain(label + unseen), **single
+            forecast.hold_times,
+            forecast.friction_drop,
+            color=colour,
+            lw=1.3,
+            label=plain(label + unseen_text(forecast)),
+            **single,
         )
         if forecast.hold_times.size == 1:
             low, high = forecast.band()

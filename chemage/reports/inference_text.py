@@ -10,6 +10,7 @@ import numpy as np
 
 from chemage.foundation.text import plus_minus, power_text
 from chemage.inference.forecast import Forecast
+from chemage.inference.forecasting import UNSEEN
 from chemage.inference.inference import Inference
 from chemage.inference.result import InferenceResult
 from chemage.inference.shape import peaks, rises, shares, trend, unseen_share
@@ -147,13 +148,17 @@ def forecast_row(label: str, one: Forecast) -> tuple[str, str, str, str]:
     """(label, ΔF at the last hold time, its 68 and 95 % bands)."""
     low68, high68 = one.band(0.68)
     low95, high95 = one.band(0.95)
-    mark = f" ({100 * one.unseen:.0f} % unseen)" if one.unseen > 0.1 else ""
     return (
-        f"{label} at {power_text(one.hold_times[-1])} s{mark}",
+        f"{label} at {power_text(one.hold_times[-1])} s{unseen_text(one)}",
         f"{one.friction_drop[-1]:.4g} nN",
         f"{low68[-1]:.4g} to {high68[-1]:.4g}",
         f"{low95[-1]:.4g} to {high95[-1]:.4g}",
     )
+
+
+def unseen_text(one: Forecast) -> str:
+    """The largest share of a forecast that comes from energies which the data do not see, where it matters."""
+    return f" (up to {100 * one.unseen:.0f} % unseen)" if one.unseen > UNSEEN else ""
 
 
 def experiment_row(one: Mapping[str, Any]) -> tuple[str, str, str]:

@@ -238,6 +238,8 @@ WRONG = {
     "given twice": (["--predict", "load=5, load=6"], "load is given twice"),
     "backward range": (["--predict", "hold_time=1 s to 1 ms"], "hold_time=1 s to 1 ms"),
     "no hold time": (["--next", "load=5 nN"], "give a hold time"),
+    "no percentage": (["--next", "hold_time=1 s, error=x %"], "error=x %: give a percentage above zero"),
+    "negative percentage": (["--next", "hold_time=1 s, error=-3 %"], "error=-3 %: give a percentage above zero"),
     "no file": (["--next", "plan.csv"], "plan.csv"),
     "target without plans": (["--target", "energy=1.0 eV"], "--next"),
     "half a target": (["--next", "hold_time=1 s", "--target", "load=5 nN"], "--target load=5 nN"),

@@ -57,8 +57,11 @@ def test_a_relative_error_stands_for_errors_that_are_missing(tmp_path):
     ("rows", "message"),
     [
         ("10, 10, 1, 1, 300, a\n1, 20, 1, 1, 300, a\n", "line 3, column hold_time: 1 s comes after 10 s .* sort"),
-        ("1, 10, 0, 1, 300, a\n10, 20, 1, 1, 300, a\n", r"errors\[0\] = 0: a standard error must be above zero"),
-        ("1, 10, -2, 1, 300, a\n10, 20, 1, 1, 300, a\n", r"errors\[0\] = -2: a standard error must be above zero"),
+        ("1, 10, 0, 1, 300, a\n10, 20, 1, 1, 300, a\n", "line 2, column error: 0: a standard error must be above zero"),
+        (
+            "1, 10, -2, 1, 300, a\n10, 20, 1, 1, 300, a\n",
+            "line 2, column error: -2: a standard error must be above zero",
+        ),
         ("1, x, 1, 1, 300, a\n10, 20, 1, 1, 300, a\n", "line 2, column friction_drop: 'x' is not a number"),
         ("1, 10, 1, -1, 300, a\n10, 20, 1, 1, 300, a\n", "line 2, column load: -1000 is not above zero"),
         ("", "it has no rows of numbers"),

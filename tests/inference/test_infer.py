@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_inference import made_inference
 
 import chemage as ca
 
@@ -17,7 +18,7 @@ def fewer_samples(monkeypatch):
     """Means and bands need fewer effective samples than users get."""
     monkeypatch.setattr("chemage.inference.sampling.ENOUGH", 60)
     monkeypatch.setattr("chemage.inference.sampling.AGREED", 1.1)
-    monkeypatch.setattr("chemage.inference.infer.SHORT_SWEEPS", 40)
+    monkeypatch.setattr("chemage.inference.rounds.SHORT_SWEEPS", 40)
 
 
 def scene(strength=0.0, **changes):
@@ -136,16 +137,46 @@ def test_a_left_out_load_is_predicted_and_a_plan_is_ranked():
     assert all(0 <= one["reduction"] < 1 for one in plans)
 
 
+def test_a_forecast_that_asks_for_energies_which_are_not_visible_says_so():
+    one = made_inference((0.85, 1.25), visible=np.linspace(0.55, 1.45, 61) < 1.2)
+    assert not one.forecast(temperature="300 K", hold_times=[1e-3, 1.0]).notes
+    (note,) = one.forecast(temperature="350 K", hold_times=[1.0, 1e3, 1e6]).notes
+    assert note.startswith("from 1e+06 s on, more than 5 % of the predicted friction comes from energies that the data")
+    above = made_inference((0.85,), visible=np.linspace(0.55, 1.45, 61) > 0.75)
+    (note,) = above.forecast(temperature="300 K", hold_times=[1e-3, 1e4]).notes
+    assert note.startswith("up to 0.001 s, more than 5 %")
+
+
+WRONG = {
+    "no time above zero": (lambda one: one.forecast(hold_times=[0.0]), "must have a time above zero"),
+    "no samples": (lambda one: one.forecast(samples=0), "samples = 0"),
+    "no level": (lambda one: one.band(1.5), "level = 1.5: must be between 0 and 1"),
+    "planned at once": (lambda one: one.next_experiment([{"hold_time": 0}]), "must have a time above zero"),
+    "negative error": (
+        lambda one: one.next_experiment([{"hold_time": 1, "error": "-3 %"}]), "error = '-3 %': must be above"
+    ),
+    "no error": (lambda one: one.next_experiment([{"hold_time": 1, "error": "x %"}]), "candidates.0.error"),
+    "unknown word": (lambda one: one.next_experiment([{"hold_time": 1, "loads": 3}]), "is not known .*load"),
+    "no target": (lambda one: one.next_experiment([{"hold_time": 1}], target="1 eV"), "must be a dict"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "message"), WRONG.values(), ids=WRONG)
+def test_wrong_questions_to_an_inference_are_refused(call, message):
+    with pytest.raises(ca.InputError, match=message):
+        call(made_inference())
+
+
 @pytest.mark.long
-def test_the_result_is_stored_whole_and_the_same_seed_gives_the_same(tmp_path):
+def test_the_result_is_stored_whole_and_the_same_seed_gives_the_same_on_one_thread(tmp_path):
     data = curve(ca.barriers("gaussian", mean=0.95, std=0.1))
-    found = ca.infer(data, scene(), families=("uniform", "gaussian"), samples=60, seed=1)
+    found = ca.infer(data, scene(), families=("uniform", "gaussian"), samples=60, seed=1, threads=3)
     ca.write(tmp_path / "i.h5", found)
     again = ca.read(tmp_path / "i.h5")
     assert again == found
     assert again.scene.digest() == found.scene.digest()
     assert found.scores["gaussian"] > found.scores["uniform"]
-    other = ca.infer(data, scene(), families=("uniform", "gaussian"), samples=60, seed=1)
+    other = ca.infer(data, scene(), families=("uniform", "gaussian"), samples=60, seed=1, threads=1)
     assert np.array_equal(other.samples, found.samples)
     assert other.scores == found.scores
     assert found.families["gaussian"]["parameters"]["mean (eV)"] == pytest.approx(0.95, abs=0.02)
@@ -163,6 +194,13 @@ def test_an_unknown_activation_volume_is_found_from_two_loads():
     low, high = found.interval("activation_volume")
     assert high - low < 0.004
     assert found.scalars["activation_volume"].mean() == pytest.approx(0.0064, abs=0.001)
+    # the default grid is coarser than the posterior: the note gives bounds, with which the interval holds the truth
+    assert any("activation_volume: its interval is narrower than the 61 values" in note for note in found.notes)
+    narrow = {"activation_volume": ("5.5 angstrom**3", "7.5 angstrom**3")}
+    found = ca.infer(curves, scene(), unknown=narrow, families=(), samples=400, seed=2)
+    low, high = found.interval("activation_volume")
+    assert 0.0061 < low < 0.0064 < high < 0.0067
+    assert not any("narrower" in note for note in found.notes)
     with pytest.raises(ca.InputError, match="was not inferred; there are activation_volume"):
         found.interval("bond_force")
 
@@ -215,6 +253,9 @@ def test_data_that_no_density_explains_are_refused_with_the_best_fit():
     assert one.value.chi2 > 100
     assert one.value.density.shape == one.value.energies.shape
     assert np.abs(one.value.residuals).max() > 3
+    below = rising().model_copy(update={"values": rising().values - 300})
+    with pytest.raises(ca.UnexplainedError, match="values are below zero, but bonds that form can only add"):
+        ca.infer(below, scene())
     much = rising().model_copy(update={"values": 20 * rising().values})
     with pytest.raises(ca.UnexplainedError, match="all sites of the contact would have to be bonded and more"):
         ca.infer(much, scene())

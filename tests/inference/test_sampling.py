@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from chemage.inference.chains import Chain
-from chemage.inference.choice_kernels import log_misfit, log_priors, moved, solved
+from chemage.inference.choice_kernels import log_misfit, log_priors, moved, solved, solved_twice
 from chemage.inference.line_kernels import drawn, edge_integral, piece, scaled_erfc
 from chemage.inference.prior import LEVEL, Prior
 from chemage.inference.problem import Problem, Scalars
@@ -65,6 +65,8 @@ def test_the_kernels_of_the_choice_agree_with_numpy():
     factor = np.linalg.cholesky(np.cov(rng.standard_normal((12, 40))))
     goals = rng.standard_normal((3, 12))
     assert solved(factor, goals) == pytest.approx(np.linalg.solve(factor.T, goals.T).T)
+    expected = np.linalg.solve(factor @ factor.T, goals[0])
+    assert solved_twice(factor[None], goals[0]) == pytest.approx(expected[None])
     made = problem()
     matrix, target = made.matrices[0].T / made.errors, made.values / made.errors
     expected = -0.5 * np.sum((np.maximum(x, 0) @ matrix - target) ** 2)
