@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import math
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
@@ -13,13 +10,13 @@ import numpy as np
 
 from chemage.ageing.fitting import UNIT, FitData, Quantity
 from chemage.foundation.checks import check_times
-from chemage.foundation.errors import InputError, UnitError, shown
+from chemage.foundation.columns import ColumnTable, factor, number, read_columns
+from chemage.foundation.errors import InputError
 from chemage.foundation.records import frozen
-from chemage.foundation.tables import data_lines, read_text
-from chemage.foundation.units import convert
 
 _COLUMNS = ("hold_time", *UNIT, "error")
 _EXAMPLE = "hold_time (s), friction_coefficient_drop, error"
+_LISTED = "hold_time, friction_coefficient_drop or friction_drop, and error"
 
 
 @dataclass(frozen=True)
@@ -87,14 +84,10 @@ def read_measurements(path: str | Path) -> Measurements:
         Naming the line and column that is wrong.
     """
     source = Path(path)
-    lines = [one for one in data_lines(read_text(source)) if one[1].strip(" \t,;")]
-    if not lines:
-        raise InputError(f"{source}: there is nothing in it; the first line names the columns, such as {_EXAMPLE}")
-    (number, header), *rest = lines
-    separator = next((mark for mark in (";", "\t") if mark in header), ",")
-    columns, quantity = _header(_cells(header, separator), f"{source}, line {number}")
-    rows = [_row(_cells(line, separator), columns, f"{source}, line {number}") for number, line in rest]
-    _check_order([number for number, _ in rest], [row["hold_time"] for row in rows], source)
+    table = read_columns(source, _COLUMNS, _EXAMPLE, _LISTED)
+    columns, quantity = _columns(table)
+    rows = [_row(cells, columns, where) for _, where, cells in table.rows]
+    _check_order([line for line, _, _ in table.rows], [row["hold_time"] for row in rows], source)
     if len(rows) < 2:
         raise InputError(f"{source}: {len(rows)} rows of numbers; a course in time needs at least two")
     error = np.array([row["error"] for row in rows]) if "error" in columns else None
@@ -107,10 +100,6 @@ def read_measurements(path: str | Path) -> Measurements:
     )
 
 
-def _shown(cell: str) -> str:
-    return shown(cell)
-
-
 @dataclass(frozen=True)
 class _Column:
     place: int
@@ -118,29 +107,8 @@ class _Column:
     factor: float
 
 
-def _cells(line: str, separator: str) -> list[str]:
-    try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
-    except csv.Error as error:  # a cell of more than 131072 characters
-        raise InputError(f"{shown(line, 40)}: {error}") from None
-
-
-def _header(cells: list[str], where: str) -> tuple[dict[str, _Column], Quantity]:
-    found: dict[str, tuple[int, str | None]] = {}
-    for place, cell in enumerate(cells):
-        match = re.fullmatch(r"(?P<name>[^(\[]*?)\s*(?:[(\[]\s*(?P<unit>.*?)\s*[)\]])?", cell)
-        name = match["name"].strip().lower().replace(" ", "_") if match else cell
-        if match is None or name not in _COLUMNS:
-            from chemage.foundation.messages import nearest
-
-            known = "hold_time, friction_coefficient_drop or friction_drop, and error"
-            raise InputError(
-                f"{where}: column {place + 1} is {_shown(cell)}{nearest(name, _COLUMNS)}; the columns are {known}, "
-                f"named on the first line, such as {_EXAMPLE}"
-            )
-        if name in found:
-            raise InputError(f"{where}: the column {name} is there twice; keep one")
-        found[name] = place, match["unit"]
+def _columns(table: ColumnTable) -> tuple[dict[str, _Column], Quantity]:
+    found, where = table.columns, table.where
     if "hold_time" not in found:
         raise InputError(f"{where}: no column hold_time; write the header as {_EXAMPLE}")
     given = [name for name in get_args(Quantity) if name in found]
@@ -156,38 +124,15 @@ def _header(cells: list[str], where: str) -> tuple[dict[str, _Column], Quantity]
         place, unit = found[name]
         if unit is None and name == "error":
             unit = columns[quantity].unit
-        columns[name] = _Column(place, unit or "", _factor(name, unit, units[name], where))
+        columns[name] = _Column(place, unit or "", factor(name, unit, units[name], where))
     return columns, quantity
 
 
-def _factor(name: str, unit: str | None, target: str, where: str) -> float:
-    if unit in (None, "", "1"):
-        if target:
-            raise UnitError(f"{where}: the column {name} has no unit; write it as {name} ({target})")
-        return 1.0
-    try:
-        return convert(f"1 {unit}", target)
-    except UnitError as error:
-        raise UnitError(f"{where}: the column {name} ({unit}): {error}") from None
-
-
 def _row(cells: list[str], columns: dict[str, _Column], where: str) -> dict[str, float]:
-    while len(cells) > len(columns) and not cells[-1]:
-        cells = cells[:-1]
-    if len(cells) != len(columns):
-        more = "; write decimals with a point, and separate columns by semicolons or tabs" * (len(cells) > len(columns))
-        raise InputError(f"{where}: {len(cells)} values under {len(columns)} columns{more}")
     row = {}
     for name, column in columns.items():
         cell = cells[column.place]
-        try:
-            value = float(cell)
-        except ValueError:
-            raise InputError(
-                f"{where}, column {name}: {_shown(cell)} is not a number" + "; write a decimal point" * ("," in cell)
-            ) from None
-        if not math.isfinite(value):
-            raise InputError(f"{where}, column {name}: {_shown(cell)} is not a finite number; leave that row out")
+        value = number(cell, f"{where}, column {name}")
         if name == "hold_time" and value < 0:
             raise InputError(f"{where}, column hold_time: {cell[:80]} is negative; hold times count from first contact")
         if name == "error" and value <= 0:
@@ -197,10 +142,10 @@ def _row(cells: list[str], columns: dict[str, _Column], where: str) -> dict[str,
 
 
 def _check_order(lines: list[int], times: list[float], source: Path) -> None:
-    for number, before, after in zip(lines[1:], times, times[1:], strict=False):
+    for line, before, after in zip(lines[1:], times, times[1:], strict=False):
         if after < before:
             raise InputError(
-                f"{source}, line {number}, column hold_time: {after:g} s comes after {before:g} s; "
+                f"{source}, line {line}, column hold_time: {after:g} s comes after {before:g} s; "
                 "sort the rows by hold time"
             )
 

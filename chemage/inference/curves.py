@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -17,11 +15,10 @@ from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import UNIT, Quantity
 from chemage.ageing.measurements import Measurements
 from chemage.foundation.checks import check_times, force, temperature_value
-from chemage.foundation.errors import InputError, UnitError, shown
-from chemage.foundation.messages import nearest
+from chemage.foundation.columns import factor, number, read_columns
+from chemage.foundation.errors import InputError, shown
 from chemage.foundation.records import Doubles, Plain, PositiveNumber, Record
-from chemage.foundation.tables import data_lines, read_text
-from chemage.foundation.units import QuantityLike, convert
+from chemage.foundation.units import QuantityLike
 
 #: fewer decades of hold times than this say nothing of a distribution of barriers
 DECADES = 1.0
@@ -192,16 +189,12 @@ def read_curves(
         Naming the line and the column that is wrong, and the remedy.
     """
     source = Path(path)
-    lines = [one for one in data_lines(read_text(source)) if one[1].strip(" \t,;")]
-    if not lines:
-        raise InputError(f"{source}: there is nothing in it; the first line names the columns, such as {_EXAMPLE}")
-    (first, header), *rest = lines
-    separator = next((mark for mark in (";", "\t") if mark in header), ",")
-    columns = _header(_cells(header, separator), f"{source}, line {first}")
+    table = read_columns(source, _COLUMNS, _EXAMPLE)
+    columns = table.columns
     given = {"load": None if load is None else force(load)}
     given["temperature"] = None if temperature is None else temperature_value(temperature)
     _check_columns(columns, given, relative_error, source)
-    rows = [_row(_cells(line, separator), columns, f"{source}, line {number}") for number, line in rest]
+    rows = [_row(cells, columns, where) for _, where, cells in table.rows]
     if not rows:
         raise InputError(f"{source}: it has no rows of numbers; add one for each hold time")
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
@@ -238,30 +231,6 @@ def _curve(key: tuple[Any, ...], rows: list[dict[str, Any]], source: Path, count
         raise InputError(f"{source}, curve {name}: {error}") from None
 
 
-def _cells(line: str, separator: str) -> list[str]:
-    try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
-    except csv.Error as error:  # a cell of more than 131072 characters
-        raise InputError(f"{shown(line, 40)}: {error}") from None
-
-
-def _header(cells: list[str], where: str) -> dict[str, tuple[int, str | None]]:
-    """Name of each column -> its place and unit, None where it has none."""
-    found: dict[str, tuple[int, str | None]] = {}
-    for place, cell in enumerate(cells):
-        match = re.fullmatch(r"(?P<name>[^(\[]*?)\s*(?:[(\[]\s*(?P<unit>.*?)\s*[)\]])?", cell)
-        name = match["name"].strip().lower().replace(" ", "_") if match else cell
-        if match is None or name not in _COLUMNS:
-            raise InputError(
-                f"{where}: column {place + 1} is {shown(cell)}{nearest(name, _COLUMNS)}; the columns are "
-                f"{', '.join(_COLUMNS)}, such as {_EXAMPLE}"
-            )
-        if name in found:
-            raise InputError(f"{where}: the column {name} is there twice; keep one")
-        found[name] = place, match["unit"]
-    return found
-
-
 def _check_columns(columns: dict[str, Any], given: dict[str, Any], relative_error: float | None, source: Path) -> None:
     if "hold_time" not in columns:
         raise InputError(f"{source}: no column hold_time; write the header as {_EXAMPLE}")
@@ -288,10 +257,6 @@ def _check_columns(columns: dict[str, Any], given: dict[str, Any], relative_erro
 
 
 def _row(cells: list[str], columns: dict[str, tuple[int, str | None]], where: str) -> dict[str, Any]:
-    while len(cells) > len(columns) and not cells[-1]:
-        cells = cells[:-1]
-    if len(cells) != len(columns):
-        raise InputError(f"{where}: {len(cells)} values under {len(columns)} columns; write decimals with a point")
     quantity = next((name for name in UNIT if name in columns), None)
     if quantity is None:
         quantity = cells[columns["quantity"][0]]
@@ -308,13 +273,13 @@ def _row(cells: list[str], columns: dict[str, tuple[int, str | None]], where: st
         target = UNIT[quantity] if name in (value_column, "error") else _UNITS[name]
         if name == "error" and unit is None:
             unit = columns[value_column][1]
-        number = _number(cells[place], f"{where}, column {name}")
+        value = number(cells[place], f"{where}, column {name}")
         if name == "error" and unit == "%" and target:
-            row["error"] = number / 100 * abs(row["value"])
+            row["error"] = value / 100 * abs(row["value"])
         elif name == value_column:
-            row["value"] = number * _factor(name, unit, target, where)
+            row["value"] = value * factor(name, unit, target, where)
         else:
-            row[name] = number * _factor(name, unit, target, where)
+            row[name] = value * factor(name, unit, target, where)
     for name in ("load", "temperature"):
         if name in row and row[name] <= 0:
             raise InputError(f"{where}, column {name}: {row[name]:g} is not above zero")
@@ -324,27 +289,6 @@ def _row(cells: list[str], columns: dict[str, tuple[int, str | None]], where: st
             "repeated measurements, or an estimate of it"
         )
     return row
-
-
-def _number(cell: str, where: str) -> float:
-    try:
-        value = float(cell)
-    except ValueError:
-        raise InputError(f"{where}: {shown(cell)} is not a number") from None
-    if not math.isfinite(value):
-        raise InputError(f"{where}: {shown(cell)} is not a finite number; leave that row out")
-    return value
-
-
-def _factor(name: str, unit: str | None, target: str, where: str) -> float:
-    if unit in (None, "", "1"):
-        if target:
-            raise UnitError(f"{where}: the column {name} has no unit; write it as {name} ({target})")
-        return 1.0
-    try:
-        return convert(f"1 {unit}", target)
-    except UnitError as error:
-        raise UnitError(f"{where}: the column {name} ({unit}): {error}") from None
 
 
 def check_curves(curves: Sequence[MeasuredCurve]) -> None:
