@@ -30,6 +30,8 @@ LOOK, SECOND = 0.25, 0.5
 #: degrees of freedom that are given up because the variance was looked at before it was fixed: without them the
 #: intervals hold the truth in 92.5 to 95 % of cases
 LOOKS = 2
+#: degrees of freedom of a variance that is taken as known
+CERTAIN = 10**6
 #: an interval without a goal is known well enough from so many samples
 ENOUGH = 64
 #: a control is tried where so many samples of the first level seem to be needed, on at most so many of them
@@ -303,8 +305,13 @@ class _Search:
     clock: Clock
     confidence: float
 
-    def needed(self, state: State) -> list[int]:
+    def needed(self, state: State, expected: bool = False) -> list[int]:
         """The numbers of samples that the accuracy needs; with a budget no more than ``most``.
+
+        Parameters
+        ----------
+        expected
+            As if the variances were known: for a choice, since few samples of a correction would make it seem dear.
 
         Raises
         ------
@@ -319,7 +326,7 @@ class _Search:
         if np.any(asked & np.isnan(state.known)):
             raise Unreachable(state, None, "unknown")
         counts = allocated(
-            state.spreads,
+            [Spread(one.variance, CERTAIN) for one in state.spreads] if expected else state.spreads,
             state.costs,
             state.counts,
             state.known,
@@ -347,11 +354,11 @@ class _Search:
         tried = State(state.route, [*state.sampled, Sampled(control, looks=LOOKS)], state.asked)
         tried.upto([max(first, state.sampled[0].count), *state.counts[1:], first], self.clock)
         try:
-            counts = self.needed(state)
-            less = self.needed(tried)
+            plain, regressed = self.needed(state, expected=True), self.needed(tried, expected=True)
+            pays = self._price(tried, regressed) < self._price(state, plain)
+            return (tried, self.needed(tried)) if pays else (state, self.needed(state))
         except Unreachable:
             return state, counts
-        return (tried, less) if self._price(tried, less) < self._price(state, counts) else (state, counts)
 
     def chosen(self, state: State) -> tuple[State, list[int]]:
         """The route that seems best after the first stage, and its counts; routes with corrections take their first
@@ -367,11 +374,11 @@ class _Search:
                 self.clock.upto(more, FIRST_DIFFERENCES)
                 tried.sampled.append(more)
             try:
-                counts = self.needed(tried)
+                counts, price = self.needed(tried), self._price(tried, self.needed(tried, expected=True))
             except Unreachable as error:
                 failed = failed if failed is not None and failed.needed is not None else error
                 continue
-            found.append((self._price(tried, counts), tried, counts))
+            found.append((price, tried, counts))
         if not found:
             assert failed is not None
             raise failed
@@ -395,7 +402,7 @@ class _Search:
         # what it costs at least: its first samples, and the first level without the errors that it corrects
         alone = State(Route("", route.levels[:1], route.known), state.sampled[:1], state.asked)
         try:
-            first = alone.cost(self.needed(alone))
+            first = alone.cost(self.needed(alone, expected=True))
         except Unreachable:
             return False
         return FIRST_DIFFERENCES * sum(level.cost for level in route.levels[1:]) + first < least
