@@ -433,6 +433,19 @@ def test_a_cluster_of_our_own_without_workers_is_told_to_start_others(monkeypatc
     assert client.asked == [3, 3]
 
 
+@pytest.mark.parametrize("error", [AttributeError("ncores"), OSError(), RuntimeError()])
+def test_a_client_that_has_just_lost_its_scheduler_gives_no_answer(monkeypatch, error):
+    class Lost(Deserted):
+        def nthreads(self) -> dict[str, int]:
+            raise error
+
+    now = [1000.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    pool = Dask(Lost(after=0))
+    now[0] += 1.5
+    assert pool.width() == 1
+
+
 def test_a_cluster_of_our_own_that_stays_without_workers_is_an_error(monkeypatch):
     now = [1000.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])

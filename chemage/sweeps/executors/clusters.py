@@ -120,8 +120,9 @@ class Dask(Executor):
         now = time.monotonic()
         if now > when + 1:
             found = None
-            # no answer: the scheduler is busy, or gone, in which case its tasks fail
-            with suppress(OSError, RuntimeError):
+            # no answer: the scheduler is busy, or gone (a client without one fails as it happens to), in which case its
+            # tasks fail
+            with suppress(OSError, RuntimeError, AttributeError):
                 found = sum(self._client.nthreads().values())
                 width = max(1, found)
             if found:
