@@ -31,6 +31,9 @@ CONTROL_PAYS = 0.5
 PROGRAM = 2e8
 #: replicas of a sample whose contact takes all the time
 MOST_REPLICAS = 16
+#: the difference between two grids on one surface: its standard deviation over the mean with so many replicas, and the
+#: variance of one replica over that of the surfaces; as measured by ``tests/benchmarks/ensemble_estimates.py``
+DIFFERENCE, DIFFERENCE_REPLICAS, REPLICA_SHARE = 0.008, 10, 3.0
 
 
 @dataclass(frozen=True)
@@ -151,12 +154,12 @@ def fitting(computation: Computation, workers: int) -> int:
 
 def replicas_of_difference(fine: Computation, coarse: Computation) -> int:
     """Replicas of a sample of the difference between two computations: so many that kinetics take about as long as it
-    is worth, the variance of a replica being some three times that of a surface."""
+    is worth."""
     if not fine.scene.ages or (fine.scene.ageing is not None and not fine.scene.ageing.replicates):
         return 1
     contacts = fine.contact_seconds + coarse.contact_seconds
     kinetics = fine.replica_seconds + coarse.replica_seconds
-    return max(1, min(MOST_REPLICAS, round(math.sqrt(3 * contacts / max(kinetics, 1e-9)))))
+    return max(1, min(MOST_REPLICAS, round(math.sqrt(REPLICA_SHARE * contacts / max(kinetics, 1e-9)))))
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from chemage.ensembles import stages
+from chemage.ensembles.computations import DIFFERENCE, DIFFERENCE_REPLICAS, REPLICA_SHARE
 from chemage.ensembles.goals import Request
 from chemage.experiments.cost import Cost
 from chemage.experiments.scene import Scene
@@ -18,9 +19,6 @@ from chemage.lattices.expected import expected_kinetics, rough_pressures, smooth
 TRIALS = 31
 #: part of the trials on each side of the range
 TAIL = 0.1
-#: the difference between two grids on one surface: its standard deviation over the mean with so many replicas, and the
-#: variance of one replica over that of the surfaces; as measured by ``tests/benchmarks/ensemble_estimates.py``
-DIFFERENCE, DIFFERENCE_REPLICAS, REPLICA_SHARE = 0.008, 10, 3.0
 #: correlation of the area of a sketch with what β has in common on a surface (``tests/benchmarks/sketches.py``)
 CORRELATION = 0.95
 

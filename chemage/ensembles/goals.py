@@ -14,7 +14,7 @@ from chemage.contacts.solution import MEASURES
 from chemage.contacts.theories import ContactTheory
 from chemage.ensembles import measured, stages
 from chemage.ensembles.allocation import limit
-from chemage.ensembles.computations import Computation, computations, replicas_of_difference
+from chemage.ensembles.computations import DIFFERENCE, Computation, computations, replicas_of_difference
 from chemage.ensembles.quantities import Quantities
 from chemage.experiments import asked
 from chemage.experiments.estimate import cost
@@ -28,8 +28,6 @@ from chemage.foundation.units import convert
 
 #: scatter of a quantity between surfaces that is expected where nothing is known, over the mean
 SCATTER = 0.05
-#: surfaces in the variance of a correction, over its mean squared
-CORRECTION = 0.008
 
 
 @dataclass(frozen=True)
@@ -144,7 +142,7 @@ class Request:
                 alone = max(stages.FIRST, spread**2 / (left - error**2)) * one.seconds
             own = found[-1].with_replicas(replicas_of_difference(found[-1], one))
             both = own.seconds + one.with_replicas(own.replicas).seconds
-            corrections = max(stages.FIRST_DIFFERENCES, CORRECTION**2 / left) * both
+            corrections = max(stages.FIRST_DIFFERENCES, DIFFERENCE**2 / left) * both
             return min(alone, max(stages.FIRST, spread**2 / left) * one.seconds + corrections)
 
         return min(range(len(found)), key=lambda number: seconds(found[number]))
