@@ -147,42 +147,31 @@ def _candidates(text: str) -> list[dict[str, Any]]:
 
 def _from_file(path: Path) -> list[dict[str, Any]]:
     """Planned measurements in a CSV file: columns hold_time (s), load (nN), temperature (K), error (nN)."""
-    import csv
-    import re
-
-    from chemage.foundation.tables import data_lines, read_text
+    from chemage.foundation.columns import read_columns
     from chemage.foundation.units import convert
 
-    lines = data_lines(read_text(path))
     example = "hold_time (s), load (nN), temperature (K), error (nN)"
-    if len(lines) < 2:
+    table = read_columns(path, list(NEXT), example)
+    if not table.rows:
         raise user_error(
             f"--next {path}: no planned measurements; write a header, such as {example}, and a row for each"
         )
-    cells = [[cell.strip() for cell in next(csv.reader([line]))] for _, line in lines]
-    columns = [re.fullmatch(r"([^(\[]*?)\s*(?:[(\[]\s*(.*?)\s*[)\]])?", cell) for cell in cells[0]]
-    names = [match[1].strip().lower().replace(" ", "_") if match else "" for match in columns]
-    for name, cell in zip(names, cells[0], strict=True):
-        if name not in NEXT:
-            raise user_error(f"--next {path}: column {cell}; the columns are {example}")
-    if "hold_time" not in names:
+    if "hold_time" not in table.columns:
         raise user_error(f"--next {path}: no column hold_time; write the header as {example}")
     found = []
-    for (number, _), row in zip(lines[1:], cells[1:], strict=True):
-        if len(row) != len(names):
-            raise user_error(f"--next {path}, line {number}: {len(row)} values under {len(names)} columns")
+    for _, at, cells in table.rows:
         one: dict[str, Any] = {}
-        for name, match, cell in zip(names, columns, row, strict=True):
-            unit = (match[2] if match else None) or _UNITS.get(name, "nN")
+        for name, (place, given) in table.columns.items():
+            unit, cell = given or _UNITS.get(name, "nN"), cells[place]
             if not cell:
                 continue
-            where = f"--next {path}, line {number}, column {name}"
+            where = f"--next {at}, column {name}"
             if name == "error" and unit == "%":
                 one[name] = _percent(where, f"{cell} %")
             else:
                 one[name] = convert(f"{cell} {unit}", _UNITS.get(name, "nN"), where)
         if not one.get("hold_time", 0) > 0:
-            raise user_error(f"--next {path}, line {number}: the hold time must be above zero")
+            raise user_error(f"--next {at}: the hold time must be above zero")
         found.append(one)
     return found
 

@@ -117,17 +117,14 @@ def bare(scene: Scene) -> Scene:
     return scene.model_copy(update=update)
 
 
-def control(cheapest: Computation) -> Computation | None:
+def sketched(cheapest: Computation) -> Computation | None:
     """The contact of a sketch of the surface, whose area explains most of the scatter between surfaces; None where the
     surface has no sketch, or it would cost too much."""
     scene = cheapest.scene
     maker = None if isinstance(scene.contact, ContactTheory) else scene.surface.sketch()
     if maker is None:
         return None
-    known = scene.surface.expected(), maker.expected()
-    sizes = [one.get("pixel_size", math.nan) for one in known]
-    made = estimated(scene.model_copy(update={"surface": maker, "hold": None}), 1)
-    made = replace(made, factor=max(1, round(cheapest.factor * sizes[1] / sizes[0])) if sizes[0] > 0 else 1)
+    made = estimated(scene.model_copy(update={"surface": maker, "hold": None}), cheapest.factor)
     return made if made.seconds <= CONTROL_PAYS * cheapest.seconds else None
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from chemage.ensembles import stages
 from chemage.ensembles.allocation import limit
-from chemage.ensembles.computations import PROGRAM, Computation, control, fitting, replicas_of_difference
+from chemage.ensembles.computations import PROGRAM, Computation, fitting, replicas_of_difference, sketched
 from chemage.ensembles.foreseen import Foreseen, Scatters, foreseen, scatters
 from chemage.ensembles.goals import Request
 from chemage.ensembles.running import Sampler, needing
@@ -151,7 +151,7 @@ class EnsemblePlan:
     def sketch(self) -> tuple[Computation, int] | None:
         """The control, and how many samples of it are expected; None where it is not expected to pay."""
         count = 0 if self.foreseen is None else self.foreseen.sketches
-        made = control(self.computations[0]) if count else None
+        made = sketched(self.computations[0]) if count else None
         return None if made is None else (made, count)
 
     def not_computed(self) -> list[str]:

@@ -15,7 +15,7 @@ from chemage.ageing.members import BARRIERS
 from chemage.ensembles import stages
 from chemage.ensembles.allocation import MOST
 from chemage.ensembles.barriers import barriers_error
-from chemage.ensembles.computations import Computation, control, fitting, replicas_of_difference
+from chemage.ensembles.computations import Computation, fitting, replicas_of_difference, sketched
 from chemage.ensembles.ensemble import Ensemble
 from chemage.ensembles.goals import Goal, Request, with_request
 from chemage.ensembles.measured import own_error
@@ -180,19 +180,19 @@ class Sampler:
         base = np.hypot(self._approximation(), self._barriers)
         coarse, fine = found[0], found[-1]
         single = Single(self._samples(coarse, 0), self._quantities)
-        sketched = control(coarse) if self.request.random and self.request.surfaces is None else None
-        drawn = None if sketched is None else Control(self._samples(sketched, 0, self._sketched))
+        sketch = sketched(coarse) if self.request.random and self.request.surfaces is None else None
+        control = None if sketch is None else Control(self._samples(sketch, 0, self._sketched))
         if len(found) == 1 or (coarse.errors is not None and not coarse.errors.any()):
-            return [stages.Route("own grid", (single,), lambda mean: base, drawn)]
+            return [stages.Route("own grid", (single,), lambda mean: base, control)]
         replicas = replicas_of_difference(fine, coarse)
         level = [self._samples(one.with_replicas(replicas), 1) for one in (fine, coarse)]
         difference = Difference(level[0], level[1], self._quantities)
-        corrected = stages.Route("corrected", (single, difference), lambda mean: base, drawn)
+        corrected = stages.Route("corrected", (single, difference), lambda mean: base, control)
 
         def before(mean: np.ndarray) -> np.ndarray:
             return np.sqrt(base**2 + self._coarsening(coarse, mean) ** 2)
 
-        return [stages.Route("not corrected", (single,), before, drawn), corrected]
+        return [stages.Route("not corrected", (single,), before, control), corrected]
 
     def _samples(self, computation: Computation, level: int, taken: Taken | None = None) -> Samples:
         return Samples(

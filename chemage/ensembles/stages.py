@@ -32,8 +32,6 @@ LOOK, SECOND = 0.25, 0.5
 LOOKS = 2
 #: degrees of freedom of a variance that is taken as known
 CERTAIN = 10**6
-#: an interval without a goal is known well enough from so many samples
-ENOUGH = 64
 #: a control is tried where so many samples of the first level seem to be needed, on at most so many of them
 CONTROLLED, PAIRS = 32, 16
 

@@ -11,7 +11,7 @@ from chemage.reports.comparison import Entry
 from chemage.reports.ensemble_figure import ages, draw_curve, draw_parts
 from chemage.reports.ensemble_text import errors, interval_text, over, rows
 from chemage.reports.figures import blank
-from chemage.reports.page_parts import Part, Picture, Section, Table, markup, scene_toml, svg
+from chemage.reports.page_parts import Part, Picture, Section, Table, markup, scene_part, svg
 
 #: inches; small, so that the text is legible on a phone
 _SIZE = (4.9, 3.6)
@@ -35,11 +35,7 @@ def ensemble_section(one: Entry, key: str, name: str) -> tuple[Section, list[str
     if made.measures:
         parts.append(Part("Contact", tables=[_contact_table(made)]))
     if one.scene:
-        about = markup(
-            "All options, in internal units (nm, nN, GPa, eV, s, K). Saved as a file, this scene reproduces the result "
-            "with <code>chemage run</code>, but for a budget of time, which ends where the time does."
-        )
-        parts.append(Part("Scene", paragraphs=[about], code=scene_toml(one.scene)))
+        parts.append(scene_part(one.scene, ", but for a budget of time, which ends where the time does"))
     parts.append(Part("Provenance", tables=[_provenance(one, made)]))
     return Section(key, name, parts=parts), list(made.provenance.get("cite", []))
 

@@ -30,7 +30,7 @@ from chemage.reports.comparison.figures import comparison_brought, core_figures
 from chemage.reports.ensemble_page import ensemble_section, main_estimates
 from chemage.reports.figures import png
 from chemage.reports.inference_page import ERRORS, holds_inference, inference_section
-from chemage.reports.page_parts import Part, Picture, Section, Table, markup, scene_toml, svg
+from chemage.reports.page_parts import Part, Picture, Section, Table, markup, scene_part, svg
 from chemage.reports.plugin_figures import Brought
 from chemage.reports.run_figures import brought_figures, map_figures
 
@@ -227,11 +227,7 @@ def _result(one: Entry, key: str, name: str) -> tuple[Section, list[str]]:
     if one.aging is not None:
         parts.append(Part("Friction against hold time", tables=[_curves_table(one)]))
     if one.scene:
-        about = markup(
-            "All options, in internal units (nm, nN, GPa, eV, s, K). Saved as a file, this scene reproduces the result "
-            "with <code>chemage run</code>."
-        )
-        parts.append(Part("Scene", paragraphs=[about], code=scene_toml(one.scene)))
+        parts.append(scene_part(one.scene))
     parts.append(Part("Provenance", tables=[_provenance(one, thing)]))
     return Section(key, name, parts=parts), list(run.cite) if run is not None else []
 

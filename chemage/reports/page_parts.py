@@ -63,6 +63,15 @@ def markup(text: str) -> Any:
     return Markup(text)
 
 
+def scene_part(scene: Mapping[str, Any], but: str = "") -> Part:
+    """The scene of a result; ``but`` says in what a run of it may differ."""
+    about = markup(
+        "All options, in internal units (nm, nN, GPa, eV, s, K). Saved as a file, this scene reproduces the result "
+        f"with <code>chemage run</code>{but}."
+    )
+    return Part("Scene", paragraphs=[about], code=scene_toml(scene))
+
+
 def scene_toml(scene: Mapping[str, Any]) -> str:
     """Format plain scene data as TOML, from which equal data can be read."""
     import tomli_w

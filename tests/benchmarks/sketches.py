@@ -15,7 +15,7 @@ import time
 import numpy as np
 from unseen_scenes import unseen
 
-from chemage.ensembles.computations import computations, compute, control
+from chemage.ensembles.computations import computations, compute, sketched
 from chemage.ensembles.goals import Request, with_request
 
 SURFACES, REPLICAS = 24, 3
@@ -26,7 +26,7 @@ def measured(number: int) -> tuple[float, float, float, float] | None:
     scene = unseen(number)
     quantities = Request.of(with_request(scene, accuracy={"beta": 0.02})).quantities
     coarse = computations(scene.completed())[0]
-    sketch = control(coarse)
+    sketch = sketched(coarse)
     if sketch is None:
         return None
     betas, within, areas, own, seconds = [], [], [], [], np.zeros(2)

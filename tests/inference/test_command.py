@@ -263,6 +263,27 @@ def test_wrong_options_are_one_clear_message_before_anything_is_computed(command
     assert sorted(path.name for path in folder.iterdir()) == ["tip.csv", "tip.toml"]
 
 
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("hold_time (s), load (nN), hold_time (s)\n1,2,3\n", "the column hold_time is there twice"),
+        ("hold_time (s), error (%)\n1,-3\n", "give a percentage above zero"),
+        ("hold_time (s), load (nN)\n", "no planned measurements"),
+        ("load (nN)\n5\n", "no column hold_time"),
+        ("hold_time (s), speed\n1,2\n", "column 2"),
+        ("hold_time (ms)\n-1\n", "must be above zero"),
+    ],
+)
+def test_wrong_plans_in_a_file_are_one_clear_message(command, folder, made_up, text, says):
+    (folder / "plan.csv").write_text(text)
+    done = command("infer", "tip.csv", "--scene", "tip.toml", "--next", "plan.csv")
+    assert done.status == 2
+    assert says in done.err
+    assert "plan.csv" in done.err
+    assert "Traceback" not in done.err
+    assert not made_up
+
+
 DATA = {
     "out of order": ("1, 5, 1, 20, 300\n0.1, 4, 1, 20, 300\n", "sort"),
     "one decade": ("1, 5, 1, 20, 300\n5, 6, 1, 20, 300\n", "decade"),

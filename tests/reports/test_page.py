@@ -12,7 +12,8 @@ import pytest
 import chemage as ca
 from chemage import InputError, StoreError, override, parse_scene, write_report
 from chemage.foundation import files as written_files
-from chemage.reports.page import html, scene_toml
+from chemage.reports.page import html
+from chemage.reports.page_parts import scene_toml
 
 BASE = {
     "name": "tip",
