@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-#: measures that a contact without a map does not have
-NEEDS_MAP = ("corrected_area", "patches", "perimeter_to_area", "max_pressure")
-
 
 class ContactStatistics(Record):
     """What is left of a contact when its map is forgotten: area by pressure, and by missing neighbours.
@@ -118,9 +115,11 @@ class ContactStatistics(Record):
         )
 
     def summary(self) -> dict[str, float]:
-        """The measures users compare, nan where they need a map (:data:`NEEDS_MAP`)."""
-        names = {"area": "contact_area"}
-        return {name: math.nan if name in NEEDS_MAP else getattr(self, names.get(name, name)) for name in MEASURES}
+        """The measures users compare (:data:`chemage.contacts.solution.MEASURES`), nan where this class has none of the
+        name, because the measure needs a map."""
+        known = {*type(self).model_fields, *dir(type(self))}
+        numbers = {name: getattr(self, name) if name in known else math.nan for name in MEASURES}
+        return {**numbers, "area": self.contact_area}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the contact area above each pressure into ``ax``, or into a new figure of pyplot; return the axes."""

@@ -30,7 +30,7 @@ AHEAD = 12
 
 
 class Grid(NamedTuple):
-    """How times are divided into buckets, see `_bucket`."""
+    """How times are divided into buckets, see `bucket_of`."""
 
     offset: int
     """subtracted from the leading bits of a time"""

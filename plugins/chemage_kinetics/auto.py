@@ -54,7 +54,7 @@ class Auto(ThreadedEngine):
         return RejectionFree(superbasins=self.superbasins), f"{shape}: with {few} the sum tree costs least"
 
     def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
-        """See :meth:`chemage.spec.Engine.expected`."""
+        """See :meth:`chemage.Engine.expected`."""
         if not interacting:
             return Independent().expected(sites, interacting)
         return NextReaction(superbasins=self.superbasins).expected(sites, interacting, events)

@@ -31,7 +31,7 @@ class BKL(Engine):
     cost does not depend on the number of its events (Novotny 1995); default: no"""
 
     def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
-        """See :meth:`chemage.spec.Engine.expected`."""
+        """See :meth:`chemage.Engine.expected`."""
         return expected_cost(sites, 650e-9, 25e-9, 46, events, self.superbasins)
 
     def _run(

@@ -36,7 +36,7 @@ class Independent(ThreadedEngine):
     interacting: ClassVar[bool] = False
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
-        """See :meth:`chemage.spec.Engine.expected`."""
+        """See :meth:`chemage.Engine.expected`."""
         return expected_cost(sites, 100e-9, 60e-9, 25)
 
     def _run(

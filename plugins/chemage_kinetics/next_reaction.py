@@ -36,7 +36,7 @@ class NextReaction(ThreadedEngine):
     cost does not depend on the number of its events (Novotny 1995); default: no"""
 
     def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
-        """See :meth:`chemage.spec.Engine.expected`."""
+        """See :meth:`chemage.Engine.expected`."""
         return expected_cost(sites, 600e-9, 70e-9, 50, events, self.superbasins)
 
     def _run(

@@ -31,7 +31,7 @@ class RejectionFree(Engine):
     cost does not depend on the number of its events (Novotny 1995); default: no"""
 
     def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
-        """See :meth:`chemage.spec.Engine.expected`."""
+        """See :meth:`chemage.Engine.expected`."""
         return expected_cost(sites, 430e-9, 15e-9, 18, events, self.superbasins)
 
     def _run(

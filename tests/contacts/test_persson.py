@@ -10,6 +10,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError, SceneError, parse_scene
+from chemage.contacts.solution import MEASURES
 
 PERSSON = ca.contact("persson", modulus=35.3)
 SIGMA = 0.5 * 35.3 * 0.1
@@ -91,6 +92,24 @@ def test_rms_height_and_slope_of_a_spectrum_are_those_of_many_surfaces(hurst, et
     assert by_slope.roughness().rms_height == pytest.approx(math.sqrt(heights), rel=0.15 if eta > 1 else 0.35)
     by_height = ca.surface("self-affine", rms_height=1.0, **options)
     assert by_height.roughness().rms_slope == pytest.approx(0.1 / by_slope.roughness().rms_height, rel=1e-9)
+
+
+def test_a_measure_that_is_added_as_the_documentation_says_is_unknown_without_a_map(monkeypatch):
+    """A property of ContactSolution and a line in MEASURES (docs/architecture.md) are enough."""
+    unchanged = PERSSON.statistics(rough(), 100.0).summary()
+    monkeypatch.setitem(MEASURES, "largest_patch", ("1", "pixels of the largest patch"))
+    monkeypatch.setattr(ca.ContactSolution, "largest_patch", property(lambda self: self.patch_sizes[0]), raising=False)
+    pressed = ca.contact("hertz", modulus=35.3).solve(
+        ca.surface("sphere", radius=30, pixels=32, pixel_size=0.5).make(), 10.0
+    )
+    assert pressed.summary()["largest_patch"] == pressed.sites.size
+    summary = PERSSON.statistics(rough(), 100.0).summary()
+    assert math.isnan(summary.pop("largest_patch"))
+    assert summary == pytest.approx(unchanged, nan_ok=True)
+    nan = {name for name, value in summary.items() if math.isnan(value)}
+    assert nan == {"corrected_area", "patches", "perimeter_to_area", "max_pressure"}
+    run = ca.run(parse_scene(scene()))
+    assert run.summary()["largest_patch"] is None
 
 
 @pytest.mark.long

@@ -13,6 +13,7 @@ import chemage
 from chemage import InputError, StoreError, registry
 from chemage.plugins.hooks import API_VERSION
 from chemage.scaffold import new as scaffold
+from chemage.scaffold.stubs import stub_text
 
 #: one process for the plugins of all roles, because it takes longer to start than most of their tests to run
 PROGRAM = """
@@ -86,3 +87,10 @@ def test_a_kind_or_a_name_that_is_taken_is_reported(tmp_path: Path, site):
     site.install("chemage-mine", {"chemage_mine.py": source}, {"chemage_mine": "chemage_mine"})
     with registry.using(registry.Registry()), pytest.warns(registry.PluginWarning, match="a plugin 'chemage_mine' is"):
         scaffold.new("mine", "barriers", tmp_path)
+
+
+def test_the_stub_of_chemage_knows_every_option_of_its_components():
+    """``chemage plugins stubs --in . --force`` makes it again, where no other plugins are installed."""
+    stub = Path(chemage.__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+    missing = set(stub_text("chemage").splitlines()) ^ set(stub.splitlines())
+    assert stub == stub_text("chemage"), "\n".join(sorted(missing))
