@@ -31,6 +31,8 @@ Quantity = Literal["friction_coefficient_drop", "friction_drop"]
 
 #: default of the first and last hold time of the line, s
 FIT_WINDOW = (10.0, 1e4)
+#: a cut-off time that lies further outside all hold times, in decades, is an extrapolation and not stated
+CUTOFF_DECADES = 3
 #: β per decade over b per e-fold
 LN10 = math.log(10)
 #: replicas (or points) from which on bootstrap intervals hold the truth as often as they say
@@ -80,9 +82,13 @@ class Fit:
     beta: float
     #: jackknife over replicas, or from the scatter of measurements about the fit; nan for a single replica
     beta_stderr: float
-    #: where the line meets zero, s; nan where the data do not determine it
+    #: where the fit meets zero, s; nan where the data do not determine it, for the reason ``cutoff_reason``
     cutoff_time: float
     cutoff_time_stderr: float
+    #: why there is no cut-off time; "" where there is one
+    cutoff_reason: str
+    #: log10 of the time (s) at which the fit meets zero, wherever that is; nan where it does not rise
+    log_cutoff: float
     beta_interval: Interval
     cutoff_interval: Interval
     #: dΔF/dlog10 t, nN per decade; None for measurements of Δμ, whose load is not known
@@ -110,7 +116,12 @@ class Fit:
 
     def __call__(self, hold_times: np.ndarray | float) -> np.ndarray:
         """The fitted value at ``hold_times`` (s)."""
-        return self.beta * basis(self.model, np.asarray(hold_times, dtype=np.float64), math.log10(self.cutoff_time))
+        return self.beta * basis(self.model, np.asarray(hold_times, dtype=np.float64), self.log_cutoff)
+
+    @property
+    def drawable(self) -> bool:
+        """Whether the fit is known at every hold time."""
+        return math.isfinite(self.beta) and math.isfinite(self.log_cutoff)
 
     @property
     def beta_half_width(self) -> float:
@@ -152,7 +163,9 @@ class Fit:
         return f"{self._with(self.b, self.b_interval)} {UNIT[self.quantity]}".strip()
 
     def cutoff_text(self) -> str:
-        """The cut-off time with its interval."""
+        """The cut-off time with its interval, or why there is none."""
+        if self.cutoff_reason:
+            return f"undetermined: {self.cutoff_reason}"
         return f"{self._with(self.cutoff_time, self.cutoff_interval)} s"
 
     def _with(self, value: float, interval: Interval) -> str:
@@ -202,6 +215,7 @@ class Fit:
                 "cutoff_time": self.cutoff_time,
                 "cutoff_time_stderr": self.cutoff_time_stderr,
                 "cutoff_time_interval": [self.cutoff_interval.low, self.cutoff_interval.high],
+                "cutoff_reason": self.cutoff_reason or None,
                 "window": list(self.window) if self.window else None,
                 "points": self.points,
                 "rms_residual": self.rms_residual,
@@ -270,6 +284,8 @@ def fit_aging(
     else:
         slope, error, log_cutoff = estimate.slope, estimate.slope_error, estimate.log_cutoff
         slopes, cutoffs = student(model, t, curves, weight, slope, error, log_cutoff, confidence)
+    reason = _no_cutoff(estimate.log_cutoff, slopes, data.hold_times)
+    cutoff = math.nan if reason else _time(estimate.log_cutoff)
     unit = given.scale
     # the curves of a simulated result are ΔF whatever is fitted
     forces = given.simulated or given.quantity == "friction_drop"
@@ -278,10 +294,12 @@ def fit_aging(
         quantity=given.quantity,
         beta=estimate.slope * unit,
         beta_stderr=estimate.slope_error * unit,
-        cutoff_time=_time(estimate.log_cutoff),
-        cutoff_time_stderr=_time(estimate.log_cutoff) * math.log(10) * estimate.cutoff_error,
+        cutoff_time=cutoff,
+        cutoff_time_stderr=cutoff * LN10 * estimate.cutoff_error,
+        cutoff_reason=reason,
+        log_cutoff=estimate.log_cutoff,
         beta_interval=Interval(slopes.low * unit, slopes.high * unit),
-        cutoff_interval=cutoffs,
+        cutoff_interval=Interval(0.0, math.inf) if reason and math.isfinite(slopes.low) else cutoffs,
         friction_rate=estimate.slope if forces else None,
         friction_rate_stderr=estimate.slope_error if forces else None,
         window=limits,
@@ -292,6 +310,18 @@ def fit_aging(
         samples=samples,
         confidence=confidence,
     )
+
+
+def _no_cutoff(log_cutoff: float, slopes: Interval, times: np.ndarray) -> str:
+    """Why a fit that meets zero at 10**``log_cutoff`` s has no cut-off time, in words; "" where it has one."""
+    if math.isnan(log_cutoff) or slopes.low <= 0:
+        return "β is not distinguishable from zero" if slopes.high >= 0 else "β is below zero"
+    positive = times[times > 0]
+    if log_cutoff < math.log10(positive.min()) - CUTOFF_DECADES:
+        return f"the fit meets zero more than {CUTOFF_DECADES} decades before the hold times"
+    if log_cutoff > math.log10(positive.max()) + CUTOFF_DECADES:
+        return f"the fit meets zero more than {CUTOFF_DECADES} decades after the hold times"
+    return ""
 
 
 def _limits(

@@ -60,7 +60,8 @@ def student(
         return UNKNOWN, Interval(0.0, math.inf)
     limit = student_limit(freedom, confidence)
     beta = Interval(slope - limit * slope_error, slope + limit * slope_error)
-    if not beta.low > 0 or not math.isfinite(log_cutoff):
+    lowest, highest = bounds(t)
+    if not (beta.low > 0 and lowest < log_cutoff < highest):
         # a line that may be flat crosses zero anywhere
         return beta, Interval(0.0, math.inf)
 
@@ -79,7 +80,6 @@ def student(
                 error = np.sqrt((weight * rest**2).sum() / freedom * (score**2 / weight).sum(axis=1))
             return np.abs(values.mean(axis=0)) / error
 
-    lowest, highest = bounds(t)
     return beta, Interval(
         _end(statistic, limit, log_cutoff, lowest, 0.0), _end(statistic, limit, log_cutoff, highest, math.inf)
     )

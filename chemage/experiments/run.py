@@ -151,6 +151,7 @@ class Run:
             "observables": {name: one.summary() for name, one in aging.measured.items()} if aging else {},
             **(fit_numbers(fit) if fit else dict.fromkeys(FIT)),
             "beta_reason": reason or None,
+            "cutoff_reason": (fit.cutoff_reason or None) if fit else None,
             "beta_scatter_between_surfaces": scatter.relative if scatter else None,
             **self._beta_errors(),
             **elastic_measures(aging),

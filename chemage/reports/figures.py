@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import math
 from collections.abc import Callable, Mapping
 from html import escape
 from pathlib import Path
@@ -87,7 +86,7 @@ def replicas_text(aging: Aging) -> str:
 
 def draw_fit(axes: Axes, fit: Fit | None, window: tuple[float, float], label: str = "", color: str = ORANGE) -> None:
     """Draw the fitted line over its ``window`` (s), with β and what was fitted in the legend; nothing without a fit."""
-    if fit is None or not (math.isfinite(fit.beta) and math.isfinite(fit.cutoff_time)):
+    if fit is None or not fit.drawable:
         return
     line = np.geomspace(*window, 50)
     text = f"{label}: {fit.short_text()}" if label else fit.short_text()

@@ -53,7 +53,7 @@ def published(scene: Mapping[str, Any]) -> list[Published]:
 
 def draw_published(axes: Axes, scene: Mapping[str, Any], fit: Fit | None, window: tuple[float, float]) -> None:
     """Draw the published slopes over the window of a fit, through the middle of the fitted line."""
-    if fit is None or not (math.isfinite(fit.beta) and math.isfinite(fit.cutoff_time)):
+    if fit is None or not fit.drawable:
         return
     middle = math.sqrt(window[0] * window[1])
     for number, one in enumerate(published(scene)):

@@ -83,6 +83,47 @@ def test_a_line_that_falls_has_no_cutoff(aging):
     assert fit.beta_stderr > 0
 
 
+@pytest.mark.parametrize("cutoff", [1e-258, 1e-40, 9e-4])
+@pytest.mark.parametrize("bootstrap", [None, "replicas"])
+def test_a_cutoff_decades_before_the_hold_times_is_not_stated(cutoff, bootstrap):
+    """A contact that is nearly saturated: an extrapolated line says nothing of when strengthening begins."""
+    times = 10.0 ** np.arange(0, 6)
+    noise = 10 * np.random.default_rng(1).integers(-9, 10, (5, 6))
+    made = line(1000, cutoff, times, replicas=5, noise=noise)
+    fit = fit_aging(made, window=(10, 1e4), bootstrap=bootstrap)
+    assert fit.beta == pytest.approx(100, rel=0.1)
+    assert fit.beta_interval.low > 0
+    # the line itself is known
+    np.testing.assert_allclose(fit(times[1:5]), made.mean_friction_coefficient_drop[1:5], atol=10)
+    told = "undetermined: the fit meets zero more than 3 decades before the hold times"
+    assert fit.cutoff_text() == told
+    numbers = fit.todict()
+    assert (numbers["cutoff_time"], numbers["cutoff_time_stderr"]) == (None, None)
+    assert numbers["cutoff_time_interval"] == [0.0, None]
+    assert numbers["cutoff_reason"] == told.removeprefix("undetermined: ")
+
+
+def test_a_cutoff_of_a_slope_that_may_be_zero_is_not_stated():
+    times = 10.0 ** np.arange(0, 6)
+    slopes = np.array([[-1], [0], [1], [2]])
+    fit = line(0, 1.0, times, replicas=4, noise=100 * slopes * np.arange(6) + 10000).fit(10, 1e4)
+    assert fit.beta > 0 > fit.beta_interval.low
+    assert fit.cutoff_text() == "undetermined: β is not distinguishable from zero"
+    assert fit.todict()["cutoff_time"] is None
+
+
+def test_a_cutoff_that_is_stated_lies_in_its_interval():
+    times = 10.0 ** np.arange(0, 6)
+    for seed in range(100):
+        generator = np.random.default_rng(seed)
+        noise = generator.integers(-400, 400, (4, 6))
+        fit = line(1000, 10.0 ** generator.uniform(-12, -1), times, replicas=4, noise=noise).fit(1, 1e5)
+        low, high = fit.cutoff_interval.low, fit.cutoff_interval.high
+        assert low <= high
+        if not fit.cutoff_reason:
+            assert low < fit.cutoff_time < high
+
+
 def test_jackknife_error_of_the_slope_is_that_of_a_mean():
     """The slope is linear in the data, so its jackknife error is the standard error of the replicas' own slopes."""
     times = 10.0 ** np.arange(1, 5)

@@ -30,7 +30,9 @@ TIMES = np.geomspace(0.1, 1e4, 16)
 def test_exact_data_give_back_what_they_were_made_with(model, shape, beta, cutoff):
     fit = fit_aging(measured(TIMES, shape(beta, cutoff, TIMES)), model=model)
     assert fit.beta == pytest.approx(beta, rel=1e-6)
-    assert fit.cutoff_time == pytest.approx(cutoff, rel=1e-5)
+    # one that lies decades outside the hold times is no time at which strengthening begins
+    assert fit.cutoff_time == pytest.approx(cutoff if cutoff > 1e-4 else math.nan, rel=1e-5, nan_ok=True)
+    assert fit.log_cutoff == pytest.approx(math.log10(cutoff), abs=1e-5)
     assert fit.rms_residual < 1e-6 * beta
     np.testing.assert_allclose(fit(TIMES), shape(beta, cutoff, TIMES), atol=1e-6 * beta)
     assert fit.points == TIMES.size
@@ -211,6 +213,13 @@ def test_data_that_do_not_rise_have_no_cutoff_time(model):
     assert math.isinf(flat.cutoff_interval.high)
     # None, not NaN, where JSON is wanted
     assert falling.todict()["cutoff_time"] is None
+
+
+@pytest.mark.parametrize(("cutoff", "side"), [(1e-5, "before"), (1e8, "after")])
+def test_a_cutoff_decades_outside_the_measurements_is_not_stated(cutoff, side):
+    fit = fit_aging(measured(TIMES, line(0.5, cutoff, TIMES)))
+    assert fit.cutoff_text() == f"undetermined: the fit meets zero more than 3 decades {side} the hold times"
+    assert fit.todict()["cutoff_time"] is None
 
 
 def test_all_data_before_the_cutoff_only_bound_it_from_below():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
@@ -140,7 +139,7 @@ def _overlay(axes: Axes, comparison: Comparison, quantity: Quantity) -> None:
             label=plain(f"{data.name} (measured)"),
         )
         fit = comparison.measured_fit(data, "curve")
-        if fit is not None and math.isfinite(fit.cutoff_time):
+        if fit is not None and fit.drawable:
             line = np.geomspace(data.hold_times[shown].min(), data.hold_times[shown].max(), 100)
             label = plain(f"{data.name}: {fit.short_text()}")
             axes.plot(line, fit(line), color=BLACK, lw=1, ls=("--", ":", "-.")[number % 3], label=label)
