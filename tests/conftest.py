@@ -89,6 +89,14 @@ def quick_figures(request):
         yield
 
 
+@pytest.fixture(autouse=True, scope="session")
+def no_speed():
+    """Estimates are those of the reference machine: no test depends on the speed of this one."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("chemage.experiments.estimate.slowness", lambda: 1.0)
+        yield
+
+
 @pytest.fixture(scope="module")
 def without_preparation():
     """Methods of ageing that make a table first, which takes seconds, are no part of maps of speed and accuracy."""

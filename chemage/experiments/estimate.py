@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from chemage.contacts.loads import pressure_text
@@ -15,6 +15,7 @@ from chemage.experiments.limits import check_limits, duration, in_hours
 from chemage.experiments.scene import Scene
 from chemage.foundation.calls import call_with
 from chemage.foundation.errors import ChemageError
+from chemage.foundation.processor import slowness
 from chemage.foundation.threads import available
 from chemage.foundation.units import EV_PER_GPA_NM3
 from chemage.lattices.expected import Expected, expected_kinetics, rough_pressures, smooth_pressures
@@ -85,6 +86,8 @@ class Plan:
             rows.append(("expected events", f"about {known['events']:.2g} bonds formed and broken per site"))
         if text := self.seconds_text():
             rows.append(("expected cost", text))
+        if text and "machine_speed" in known:
+            rows.append(("speed of this machine", f"{known['machine_speed']:.2g} times the reference, measured once"))
         if "memory" in known:
             rows.append(("expected memory", f"about {known['memory'] / 1e9:.2g} GB"))
         if "file" in known:
@@ -99,13 +102,22 @@ def _time(seconds: float) -> str:
 def cost(scene: Scene) -> Cost:
     """The one estimate of what ``scene`` costs, from what its components state; single scenes and sweeps use it.
 
+    Seconds are those of this machine, see :func:`chemage.foundation.processor.slowness`.
+
     Raises
     ------
     ChemageError
         A surface file cannot be read.
     """
     with scene.in_use():
-        return _cost(scene)
+        found, factor = _cost(scene), slowness()
+    contact, kinetics, both = found.contact_cpu_seconds, found.kinetics_cpu_seconds, found.kinetics_range
+    return replace(
+        found,
+        contact_cpu_seconds=None if contact is None else contact * factor,
+        kinetics_cpu_seconds=None if kinetics is None else kinetics * factor,
+        kinetics_range=None if both is None else (both[0] * factor, both[1] * factor),
+    )
 
 
 def _cost(scene: Scene) -> Cost:
@@ -256,7 +268,7 @@ def plan(scene: Scene) -> Plan:
         at_once = min(scene.hold.replicas, available()) if scene.hold is not None else 1
         numbers["memory"] = 2e8 + max(known.contact_bytes, known.replica_bytes * at_once)
     if (seconds := duration(scene, known)) is not None:
-        numbers["seconds"] = seconds
+        numbers |= {"seconds": seconds, "machine_speed": 1 / slowness()}
     seconds_range = None
     if known.contact_cpu_seconds is not None and known.kinetics_range is not None:
         least, most = known.kinetics_range

@@ -30,6 +30,13 @@ def places() -> list[str]:
     return [f"{Path(__file__).parents[1]} (beside the source files)" if _writable(beside) else str(home)]
 
 
+def folder() -> Path:
+    """The folder in which kernels of this package are kept, or would be; other things measured once lie beside them."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    beside, home = _of_numba()
+    return Path(given) if given else beside if _writable(beside) else home
+
+
 def empty() -> bool:
     """Whether no kernel of chemage is kept yet; it looks at two folders and does not need numba."""
     given = os.environ.get("NUMBA_CACHE_DIR")

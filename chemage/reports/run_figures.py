@@ -9,18 +9,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage.ageing.aging import Aging
-from chemage.ageing.fitting import Quantity
+from chemage.ageing.fitting import SYMBOL, UNIT, Quantity
 from chemage.ageing.plotted import Maps, PlottedResult
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
 from chemage.experiments.run import Run
 from chemage.experiments.sections import components_of
+from chemage.foundation.statistics import half_width
 from chemage.reports.figures import (
     BLUE,
     GREEN,
     GREY,
     MAP_PIXELS,
+    ORANGE,
     blank,
+    decades_only,
     draw_fit,
     draw_map,
     legend,
@@ -33,6 +36,9 @@ from chemage.reports.figures import (
 from chemage.reports.plugin_figures import Brought, Source, chemistry_of, plugin_figures
 from chemage.reports.published import draw_published
 from chemage.surfaces.surface import Surface
+
+#: least distance, in decades, of the hold times between which a local slope is taken
+SLOPE_SPAN = 0.5
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,6 +55,7 @@ def surface_figure(surface: Surface) -> Figure:
         shown = density > density.max() * 1e-14
         axes[1].loglog(q[shown], density[shown], color=BLUE, marker=".", ms=3, lw=1)
         axes[1].set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C(q) (nm$^4$)")
+        decades_only(axes[1].yaxis)
         axes[1].tick_params(axis="x", which="minor", labelsize=6)
     else:
         x = (np.arange(nx) + 0.5) * surface.pixel_size
@@ -166,23 +173,31 @@ def _around_largest_patch(
 
 
 def friction_figure(run: Run) -> Figure | None:
-    """Draw ΔF and Δμ against hold time, with 95 % intervals over replicas, the fitted line and published values.
+    """Draw Δμ against hold time, with 95 % intervals over replicas, the fitted line and published values; beside it
+    its slope from hold time to hold time, which β averages.
 
-    ΔF alone without load; None without ageing or without a hold time above 0.
+    ΔF in place of Δμ without load; None without ageing or without a hold time above 0.
     """
     if run.aging is None or not (run.aging.hold_times > 0).any():
         return None
     aging = run.aging
-    figure, axes = panels(10.5, 4.2, 2) if aging.load > 0 else panels(5.6, 4.2)
-    data = plain(f"{run.name}, {replicas_text(aging)}")
-    draw_friction(axes[0], aging, "friction_drop", label=data)
-    if aging.load > 0:
-        draw_friction(axes[1], aging, "friction_coefficient_drop", label=data)
-        draw_fit(axes[1], run.fit(), run.window)
-        draw_published(axes[1], run.scene, run.fit(), run.window)
+    quantity: Quantity = "friction_coefficient_drop" if aging.load > 0 else "friction_drop"
+    fit = run.fit() if aging.load > 0 else None
+    several = np.unique(aging.hold_times[aging.hold_times > 0]).size > 1
+    figure, axes = panels(10.5, 4.2, 2) if several else panels(5.6, 4.2)
+    draw_friction(axes[0], aging, quantity, label=plain(f"{run.name}, {replicas_text(aging)}"))
+    axes[0].set_ylim(bottom=0)
+    draw_fit(axes[0], fit, run.window)
+    draw_published(axes[0], run.scene, fit, run.window)
+    legend(axes[0], fontsize=8)
+    if several:
+        draw_local_slope(axes[1], aging, quantity, label=replicas_text(aging))
+        if fit is not None:
+            axes[1].plot(run.window, [fit.beta] * 2, color=ORANGE, lw=1.6, zorder=3, label="β of the fitted line")
+        legend(axes[1], fontsize=8)
+        axes[1].set_xlim(axes[0].get_xlim())
     for one in axes:
-        one.set_ylim(bottom=0)
-        legend(one, fontsize=8)
+        decades_only(one.xaxis)
     figure.suptitle(
         f"{run.scene.get('title') or run.name}, {aging.temperature:g} K"
         + (f"\napproximate: {run.approximate}" if run.approximate else ""),
@@ -207,6 +222,23 @@ def draw_friction(axes: Axes, aging: Aging, quantity: Quantity, colour: str = BL
     axes.set_ylabel("friction coefficient drop Δμ" if coefficient else "friction drop ΔF (nN)")
     axes.set(xscale="log", xlabel="hold time (s)")
     axes.set_ylim(bottom=0)
+
+
+def draw_local_slope(axes: Axes, aging: Aging, quantity: Quantity, colour: str = BLUE, label: str = "") -> None:
+    """Draw the mean slope per decade of ``quantity`` over half a decade or more about each time, with 95 % intervals
+    over replicas."""
+    shown = aging.hold_times > 0
+    times, first = np.unique(np.log10(aging.hold_times[shown]), return_index=True)
+    values = aging.friction_coefficient_drop if quantity == "friction_coefficient_drop" else aging.friction_drop
+    values = values[:, shown][:, first]
+    ends = [(at, int(np.searchsorted(times, start + SLOPE_SPAN - 1e-9))) for at, start in enumerate(times)]
+    low, high = np.array([(at, end) for at, end in ends if end < times.size] or [(0, times.size - 1)]).T
+    slopes = (values[:, high] - values[:, low]) / (times[high] - times[low])
+    middle = 10 ** (0.5 * (times[low] + times[high]))
+    _with_errors(axes, middle, slopes.mean(axis=0), half_width(slopes), colour, label)
+    axes.set(xscale="log", xlabel="hold time (s)")
+    symbol, unit = SYMBOL[quantity], f" ({UNIT[quantity]})" if UNIT[quantity] else ""
+    axes.set_ylabel(f"slope d{symbol}/dlog$_{{10}}$t per decade{unit}")
 
 
 def _write(axes: Axes, text: str) -> None:

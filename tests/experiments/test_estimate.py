@@ -9,6 +9,7 @@ import pytest
 import chemage
 from chemage import load_scene
 from chemage.experiments.estimate import cost, plan
+from chemage.foundation import processor
 from chemage.lattices.expected import expected_events
 
 
@@ -130,3 +131,44 @@ def test_what_takes_hours_is_said():
     assert "the cost of engine 'next-reaction' depends on what happens during the run" in note
     short = load_scene("silica-patch", {"hold.temperature": 400.0, "hold.stop": 100.0})
     assert not [note for note in plan(short).notes if "this will take" in note]
+
+
+def test_seconds_follow_the_speed_of_the_machine(small, monkeypatch):
+    scene = load_scene(small)
+    once = plan(scene).numbers
+    monkeypatch.setattr("chemage.experiments.estimate.slowness", lambda: 0.25)
+    fast = plan(scene)
+    assert fast.numbers["cpu_seconds"] == pytest.approx(once["cpu_seconds"] / 4)
+    assert fast.numbers["seconds"] == pytest.approx(once["seconds"] / 4)
+    assert fast.numbers["memory"] == once["memory"]
+    assert ("speed of this machine", "4 times the reference, measured once") in fast.rows()
+
+
+def test_the_speed_is_measured_once_and_kept_beside_the_kernels(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    measured = []
+    monkeypatch.setattr(processor, "_measured", lambda: measured.append(1) or 2 * processor.REFERENCE_SECONDS)
+    slowness = processor.slowness.__wrapped__
+    assert (slowness(), slowness(), len(measured)) == (2.0, 2.0, 1)
+    (file,) = tmp_path.iterdir()
+    good = json.loads(file.read_text())
+    other = {**good, "processor": "other"}
+    for content in (
+        "",
+        "{",
+        "[]",
+        "3",
+        json.dumps({**good, "seconds": -1}),
+        json.dumps({"version": 0}),
+        json.dumps(other),
+    ):
+        file.write_text(content)
+        measured.clear()
+        assert (slowness(), len(measured)) == (2.0, 1), content
+        assert json.loads(file.read_text()) == good
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(file / "no folder"))
+    assert slowness() == 2.0
+
+
+def test_the_measured_speed_is_a_time():
+    assert 1e-5 < processor._measured() < 1

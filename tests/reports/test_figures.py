@@ -6,13 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import chemage
 import chemage_observables
 from chemage import Aging, ContactSolution, StoreError, load_scene
+from chemage.foundation.statistics import half_width
 from chemage.foundation.text import with_error
 from chemage.reports import run_figures
-from chemage.reports.figures import pooled
+from chemage.reports.figures import pooled, save_figures
 from chemage.reports.published import published
 
 pytestmark = pytest.mark.drawn
@@ -99,23 +101,22 @@ def test_full_contact_is_shown_between_its_extremes():
 
 
 def test_friction_is_drawn_with_its_errors_and_its_fit(result):
-    figure = run_figures.friction_figure(result)
-    force, coefficient = figure.axes
-    for axes, mean, error in (
-        (force, result.aging.mean_friction_drop, result.aging.friction_drop_half_width),
-        (
-            coefficient,
-            result.aging.mean_friction_coefficient_drop,
-            result.aging.friction_coefficient_drop_half_width,
-        ),
+    coefficient, local = run_figures.friction_figure(result).axes
+    t, drops = np.log10(result.aging.hold_times), result.aging.friction_coefficient_drop
+    pairs = [(i, min(j for j in range(t.size) if t[j] - t[i] > 0.499)) for i in range(t.size) if t[-1] - t[i] > 0.499]
+    slopes = np.array([(drops[:, j] - drops[:, i]) / (t[j] - t[i]) for i, j in pairs]).T
+    for axes, times, values in (
+        (coefficient, t, drops),
+        (local, [0.5 * (t[i] + t[j]) for i, j in pairs], slopes),
     ):
         (bars,) = axes.containers
         line, _, (sticks,) = bars
-        assert line.get_xdata() == pytest.approx(result.aging.hold_times)
-        assert line.get_ydata() == pytest.approx(mean)
+        assert np.log10(line.get_xdata()) == pytest.approx(times)
+        assert line.get_ydata() == pytest.approx(values.mean(axis=0))
         half = [0.5 * (stick[1, 1] - stick[0, 1]) for stick in sticks.get_segments()]
         # an error that is not known has no bar
-        assert half == pytest.approx(np.nan_to_num(error))
+        assert half == pytest.approx(np.nan_to_num(half_width(values)))
+    assert not np.allclose(*(axes.containers[0][0].get_ydata()[:3] for axes in (coefficient, local)))
     (fitted,) = [line for line in coefficient.lines if str(line.get_label()).startswith("β")]
     fit = result.fit()
     t, y = fitted.get_xdata(), fitted.get_ydata()
@@ -165,6 +166,25 @@ def test_saving_checks_every_name_before_the_first_is_written(result, tmp_path):
     with pytest.raises(StoreError, match=r"friction\.png is already there"):
         run_figures.save(result, tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["friction.png"]
+
+
+def test_each_figure_is_drawn_once(result, tmp_path, monkeypatch):
+    """``savefig`` draws a figure twice, and what it writes is the same."""
+    made, again, drawn = run_figures.figures(result), run_figures.figures(result), []
+    draw = Figure.draw
+    monkeypatch.setattr(Figure, "draw", lambda self, renderer: (drawn.append(self), draw(self, renderer)))
+    for path in save_figures(made, tmp_path):
+        assert drawn.count(made[path.stem]) == 1
+        again[path.stem].savefig(tmp_path / "twice", format="png")
+        assert (tmp_path / "twice").read_bytes() == path.read_bytes()
+
+
+def test_blocks_of_a_map_are_the_largest_or_the_mean_of_their_pixels():
+    values = np.random.default_rng(0).normal(size=(23, 40))
+    padded = np.pad(values, ((0, 1), (0, 0)), mode="edge")
+    for pool in (np.max, np.mean):
+        blocks = [[pool(padded[4 * i : 4 * i + 4, 4 * j : 4 * j + 4]) for j in range(10)] for i in range(6)]
+        assert pooled(values, pool, 10) == pytest.approx(np.array(blocks))
 
 
 def test_saving_into_what_is_no_folder(result, tmp_path):
@@ -227,7 +247,10 @@ def test_one_patch_is_drawn_once_and_no_contact_not_at_all():
 def test_without_load_there_is_no_empty_panel(result):
     aging = Aging(**result.aging.todict() | {"load": 0.0})
     figure = run_figures.friction_figure(replace(result, aging=aging))
-    assert [axes.get_ylabel() for axes in figure.axes] == ["friction drop ΔF (nN)"]
+    labels = ["friction drop ΔF (nN)", "slope dΔF/dlog$_{10}$t per decade (nN)"]
+    assert [axes.get_ylabel() for axes in figure.axes] == labels
+    once = Aging(**aging.todict() | {"hold_times": np.full_like(aging.hold_times, 10.0)})
+    assert len(run_figures.friction_figure(replace(result, aging=once)).axes) == 1
     at_once = Aging(**aging.todict() | {"hold_times": np.zeros_like(aging.hold_times)})
     assert run_figures.friction_figure(replace(result, aging=at_once)) is None
 
