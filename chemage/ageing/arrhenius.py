@@ -207,7 +207,7 @@ def activation_energies(
     found = [one for one in found if given is not None or math.isfinite(one.energy)]
     limits = convert(window[0], "s"), convert(window[1], "s")
     fits = tuple(_fit(one, chosen, limits) for one in ordered)
-    notes = []
+    notes = list(dict.fromkeys(fit.doubt for fit in fits if fit is not None and fit.doubt))
     if (cutoff := _of_cutoff(ordered, fits, limits, confidence)) is not None:
         found.append(cutoff)
     if given is None and not any(one.level is not None for one in found):

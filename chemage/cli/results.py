@@ -227,7 +227,7 @@ def print_run(result: Run) -> None:
     if aging is not None and fit is None:
         rows += [("beta", f"not fitted: {result.fit_reason}"), ("cut-off time", "not fitted")]
     if fit is not None:
-        rows.append(("beta", f"{fit.beta_text()} per decade, {fit.points} hold times"))
+        rows.append(("beta", f"{fit.beta_text()} per decade, {fit.points} hold times from {fit.span[0]:g} to {fit.span[1]:g} s"))
         rows.append(("b = beta/ln 10", f"{fit.b_text()} per e-fold"))
         rows.append(("cut-off time", fit.cutoff_text()))
         scatter = result.scatter

@@ -383,6 +383,7 @@ class Ensemble(Record):
             for part in parts:
                 found[f"{name}_{part}".rstrip("_")] = None if estimate is None else getattr(estimate, part or "value")
         why = why_not_fitted(self.hold_times, self.window) if self.hold_times.size and not fitted else ""
+        found["fit_range"] = list(self.quantities.span) if fitted else None
         return found | {"beta_reason": why or None, "beta_scatter_between_surfaces": self.scatter}
 
     def __repr__(self) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from chemage.ageing.fitting import few_hold_times
 from chemage.ageing.models import above_rounding
 from chemage.ensembles.computations import Sample
 from chemage.experiments.scene import Scene
@@ -43,6 +44,16 @@ class Quantities:
         low, high = self.window
         times = self.hold_times
         return (times >= low * (1 - 1e-9)) & (times <= high * (1 + 1e-9)) & (times > 0)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last hold time of the fit, s."""
+        return float(self.hold_times[self.fitted].min()), float(self.hold_times[self.fitted].max())
+
+    @property
+    def doubt(self) -> str:
+        """That the fit has too few hold times; "" where it has not, and without one."""
+        return few_hold_times(int(self.fitted.sum()), self.span) if self.has_beta else ""
 
     @property
     def has_beta(self) -> bool:

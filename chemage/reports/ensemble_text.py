@@ -22,7 +22,7 @@ def rows(made: Ensemble) -> Rows:
     names = made.quantities.names
     found = averaged(made)
     if "beta" in names:
-        found.append(("beta", text(made, "beta", None, "per decade")))
+        found.append(("beta", text(made, "beta", None, "per decade") + _fitted(made)))
         one = made.b
         found.append(("b = beta/ln 10", plus_minus(one.value, one.half_width, "per e-fold")))
     for curve, unit in (("friction_drop", "nN"), ("friction_coefficient_drop", "")):
@@ -111,6 +111,10 @@ def interval_text(one: Estimate, unit: str = "") -> str:
         unknown = [SOURCES.get(part, part) for part, error in one.errors.items() if math.isnan(error.size)]
         shown += f", interval not known{': ' * bool(unknown)}{', '.join(unknown)}"
     return shown
+
+
+def _fitted(made: Ensemble) -> str:
+    return ", {} hold times from {:g} to {:g} s".format(int(made.quantities.fitted.sum()), *made.quantities.span)
 
 
 def _is_about(made: Ensemble, goal: str, name: str, time: float | None) -> bool:

@@ -95,8 +95,7 @@ def _draw_aging(
     draw_friction(axes, aging, chosen, color or BLUE, plain(label))
     made = _fit(aging, window)
     if fit and made is not None and chosen == "friction_coefficient_drop":
-        assert made.window is not None
-        draw_fit(axes, made, made.window)
+        draw_fit(axes, made)
     if label or fit:
         legend(axes, fontsize=8)
 
@@ -230,8 +229,7 @@ def _aging_rows(aging: Aging, window: tuple[float, float] | None = None) -> Rows
         (f"friction coefficient drop Δμ {last}", mean_text(aging.friction_coefficient_drop[:, -1])),
     ]
     if (fit := _fit(aging, window)) is not None and math.isfinite(fit.beta):
-        assert fit.window is not None
-        rows.append((f"β from {fit.window[0]:g} s to {fit.window[1]:g} s", f"{fit.beta_text()} per decade"))
+        rows.append((f"β from {fit.span[0]:g} s to {fit.span[1]:g} s", f"{fit.beta_text()} per decade"))
         rows.append(("cut-off time", fit.cutoff_text()))
     if aging.errors:
         rows.append((f"further errors {last}", aging.error_words))

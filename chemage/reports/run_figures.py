@@ -178,8 +178,8 @@ def friction_figure(run: Run) -> Figure | None:
     draw_friction(axes[0], aging, "friction_drop", label=data)
     if aging.load > 0:
         draw_friction(axes[1], aging, "friction_coefficient_drop", label=data)
-        draw_fit(axes[1], run.fit(), run.window)
-        draw_published(axes[1], run.scene, run.fit(), run.window)
+        draw_fit(axes[1], run.fit())
+        draw_published(axes[1], run.scene, run.fit())
     for one in axes:
         one.set_ylim(bottom=0)
         legend(one, fontsize=8)

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.derived import CURVES
+from chemage.ageing.fitting import FIT_WINDOW, few_hold_times
 from chemage.foundation.errors import InputError
 from chemage.foundation.messages import nearest
 from chemage.foundation.statistics import crossed_half_width, student_limit
 from chemage.foundation.text import plus_minus
+from chemage.foundation.units import convert
 from chemage.sweeps.dimensions import Dimension, is_seed
 from chemage.sweeps.grid import Axis, shown
 from chemage.sweeps.result import SweepResult
@@ -67,6 +69,22 @@ class SweepData:
         self.dimensions: dict[str, Dimension] = {one.name: one for one in self.table.dimensions}
         self.shape = tuple(one.size for one in self.dimensions.values())
         self.variables = self.table.variables()
+        #: that of the fit, s; None where it is swept
+        self._window: tuple[float, float] | None = None
+        if not any(path.partition(".")[0] == "fit" for path in self.table.swept):
+            fit = result.grid.base.get("fit", {})
+            start, stop = fit.get("start", FIT_WINDOW[0]), fit.get("stop", FIT_WINDOW[1])
+            self._window = convert(start, "s"), convert(stop, "s")
+
+    @property
+    def doubt(self) -> str:
+        """That β of the points rests on too few hold times; "" where it does not, or the points differ in it."""
+        times = self.table.hold_times
+        if times.ndim > 1 or not np.isfinite(self.variables["beta"][1]).any() or self._window is None:
+            return ""
+        low, high = self._window
+        used = times[(times >= low * (1 - 1e-9)) & (times <= high * (1 + 1e-9)) & (times > 0)]
+        return few_hold_times(used.size, (float(used.min()), float(used.max()))) if used.size > 1 else ""
 
     def axis(self, name: str, option: str) -> str:
         """The dimension called ``name``: its own name, that of a field along it, or the path of a field.
@@ -307,6 +325,7 @@ class SweepData:
         times = self.table.hold_times
         if times.ndim == 1 and times.size and np.isfinite(times).any():
             found.append(f"Δμ at the last hold time, {np.nanmax(times):g} s; β per decade of hold time")
+        found += [self.doubt] * bool(self.doubt)
         if any(self.table.approximate):
             found.append("approximate: " + "; ".join(dict.fromkeys(filter(None, self.table.approximate))))
         return found

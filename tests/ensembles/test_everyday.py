@@ -16,6 +16,7 @@ import chemage as ca
 from chemage.contacts.solution import MEASURES
 from chemage.ensembles.ensemble import Ensemble
 from chemage.reports.comparison import compare_files, comparison_figures
+from chemage.reports.ensemble_text import rows
 from chemage.reports.page import html
 
 SCENE = {
@@ -111,6 +112,14 @@ def test_it_is_drawn_into_given_axes_with_its_interval_and_single_surfaces():
     assert one.plot(axes, singles=False, color="red", label="other") is axes
     assert len(axes.lines) == 24
     assert "other" in [text.get_text() for text in axes.get_legend().get_texts()]
+
+
+def test_the_line_of_beta_says_over_which_hold_times_it_is_fitted_and_that_they_are_few():
+    text = "(line, 10–10⁴ s)\nβ rests on 4 hold times over 3 decades; take at least six over two decades"
+    (label,) = [one.get_label() for one in made().plot().lines if str(one.get_label()).startswith("β")]
+    assert label.endswith(text)
+    assert "per decade, ± " in dict(rows(made()))["beta"]
+    assert dict(rows(made()))["beta"].endswith(", 4 hold times from 10 to 10000 s")
 
 
 def test_without_ageing_the_parts_of_the_error_are_drawn():

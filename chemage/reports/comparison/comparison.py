@@ -107,7 +107,7 @@ class Comparison:
         rows += self._measured_rows()
         rows += [
             ("last hold time", lambda one: _text(one.last(), "s")),
-            ("fit window", lambda one: f"{one.window[0]:g} to {one.window[1]:g} s" if one.ages else "-"),
+            ("hold times of the fit", _fitted),
             ("β, 95 % interval", lambda one: _beta(f) if (f := one.fit) else _not_fitted(one)),
             ("cut-off time, 95 % interval", lambda one: f.cutoff_text() if (f := one.fit) else _no_cutoff(one)),
         ]
@@ -191,6 +191,7 @@ class Comparison:
             "plugins": dict(one.plugins),
             **({"approximate": one.approximate} if any(each.approximate for each in self.results) else {}),
             "fit_window": list(one.window),
+            "fit_range": list(one.fit_range) if one.fit_range else None,
             "beta": fit.beta if fit else None,
             "beta_reason": one.fit_reason or None,
             "beta_stderr": fit.beta_stderr if fit else None,
@@ -232,16 +233,19 @@ class Comparison:
         units |= {"cutoff_time": "s", "cutoff_time_stderr": "s", "cutoff_time_low": "s", "cutoff_time_high": "s"}
         units |= {name: unit for name, (unit, _) in MEASURES.items() if unit != "1"}
         units |= {f"observable.{name}": one.unit for name, one in self.outputs().items() if one.unit}
-        units |= {"friction_drop": "nN", "bonds_per_area": "1/nm^2", "fit_start": "s", "fit_stop": "s", "last": "s"}
+        units |= {"friction_drop": "nN", "bonds_per_area": "1/nm^2", "fit_start": "s", "fit_stop": "s"}
+        units |= {"fit_first": "s", "fit_last": "s", "last": "s"}
         lines = []
         for numbers in self.numbers():
             line: dict[str, Any] = {}
             at, window = numbers.pop("at"), numbers.pop("fit_window")
+            first, final = numbers.pop("fit_range") or (None, None)
             numbers["plugins"] = "; ".join(f"{name}: {source}" for name, source in numbers["plugins"].items())
             for name in ("beta", "b", "cutoff_time"):
                 low, high = numbers.pop(f"{name}_interval") or (None, None)
                 numbers |= {f"{name}_low": low, f"{name}_high": high}
-            numbers |= {"fit_start": window[0], "fit_stop": window[1], "last": at[-1]["time"]}
+            numbers |= {"fit_start": window[0], "fit_stop": window[1]}
+            numbers |= {"fit_first": first, "fit_last": final, "last": at[-1]["time"]}
             for name, value in numbers.items():
                 unit = units.get(_without_error(name))
                 line[f"{name} ({unit})" if unit else name] = value
@@ -309,6 +313,14 @@ def _simulated_fit(one: Entry, model: Model, window: tuple[float, float], quanti
         return fit_aging(one.aging, model=model, window=window, quantity=quantity)
     except InputError as error:
         return str(error)
+
+
+def _fitted(one: Entry) -> str:
+    """The first and the last hold time of the fit, and whether they are too few."""
+    if one.fit_range is None:
+        return "-"
+    doubt = one.ensemble.quantities.doubt if one.ensemble is not None else one.fit.doubt if one.fit is not None else ""
+    return "{:g} to {:g} s".format(*one.fit_range) + f"; {doubt}" * bool(doubt)
 
 
 def _beta(fit: Fit) -> str:

@@ -196,6 +196,13 @@ class Entry:
         return self._fitted[0]
 
     @property
+    def fit_range(self) -> tuple[float, float] | None:
+        """First and last hold time that were fitted, s; None without a fit."""
+        if self.ensemble is not None:
+            return self.ensemble.quantities.span if self.ensemble.quantities.has_beta else None
+        return self.fit.span if self.fit is not None else None
+
+    @property
     def fit_reason(self) -> str:
         """Why there is no fit, in words; "" where there is one, and without ageing."""
         return self._fitted[1]

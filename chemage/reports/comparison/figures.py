@@ -141,7 +141,7 @@ def _overlay(axes: Axes, comparison: Comparison, quantity: Quantity) -> None:
         )
         fit = comparison.measured_fit(data, "curve")
         if fit is not None and math.isfinite(fit.cutoff_time):
-            line = np.geomspace(data.hold_times[shown].min(), data.hold_times[shown].max(), 100)
+            line = np.geomspace(*fit.span, 100)
             label = plain(f"{data.name}: {fit.short_text()}")
             axes.plot(line, fit(line), color=BLACK, lw=1, ls=("--", ":", "-.")[number % 3], label=label)
 
@@ -182,10 +182,10 @@ def friction_coefficient_figure(comparison: Comparison) -> Figure | None:
     for one, style in zip(comparison.results, _styles(len(comparison.results)), strict=True):
         if few:
             alone = len(comparison.results) == 1
-            draw_fit(axes, one.fit, one.window, *(() if alone else (one.name, _darker(style["color"]))))
+            draw_fit(axes, one.fit, *(() if alone else (one.name, _darker(style["color"]))))
     if len(comparison.results) == 1:
         (one,) = comparison.results
-        draw_published(axes, one.scene, one.fit, one.window)
+        draw_published(axes, one.scene, one.fit)
     _overlay(axes, comparison, "friction_coefficient_drop")
     return _finish(figure, axes, last)
 
