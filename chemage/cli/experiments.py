@@ -375,7 +375,9 @@ def init(
     if like not in plugins.scenes():
         known = sorted(plugins.scenes())
         raise user_error(f"no installed scene {like!r}{nearest(like, known)}; installed: {', '.join(known) or 'none'}")
-    text = named(installed_text(like), file.stem)
+    text = f"# A copy of the installed scene {like}.\n{named(installed_text(like), file.stem)}"
     with fresh_file(file, force=force) as part:
         part.write_text(text, encoding="utf-8")
+    others = ", ".join(sorted(set(plugins.scenes()) - {like}))
+    terminal.remark(f"another scene to begin with: --like SCENE ({others})")
     terminal.say(f"{file} is a copy of {like}; change it, then: chemage check {file} && chemage run {file}")

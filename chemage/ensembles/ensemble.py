@@ -15,6 +15,7 @@ from chemage.ageing.fitting import why_not_fitted
 from chemage.ensembles.allocation import Spread, half_width, spread_of
 from chemage.ensembles.control import regressed
 from chemage.ensembles.quantities import CURVES, Quantities
+from chemage.experiments.scene import heading
 from chemage.foundation import pictures
 from chemage.foundation.approximations import in_words
 from chemage.foundation.datasets import dataset, frame
@@ -228,6 +229,11 @@ class Ensemble(Record):
     def name(self) -> str:
         """Name of the scene."""
         return str(self.provenance.get("scene", {}).get("name", "ensemble"))
+
+    @property
+    def title(self) -> str:
+        """Title of the scene, or its name with its main values."""
+        return heading(self.provenance.get("scene", {}), self.name)
 
     @property
     def random(self) -> bool:

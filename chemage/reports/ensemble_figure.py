@@ -29,7 +29,7 @@ def ensemble_figure(made: Ensemble, *, dpi: float = 150) -> Figure:
     if ages(made):
         draw_curve(axes[0], made)
     draw_parts(axes[-1], made)
-    figure.suptitle(made.provenance.get("scene", {}).get("title") or made.name, fontsize=10, parse_math=False)
+    figure.suptitle(made.title, fontsize=10, parse_math=False)
     return figure
 
 

@@ -109,7 +109,8 @@ def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) ->
     cite: dict[str, None] = {}
     for number, one in enumerate(made.results, 1):
         # one file at a time: the maps of a large run take 100 MB
-        name = (f"{one.name}: {one.title}" if one.title else one.name) if several else "Result"
+        title = one.title if not one.title or one.title.startswith(one.name) else f"{one.name}: {one.title}"
+        name = (title or one.name) if several else "Result"
         section, to_cite = _result(one, f"r{number}", name)
         sections.append(section)
         cite |= dict.fromkeys(to_cite)

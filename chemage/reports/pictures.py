@@ -15,6 +15,7 @@ from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
 from chemage.ensembles.ensemble import Ensemble
 from chemage.experiments.run import Run
+from chemage.experiments.scene import heading
 from chemage.foundation.approximations import in_words, merged
 from chemage.foundation.errors import InputError
 from chemage.foundation.text import html_table, mean_text
@@ -123,9 +124,9 @@ def html(thing: Any) -> str:
     """The picture of a result and a table of its main numbers; the table alone where matplotlib is missing."""
     parts = list(_parts(thing).values()) if isinstance(thing, Run) else [thing]
     rows = _run_rows(thing) if isinstance(thing, Run) else _rows(thing)
-    title = f"{thing.name} {thing.scene.get('title', '')}".strip() if isinstance(thing, Run) else repr(thing)
+    title = heading(thing.scene) if isinstance(thing, Run) else repr(thing)
     if isinstance(thing, Ensemble):
-        title = f"{thing.provenance.get('scene', {}).get('title') or thing.name}: {ensemble_text.TITLE}"
+        title = f"{thing.title}: {ensemble_text.TITLE}"
     return f"<div>{_picture(parts, title)}<div>{html_table(title, rows)}</div></div>"
 
 

@@ -14,6 +14,7 @@ from chemage.ageing.plotted import Maps, PlottedResult
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
 from chemage.experiments.run import Run
+from chemage.experiments.scene import heading
 from chemage.experiments.sections import components_of
 from chemage.reports.figures import (
     BLUE,
@@ -184,7 +185,7 @@ def friction_figure(run: Run) -> Figure | None:
         one.set_ylim(bottom=0)
         legend(one, fontsize=8)
     figure.suptitle(
-        f"{run.scene.get('title') or run.name}, {aging.temperature:g} K"
+        f"{heading(run.scene)}, {aging.temperature:g} K"
         + (f"\napproximate: {run.approximate}" if run.approximate else ""),
         fontsize=10,
         parse_math=False,  # a dollar sign in a title is not a formula

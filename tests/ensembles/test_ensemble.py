@@ -177,7 +177,7 @@ def test_beta_of_a_saturated_scene_is_zero_and_no_relative_accuracy_of_it_is_pro
     assert np.ptp(made.friction_drop) == 0
     assert made.estimate("beta").value == 0.0
     assert ca.run(scene).fit().beta == 0.0
-    with pytest.raises(InputError, match="accuracy.beta = 5 %: its mean is 0 within its interval"):
+    with pytest.raises(InputError, match=r"accuracy\.beta = 5 %: its mean is 0 within its interval"):
         ensemble(scene, accuracy={"beta": "5 %"})
     # what is not zero is averaged
     assert ensemble(scene, accuracy={"friction_drop": "30 %"}).stopped == "the accuracy was reached"

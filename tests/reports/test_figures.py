@@ -243,9 +243,7 @@ def test_the_published_slope_of_a_scene_is_drawn_beside_its_fit():
     assert published(load_scene("silica-tip").todict()) == []
 
 
-def test_the_line_and_the_range_of_a_fit_are_those_of_the_hold_times_there_are(
-    result, tmp_path, small_text, command
-):
+def test_the_line_and_the_range_of_a_fit_are_those_of_the_hold_times_there_are(result, tmp_path, small_text, command):
     """Three hold times end at 100 s, in a window to 10⁴ s: nothing is drawn or claimed beyond, and it is said."""
     file = tmp_path / "small.toml"
     file.write_text(small_text)
