@@ -175,7 +175,7 @@ class Fit:
         beta = " ".join(filter(None, (with_error(self.beta, half), UNIT[self.quantity])))
         shape = "fitted line" if self.model == "line" else "fitted β log(1 + t/t_c)"
         text = f"β = {beta} per decade ({shape}, {span_text(self.span)})"
-        return f"{text}\n{self.doubt}" if self.doubt else text
+        return f"{text}\n{short_doubt(self.doubt)}" if self.doubt else text
 
     def intervals_text(self) -> str:
         """How the intervals were found, in words."""
@@ -312,6 +312,11 @@ def few_hold_times(points: int, span: tuple[float, float]) -> str:
         return ""
     over = f"{decades:.2g} decade{'' if math.isclose(decades, 1) else 's'}"
     return f"β rests on {points} hold times over {over}; take at least six over two decades"
+
+
+def short_doubt(doubt: str) -> str:
+    """The doubt of a fit without its remedy, for legends."""
+    return doubt.partition(";")[0]
 
 
 def span_text(span: tuple[float, float]) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from chemage.ageing.fitting import span_text
+from chemage.ageing.fitting import short_doubt, span_text
 from chemage.ensembles.ensemble import SOURCES, Ensemble
 from chemage.foundation.text import percent, with_error
 from chemage.reports.ensemble_text import over
@@ -72,7 +72,7 @@ def draw_curve(
         x = np.log10(times[fitted])
         line = mean[fitted].mean() + beta.value * (x - x.mean())
         text = f"β = {with_error(beta.value, beta.half_width)} per decade (line, {span_text(made.quantities.span)})"
-        text += f"\n{made.quantities.doubt}" * bool(made.quantities.doubt)
+        text += f"\n{short_doubt(made.quantities.doubt)}" * bool(made.quantities.doubt)
         axes.plot(times[fitted], line, color=ORANGE, lw=1.2, zorder=3, label=plain(text))
     axes.set(xscale="log", xlabel="hold time (s)")
     axes.set_ylabel("friction coefficient drop Δμ" if made.load > 0 else "friction drop ΔF (nN)")

@@ -86,7 +86,8 @@ def replicas_text(aging: Aging) -> str:
 
 
 def draw_fit(axes: Axes, fit: Fit | None, label: str = "", color: str = ORANGE) -> None:
-    """Draw the fitted line over the hold times that it is fitted to, with β and what was fitted in the legend; nothing without a fit."""
+    """Draw the fitted line over the hold times that it is fitted to, with β and what was fitted in the legend; nothing
+    without a fit."""
     if fit is None or not (math.isfinite(fit.beta) and math.isfinite(fit.cutoff_time)):
         return
     line = np.geomspace(*fit.span, 50)
