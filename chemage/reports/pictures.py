@@ -21,7 +21,7 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.text import html_table, mean_text
 from chemage.kinetics.history import BondHistory
 from chemage.reports import ensemble_figure, ensemble_text
-from chemage.reports.figures import BLUE, draw_fit, legend, panels, plain, png
+from chemage.reports.figures import BLUE, draw_fit, legend, panels, plain, png, replicas_text
 from chemage.reports.run_figures import draw_friction, draw_heights, draw_pressure
 from chemage.surfaces.surface import Surface
 
@@ -93,12 +93,12 @@ def _draw_aging(
     label: str = "",
 ) -> None:
     chosen: Quantity = quantity or ("friction_coefficient_drop" if aging.load > 0 else "friction_drop")
-    draw_friction(axes, aging, chosen, color or BLUE, plain(label))
+    named = ", ".join(filter(None, (label, replicas_text(aging))))
+    draw_friction(axes, aging, chosen, color or BLUE, plain(named))
     made = _fit(aging, window)
     if fit and made is not None and chosen == "friction_coefficient_drop":
         draw_fit(axes, made)
-    if label or fit:
-        legend(axes, fontsize=8)
+    legend(axes, fontsize=8)
 
 
 def _draw_statistics(axes: Axes, contact: ContactStatistics) -> None:

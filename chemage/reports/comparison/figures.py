@@ -13,7 +13,7 @@ from chemage.ageing.fitting import SYMBOL, Quantity
 from chemage.ageing.plotted import Maps, PlottedResult
 from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
-from chemage.foundation.statistics import half_width
+from chemage.foundation.statistics import NORMAL_LIMIT, half_width
 from chemage.reports.comparison.comparison import Comparison, Curves, coefficient, friction
 from chemage.reports.comparison.entries import Entry
 from chemage.reports.ensemble_text import over
@@ -130,14 +130,14 @@ def _overlay(axes: Axes, comparison: Comparison, quantity: Quantity) -> None:
         axes.errorbar(
             data.hold_times[shown],
             data.values[shown],
-            yerr=None if data.error is None else data.error[shown],
+            yerr=None if data.error is None else NORMAL_LIMIT * data.error[shown],
             fmt="sDo^v"[number % 5],
             mfc="none",
             color=BLACK,
             ms=5,
             lw=1,
             capsize=2,
-            label=plain(f"{data.name} (measured)"),
+            label=plain(f"{data.name} (measured)" if data.error is None else f"{data.name} (measured, 95 %)"),
         )
         fit = comparison.measured_fit(data, "curve")
         if fit is not None and math.isfinite(fit.cutoff_time):
