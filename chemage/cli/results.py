@@ -195,6 +195,7 @@ def _plot_window(file: Path, window: str, out: Path | None, fmt: str, force: boo
 def print_run(result: Run) -> None:
     """Print the main numbers of a run."""
     from chemage.ageing.elasticity import elastic_rows
+    from chemage.contacts.loads import force_text
     from chemage.experiments.scene import heading
     from chemage.foundation.text import mean_text, percent
 
@@ -203,7 +204,7 @@ def print_run(result: Run) -> None:
         ("surface", _surface(result)),
         (
             "contact",
-            f"{result.scene['contact']['kind']}, load {contact.load:g} nN{_pressure(contact)}, "
+            f"{result.scene['contact']['kind']}, load {force_text(contact.load)}{_pressure(contact)}, "
             f"E* {contact.modulus:g} GPa" + ("" if contact.converged else "  NOT CONVERGED"),
         ),
         ("area fraction A/A0", f"{contact.area_fraction:.5f}"),

@@ -332,7 +332,10 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
     reasons: dict[str, list[int]] = {}
     title = f"{state['done']} of {state['points']} points done, {state['contacts']} contacts"
     if len(result) <= _LISTED:
-        table = terminal.table(title, ("point", *_headings(result), "A/A0", "friction drop (nN)", "beta"))
+        data = SweepData(result)
+        swept = [(axis, name) for axis, one in enumerate(data.dimensions.values()) for name in one.coordinates.values()]
+        headings = [f"{name} ({unit})" if (unit := data.unit(name)) else name for _, name in swept]
+        table = terminal.table(title, ("point", *headings, "A/A0", "friction drop (nN)", "beta"))
         for point in result:
             if point.status != "done":
                 continue
@@ -347,7 +350,7 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
                 reasons.setdefault(reason, []).append(point.index)
             table.add_row(
                 str(point.index),
-                *(f"{value:.6g}" if isinstance(value, float) else shown(value) for value in point.values.values()),
+                *(data.value_text(name, result.grid.positions(point.index)[axis]) for axis, name in swept),
                 f"{numbers['area_fraction']:.5f}",
                 "-" if drop is None else plus_minus(drop, _nan(error)),
                 beta,
@@ -363,14 +366,6 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
 
 def _not_fitted(numbers: Mapping[str, Any]) -> str:
     return "not fitted" if numbers.get("beta_reason") else "-"
-
-
-def _headings(result: SweepResult) -> list[str]:
-    """Headings of the swept fields with their units; without the section where the name alone is unique."""
-    last = [path.rpartition(".")[2] for path in result.swept]
-    names = [name if last.count(name) == 1 else path for name, path in zip(last, result.swept, strict=True)]
-    units = [result.units.get(path, "") for path in result.swept]
-    return [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
 
 
 def _nan(value: float | None) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from chemage.ageing.aging import Aging
 from chemage.ageing.elasticity import elastic_notes
 from chemage.ageing.fitting import Fit, Quantity
+from chemage.contacts.loads import force_text, pressure_text
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
 from chemage.ensembles.ensemble import Ensemble
@@ -196,7 +197,7 @@ def _statistics_rows(contact: ContactStatistics) -> Rows:
 
 def _load_rows(contact: ContactSolution | ContactStatistics) -> Rows:
     return [
-        ("load", f"{contact.load:.6g} nN, {contact.nominal_pressure:.4g} GPa over the nominal area"),
+        ("load", f"{force_text(contact.load)}, {pressure_text(contact.nominal_pressure)} over the nominal area"),
         ("contact modulus E*", f"{contact.modulus:.6g} GPa"),
     ]
 
@@ -222,7 +223,7 @@ def _fit(aging: Aging, window: tuple[float, float] | None) -> Fit | None:
 def _aging_rows(aging: Aging, window: tuple[float, float] | None = None) -> Rows:
     last = f"at {aging.hold_times[-1]:g} s"
     rows = [
-        ("temperature, load", f"{aging.temperature:g} K, {aging.load:.6g} nN"),
+        ("temperature, load", f"{aging.temperature:g} K, {force_text(aging.load)}"),
         ("sites", f"{aging.sites[0]:.6g}" if np.ptp(aging.sites) == 0 else mean_text(aging.sites)),
         ("replicas", f"{aging.replicas}" + (": there is no error" if aging.replicas == 1 else "")),
         (f"bonds {last}", mean_text(aging.bonds[:, -1])),

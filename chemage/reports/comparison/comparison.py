@@ -22,6 +22,7 @@ from chemage.ageing.elasticity import MEASURES, elastic_measures
 from chemage.ageing.fitting import Fit, Model, Quantity, fit_aging
 from chemage.ageing.measured import Measured
 from chemage.ageing.measurements import Measurements, read_measurements
+from chemage.contacts.loads import force_text
 from chemage.ensembles.ensemble import Estimate
 from chemage.foundation.errors import InputError
 from chemage.foundation.statistics import half_width, standard_error
@@ -85,7 +86,7 @@ class Comparison:
         rows: list[tuple[str, Callable[[Entry], str]]] = [
             ("scene", lambda one: str(one.scene.get("name", "")) or "-"),
             ("surface, solver", _made_of),
-            ("load", lambda one: _text(one.load, "nN")),
+            ("load", lambda one: force_text(one.load) if math.isfinite(one.load) else "-"),
             ("contact area A", partial(_contact_text, name="area", unit="nm²")),
             ("area fraction A/A0", partial(_contact_text, name="area_fraction")),
             ("patches", partial(_contact_text, name="patches")),
