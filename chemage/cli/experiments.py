@@ -375,7 +375,7 @@ def init(
     if like not in plugins.scenes():
         known = sorted(plugins.scenes())
         raise user_error(f"no installed scene {like!r}{nearest(like, known)}; installed: {', '.join(known) or 'none'}")
-    text = f"# A copy of the installed scene {like}.\n{named(installed_text(like), file.stem)}"
+    text = named(installed_text(like), file.stem)
     with fresh_file(file, force=force) as part:
         part.write_text(text, encoding="utf-8")
     others = ", ".join(sorted(set(plugins.scenes()) - {like}))

@@ -401,7 +401,7 @@ class Sampler:
     def _notes(self) -> tuple[str, ...]:
         notes = (OWN_ERRORS,) if self.request.random else (ONE_SURFACE, OWN_ERRORS)
         if doubt := self._quantities.doubt:
-            notes = (doubt, *notes)
+            notes = (*notes, doubt)
         if self.request.map is None or not (text := own_error(self.request.map, self._quantities)):
             return notes
         return (*notes, text)

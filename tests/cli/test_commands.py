@@ -206,7 +206,6 @@ def test_init_says_what_it_copies_and_keeps_no_title_of_another_scene(command, s
     assert "gouge.toml is a copy of silica-rough" in done.out
     assert "another scene to begin with: --like SCENE (silica-afm-tip, " in done.out
     text = (small.parent / "gouge.toml").read_text()
-    assert text.startswith("# A copy of the installed scene silica-rough.\n")
     assert 'name = "gouge"' in text
     assert "title = " not in text
     assert load_scene(small.parent / "gouge.toml").title == ""
