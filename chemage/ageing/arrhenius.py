@@ -49,6 +49,8 @@ class ActivationEnergy:
     times: np.ndarray
     #: (n,) standard errors of ln t, jackknife over replicas; nan for a single replica
     log_time_errors: np.ndarray
+    #: (n,) half the widths of the intervals of ln t, Student's t over replicas
+    log_time_half_widths: np.ndarray
     #: E_a, eV
     energy: float
     energy_stderr: float
@@ -82,6 +84,7 @@ class ActivationEnergy:
                 "temperatures": self.temperatures,
                 "times": self.times,
                 "log_time_errors": self.log_time_errors,
+                "log_time_half_widths": self.log_time_half_widths,
                 "energy": self.energy,
                 "energy_stderr": self.energy_stderr,
                 "energy_interval": [self.energy_interval.low, self.energy_interval.high],
@@ -207,7 +210,7 @@ def activation_energies(
     found = [one for one in found if given is not None or math.isfinite(one.energy)]
     limits = convert(window[0], "s"), convert(window[1], "s")
     fits = tuple(_fit(one, chosen, limits) for one in ordered)
-    notes = []
+    notes = list(dict.fromkeys(fit.doubt for fit in fits if fit is not None and fit.doubt))
     if (cutoff := _of_cutoff(ordered, fits, limits, confidence)) is not None:
         found.append(cutoff)
     if given is None and not any(one.level is not None for one in found):
@@ -352,6 +355,7 @@ def _line(
         temperatures=kelvins,
         times=np.exp(logs),
         log_time_errors=errors,
+        log_time_half_widths=errors * student_limits(np.maximum(np.array(counts) - 1.0, 1.0), confidence),
         energy=float(energy),
         energy_stderr=float(error[0]),
         energy_interval=Interval(float(energy - half[0]), float(energy + half[0])) if known else UNKNOWN,

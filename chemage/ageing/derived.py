@@ -73,4 +73,7 @@ def derived(aging: Aging, window: tuple[float, float] = FIT_WINDOW) -> Derived:
         fit = aging.fit(*window)
     except InputError:
         return Derived(variables, {})
-    return Derived(variables, {**fit_numbers(fit), "fit_window": np.array(window, dtype=np.float64)})
+    return Derived(
+        variables,
+        {**fit_numbers(fit), "fit_window": np.array(window, dtype=np.float64), "fit_range": np.array(fit.span)},
+    )

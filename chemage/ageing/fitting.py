@@ -21,7 +21,7 @@ from typing import Literal, Protocol, get_args
 import numpy as np
 
 from chemage.ageing.intervals import UNKNOWN, Bootstrap, Interval, bootstrapped, student
-from chemage.ageing.models import Model, basis, basis_slope, bounds, solve
+from chemage.ageing.models import Model, above_rounding, basis, basis_slope, bounds, solve
 from chemage.foundation.errors import InputError
 from chemage.foundation.statistics import jackknife_error
 from chemage.foundation.text import jsonable, power_text, with_error, with_interval
@@ -37,6 +37,8 @@ CUTOFF_DECADES = 3
 LN10 = math.log(10)
 #: replicas (or points) from which on bootstrap intervals hold the truth as often as they say
 FOR_BOOTSTRAP = 10
+#: with fewer hold times, or over fewer decades, a β is doubtful
+LEAST_POINTS, LEAST_DECADES = 6, 2.0
 #: what is written in place of an error
 NO_ERROR = "(one replica: no error)"
 #: quantity -> its unit inside chemage
@@ -98,6 +100,8 @@ class Fit:
     window: tuple[float, float] | None
     #: hold times (or rows) used
     points: int
+    #: the first of them above 0, and the last, s
+    span: tuple[float, float]
     #: root mean square distance of the data from the fit, in the unit of the quantity
     rms_residual: float
     #: number of simulated replicas; 0 for measurements
@@ -173,13 +177,18 @@ class Fit:
             return f"{value:.4g} {NO_ERROR if self.replicas == 1 else '(no interval: too few points)'}"
         return with_interval(value, interval.low, interval.high)
 
+    @property
+    def doubt(self) -> str:
+        """That there are too few hold times, or over too short a time, for a β of any others; else ""."""
+        return few_hold_times(self.points, self.span)
+
     def short_text(self) -> str:
-        """β with half of its interval in brackets, and what was fitted, for legends."""
+        """β with half of its interval in brackets, what was fitted, and what to doubt, for legends."""
         half = self.beta_half_width if math.isfinite(self.beta_interval.low) else math.nan
         beta = " ".join(filter(None, (with_error(self.beta, half), UNIT[self.quantity])))
         shape = "fitted line" if self.model == "line" else "fitted β log(1 + t/t_c)"
-        where = f", {power_text(self.window[0])}–{power_text(self.window[1])} s" if self.window is not None else ""
-        return f"β = {beta} per decade ({shape}{where})"
+        text = f"β = {beta} per decade ({shape}, {span_text(self.span)})"
+        return f"{text}\n{short_doubt(self.doubt)}" if self.doubt else text
 
     def intervals_text(self) -> str:
         """How the intervals were found, in words."""
@@ -194,7 +203,7 @@ class Fit:
     def describe(self) -> str:
         """The model, in words."""
         symbol = SYMBOL[self.quantity]
-        where = "all hold times" if self.window is None else f"{self.window[0]:g} s to {self.window[1]:g} s"
+        where = f"{self.span[0]:g} s to {self.span[1]:g} s" + f"; {self.doubt}" * bool(self.doubt)
         shape = "log10(t/t_c)" if self.model == "line" else "log10(1 + t/t_c)"
         return f"{symbol} = β {shape}, {self.points} points, {where}"
 
@@ -217,6 +226,7 @@ class Fit:
                 "cutoff_time_interval": [self.cutoff_interval.low, self.cutoff_interval.high],
                 "cutoff_reason": self.cutoff_reason or None,
                 "window": list(self.window) if self.window else None,
+                "range": list(self.span),
                 "points": self.points,
                 "rms_residual": self.rms_residual,
                 "replicas": self.replicas,
@@ -304,6 +314,7 @@ def fit_aging(
         friction_rate_stderr=estimate.slope_error if forces else None,
         window=limits,
         points=t.size,
+        span=(float(t[t > 0].min()), float(t.max())),
         rms_residual=float(np.sqrt(np.mean((curves.mean(axis=0) - estimate.fitted) ** 2))) * unit,
         replicas=len(curves) if given.simulated else 0,
         bootstrap=bootstrap,
@@ -322,6 +333,25 @@ def _no_cutoff(log_cutoff: float, slopes: Interval, times: np.ndarray) -> str:
     if log_cutoff > math.log10(positive.max()) + CUTOFF_DECADES:
         return f"the fit meets zero more than {CUTOFF_DECADES} decades after the hold times"
     return ""
+
+
+def few_hold_times(points: int, span: tuple[float, float]) -> str:
+    """That β rests on fewer than six hold times, or less than two decades of them (``span``, s), in words; else ""."""
+    decades = math.log10(span[1] / span[0])
+    if points >= LEAST_POINTS and decades > LEAST_DECADES - 1e-6:
+        return ""
+    over = f"{decades:.2g} decade{'' if math.isclose(decades, 1) else 's'}"
+    return f"β rests on {points} hold times over {over}; take at least six over two decades"
+
+
+def short_doubt(doubt: str) -> str:
+    """The doubt of a fit without its remedy, for legends."""
+    return doubt.partition(";")[0]
+
+
+def span_text(span: tuple[float, float]) -> str:
+    """``10–10⁴ s``: from the first to the last hold time of a fit."""
+    return f"{power_text(span[0])}–{power_text(span[1])} s"
 
 
 def _limits(
@@ -435,7 +465,7 @@ def _estimate(model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarra
 
 def _straight_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Slope, and where the line meets zero; nan where it does not rise."""
-    slope = float((x - x.mean()) @ (y - y.mean()) / np.sum((x - x.mean()) ** 2))
+    slope = float(above_rounding((x - x.mean()) @ (y - y.mean()) / np.sum((x - x.mean()) ** 2), x, y))
     intercept = float(y.mean() - slope * x.mean())
     return slope, -intercept / slope if slope > 0 else math.nan
 

@@ -54,14 +54,16 @@ class Measured:
         return self.values[:, -1] if self.is_curve else None
 
     def text(self) -> str:
-        """Mean ± half of the 95 % interval with its unit, at the last hold time; of other arrays shape and unit."""
+        """Mean ± half of the 95 % interval with its unit, at the last hold time; of other arrays their size and the
+        range of their values."""
         numbers = self.numbers
         if numbers is not None:
             return mean_text(numbers, self.unit)
-        dims = self.output.dims if self.output is not None else ()
-        sizes = [f"{dim} {n}" for dim, n in zip(dims, self.values.shape[1:], strict=True)] if dims else []
-        shape = " x ".join(sizes or [str(n) for n in self.values.shape[1:]])
-        return f"array, {shape}" + (f", {self.unit}" if self.unit else "")
+        text = f"{' x '.join(str(n) for n in self.values.shape[1:])} values"
+        known = self.values[np.isfinite(self.values)]
+        if known.size:
+            text += f" from {float(known.min()):.4g} to {float(known.max()):.4g} {self.unit}".rstrip()
+        return text
 
     def summary(self) -> dict[str, Any]:
         """Dimensions, unit and shape, and of numbers and curves the mean over replicas with its errors."""

@@ -78,7 +78,6 @@ def show(made: Ensemble) -> None:
     """Print the estimates with their intervals, and the parts of the error."""
     from chemage.reports.ensemble_text import TITLE, rows
 
-    title = made.provenance.get("scene", {}).get("title") or made.name
-    terminal.show_pairs(f"{title}: {TITLE}", rows(made))
+    terminal.show_pairs(f"{made.title}: {TITLE}", rows(made))
     for note in made.notes:
         terminal.remark(f"note: {note}")

@@ -378,4 +378,6 @@ def init(
     text = named(installed_text(like), file.stem)
     with fresh_file(file, force=force) as part:
         part.write_text(text, encoding="utf-8")
+    others = ", ".join(sorted(set(plugins.scenes()) - {like}))
+    terminal.remark(f"another scene to begin with: --like SCENE ({others})")
     terminal.say(f"{file} is a copy of {like}; change it, then: chemage check {file} && chemage run {file}")

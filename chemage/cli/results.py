@@ -195,14 +195,16 @@ def _plot_window(file: Path, window: str, out: Path | None, fmt: str, force: boo
 def print_run(result: Run) -> None:
     """Print the main numbers of a run."""
     from chemage.ageing.elasticity import elastic_rows
-    from chemage.foundation.text import mean_text
+    from chemage.contacts.loads import force_text
+    from chemage.experiments.scene import heading
+    from chemage.foundation.text import mean_text, percent
 
     contact, aging, fit = result.contact, result.aging, result.fit()
     rows: list[tuple[str, str]] = [
         ("surface", _surface(result)),
         (
             "contact",
-            f"{result.scene['contact']['kind']}, load {contact.load:g} nN{_pressure(contact)}, "
+            f"{result.scene['contact']['kind']}, load {force_text(contact.load)}{_pressure(contact)}, "
             f"E* {contact.modulus:g} GPa" + ("" if contact.converged else "  NOT CONVERGED"),
         ),
         ("area fraction A/A0", f"{contact.area_fraction:.5f}"),
@@ -227,7 +229,9 @@ def print_run(result: Run) -> None:
     if aging is not None and fit is None:
         rows += [("beta", f"not fitted: {result.fit_reason}"), ("cut-off time", "not fitted")]
     if fit is not None:
-        rows.append(("beta", f"{fit.beta_text()} per decade, {fit.points} hold times"))
+        rows.append(
+            ("beta", f"{fit.beta_text()} per decade, {fit.points} hold times from {fit.span[0]:g} to {fit.span[1]:g} s")
+        )
         rows.append(("b = beta/ln 10", f"{fit.b_text()} per e-fold"))
         rows.append(("cut-off time", fit.cutoff_text()))
         scatter = result.scatter
@@ -237,15 +241,13 @@ def print_run(result: Run) -> None:
         if scatter is not None and not alone:
             rows.append(("surfaces", scatter.text(fit.relative_stderr)))
         if (barriers := result.barriers_error) is not None:
-            rows.append(
-                ("error of beta: barriers", f"{100 * barriers:.2g} % (standard error), beside the interval above")
-            )
+            rows.append(("error of beta: barriers", f"{percent(barriers)} (standard error), beside the interval above"))
     if result.approximate:
         rows.append(("approximate", result.approximate))
     rows += [(f"plugin {name}", source) for name, source in result.plugins.items()]
     if result.timings:
         rows.append(("wall time", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in result.timings.items())))
-    terminal.show_pairs(result.scene.get("title") or result.name, rows)
+    terminal.show_pairs(heading(result.scene), rows)
     for note in result.notes:
         terminal.remark(f"note: {note}")
 

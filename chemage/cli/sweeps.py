@@ -12,7 +12,7 @@ from typing import Any
 
 import typer
 
-from chemage.cli import terminal
+from chemage.cli import output, terminal
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.logs import LOGGER
 from chemage.foundation.printable import printable
@@ -56,7 +56,8 @@ def run(
     points: str | None = None,
     patience: str | None = None,
 ) -> None:
-    """Compute a sweep, or some of its points; exit status 1 if points failed, 130 if it was interrupted."""
+    """Compute a sweep, or some of its points; exit status 1 if points failed, 130 or 143 if it was
+    stopped."""
     folder = out or Path(f"{read_grid(scene, changes).base.get('name', 'scene')}-sweep")
     chosen = None if points is None else Selection.read(points)
     try:
@@ -75,8 +76,9 @@ def run(
                 patience=patience,
             )
     except KeyboardInterrupt:
-        print(printable(f"\ninterrupted; {_kept(folder)}"), file=sys.stderr, flush=True)
-        os._exit(130)  # without waiting for threads that may still be in a compiled kernel
+        word, status = output.stopped()
+        print(printable(f"\n{word}; {_kept(folder)}"), file=sys.stderr, flush=True)
+        os._exit(status)  # without waiting for threads that may still be in a compiled kernel
     if chosen is not None:
         return _print_share(result, folder, chosen, as_json=as_json)
     _print_whole(result, {**result.status(), "folder": str(folder)}, as_json=as_json)
@@ -330,7 +332,10 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
     reasons: dict[str, list[int]] = {}
     title = f"{state['done']} of {state['points']} points done, {state['contacts']} contacts"
     if len(result) <= _LISTED:
-        table = terminal.table(title, ("point", *_headings(result), "A/A0", "friction drop (nN)", "beta"))
+        data = SweepData(result)
+        swept = [(axis, name) for axis, one in enumerate(data.dimensions.values()) for name in one.coordinates.values()]
+        headings = [f"{name} ({unit})" if (unit := data.unit(name)) else name for _, name in swept]
+        table = terminal.table(title, ("point", *headings, "A/A0", "friction drop (nN)", "beta"))
         for point in result:
             if point.status != "done":
                 continue
@@ -345,7 +350,7 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
                 reasons.setdefault(reason, []).append(point.index)
             table.add_row(
                 str(point.index),
-                *(f"{value:.6g}" if isinstance(value, float) else shown(value) for value in point.values.values()),
+                *(data.value_text(name, result.grid.positions(point.index)[axis]) for axis, name in swept),
                 f"{numbers['area_fraction']:.5f}",
                 "-" if drop is None else plus_minus(drop, _nan(error)),
                 beta,
@@ -361,14 +366,6 @@ def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
 
 def _not_fitted(numbers: Mapping[str, Any]) -> str:
     return "not fitted" if numbers.get("beta_reason") else "-"
-
-
-def _headings(result: SweepResult) -> list[str]:
-    """Headings of the swept fields with their units; without the section where the name alone is unique."""
-    last = [path.rpartition(".")[2] for path in result.swept]
-    names = [name if last.count(name) == 1 else path for name, path in zip(last, result.swept, strict=True)]
-    units = [result.units.get(path, "") for path in result.swept]
-    return [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
 
 
 def _nan(value: float | None) -> float:

@@ -59,6 +59,14 @@ def normal_force(load: QuantityLike, area: float | None, *, flat: bool) -> float
     return force(pressure * area)
 
 
+def force_text(force: float) -> str:
+    """A force (nN) with the unit in which it is usually given."""
+    for unit, size in (("N", 1e9), ("mN", 1e6), ("µN", 1e3)):
+        if force >= size:
+            return f"{force / size:.4g} {unit}"
+    return f"{force:.4g} nN"
+
+
 def pressure_text(pressure: float) -> str:
     """A nominal pressure (GPa) with the unit in which it is usually given."""
     return f"{pressure:.4g} GPa" if pressure >= 0.1 else f"{1e3 * pressure:.4g} MPa"

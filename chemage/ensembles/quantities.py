@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from chemage.ageing.fitting import few_hold_times
+from chemage.ageing.models import above_rounding
 from chemage.ensembles.computations import Sample
 from chemage.experiments.scene import Scene
 from chemage.foundation.errors import InputError
@@ -44,6 +46,16 @@ class Quantities:
         return (times >= low * (1 - 1e-9)) & (times <= high * (1 + 1e-9)) & (times > 0)
 
     @property
+    def span(self) -> tuple[float, float]:
+        """First and last hold time of the fit, s."""
+        return float(self.hold_times[self.fitted].min()), float(self.hold_times[self.fitted].max())
+
+    @property
+    def doubt(self) -> str:
+        """That the fit has too few hold times; "" where it has not, and without one."""
+        return few_hold_times(int(self.fitted.sum()), self.span) if self.has_beta else ""
+
+    @property
     def has_beta(self) -> bool:
         """Whether β can be fitted: a line needs two points."""
         return self.load > 0 and np.unique(self.hold_times[self.fitted]).size >= 2
@@ -77,8 +89,8 @@ class Quantities:
         """(n,) rise per decade of the least-squares line through each of ``curves`` (n, m) over the window: the fit of
         β, which is linear in the curve, so that its mean is that of the mean curve."""
         x = np.log10(self.hold_times[self.fitted])
-        x = x - x.mean()
-        return curves[:, self.fitted] @ x / (x @ x)
+        x, fitted = x - x.mean(), curves[:, self.fitted]
+        return above_rounding(fitted @ x / (x @ x), x, fitted)
 
     def column(self, name: str, time: float | None = None) -> int:
         """The column of a quantity; of a curve at ``time`` (s), or at the last hold time.

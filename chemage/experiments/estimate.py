@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from chemage.contacts.loads import pressure_text
+from chemage.contacts.loads import force_text, pressure_text
 from chemage.contacts.modulus import modulus_in
 from chemage.contacts.theories import ContactTheory
 from chemage.experiments.cost import Cost
@@ -318,7 +318,7 @@ def _stages(scene: Scene, known: Mapping[str, float]) -> dict[str, str]:
 
 def _contact(scene: Scene, known: Mapping[str, float]) -> str:
     """Kind, load, nominal pressure where there is one, and contact modulus, in words."""
-    text = f"{scene.contact.kind} at {scene.load:.6g} nN"
+    text = f"{scene.contact.kind} at {force_text(scene.load)}"
     area = known.get("nx", 0.0) * known.get("ny", 0.0) * known.get("pixel_size", 0.0) ** 2
     area = known.get("nominal_area", area)
     if area > 0 and scene.contact.is_nominally_flat(known.get("periodic", 1.0) != 0):

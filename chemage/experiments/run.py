@@ -77,6 +77,8 @@ class Run:
         """What the user should know of this result, in words."""
         notes = [*self.contact.notes, *(self.aging.notes if self.aging is not None else ())]
         notes += elastic_notes(self.aging)
+        if (fit := self.fit()) is not None and fit.doubt:
+            notes.append(fit.doubt)
         if self.contact.area_fraction == 1 and not any(note.startswith("full contact") for note in notes):
             notes.append(
                 "full contact: every pixel carries pressure, and more load adds pressure but no contact area; "
@@ -150,6 +152,7 @@ class Run:
             **bond_errors(aging),
             "observables": {name: one.summary() for name, one in aging.measured.items()} if aging else {},
             **(fit_numbers(fit) if fit else dict.fromkeys(FIT)),
+            "fit_range": list(fit.span) if fit else None,
             "beta_reason": reason or None,
             "cutoff_reason": (fit.cutoff_reason or None) if fit else None,
             "beta_scatter_between_surfaces": scatter.relative if scatter else None,

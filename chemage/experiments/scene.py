@@ -21,7 +21,7 @@ from chemage.ageing.age import wants_states
 from chemage.ageing.measuring import check_outputs
 from chemage.ageing.methods import AgeingMethod, check_contact, check_method
 from chemage.ageing.observables import Observable
-from chemage.contacts.loads import nominal_pressure, normal_force
+from chemage.contacts.loads import force_text, nominal_pressure, normal_force
 from chemage.contacts.role import ContactSolver
 from chemage.contacts.theories import ContactTheory
 from chemage.experiments.asked import EnsembleOptions, accuracies
@@ -254,6 +254,17 @@ def file_name(name: str) -> str:
     if not name or name.startswith(".") or any(letter in "/\\" or not letter.isprintable() for letter in name):
         raise ValueError("it names the result file; leave out slashes, a leading dot and invisible characters")
     return name
+
+
+def heading(scene: Mapping[str, Any], name: str = "") -> str:
+    """The title of plain scene data, or else its name, or ``name``, with the values that a title names first."""
+    if title := scene.get("title"):
+        return str(title)
+    name = name or str(scene.get("name", ""))
+    kind, load = (scene.get(section, {}).get(field) for section, field in (("surface", "kind"), ("contact", "load")))
+    if kind is None or not isinstance(load, int | float):
+        return name
+    return f"{name}: {kind} at {force_text(load)}"
 
 
 _CHEMISTRY_OPTIONS = [name for name in Chemistry.model_fields if name not in ("forming", "breaking", "interaction")]

@@ -16,6 +16,9 @@ from chemage.foundation.inputs import check_data, described
 from chemage.foundation.messages import nearest
 from chemage.plugins import registry
 
+#: fields and sections that no title is about
+_UNTITLED = {"name", "title", "seed", "replicas", "ensemble", "accuracy"}
+
 
 def installed_text(name: str) -> str:
     """The text of an installed scene."""
@@ -100,8 +103,14 @@ def located(data: Any, folder: Path) -> Any:
 
 
 def override(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy of scene data with dotted paths set: ``{"surface.rms_slope": 0.2}``; ``None`` removes what is there."""
+    """A copy of scene data with dotted paths set: ``{"surface.rms_slope": 0.2}``; ``None`` removes what is there.
+
+    The title goes with the values that it is about: it is left out where others than seeds, replicas and requests are
+    changed, unless ``changes`` has another.
+    """
     copy = deepcopy(dict(data))
+    if any(path.partition(".")[0] not in _UNTITLED and path.rpartition(".")[2] not in _UNTITLED for path in changes):
+        copy.pop("title", None)
     for path, value in changes.items():
         *parents, last = path.split(".")
         place: Any = copy
@@ -127,10 +136,11 @@ def _position(path: str, name: str, items: list[Any]) -> int:
 
 
 def named(text: str, name: str) -> str:
-    """The text of a scene with another name; everything else, comments included, stays."""
+    """The text of a scene with another name, and without its title; everything else, comments included, stays."""
     lines = text.splitlines()
     line = f"name = {json.dumps(name, ensure_ascii=False)}"
     top = next((at for at, one in enumerate(lines) if one.lstrip().startswith("[")), len(lines))
+    lines[:top] = [one for one in lines[:top] if one.partition("=")[0].strip() != "title"]
     old = next((at for at, one in enumerate(lines[:top]) if one.partition("=")[0].strip() == "name"), None)
     if old is None:
         lines.insert(next((at for at, one in enumerate(lines) if not one.startswith("#")), 0), line)

@@ -31,6 +31,10 @@ def jackknife_error(left_out: np.ndarray) -> np.ndarray:
     return np.sqrt((r - 1) / r * np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0))
 
 
+#: standard errors on either side of a normal mean that hold the truth with a probability of 95 %
+NORMAL_LIMIT = 1.959963984540054
+
+
 def student_limit(freedom: int, confidence: float = 0.95) -> float:
     """Standard errors on either side of a mean that hold the truth with probability ``confidence`` (Student's t)."""
     from scipy import special

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias, get_args
@@ -227,6 +227,15 @@ def _parse(text: str, unit: str) -> float:
         raise UnitError(f'"{text}": unknown unit {names}; this field is in {unit or "pure numbers"}') from None
     except Exception as error:
         raise UnitError(f'"{text}" cannot be read as a quantity in {unit or "pure numbers"} ({error})') from None
+
+
+def in_one_unit(values: Sequence[object]) -> tuple[list[float], str] | None:
+    """The numbers and the unit of ``values`` as they were written, where all are strings with the same unit."""
+    matches = [_QUANTITY.fullmatch(value.strip()) if isinstance(value, str) else None for value in values]
+    units = {None if match is None else match["unit"].strip() for match in matches}
+    if len(units) != 1 or None in units:
+        return None
+    return [float(match["number"]) for match in matches if match is not None], str(units.pop())
 
 
 class Unit:

@@ -151,11 +151,12 @@ def figure(found: Arrhenius) -> Figure:
     """Draw the times of each level against 1/T with their lines, and the activation energy against the level."""
     levels = [one for one in found.energies if one.level is not None]
     drawn, (left, *right) = panels(9.6 if levels else 5.0, 3.9, 2 if levels else 1)
+    sure = f"{100 * found.confidence:g} % intervals"
     for number, one in enumerate(found.energies):
         colour = BLACK if one.level is None else PALETTE[number % len(PALETTE)]
         x = 1e3 / one.temperatures
-        lower = one.times * -np.expm1(-np.nan_to_num(one.log_time_errors))
-        upper = one.times * np.expm1(np.nan_to_num(one.log_time_errors))
+        half = np.nan_to_num(one.log_time_half_widths)
+        lower, upper = one.times * -np.expm1(-half), one.times * np.expm1(half)
         marker = "s" if one.level is None else "o"
         left.errorbar(x, one.times, yerr=[lower, upper], fmt=marker, ms=4, capsize=2, lw=1, color=colour)
         line = np.linspace(x.min(), x.max(), 50)
@@ -163,7 +164,9 @@ def figure(found: Arrhenius) -> Figure:
         left.plot(line, one(1e3 / line), color=colour, lw=1.2, ls="--" if one.level is None else "-", label=label)
     left.set(yscale="log", xlabel="1000 K / T", ylabel="hold time (s)")
     if found.energies:
-        left.legend(frameon=False, fontsize=7, title="activation energy at", title_fontsize=7, loc="upper left")
+        left.legend(
+            frameon=False, fontsize=7, title=f"bars: {sure}; activation energy at", title_fontsize=7, loc="upper left"
+        )
         # room for the legend above the lines
         low, high = left.get_ylim()
         part = min(0.6, 0.05 * (len(found.energies) + 1) + 0.02)
@@ -177,6 +180,7 @@ def figure(found: Arrhenius) -> Figure:
         axes.errorbar(values, energies, yerr=bars, fmt="o-", ms=4, capsize=3, lw=1, color=PALETTE[0])
         unit = f" ({found.unit})" if found.unit else ""
         axes.set(xlabel=f"{SYMBOLS[found.quantity]}{unit}", ylabel="activation energy (eV)")
+        axes.set_title(f"bars: {sure}", fontsize=7)
         span = max(float(np.ptp(ends[np.isfinite(ends)])) if np.isfinite(ends).any() else 0.0, KB * 300)
         axes.set_ylim(energies.mean() - span, energies.mean() + span)
     return drawn

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from chemage.ageing.fitting import short_doubt, span_text
 from chemage.ensembles.ensemble import SOURCES, Ensemble
-from chemage.foundation.text import with_error
+from chemage.foundation.text import percent, with_error
 from chemage.reports.ensemble_text import over
 from chemage.reports.figures import BLUE, GREY, ORANGE, legend, panels, plain, save_figures
 
@@ -28,7 +29,7 @@ def ensemble_figure(made: Ensemble, *, dpi: float = 150) -> Figure:
     if ages(made):
         draw_curve(axes[0], made)
     draw_parts(axes[-1], made)
-    figure.suptitle(made.provenance.get("scene", {}).get("title") or made.name, fontsize=10, parse_math=False)
+    figure.suptitle(made.title, fontsize=10, parse_math=False)
     return figure
 
 
@@ -70,7 +71,8 @@ def draw_curve(
         beta, fitted = made.estimate("beta"), made.quantities.fitted[shown]
         x = np.log10(times[fitted])
         line = mean[fitted].mean() + beta.value * (x - x.mean())
-        text = f"β = {with_error(beta.value, beta.half_width)} per decade"
+        text = f"β = {with_error(beta.value, beta.half_width)} per decade (line, {span_text(made.quantities.span)})"
+        text += f"\n{short_doubt(made.quantities.doubt)}" * bool(made.quantities.doubt)
         axes.plot(times[fitted], line, color=ORANGE, lw=1.2, zorder=3, label=plain(text))
     axes.set(xscale="log", xlabel="hold time (s)")
     axes.set_ylabel("friction coefficient drop Δμ" if made.load > 0 else "friction drop ΔF (nN)")
@@ -87,14 +89,14 @@ def draw_parts(axes: Axes, made: Ensemble, size: float = 8.5) -> None:
         share = 100 * error.size / abs(one.value) if one.value else math.nan
         known = math.isfinite(share)
         axes.barh(number, share if known else 0.0, color=BLUE, height=0.4)
-        text = f"{share:.2g} %" if known else "not known"
+        text = percent(share / 100) if known else "not known"
         axes.text(0.0, number - 0.28, f" {label}: {text}", fontsize=size, va="bottom", parse_math=False)
         axes.text(0.0, number + 0.24, f" {error.how}", fontsize=size - 1.5, va="top", color=GREY, parse_math=False)
     shown = {"beta": "β"}.get(name, name.replace("_", " "))
     axes.set_yticks([])
     axes.set_ylim(max(len(parts), 2) - 0.4, -0.6)  # bars of one height, also where there is only one
     axes.set_xlim(left=0)
-    title = f"{shown}: 95 % interval ± {100 * one.relative:.2g} %" if math.isfinite(one.relative) else shown
+    title = f"{shown}: 95 % interval ± {percent(one.relative)}" if math.isfinite(one.relative) else shown
     axes.set(xlabel=f"standard error of {shown} (%)", title=title)
 
 

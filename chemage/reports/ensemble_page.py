@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from chemage.ageing.fitting import span_text
 from chemage.ensembles.ensemble import Ensemble
 from chemage.foundation.text import plus_minus, power_text
 from chemage.reports.comparison import Entry
@@ -56,9 +57,8 @@ def main_estimates(one: Entry, times: Sequence[float]) -> list[tuple[str, str]]:
             found.append((shown, f"{symbol} at {power_text(time)} s, {sure}"))
     if "beta" in names:
         beta = made.estimate("beta")
-        window = "–".join(map(power_text, made.window))
         shown = plus_minus(beta.value, beta.half_width)
-        found.append((shown, f"β per decade, line fitted {window} s, {sure}"))
+        found.append((shown, f"β per decade, line fitted {span_text(made.quantities.span)}, {sure}"))
     area = one.estimate("area_fraction")
     if area is not None and math.isfinite(area.value):
         shown = plus_minus(area.value, area.half_width) if math.isfinite(area.half_width) else f"{area.value:.3g}"

@@ -97,11 +97,12 @@ def replicas_text(aging: Aging) -> str:
     return f"mean of {aging.replicas} replicas, 95 %" if aging.replicas > 1 else "1 replica"
 
 
-def draw_fit(axes: Axes, fit: Fit | None, window: tuple[float, float], label: str = "", color: str = ORANGE) -> None:
-    """Draw the fitted line over its ``window`` (s), with β and what was fitted in the legend; nothing without a fit."""
+def draw_fit(axes: Axes, fit: Fit | None, label: str = "", color: str = ORANGE) -> None:
+    """Draw the fitted line over the hold times that it is fitted to, with β and what was fitted in the legend; nothing
+    without a fit."""
     if fit is None or not fit.drawable:
         return
-    line = np.geomspace(*window, 50)
+    line = np.geomspace(*fit.span, 50)
     text = f"{label}: {fit.short_text()}" if label else fit.short_text()
     axes.plot(line, fit(line), color=color, lw=1.6, zorder=3, label=plain(text))
 

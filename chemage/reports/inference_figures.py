@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.inference.forecast import band
 from chemage.inference.inference import Inference
 from chemage.inference.result import InferenceResult
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 CAPTIONS = {
     "density": "Density of forming barriers: mean, 68 and 95 % bands of the posterior, families (orange), and upper "
     "end of the 95 % band of the prior (grey). Outside the shaded energies the data say nothing.",
-    "data": "Measured friction drop with the 68 and 95 % bands of the fitted curves.",
+    "data": "Measured friction drop (bars: 95 %) with the 68 and 95 % bands of the fitted curves.",
     "residuals": "Residuals in standard errors; shaded: two standard errors.",
     "predictive": "What the prior and the posterior predict of the measurements, 95 % bands.",
     "forecasts": "Forecasts at conditions that were not measured: mean, 68 and 95 % bands of the posterior.",
@@ -94,12 +95,17 @@ def draw_data(axes: Axes, one: Inference, size: float = 8) -> None:
             axes.fill_between(times, *band(fitted, level), color=colour, alpha=alpha, lw=0)
         axes.plot(times, fitted.mean(axis=0), color=colour, lw=1.0)
         label = plain(f"{about['name']}: {about['load']:g} nN, {about['temperature']:g} K")
-        axes.errorbar(
-            one.hold_times[here], one.values[here], one.errors[here], fmt="o", ms=3.2, lw=0.9, color=colour, label=label
-        )
+        bars = NORMAL_LIMIT * one.errors[here]
+        axes.errorbar(one.hold_times[here], one.values[here], bars, fmt="o", ms=3.2, lw=0.9, color=colour, label=label)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
-    axes.set_ylim(bottom=min(0.0, float((one.values - one.errors).min())))
-    legend(axes, fontsize=size, title="points: measured; bands: 68 and 95 %", title_fontsize=size, alignment="left")
+    axes.set_ylim(bottom=min(0.0, float((one.values - NORMAL_LIMIT * one.errors).min())))
+    legend(
+        axes,
+        fontsize=size,
+        title="points: measured, bars 95 %; bands: 68 and 95 %",
+        title_fontsize=size,
+        alignment="left",
+    )
 
 
 def draw_residuals(axes: Axes, one: Inference) -> None:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.elasticity import elastic_notes
+from chemage.ageing.fitting import span_text
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
 from chemage.experiments.run import Run
@@ -108,7 +109,8 @@ def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) ->
     cite: dict[str, None] = {}
     for number, one in enumerate(made.results, 1):
         # one file at a time: the maps of a large run take 100 MB
-        name = (f"{one.name}: {one.title}" if one.title else one.name) if several else "Result"
+        title = one.title if not one.title or one.title.startswith(one.name) else f"{one.name}: {one.title}"
+        name = (title or one.name) if several else "Result"
         section, to_cite = _result(one, f"r{number}", name)
         sections.append(section)
         cite |= dict.fromkeys(to_cite)
@@ -212,7 +214,10 @@ def _result(one: Entry, key: str, name: str) -> tuple[Section, list[str]]:
     alone = Comparison([one])
     rows = [(label, texts[0]) for label, texts in alone.table()]
     notes = [f"approximate: {one.approximate}"] if one.approximate else []
-    notes += _notes(run, contact) if not isinstance(thing, Aging) else elastic_notes(thing)
+    if isinstance(thing, Aging):
+        notes += [*elastic_notes(thing), *([one.fit.doubt] if one.fit is not None and one.fit.doubt else [])]
+    else:
+        notes += _notes(run, contact)
     figures = core_figures(alone)
     if contact is not None:
         figures |= map_figures(contact, run.surface if run is not None else None)
@@ -263,8 +268,7 @@ def main_numbers(one: Entry, times: Sequence[float], among: bool = False) -> lis
     slope = []
     if (fit := one.fit) is not None and math.isfinite(fit.beta):
         half = fit.beta_half_width if math.isfinite(fit.beta_interval.low) else math.nan
-        window = "–".join(map(power_text, one.window))
-        slope = [(plus_minus(fit.beta, half), f"β per decade, line fitted {window} s, {sure}")]
+        slope = [(plus_minus(fit.beta, half), f"β per decade, line fitted {span_text(fit.span)}, {sure}")]
     return [drop, *slope, *found]
 
 

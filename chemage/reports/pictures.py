@@ -11,16 +11,18 @@ import numpy as np
 from chemage.ageing.aging import Aging
 from chemage.ageing.elasticity import elastic_notes
 from chemage.ageing.fitting import Fit, Quantity
+from chemage.contacts.loads import force_text, pressure_text
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
 from chemage.ensembles.ensemble import Ensemble
 from chemage.experiments.run import Run
+from chemage.experiments.scene import heading
 from chemage.foundation.approximations import in_words, merged
 from chemage.foundation.errors import InputError
 from chemage.foundation.text import html_table, mean_text
 from chemage.kinetics.history import BondHistory
 from chemage.reports import ensemble_figure, ensemble_text
-from chemage.reports.figures import BLUE, draw_fit, legend, panels, plain, png
+from chemage.reports.figures import BLUE, draw_fit, legend, panels, plain, png, replicas_text
 from chemage.reports.run_figures import draw_friction, draw_heights, draw_pressure
 from chemage.surfaces.surface import Surface
 
@@ -92,13 +94,12 @@ def _draw_aging(
     label: str = "",
 ) -> None:
     chosen: Quantity = quantity or ("friction_coefficient_drop" if aging.load > 0 else "friction_drop")
-    draw_friction(axes, aging, chosen, color or BLUE, plain(label))
+    named = ", ".join(filter(None, (label, replicas_text(aging))))
+    draw_friction(axes, aging, chosen, color or BLUE, plain(named))
     made = _fit(aging, window)
     if fit and made is not None and chosen == "friction_coefficient_drop":
-        assert made.window is not None
-        draw_fit(axes, made, made.window)
-    if label or fit:
-        legend(axes, fontsize=8)
+        draw_fit(axes, made)
+    legend(axes, fontsize=8)
 
 
 def _draw_statistics(axes: Axes, contact: ContactStatistics) -> None:
@@ -124,9 +125,9 @@ def html(thing: Any) -> str:
     """The picture of a result and a table of its main numbers; the table alone where matplotlib is missing."""
     parts = list(_parts(thing).values()) if isinstance(thing, Run) else [thing]
     rows = _run_rows(thing) if isinstance(thing, Run) else _rows(thing)
-    title = f"{thing.name} {thing.scene.get('title', '')}".strip() if isinstance(thing, Run) else repr(thing)
+    title = heading(thing.scene) if isinstance(thing, Run) else repr(thing)
     if isinstance(thing, Ensemble):
-        title = f"{thing.provenance.get('scene', {}).get('title') or thing.name}: {ensemble_text.TITLE}"
+        title = f"{thing.title}: {ensemble_text.TITLE}"
     return f"<div>{_picture(parts, title)}<div>{html_table(title, rows)}</div></div>"
 
 
@@ -196,7 +197,7 @@ def _statistics_rows(contact: ContactStatistics) -> Rows:
 
 def _load_rows(contact: ContactSolution | ContactStatistics) -> Rows:
     return [
-        ("load", f"{contact.load:.6g} nN, {contact.nominal_pressure:.4g} GPa over the nominal area"),
+        ("load", f"{force_text(contact.load)}, {pressure_text(contact.nominal_pressure)} over the nominal area"),
         ("contact modulus E*", f"{contact.modulus:.6g} GPa"),
     ]
 
@@ -222,7 +223,7 @@ def _fit(aging: Aging, window: tuple[float, float] | None) -> Fit | None:
 def _aging_rows(aging: Aging, window: tuple[float, float] | None = None) -> Rows:
     last = f"at {aging.hold_times[-1]:g} s"
     rows = [
-        ("temperature, load", f"{aging.temperature:g} K, {aging.load:.6g} nN"),
+        ("temperature, load", f"{aging.temperature:g} K, {force_text(aging.load)}"),
         ("sites", f"{aging.sites[0]:.6g}" if np.ptp(aging.sites) == 0 else mean_text(aging.sites)),
         ("replicas", f"{aging.replicas}" + (": there is no error" if aging.replicas == 1 else "")),
         (f"bonds {last}", mean_text(aging.bonds[:, -1])),
@@ -230,8 +231,7 @@ def _aging_rows(aging: Aging, window: tuple[float, float] | None = None) -> Rows
         (f"friction coefficient drop Δμ {last}", mean_text(aging.friction_coefficient_drop[:, -1])),
     ]
     if (fit := _fit(aging, window)) is not None and math.isfinite(fit.beta):
-        assert fit.window is not None
-        rows.append((f"β from {fit.window[0]:g} s to {fit.window[1]:g} s", f"{fit.beta_text()} per decade"))
+        rows.append((f"β from {fit.span[0]:g} s to {fit.span[1]:g} s", f"{fit.beta_text()} per decade"))
         rows.append(("cut-off time", fit.cutoff_text()))
     if aging.errors:
         rows.append((f"further errors {last}", aging.error_words))

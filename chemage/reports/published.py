@@ -51,13 +51,13 @@ def published(scene: Mapping[str, Any]) -> list[Published]:
     return found
 
 
-def draw_published(axes: Axes, scene: Mapping[str, Any], fit: Fit | None, window: tuple[float, float]) -> None:
-    """Draw the published slopes over the window of a fit, through the middle of the fitted line."""
+def draw_published(axes: Axes, scene: Mapping[str, Any], fit: Fit | None) -> None:
+    """Draw the published slopes over the hold times of a fit, through the middle of the fitted line."""
     if fit is None or not fit.drawable:
         return
-    middle = math.sqrt(window[0] * window[1])
+    middle = math.sqrt(fit.span[0] * fit.span[1])
     for number, one in enumerate(published(scene)):
-        line = np.geomspace(*window, 50)
+        line = np.geomspace(*fit.span, 50)
         values = float(fit(middle)) + one.beta * np.log10(line / middle)
         label = plain(f"published β = {one.beta:g} ({one.source})")
         axes.plot(line, values, color=BLACK, lw=1.2, ls=("--", ":", "-.")[number % 3], zorder=4, label=label)

@@ -14,6 +14,7 @@ from chemage.ageing.plotted import Maps, PlottedResult
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
 from chemage.experiments.run import Run
+from chemage.experiments.scene import heading
 from chemage.experiments.sections import components_of
 from chemage.foundation.statistics import half_width
 from chemage.reports.figures import (
@@ -187,19 +188,19 @@ def friction_figure(run: Run) -> Figure | None:
     figure, axes = panels(10.5, 4.2, 2) if several else panels(5.6, 4.2)
     draw_friction(axes[0], aging, quantity, label=plain(f"{run.name}, {replicas_text(aging)}"))
     axes[0].set_ylim(bottom=0)
-    draw_fit(axes[0], fit, run.window)
-    draw_published(axes[0], run.scene, fit, run.window)
+    draw_fit(axes[0], fit)
+    draw_published(axes[0], run.scene, fit)
     legend(axes[0], fontsize=8)
     if several:
         draw_local_slope(axes[1], aging, quantity, label=replicas_text(aging))
         if fit is not None:
-            axes[1].plot(run.window, [fit.beta] * 2, color=ORANGE, lw=1.6, zorder=3, label="β of the fitted line")
+            axes[1].plot(fit.span, [fit.beta] * 2, color=ORANGE, lw=1.6, zorder=3, label="β of the fitted line")
         legend(axes[1], fontsize=8)
         axes[1].set_xlim(axes[0].get_xlim())
     for one in axes:
         decades_only(one.xaxis)
     figure.suptitle(
-        f"{run.scene.get('title') or run.name}, {aging.temperature:g} K"
+        f"{heading(run.scene)}, {aging.temperature:g} K"
         + (f"\napproximate: {run.approximate}" if run.approximate else ""),
         fontsize=10,
         parse_math=False,  # a dollar sign in a title is not a formula

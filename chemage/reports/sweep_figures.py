@@ -112,6 +112,8 @@ def _title(data: SweepData, view: View, found: Sequence[Quantity], *, bands: boo
         parts.append(f"mean over {count} seeds" + (", band: its 95 % interval" if with_errors else ""))
     elif with_errors:
         parts.append("band: 95 % interval over replicas")
+    if any(one.name.partition("_")[0] in ("beta", "b", "cutoff") for one in found) and data.doubt:
+        parts.append(data.doubt)
     status = data.table.status
     if rest := len(status) - status.count("done"):
         parts.append(f"{rest} of {len(status)} points are not done")

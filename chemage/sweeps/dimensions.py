@@ -23,13 +23,18 @@ class Dimension:
     size: int
 
 
-def short_names(paths: Sequence[str], taken: Container[str] = ()) -> dict[str, str]:
-    """The name of each swept path: its last part (``contact.load`` is ``load``, ``engine.kind`` is ``engine``).
+def short_names(
+    paths: Sequence[str], taken: Container[str] = (), units: Mapping[str, str] | None = None
+) -> dict[str, str]:
+    """The name of each swept path: its last part (``contact.load`` is ``load``, ``engine.kind`` is ``engine``); loads
+    that are given as pressures (``units`` are those of the paths) are ``nominal_pressure``.
 
     It is all of the path with underscores (``surface_seed``) where two would have one name, or a result has it already
     (``taken``).
     """
-    last = {path: _last(path) for path in paths}
+    last = {path: last_part(path) for path in paths}
+    if units is not None and units.get("contact.load") == "GPa" and "contact.load" in last:
+        last["contact.load"] = "nominal_pressure"
     found = {}
     for path, name in last.items():
         clear = list(last.values()).count(name) == 1 and name not in taken and name not in RESERVED
@@ -37,7 +42,8 @@ def short_names(paths: Sequence[str], taken: Container[str] = ()) -> dict[str, s
     return found
 
 
-def _last(path: str) -> str:
+def last_part(path: str) -> str:
+    """The last part of a path, without ``kind``."""
     parts = path.split(".")
     return parts[-2] if parts[-1] == "kind" and len(parts) > 1 else parts[-1]
 
@@ -48,14 +54,17 @@ def is_seed(path: str) -> bool:
 
 
 def dimensions(
-    axes: Sequence[Axis], values: Mapping[str, Sequence[Any]], taken: Container[str] = ()
+    axes: Sequence[Axis],
+    values: Mapping[str, Sequence[Any]],
+    taken: Container[str] = (),
+    units: Mapping[str, str] | None = None,
 ) -> tuple[Dimension, ...]:
-    """The dimensions of a sweep with ``axes``, whose paths have ``values`` at the points.
+    """The dimensions of a sweep with ``axes``, whose paths have ``values`` at the points, in ``units``.
 
     A dimension has the name of its field; of several that vary together, that of the first whose values all differ and
     that is no seed, if there is one.
     """
-    names = short_names([path for axis in axes for path in axis.paths], taken)
+    names = short_names([path for axis in axes for path in axis.paths], taken, units)
     found = []
     for axis in axes:
         distinct = [path for path in axis.paths if len({str(value) for value in values[path]}) == len(axis)]

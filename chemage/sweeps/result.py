@@ -16,6 +16,7 @@ from chemage.experiments.run import Run
 from chemage.experiments.scene import Scene
 from chemage.foundation.codec import from_json
 from chemage.foundation.errors import InputError, StoreError
+from chemage.foundation.units import in_one_unit
 from chemage.sweeps.folder import FORMAT, Folder, SweepWarning
 from chemage.sweeps.grid import Axis, Grid, shown
 from chemage.sweeps.table import Table, error_text
@@ -179,6 +180,17 @@ class SweepResult:
     def units(self) -> dict[str, str]:
         """The units of :attr:`swept`: dotted path -> unit, empty for numbers without a unit."""
         return self._manifest["units"]
+
+    @cached_property
+    def written(self) -> dict[str, tuple[list[float], str]]:
+        """Those of :attr:`swept` that were all written in one unit: dotted path -> numbers at the points, unit."""
+        found = {}
+        for number, axis in enumerate(self.axes):
+            for place, path in enumerate(axis.paths):
+                if self.units.get(path) and (one := in_one_unit([values[place] for values in axis.values])) is not None:
+                    at_points = [one[0][self.grid.positions(point)[number]] for point in range(len(self))]
+                    found[path] = at_points, one[1]
+        return found
 
     def contact_key(self, point: int) -> str:
         """Content hash of the contact of ``point``."""

@@ -37,7 +37,7 @@ SCALARS: dict[str, tuple[str, str]] = {
     **elasticity.MEASURES,
 }
 #: those of SCALARS that only repeat a field of the scene; where that is swept, it has their place in the dataset
-GIVEN = {"load", "modulus", "replicas", "hardness", "shear_strength"}
+GIVEN = {"load", "nominal_pressure", "modulus", "replicas", "hardness", "shear_strength"}
 #: dimensions, values, attributes
 Variable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]
 #: what is listed of an output of an observable: suffix of the column -> (key in the summary, meaning)
@@ -127,7 +127,7 @@ class Table:
             observed=_observed(count, padded["curves"], observables),
             approximate=approximate if any(approximate) else [],
             beta_reason=reasons if any(reasons) else [],
-            dimensions=dimensions(axes, swept, {*SCALARS, *CURVES} - GIVEN),
+            dimensions=dimensions(axes, swept, {*SCALARS, *CURVES} - GIVEN, units),
         )
 
     @property

@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.derived import CURVES
-from chemage.foundation.errors import InputError
+from chemage.ageing.fitting import FIT_WINDOW, few_hold_times
+from chemage.foundation.errors import InputError, UnitError
 from chemage.foundation.messages import nearest
 from chemage.foundation.statistics import crossed_half_width, student_limit
 from chemage.foundation.text import plus_minus
-from chemage.sweeps.dimensions import Dimension, is_seed
+from chemage.foundation.units import convert
+from chemage.sweeps.dimensions import Dimension, is_seed, last_part
 from chemage.sweeps.grid import Axis, shown
 from chemage.sweeps.result import SweepResult
 from chemage.sweeps.table import Table, value_of
@@ -67,6 +69,30 @@ class SweepData:
         self.dimensions: dict[str, Dimension] = {one.name: one for one in self.table.dimensions}
         self.shape = tuple(one.size for one in self.dimensions.values())
         self.variables = self.table.variables()
+        #: coordinates that were written in one unit: name -> values along their dimension, unit
+        self._written: dict[str, tuple[np.ndarray, str]] = {}
+        for axis, one in enumerate(self.dimensions.values()):
+            first = tuple(slice(None) if place == axis else 0 for place in range(len(self.shape)))
+            for path, name in one.coordinates.items():
+                if path in result.written:
+                    numbers, unit = result.written[path]
+                    self._written[name] = np.array(numbers).reshape(self.shape)[first], unit
+        #: that of the fit, s; None where it is swept
+        self._window: tuple[float, float] | None = None
+        if not any(path.partition(".")[0] == "fit" for path in self.table.swept):
+            fit = result.grid.base.get("fit", {})
+            start, stop = fit.get("start", FIT_WINDOW[0]), fit.get("stop", FIT_WINDOW[1])
+            self._window = convert(start, "s"), convert(stop, "s")
+
+    @property
+    def doubt(self) -> str:
+        """That β of the points rests on too few hold times; "" where it does not, or the points differ in it."""
+        times = self.table.hold_times
+        if times.ndim > 1 or not np.isfinite(self.variables["beta"][1]).any() or self._window is None:
+            return ""
+        low, high = self._window
+        used = times[(times >= low * (1 - 1e-9)) & (times <= high * (1 + 1e-9)) & (times > 0)]
+        return few_hold_times(used.size, (float(used.min()), float(used.max()))) if used.size > 1 else ""
 
     def axis(self, name: str, option: str) -> str:
         """The dimension called ``name``: its own name, that of a field along it, or the path of a field.
@@ -79,6 +105,9 @@ class SweepData:
         for dim, one in self.dimensions.items():
             if name == dim or name in one.coordinates or name in one.coordinates.values():
                 return dim
+        same = [dim for dim, one in self.dimensions.items() if name in map(last_part, one.coordinates)]
+        if len(same) == 1:
+            return same[0]
         known = [*self.dimensions, HOLD_TIME]
         raise InputError.of(
             option, name, f"is no axis of this sweep{nearest(name, known)}", f"the axes are {', '.join(known)}"
@@ -86,15 +115,21 @@ class SweepData:
 
     def label(self, name: str, option: str) -> str:
         """The name of the coordinate that ``name`` stands for."""
-        dim = self.axis(name, option)
-        return self.dimensions[dim].coordinates.get(name, name)
+        coordinates = self.dimensions[self.axis(name, option)].coordinates
+        if name in coordinates.values():
+            return name
+        return next((short for path, short in coordinates.items() if name in (path, last_part(path))), name)
 
     def values(self, name: str) -> np.ndarray:
-        """The values of a coordinate along its dimension; hold times in s."""
+        """The values of a coordinate along its dimension, in :meth:`unit`; hold times in s."""
+        if name in self._written:
+            return self._written[name][0]
         return self.table.hold_times if name == HOLD_TIME else self.variables[name][1]
 
     def unit(self, name: str) -> str:
-        """The unit of a variable; "" for a pure number."""
+        """The unit of a variable, that in which its values were written if it is one; "" for a pure number."""
+        if name in self._written:
+            return self._written[name][1]
         unit = "s" if name == HOLD_TIME else self.variables[name][2].get("units", "1")
         return "" if unit == "1" else unit
 
@@ -161,6 +196,10 @@ class SweepData:
         values = list(self.values(label))
         for place, one in enumerate(values):
             if value == (one if isinstance(one, str) else f"{one:.6g}") or _is_number(value, one):
+                return place
+        unit = self.variables[label][2].get("units", "1")
+        for place, one in enumerate(self.variables[label][1]):  # in the unit inside, or with a unit
+            if _is_number(value, one) or _is_quantity(value, unit, one):
                 return place
         known = ", ".join(self.value_text(label, place) for place in range(len(values)))
         raise InputError.of(
@@ -307,6 +346,7 @@ class SweepData:
         times = self.table.hold_times
         if times.ndim == 1 and times.size and np.isfinite(times).any():
             found.append(f"Δμ at the last hold time, {np.nanmax(times):g} s; β per decade of hold time")
+        found += [self.doubt] * bool(self.doubt)
         if any(self.table.approximate):
             found.append("approximate: " + "; ".join(dict.fromkeys(filter(None, self.table.approximate))))
         return found
@@ -351,6 +391,13 @@ def _is_number(text: str, value: Any) -> bool:
     try:
         return not isinstance(value, str) and math.isclose(float(text), float(value), rel_tol=1e-6)
     except ValueError:
+        return False
+
+
+def _is_quantity(text: str, unit: str, value: Any) -> bool:
+    try:
+        return not isinstance(value, str) and unit != "1" and math.isclose(convert(text, unit), value, rel_tol=1e-6)
+    except UnitError:
         return False
 
 

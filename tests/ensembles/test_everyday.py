@@ -13,8 +13,10 @@ import pytest
 from matplotlib import pyplot as plt
 
 import chemage as ca
+from chemage.contacts.solution import MEASURES
 from chemage.ensembles.ensemble import Ensemble
 from chemage.reports.comparison import compare_files, comparison_figures
+from chemage.reports.ensemble_text import rows
 from chemage.reports.page import html
 
 SCENE = {
@@ -110,6 +112,14 @@ def test_it_is_drawn_into_given_axes_with_its_interval_and_single_surfaces():
     assert one.plot(axes, singles=False, color="red", label="other") is axes
     assert len(axes.lines) == 24
     assert "other" in [text.get_text() for text in axes.get_legend().get_texts()]
+
+
+def test_the_line_of_beta_says_over_which_hold_times_it_is_fitted_and_that_they_are_few():
+    text = "(line, 10–10⁴ s)\nβ rests on 4 hold times over 3 decades"
+    (label,) = [one.get_label() for one in made().plot().lines if str(one.get_label()).startswith("β")]
+    assert label.endswith(text)
+    assert "per decade, ± " in dict(rows(made()))["beta"]
+    assert dict(rows(made()))["beta"].endswith(", 4 hold times from 10 to 10000 s")
 
 
 def test_without_ageing_the_parts_of_the_error_are_drawn():
@@ -256,3 +266,27 @@ def test_commands_take_its_file(command, files, tmp_path, monkeypatch):
     done = command("report", files / "mean.h5", "-o", "page.html")
     assert done.status == 0, done.err
     assert "A. Author" in command("cite", files / "mean.h5").out
+
+
+def test_json_has_what_json_of_a_run_has_where_that_has_it(command, files):
+    """A script that reads β of a run reads that of a mean over surfaces."""
+    mean, one = (json.loads(command("show", files / name, "--json").out) for name in ("mean.h5", "one.h5"))
+    missing = set(one) - set(mean) - set(MEASURES)
+    assert missing == {
+        *("solver", "engine", "rupture", "converged", "residual", "iterations", "sites", "site_grid", "events"),
+        *("common_random_numbers", "observables", "cutoff_time", "cutoff_time_stderr", "cutoff_time_low"),
+        *("cutoff_time_high", "timings", "keys", "mean_shear_stress"),
+    }  # which are of one surface
+    beta, drop = made().estimate("beta"), made().estimate("friction_drop")
+    assert (mean["beta"], mean["beta_half_width"]) == (beta.value, beta.half_width)
+    assert mean["beta_stderr"] == pytest.approx(np.hypot(*(part.size for part in beta.errors.values())))
+    assert mean["b_half_width"] == pytest.approx(beta.half_width / np.log(10))
+    assert mean["hold_times"] == TIMES.tolist()
+    assert (mean["friction_drop"][-1], mean["friction_drop_half_width"][-1]) == (drop.value, drop.half_width)
+    assert mean["friction_coefficient_drop_half_width"][-1] == pytest.approx(drop.half_width / 100)
+    assert mean["area_fraction"] == made().estimate("area_fraction").value
+    assert mean["load"] == one["load"] == 100.0
+    assert mean["beta_scatter_between_surfaces"] == made().scatter
+    bare = json.loads(command("show", files / "bare.h5", "--json").out)
+    assert (bare["beta"], bare["hold_times"], bare["friction_drop"]) == (None, [], [])
+    assert set(bare) - set(mean) == set()

@@ -13,11 +13,30 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from chemage import InputError, SceneError, StoreError, convert, load_scene, override, parse_scene, registry, scene_data
+from chemage.experiments.scene import heading
+from chemage.sweeps.running import read_grid
 
 
 @pytest.fixture
 def data(small):
     return scene_data(small)[0]
+
+
+# -- titles ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_title_is_left_out_where_the_values_are_others_than_it_says():
+    """ "at 50 nN" is no title of a contact at 100 nN; what is printed then comes from the values."""
+    assert heading(load_scene("silica-tip").todict()) == "Silica tip of 30 nm radius at 50 nN"
+    other = load_scene("silica-tip", {"contact.load": "100 nN"})
+    assert other.title == ""
+    assert heading(other.todict()) == "silica-tip: sphere at 100 nN"
+    assert heading(load_scene("silica-rough", {"surface.hurst": 0.7}).todict()) == "silica-rough: self-affine at 20 µN"
+    assert load_scene("silica-tip", {"hold.seed": 3, "hold.replicas": 2}).title
+    assert load_scene("silica-tip", {"contact.load": "100 nN", "title": "mine"}).title == "mine"
+    grid = read_grid("silica-tip", axes={"contact.load": [50.0, 100.0]})
+    assert grid.scene(1).title == ""
+    assert read_grid("silica-tip", axes={"hold.seed": [1, 2]}).scene(1).title
 
 
 # -- keys ------------------------------------------------------------------------------------------------------------
@@ -28,6 +47,7 @@ def test_keys_do_not_depend_on_how_it_is_written(data):
     spelled = override(
         data,
         {
+            "title": data["title"],
             "surface.pixels": [48, 48],
             "surface.pixel_size": "4.518 angstrom",
             "contact.load": 40.0,

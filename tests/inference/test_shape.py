@@ -78,6 +78,9 @@ def test_every_figure_has_a_caption_and_what_it_should_show():
     labels = density.get_legend_handles_labels()[1]
     assert {"visible energies", "95 % band", "68 % band", "mean", "gaussian", "uniform"} <= {*labels}
     data, residuals = figures["data"].axes
+    assert data.get_legend().get_title().get_text() == "points: measured, bars 95 %; bands: 68 and 95 %"
+    bars = np.array(data.containers[0].lines[2][0].get_segments())
+    assert 0.5 * np.ptp(bars[:, :, 1], axis=1) == pytest.approx(1.959964 * one.errors[one.curve == 0])
     assert residuals.get_lines()[-1].get_ydata() == pytest.approx(one.residuals)
     assert data.get_xscale() == "log"
     assert "40 % unseen" in " ".join(figures["forecasts"].axes[0].get_legend_handles_labels()[1])

@@ -259,7 +259,7 @@ def test_bands_over_the_members_are_relative_to_the_best():
     def point(member: int, beta: float, slope: float, volume: float) -> Point:
         one = straight(beta, 1.0)
         changes = {"forming.member": member, SLOPE: slope, "chemistry.activation_volume": volume}
-        return Point(changes, one.summary, one.hold_times, one.friction_drop, one.friction_drop_stderr)
+        return Point(changes, one.summary, one.hold_times, one.friction_drop, one.friction_drop_half_width)
 
     def row(member: int, beta: float) -> list[Point]:
         lattice = [(h, v) for v in studies.VOLUMES for h in published.SLOPES] + [(0.4, studies.VOLUME)]
@@ -280,7 +280,7 @@ def test_times_over_the_members():
 
     def point(line: Point, slope: float, volume: float) -> Point:
         changes = {"forming.member": 0, SLOPE: slope, "chemistry.activation_volume": volume}
-        return Point(changes, line.summary, line.hold_times, line.friction_drop, line.friction_drop_stderr)
+        return Point(changes, line.summary, line.hold_times, line.friction_drop, line.friction_drop_half_width)
 
     group = [
         point(straight(2.0, 1.0), 0.05, studies.VOLUME),
@@ -297,7 +297,7 @@ def test_times_over_the_members():
 def front_point() -> Point:
     one = straight(0.45, 1.0)
     changes = {"chemistry.activation_volume": 0.0064, "chemistry.hydroxylation": 0.5, "chemistry.front_factor": 0.15}
-    return Point(changes, one.summary, one.hold_times, one.friction_drop, one.friction_drop_stderr)
+    return Point(changes, one.summary, one.hold_times, one.friction_drop, one.friction_drop_half_width)
 
 
 @pytest.mark.long

@@ -131,3 +131,11 @@ def test_the_figure_shows_times_against_one_over_t(swept):
     one = found.energies[0]
     np.testing.assert_allclose(lines[0].get_ydata(), one(1e3 / lines[0].get_xdata()))
     assert right.get_ylabel() == "activation energy (eV)"
+    # bars are 95 % intervals everywhere, and say so
+    assert right.get_title() == "bars: 95 % intervals"
+    assert left.get_legend().get_title().get_text() == "bars: 95 % intervals; activation energy at"
+    half = one.log_time_half_widths
+    segments = np.array(left.containers[0].lines[2][0].get_segments())
+    np.testing.assert_allclose(segments[:, 1, 1], one.times * np.exp(half))
+    # Student's of four replicas
+    np.testing.assert_allclose(half, 3.182446 * one.log_time_errors, rtol=1e-6)

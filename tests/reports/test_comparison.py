@@ -341,7 +341,7 @@ def test_figures_show_every_result_by_name_and_the_measurements_on_top(results):
     figures = comparison_figures(comparison)
     assert list(figures) == ["friction-drop", "friction-coefficient-drop", "bonds-per-area", "pressures", "barriers"]
     labels, axes = lines_of(figures["friction-coefficient-drop"])
-    assert "afm (measured)" in labels
+    assert "afm (measured, 95 %)" in labels
     assert {"tip", "rough"} <= {label.partition(",")[0] for label in labels}, "each curve is named"
     fitted = {label.partition(":")[0]: label for label in labels if "β = " in label}
     assert set(fitted) == {"tip", "rough", "afm"}, "each fit names its data"
@@ -350,8 +350,8 @@ def test_figures_show_every_result_by_name_and_the_measurements_on_top(results):
     assert "fitted β log(1 + t/t_c)" in fitted["afm"]
     assert len(labels) == len(set(labels)), "one entry for each curve and its markers"
     # loads differ, so ΔF and Δμ cannot be turned into each other
-    assert "pull (measured)" not in labels
-    assert "pull (measured)" in lines_of(figures["friction-drop"])[0]
+    assert "pull (measured, 95 %)" not in labels
+    assert "pull (measured, 95 %)" in lines_of(figures["friction-drop"])[0]
     assert axes.get_xscale() == "log"
     assert {"tip", "rough", "dry"} <= set(lines_of(figures["pressures"])[0])
     drawn = figures["bonds-per-area"].axes[0].containers[0].lines[0]
@@ -359,11 +359,22 @@ def test_figures_show_every_result_by_name_and_the_measurements_on_top(results):
     np.testing.assert_allclose(drawn.get_ydata(), one.bonds_per_area.mean(axis=0))
 
 
+def test_bars_of_measurements_are_95_percent_as_those_of_results_are_and_say_so(results):
+    """An error in a file of measurements is a standard error."""
+    error = np.array([0.01, 0.02, 0.03])
+    one = Measurements("afm", np.array([0.1, 1.0, 10.0]), np.array([0.1, 0.2, 0.3]), "friction_coefficient_drop", error)
+    figure = comparison_figures(Comparison(of(results, "tip").results, [one]))["friction-coefficient-drop"]
+    labels, axes = lines_of(figure)
+    assert "afm (measured, 95 %)" in labels
+    bars = axes.containers[-1].lines[2][0].get_segments()
+    assert [0.5 * np.ptp(bar[:, 1]) for bar in bars] == pytest.approx(1.959964 * error)
+
+
 def test_under_one_load_measured_friction_is_drawn_as_a_coefficient_too(results):
     comparison = Comparison(of(results, "tip").results, [data("friction_drop", "pull", 40.0)])
     labels, axes = lines_of(comparison_figures(comparison)["friction-coefficient-drop"])
-    assert "pull (measured)" in labels
-    points = next(box for box in axes.containers if box.get_label() == "pull (measured)").lines[0]
+    assert "pull (measured, 95 %)" in labels
+    points = next(box for box in axes.containers if box.get_label() == "pull (measured, 95 %)").lines[0]
     np.testing.assert_allclose(points.get_ydata(), comparison.measured[0].values / 30.0)
 
 

@@ -14,7 +14,9 @@ from chemage import Aging, ContactSolution, StoreError, load_scene
 from chemage.foundation.statistics import half_width
 from chemage.foundation.text import with_error
 from chemage.reports import run_figures
+from chemage.reports.comparison import compare_files
 from chemage.reports.figures import pooled, save_figures
+from chemage.reports.page import html
 from chemage.reports.published import published
 
 pytestmark = pytest.mark.drawn
@@ -262,3 +264,31 @@ def test_the_published_slope_of_a_scene_is_drawn_beside_its_fit():
     assert "Li et al." in source
     assert published({**scene, "contact": {**scene["contact"], "load": 1000.0}}) == []
     assert published(load_scene("silica-tip").todict()) == []
+
+
+def test_the_line_and_the_range_of_a_fit_are_those_of_the_hold_times_there_are(result, tmp_path, small_text, command):
+    """Three hold times end at 100 s, in a window to 10⁴ s: nothing is drawn or claimed beyond, and it is said."""
+    file = tmp_path / "small.toml"
+    file.write_text(small_text)
+    few = chemage.run(load_scene(file, {"hold.stop": 100.0, "hold.per_decade": 2}))
+    assert few.fit().span == pytest.approx((10.0, 100.0))
+    doubt = "β rests on 3 hold times over 1 decade; take at least six over two decades"
+    assert doubt in few.notes
+    assert not any("rests on" in note for note in result.notes)
+    (fitted,) = [line for line in run_figures.friction_figure(few).axes[-1].lines if "β" in str(line.get_label())]
+    assert (min(fitted.get_xdata()), max(fitted.get_xdata())) == pytest.approx((10.0, 100.0))
+    assert fitted.get_label().endswith(f"(fitted line, 10–100 s)\n{doubt.partition(';')[0]}")
+    assert few.summary()["fit_range"] == pytest.approx([10.0, 100.0])
+    chemage.write(tmp_path / "few.h5", few)
+    shown = command("show", tmp_path / "few.h5").out
+    assert "per decade, 3 hold times from 10 to 100 s" in shown
+    assert doubt in " ".join(shown.split())
+    rows = dict(compare_files([tmp_path / "few.h5"]).table())
+    assert rows["hold times of the fit"] == [f"10 to 100 s; {doubt}"]
+    page = html([tmp_path / "few.h5"])
+    assert "line fitted 10–100 s" in page
+    assert doubt in page
+    assert "β from 10 s to 100 s" in few._repr_html_()
+    for text in (shown, page, few._repr_html_(), str(rows)):
+        assert "10–10⁴ s" not in text
+        assert "10000 s" not in text

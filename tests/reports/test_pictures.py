@@ -72,6 +72,16 @@ def test_aging_without_load_shows_the_force(examples):
     assert aging.plot(quantity="friction_coefficient_drop").texts[0].get_text() == "undefined: no load"
 
 
+def test_the_bars_of_an_aging_curve_say_what_they_are(examples):
+    def entries(axes):
+        return [text.get_text() for text in axes.get_legend().get_texts()]
+
+    aging = examples.aging()
+    of = f"mean of {aging.replicas} replicas, 95 %"
+    assert entries(aging.plot(fit=False)) == [of]
+    assert entries(aging.plot(fit=False, label="rough")) == [f"rough, {of}"]
+
+
 def test_everything_shown_is_escaped(run, examples):
     evil = "<script>alert(1)</script>"
     assert evil not in examples.aging(notes=(evil,), engine=evil)._repr_html_()

@@ -44,6 +44,13 @@ def test_the_usual_figures_are_lines_with_bands(swept):
         assert y == pytest.approx(beta.sel(temperature=kelvin).values)
     assert len(left.collections) == 2, "a band for each line"
     assert "mean over 3 seeds" in made[name].get_suptitle()
+    # of β, and in the table as well
+    window = result[0].scene().fit
+    doubt = result[0].aging().fit(window.start, window.stop).doubt
+    assert doubt.startswith("β rests on ")
+    assert doubt in " ".join(made[name].get_suptitle().split())
+    assert doubt in SweepData(result).notes()
+    assert doubt not in " ".join(made[along].get_suptitle().split())
     (legend,) = made[name].legends
     assert legend.get_title().get_text() == "temperature (K)"
     axes = made[along].axes[0]

@@ -528,10 +528,11 @@ def test_notes_of_contact_and_ageing_come_back_from_the_folder(tiny, tmp_path):
     result = chemage.sweep(swept(tiny, '[sweep]\n"contact.load" = [1.0, 2.0]'), tmp_path / "out")
     alone = chemage.run(result[1].scene())
     assert alone.aging.notes == ("tossed",)
+    doubt = alone.fit().doubt
     for point in chemage.load_sweep(tmp_path / "out"):
         assert point.aging().notes == alone.aging.notes
-        assert point.run().notes == alone.notes == ("even", "tossed")
-        assert point.summary["notes"] == ["even", "tossed"]
+        assert point.run().notes == alone.notes == ("even", "tossed", doubt)
+        assert point.summary["notes"] == ["even", "tossed", doubt]
     assert result[1].aging() == alone.aging
 
 

@@ -10,6 +10,7 @@ import chemage
 from chemage import InputError
 from chemage.foundation.statistics import crossed_half_width
 from chemage.foundation.text import plus_minus
+from chemage.reports.sweep_figures import sweep_figures
 from chemage.sweeps.views import HOLD_TIME, SweepData, swept_rows
 
 GRID = {
@@ -158,3 +159,44 @@ def test_results_of_one_surface_are_not_counted_as_many_surfaces(tiny, tmp_path)
     assert half > stats.t.ppf(0.975, 11) * stats.sem(values.ravel())
     (_, line), headings = data.rows()[1], data.rows()[0]
     assert line[headings.index("β")] == plus_minus(values.mean(), half)
+
+
+ROUGH = {
+    "name": "pressed",
+    "surface": {"kind": "self-affine", "pixels": 32, "pixel_size": 0.45, "rms_slope": 0.1, "hurst": 0.8, "zeta": 4},
+    "contact": {"kind": "fft-bem", "modulus": 35.3, "load": "20 MPa"},
+}  # fmt: skip
+
+
+def test_a_sweep_of_pressures_has_them_under_their_own_name_and_loads_as_forces_in_every_table(tmp_path, command):
+    """A load is a force everywhere; values are shown in the unit in which they were written."""
+    swept = {"contact.load": ["20 MPa", "60 MPa"], "surface.pixel_size": ["4.5 angstrom", "5 angstrom"]}
+    result = chemage.sweep({**ROUGH, "sweep": swept}, tmp_path / "out")
+    data = SweepData(result)
+    headings, lines = data.rows()
+    assert headings[:2] == ("nominal_pressure (MPa)", "pixel_size (angstrom)")
+    assert [line[:2] for line in lines] == [("20", "4.5"), ("20", "5"), ("60", "4.5"), ("60", "5")]
+    assert data.text("nominal_pressure", 1) == "nominal_pressure = 60 MPa"
+    arrays = result.to_xarray()
+    assert arrays["nominal_pressure"].values.tolist() == [0.02, 0.06]
+    assert arrays["nominal_pressure"].attrs["units"] == "GPa"
+    assert arrays["load"].attrs["units"] == "nN"
+    area = np.array([(32 * 0.45) ** 2, (32 * 0.5) ** 2])
+    assert arrays["load"].values == pytest.approx(np.outer([0.02, 0.06], area))
+    # both names lead to the axis, and a value may be given as it was written, as it is shown, or in the unit inside
+    view = data.view("load", None, {"pixel_size": "5 angstrom"})
+    assert view.x == "nominal_pressure"
+    assert (
+        data.view("contact.load", None, {"pixel_size": "5"}) == view == data.view("load", None, {"pixel_size": "0.5"})
+    )
+    (figure,) = sweep_figures(result, x="load", y=["area_fraction"], where={"pixel_size": "5"}).values()
+    (axes,) = figure.axes
+    assert axes.get_xlabel() == "nominal pressure (MPa)"
+    assert axes.lines[0].get_xdata().tolist() == [20.0, 60.0]
+    shown = command("show", tmp_path / "out").out
+    assert "nominal_pressure (MPa)" in shown
+    assert "0.02" not in shown
+    # numbers without a unit, and mixed units, are in the unit inside
+    mixed = chemage.sweep({**ROUGH, "sweep": {"contact.load": ["20 nN", "0.03 uN", 40]}}, tmp_path / "mixed")
+    assert SweepData(mixed).rows()[0][0] == "load (nN)"
+    assert [line[0] for line in SweepData(mixed).rows()[1]] == ["20", "30", "40"]

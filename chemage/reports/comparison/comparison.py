@@ -22,10 +22,11 @@ from chemage.ageing.elasticity import MEASURES, elastic_measures
 from chemage.ageing.fitting import Fit, Model, Quantity, fit_aging
 from chemage.ageing.measured import Measured
 from chemage.ageing.measurements import Measurements, read_measurements
+from chemage.contacts.loads import force_text
 from chemage.ensembles.ensemble import Estimate
 from chemage.foundation.errors import InputError
 from chemage.foundation.statistics import half_width, standard_error
-from chemage.foundation.text import jsonable, mean_text
+from chemage.foundation.text import jsonable, mean_text, percent
 from chemage.foundation.units import QuantityLike, convert
 from chemage.reports.comparison.differences import Difference, differences
 from chemage.reports.comparison.entries import Entry, load_results
@@ -85,7 +86,7 @@ class Comparison:
         rows: list[tuple[str, Callable[[Entry], str]]] = [
             ("scene", lambda one: str(one.scene.get("name", "")) or "-"),
             ("surface, solver", _made_of),
-            ("load", lambda one: _text(one.load, "nN")),
+            ("load", lambda one: force_text(one.load) if math.isfinite(one.load) else "-"),
             ("contact area A", partial(_contact_text, name="area", unit="nm²")),
             ("area fraction A/A0", partial(_contact_text, name="area_fraction")),
             ("patches", partial(_contact_text, name="patches")),
@@ -107,7 +108,7 @@ class Comparison:
         rows += self._measured_rows()
         rows += [
             ("last hold time", lambda one: _text(one.last(), "s")),
-            ("fit window", lambda one: f"{one.window[0]:g} to {one.window[1]:g} s" if one.ages else "-"),
+            ("hold times of the fit", _fitted),
             ("β, 95 % interval", lambda one: _beta(f) if (f := one.fit) else _not_fitted(one)),
             ("cut-off time, 95 % interval", lambda one: f.cutoff_text() if (f := one.fit) else _no_cutoff(one)),
         ]
@@ -191,6 +192,7 @@ class Comparison:
             "plugins": dict(one.plugins),
             **({"approximate": one.approximate} if any(each.approximate for each in self.results) else {}),
             "fit_window": list(one.window),
+            "fit_range": list(one.fit_range) if one.fit_range else None,
             "beta": fit.beta if fit else None,
             "beta_reason": one.fit_reason or None,
             "beta_stderr": fit.beta_stderr if fit else None,
@@ -232,16 +234,19 @@ class Comparison:
         units |= {"cutoff_time": "s", "cutoff_time_stderr": "s", "cutoff_time_low": "s", "cutoff_time_high": "s"}
         units |= {name: unit for name, (unit, _) in MEASURES.items() if unit != "1"}
         units |= {f"observable.{name}": one.unit for name, one in self.outputs().items() if one.unit}
-        units |= {"friction_drop": "nN", "bonds_per_area": "1/nm^2", "fit_start": "s", "fit_stop": "s", "last": "s"}
+        units |= {"friction_drop": "nN", "bonds_per_area": "1/nm^2", "fit_start": "s", "fit_stop": "s"}
+        units |= {"fit_first": "s", "fit_last": "s", "last": "s"}
         lines = []
         for numbers in self.numbers():
             line: dict[str, Any] = {}
             at, window = numbers.pop("at"), numbers.pop("fit_window")
+            first, final = numbers.pop("fit_range") or (None, None)
             numbers["plugins"] = "; ".join(f"{name}: {source}" for name, source in numbers["plugins"].items())
             for name in ("beta", "b", "cutoff_time"):
                 low, high = numbers.pop(f"{name}_interval") or (None, None)
                 numbers |= {f"{name}_low": low, f"{name}_high": high}
-            numbers |= {"fit_start": window[0], "fit_stop": window[1], "last": at[-1]["time"]}
+            numbers |= {"fit_start": window[0], "fit_stop": window[1]}
+            numbers |= {"fit_first": first, "fit_last": final, "last": at[-1]["time"]}
             for name, value in numbers.items():
                 unit = units.get(_without_error(name))
                 line[f"{name} ({unit})" if unit else name] = value
@@ -309,6 +314,14 @@ def _simulated_fit(one: Entry, model: Model, window: tuple[float, float], quanti
         return fit_aging(one.aging, model=model, window=window, quantity=quantity)
     except InputError as error:
         return str(error)
+
+
+def _fitted(one: Entry) -> str:
+    """The first and the last hold time of the fit, and whether they are too few."""
+    if one.fit_range is None:
+        return "-"
+    doubt = one.ensemble.quantities.doubt if one.ensemble is not None else one.fit.doubt if one.fit is not None else ""
+    return "{:g} to {:g} s".format(*one.fit_range) + f"; {doubt}" * bool(doubt)
 
 
 def _beta(fit: Fit) -> str:
@@ -438,7 +451,7 @@ def _parts_text(one: Entry) -> str:
         return "-" if estimated is None else "; ".join(f"{part}: {size}" for part, size, _ in errors(estimated))
     if one.fit is None or not math.isfinite(one.fit.relative_stderr):
         return "-"
-    return f"replicas on one surface: {100 * one.fit.relative_stderr:.2g} %"
+    return f"replicas on one surface: {percent(one.fit.relative_stderr)}"
 
 
 def _interval_is(one: Entry) -> dict[str, Any]:
@@ -454,17 +467,13 @@ def _beta_of(one: Entry) -> dict[str, Any]:
     found: dict[str, Any] = {"beta_reason": None}
     for name, estimated in (("beta", one.ensemble.estimate("beta")), ("b", one.ensemble.b)):
         low, high = estimated.value - estimated.half_width, estimated.value + estimated.half_width
-        found |= {name: estimated.value, f"{name}_stderr": _standard(estimated), f"{name}_interval": [low, high]}
+        found |= {name: estimated.value, f"{name}_stderr": estimated.stderr, f"{name}_interval": [low, high]}
     return found
-
-
-def _standard(one: Estimate) -> float:
-    return math.hypot(*(part.size for part in one.errors.values()))
 
 
 def _of(name: str, one: Estimate) -> dict[str, float]:
     """As :func:`_with_errors`, of an ensemble."""
-    return {name: one.value, f"{name}_stderr": _standard(one), f"{name}_half_width": one.half_width}
+    return {name: one.value, f"{name}_stderr": one.stderr, f"{name}_half_width": one.half_width}
 
 
 def _measured_scatter(one: Entry) -> float | None:
@@ -476,7 +485,7 @@ def _measured_scatter(one: Entry) -> float | None:
 
 def _scatter_text(one: Entry) -> str:
     if (measured := _measured_scatter(one)) is not None and one.ensemble is not None:
-        return f"{100 * measured:.2g} % (standard deviation), measured here on {one.ensemble.surfaces} surfaces"
+        return f"{percent(measured)} (standard deviation), measured here on {one.ensemble.surfaces} surfaces"
     if one.scatter is None or one.fit is None:
         return "-"
     return one.scatter.text(one.fit.relative_stderr) or "one surface"

@@ -20,6 +20,7 @@ from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
 from chemage.ensembles.ensemble import Ensemble, ErrorPart, Estimate
 from chemage.experiments.run import Run
+from chemage.experiments.scene import heading
 from chemage.experiments.sections import components_of, scatter_of
 from chemage.foundation.approximations import in_words
 from chemage.foundation.components import Component
@@ -76,7 +77,7 @@ class Entry:
             return cls(
                 name or thing.name,
                 source,
-                str(thing.scene.get("title", "")),
+                heading(thing.scene),
                 thing.scene,
                 thing.contact.summary(),
                 thing.aging,
@@ -196,6 +197,13 @@ class Entry:
         return self._fitted[0]
 
     @property
+    def fit_range(self) -> tuple[float, float] | None:
+        """First and last hold time that were fitted, s; None without a fit."""
+        if self.ensemble is not None:
+            return self.ensemble.quantities.span if self.ensemble.quantities.has_beta else None
+        return self.fit.span if self.fit is not None else None
+
+    @property
     def fit_reason(self) -> str:
         """Why there is no fit, in words; "" where there is one, and without ageing."""
         return self._fitted[1]
@@ -285,7 +293,7 @@ def _of_ensemble(made: Ensemble, name: str, source: str) -> Entry:
     return Entry(
         name,
         source,
-        str(scene.get("title", "")),
+        made.title,
         scene,
         {measure: value for measure, value in means.items() if math.isfinite(value)},
         plugins=made.plugins,

@@ -12,7 +12,7 @@ from chemage.ageing.fitting import SYMBOL, Quantity
 from chemage.ageing.plotted import Maps, PlottedResult
 from chemage.contacts.solution import ContactSolution
 from chemage.experiments.run import Run
-from chemage.foundation.statistics import half_width
+from chemage.foundation.statistics import NORMAL_LIMIT, half_width
 from chemage.reports.comparison.comparison import Comparison, Curves, coefficient, friction
 from chemage.reports.comparison.entries import Entry
 from chemage.reports.ensemble_text import over
@@ -129,18 +129,18 @@ def _overlay(axes: Axes, comparison: Comparison, quantity: Quantity) -> None:
         axes.errorbar(
             data.hold_times[shown],
             data.values[shown],
-            yerr=None if data.error is None else data.error[shown],
+            yerr=None if data.error is None else NORMAL_LIMIT * data.error[shown],
             fmt="sDo^v"[number % 5],
             mfc="none",
             color=BLACK,
             ms=5,
             lw=1,
             capsize=2,
-            label=plain(f"{data.name} (measured)"),
+            label=plain(f"{data.name} (measured)" if data.error is None else f"{data.name} (measured, 95 %)"),
         )
         fit = comparison.measured_fit(data, "curve")
         if fit is not None and fit.drawable:
-            line = np.geomspace(data.hold_times[shown].min(), data.hold_times[shown].max(), 100)
+            line = np.geomspace(*fit.span, 100)
             label = plain(f"{data.name}: {fit.short_text()}")
             axes.plot(line, fit(line), color=BLACK, lw=1, ls=("--", ":", "-.")[number % 3], label=label)
 
@@ -181,10 +181,10 @@ def friction_coefficient_figure(comparison: Comparison) -> Figure | None:
     for one, style in zip(comparison.results, _styles(len(comparison.results)), strict=True):
         if few:
             alone = len(comparison.results) == 1
-            draw_fit(axes, one.fit, one.window, *(() if alone else (one.name, _darker(style["color"]))))
+            draw_fit(axes, one.fit, *(() if alone else (one.name, _darker(style["color"]))))
     if len(comparison.results) == 1:
         (one,) = comparison.results
-        draw_published(axes, one.scene, one.fit, one.window)
+        draw_published(axes, one.scene, one.fit)
     _overlay(axes, comparison, "friction_coefficient_drop")
     return _finish(figure, axes, last)
 

@@ -23,6 +23,11 @@ def figure(columns: int, rows: int = 1, width: float = 4.6, height: float = 3.9)
     return panels(width * columns, height * rows, columns, rows, dpi=110)
 
 
+def say_scatter(axes: Axes) -> None:
+    """Say on the figure, once, what its bars and bands are."""
+    axes.figure.supxlabel("bars and bands: standard deviation between surfaces", fontsize=SMALL)
+
+
 def band(
     axes: Axes, points: list[Point], quantity: Callable[[Point], np.ndarray], label: str = "", **style: Any
 ) -> None:
@@ -31,11 +36,13 @@ def band(
     axes.plot(times, middle, label=label or None, **style)
     if half.any():
         axes.fill_between(times, middle - half, middle + half, color=style.get("color"), alpha=0.2, lw=0)
+        say_scatter(axes)
 
 
 def bars(axes: Axes, x: Iterable[float], means: Iterable[Mean], **style: Any) -> None:
     """Draw means with the standard deviation between surfaces."""
     found = list(means)
+    say_scatter(axes)
     axes.errorbar(
         list(x),
         [one.value for one in found],
@@ -55,6 +62,7 @@ def density(axes: Axes, points: list[Point], name: str, edges: str, **style: Any
         centre = 0.5 * (bounds[1:] + bounds[:-1])
         low, high = np.maximum(middle - half, 0), middle + half
         axes.fill_between(centre, low, high, step="mid", color=style.get("color"), alpha=0.2, lw=0)
+        say_scatter(axes)
 
 
 def legend(axes: Axes, **style: Any) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from chemage.reports.figures import GREY, PALETTE, draw_map, pooled
 from chemage_studies.reproduction import published
 from chemage_studies.reproduction.claims import morphology
-from chemage_studies.reproduction.drawing import SMALL, band, bars, density, figure, legend, letter
+from chemage_studies.reproduction.drawing import SMALL, band, bars, density, figure, legend, letter, say_scatter
 from chemage_studies.reproduction.estimates import variants
 from chemage_studies.reproduction.numbers import Studies, by_volume, circle, front, rows
 from chemage_studies.reproduction.points import LOAD, SEED, SLOPE, Mean, Point, by, mean
@@ -198,12 +198,14 @@ def fig6(studies: Studies) -> Figure:
     half = front(studies, 0.5)
     times = half[0].hold_times
     middle = _mean(half)
-    scatter = np.std([p.coefficient for p in half], axis=0, ddof=1) if len(half) > 1 else half[0].friction_drop_stderr
+    scatter = (
+        np.std([p.coefficient for p in half], axis=0, ddof=1) if len(half) > 1 else half[0].friction_drop_half_width
+    )
     error = scatter if len(half) > 1 else scatter / half[0].summary["load"]
     left.errorbar(times, middle, yerr=error, fmt="o-", ms=3, lw=1, capsize=2, color=PALETTE[0])
     left.set(xscale="log", xlabel="hold time (s)", ylabel="Δμ")
     left.set_title(
-        "bars: standard deviation between " + ("surfaces" if len(half) > 1 else "replicas (s.e.)"), fontsize=9
+        "bars: " + ("standard deviation between surfaces" if len(half) > 1 else "95 % over replicas"), fontsize=9
     )
     found = variants(studies)
     for place, (one, colour) in enumerate(zip(found, PALETTE, strict=False)):
@@ -218,6 +220,8 @@ def fig6(studies: Studies) -> Figure:
 
 def _level(axes: Axes, place: float, value: Mean, colour: str) -> None:
     width = None if np.isnan(value.scatter) else value.scatter
+    if width is not None:
+        say_scatter(axes)
     axes.errorbar(value.value, place, xerr=width, fmt="o", color=colour, capsize=3)
 
 

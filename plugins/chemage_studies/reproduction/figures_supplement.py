@@ -170,15 +170,16 @@ def tips(studies: Studies) -> Figure:
     groups = by(studies["tips"], "surface.radius")
     for (radius, group), colour in zip(groups.items(), PALETTE, strict=False):
         load = [p.changes[LOAD] for p in group]
-        error = [p.friction_drop_stderr[p.index(1e3)] for p in group]
+        error = [p.friction_drop_half_width[p.index(1e3)] for p in group]
         drop = [p.at(1e3) for p in group]
         left.errorbar(load, drop, yerr=error, fmt="o-", ms=3, lw=1, color=colour, capsize=2, label=f"R = {radius:g} nm")
         beta = [p.summary["beta"] for p in group]
-        error = [p.summary["beta_stderr"] for p in group]
+        error = [p.summary["beta_half_width"] for p in group]
         right.errorbar(load, beta, yerr=error, fmt="o-", ms=3, lw=1, color=colour, capsize=2)
     paper = {load: float(text) for load, text in published.TIP_BETA.items()}
     right.plot(list(paper), list(paper.values()), "s", ms=7, mfc="none", color=GREY, label="paper (AFM)")
     left.set(xlabel="load (nN)", ylabel="ΔF at 1e3 s (nN)", xlim=(0, None), ylim=(0, None))
+    left.set_title("bars: 95 % intervals over replicas", fontsize=9)
     right.set(xlabel="load (nN)", ylabel="β", xscale="log", yscale="log", xlim=(15, 600))
     for axis, ticks in ((right.xaxis, (20, 50, 100, 200, 400)), (right.yaxis, (0.5, 1, 2, 5, 10, 20))):
         axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])

@@ -29,9 +29,9 @@ class Point:
     summary: dict[str, Any]
     #: s, (m,)
     hold_times: np.ndarray
-    #: ΔF and its standard error over replicas, nN, (m,)
+    #: ΔF and half the width of its 95 % interval over replicas, nN, (m,)
     friction_drop: np.ndarray
-    friction_drop_stderr: np.ndarray
+    friction_drop_half_width: np.ndarray
     observables: dict[str, np.ndarray] = field(default_factory=dict)
     #: the point in its sweep, which has the contact
     source: chemage.Point | None = None
@@ -45,7 +45,7 @@ class Point:
             point.summary,
             aging.hold_times,
             aging.mean_friction_drop,
-            aging.friction_drop_stderr,
+            aging.friction_drop_half_width,
             # the mean over replicas, of which a sweep has too many to keep
             {name: values.mean(axis=0) for name, values in aging.observables.items()},
             point,
