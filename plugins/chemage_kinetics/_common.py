@@ -54,6 +54,14 @@ class Model(NamedTuple):
     per_unit: float
 
 
+class Sites(NamedTuple):
+    """All sites in their present states; where a kernel keeps more of them, any bundle of arrays with these two."""
+
+    words: np.ndarray
+    """(n,) int64, see above"""
+    model: Model
+
+
 class Holds(NamedTuple):
     """Hold times (m,) s, and the (m, 3) int64 counts of bonds formed, bonds broken, and their difference, each between
     the hold time before and this one."""
@@ -133,6 +141,45 @@ def site_rate(site: Int, words: np.ndarray, model: Model) -> Float:
     if model.breaking.size > 0:
         return rate(fixed_barrier(model.breaking[site]), model.nu, model.per_unit)
     return 0.0
+
+
+@inner
+def rate_around(site: Int, sites: Sites) -> Float:
+    """Total rate of a site's neighbours."""
+    total = 0.0
+    for s in range(sites.model.neighbours.shape[1]):
+        j = np.int64(sites.model.neighbours[site, s])
+        if j >= 0:
+            total += site_rate(j, sites.words, sites.model)
+    return total
+
+
+@inner
+def choose_around(site: Int, u: Float, sites: Sites) -> Int:
+    """A neighbour of the site, by its rate; ``u`` uniform on (0, 1)."""
+    target = u * rate_around(site, sites)
+    chosen = -1
+    for s in range(sites.model.neighbours.shape[1]):
+        j = np.int64(sites.model.neighbours[site, s])
+        if j >= 0:
+            w = site_rate(j, sites.words, sites.model)
+            if w > 0.0:
+                chosen = j
+                if target < w:
+                    break
+                target -= w
+    return chosen
+
+
+@inner
+def change_state(site: Int, sites: Sites) -> None:
+    """Form or break the bond of a site: its own word, and its neighbours' energies."""
+    sites.words[site] ^= 1
+    sign = 2 if sites.words[site] & 1 else -2
+    for s in range(sites.model.neighbours.shape[1]):
+        j = np.int64(sites.model.neighbours[site, s])
+        if j >= 0:
+            sites.words[j] += sign * fixed_coupling(sites.model.coupling[site, s])
 
 
 # -- the clock -----------------------------------------------------------------------------------------------------
