@@ -15,7 +15,7 @@ from chemage import KB, ReactionLattice
 from chemage_kinetics._chain import gamma, sojourn
 
 CHANCE = 1e-5
-#: each compiles its own kernel of the acceleration, seven seconds of processor time
+#: quick tests attack the others with this option as well, on random lattices
 ENGINES = ["next-reaction", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("rejection-free", "bkl"))]
 
 
