@@ -12,7 +12,7 @@ not advance at all.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -55,7 +55,7 @@ class Model(NamedTuple):
 
 
 class Sites(NamedTuple):
-    """All sites in their present states; where a kernel keeps more of them, any bundle of arrays with these two."""
+    """All sites in their present states. What takes ``sites`` takes any tuple with these two."""
 
     words: np.ndarray
     """(n,) int64, see above"""
@@ -144,7 +144,7 @@ def site_rate(site: Int, words: np.ndarray, model: Model) -> Float:
 
 
 @inner
-def rate_around(site: Int, sites: Sites) -> Float:
+def rate_around(site: Int, sites: Any) -> Float:
     """Total rate of a site's neighbours."""
     total = 0.0
     for s in range(sites.model.neighbours.shape[1]):
@@ -155,7 +155,7 @@ def rate_around(site: Int, sites: Sites) -> Float:
 
 
 @inner
-def choose_around(site: Int, u: Float, sites: Sites) -> Int:
+def choose_around(site: Int, u: Float, sites: Any) -> Int:
     """A neighbour of the site, by its rate; ``u`` uniform on (0, 1)."""
     target = u * rate_around(site, sites)
     chosen = -1
@@ -172,7 +172,7 @@ def choose_around(site: Int, u: Float, sites: Sites) -> Int:
 
 
 @inner
-def change_state(site: Int, sites: Sites) -> None:
+def change_state(site: Int, sites: Any) -> None:
     """Form or break the bond of a site: its own word, and its neighbours' energies."""
     sites.words[site] ^= 1
     sign = 2 if sites.words[site] & 1 else -2
