@@ -310,6 +310,27 @@ def speed_variants(component: Any) -> Iterator[tuple[str, Any]]:
             yield from other_values(component, name)
 
 
+def option_variants(component: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the component as it is, with each switch, choice and option of ``speed_only`` at another value, and with
+    all of these at once. Numbers that are not for speed alone may mean anything, and stay."""
+    yield "with these options", component
+    together: dict[str, Any] = {}
+    for name in type(component).model_fields:
+        others = list(other_values(component, name))
+        if name in type(component).speed_only:
+            others = others[:1]
+        elif isinstance(getattr(component, name), int | float) and not isinstance(getattr(component, name), bool):
+            continue
+        yield from others
+        if others:
+            together[name] = getattr(others[-1][1], name)
+    if len(together) > 1:
+        try:
+            yield ", ".join(f"{name} = {value}" for name, value in together.items()), component.replace(**together)
+        except InputError:
+            return
+
+
 def trade_variants(component: Any) -> Iterator[tuple[str, list[tuple[str, Any]]]]:
     """Yield each option of ``trade`` with the component at its values, from fast to accurate.
 

@@ -19,6 +19,7 @@ from chemage.testing.checks import (
     CHANCE,
     binomial_chance,
     check_of,
+    option_variants,
     refuses,
     require,
     require_estimates,
@@ -37,11 +38,15 @@ from chemage.testing.small_systems import (
     compare,
     compare_mean,
     coupled,
+    held,
+    random_hold,
     sampled,
     single,
     states,
 )
 
+#: rows and columns of random groups around a site that flickers
+FLICKERING = ((1, 1), (1, 2), (1, 2), (1, 2), (2, 2))
 #: what an estimate of a replica may state
 _ESTIMATES = ("cpu_seconds", "cpu_seconds_least", "cpu_seconds_most", "bytes")
 
@@ -565,6 +570,18 @@ def _trade_keeps_the_rates(component: Engine) -> None:
         for what, variant in variants:
             counts = sampled(variant, group, time, runs=100)
             compare(variant, f"{what}: after {time} s", counts, group.probabilities(time))
+
+
+@check_of("engine")
+def _options_keep_the_rates(component: Engine) -> None:
+    """With every switch, choice and option for speed, a site that flickers and those around it follow their master
+    equation, at rates over 60 decades."""
+    copies, runs = (1, 250) if component.exact else (LARGE, 8)
+    for what, variant in option_variants(component):
+        for seed, (rows, columns) in enumerate(FLICKERING if component.interacting else ((1, 1),)):
+            hold = random_hold(seed, rows, columns)
+            where = f"{what}: {rows} by {columns} sites at {hold.temperature:.0f} K, after {hold.time:.3g} s"
+            compare(variant, where, held(variant, hold, copies, runs, through=(0.1,)), hold.probabilities)
 
 
 @check_of("engine")

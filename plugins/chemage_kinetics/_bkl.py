@@ -27,6 +27,9 @@ from chemage_kinetics._common import (
     STREAMS,
     Holds,
     Key,
+    Sites,
+    change_state,
+    choose_around,
     count_flip,
     count_sojourn,
     fixed_coupling,
@@ -35,6 +38,7 @@ from chemage_kinetics._common import (
     prefetch_rows,
     prefetch_site,
     rate,
+    rate_around,
     until,
 )
 from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit, prefetch
@@ -170,12 +174,40 @@ def _start_sequence(run: Run, attempt: Int) -> None:
 
 
 @inner
-def _dwell(
-    run: Run, i: Int, high: Float, low: Float, hold: Int, rate_back: Float, leave_back: Float
-) -> tuple[Float, Float, Int]:
+def _put_back_around(i: Int, classes: Classes) -> None:
+    """Enter site i and its neighbours in the classes of their present rates."""
+    put_back(i, classes)
+    for s in range(classes.model.neighbours.shape[1]):
+        if classes.model.neighbours[i, s] >= 0:
+            put_back(np.int64(classes.model.neighbours[i, s]), classes)
+
+
+@inner
+def _attempt_elsewhere(run: Run) -> Int:
+    """The site that an attempt selects and accepts among those in classes, or -1; moves a rejected site whose class is
+    out of date."""
+    classes = run.classes
+    u, v = two_uniforms(run.rng)
+    c = select_class_cold(u * total_weight(classes), classes)
+    slot = np.int64(v * classes.slots[c, SLOTS])
+    if slot >= classes.counts[c]:
+        return np.int64(-1)
+    j = np.int64(classes.arena[classes.first[c] + slot])
+    if accepts(two_uniforms(run.rng)[0], j, c, classes):
+        return j
+    if site_class(j, classes) != c:
+        set_aside(j, classes)
+        put_back(j, classes)
+    return np.int64(-1)
+
+
+@inner
+def _dwell(run: Run, i: Int, high: Float, low: Float, hold: Int, rate_back: Float) -> tuple[Float, Float, Int]:
     """Follow site i, which flickers, until something else is attempted or the present hold time is reached.
 
-    Returns the clock and the site of the last event.
+    Its neighbours differ in rate between its two states, so they leave their classes as well and react at their exact
+    rates; all others are attempted at the weight of their classes, which does not depend on the state. Returns the
+    clock and the site of the last event.
     """
     run = borrowed(run)
     classes = run.classes
@@ -183,32 +215,37 @@ def _dwell(
     tally = run.holds.tally
     limit = run.holds.times[hold]
     rate_here = rate(barrier_of(i, classes), nu, classes.model.per_unit)
-    leave_here = nu * set_aside(i, classes)
-    if leave_here * FLICKER >= rate_here:
+    if nu * set_aside(i, classes) * FLICKER >= rate_here:
         put_back(i, classes)
         return high, low, i
+    for s in range(classes.model.neighbours.shape[1]):
+        if classes.model.neighbours[i, s] >= 0:
+            set_aside(np.int64(classes.model.neighbours[i, s]), classes)
+    sites = Sites(classes.records[:, 0], classes.model)
+    elsewhere = nu * total_weight(classes)
+    around = rate_around(i, sites)
+    change_state(i, sites)
+    around_back = rate_around(i, sites)
+    change_state(i, sites)
     spent, exited, other, out_here, out_there = sojourn(
-        run.rng, rate_here, rate_back, leave_here, leave_back, until(high, low, limit)
+        run.rng, rate_here, rate_back, elsewhere + around, elsewhere + around_back, until(high, low, limit)
     )
-    count_sojourn(tally, hold, classes.records[i, 0], out_here, out_there, other)
+    count_sojourn(tally, hold, sites.words[i], out_here, out_there, other)
+    if other:
+        change_state(i, sites)
+        around = around_back
     if exited:
         high, low = later(high, low, spent)
     if not exited or past(high, low, limit):
         high = limit
         low = 0.0
-    if other:
-        _flip_cold(i, classes, run.near)
-        leave_here = nu * set_aside(i, classes)
-    if not exited:
-        put_back(i, classes)
-        return high, low, i
-    u, v = two_uniforms(run.rng)
-    c = select_class_cold(u * (leave_here / nu), classes)
-    slot = np.int64(v * classes.slots[c, SLOTS])
-    empty = slot >= classes.counts[c]
-    j = np.int64(classes.arena[classes.first[c] + min(slot, classes.counts[c] - 1)])
-    put_back(i, classes)
-    if empty or not accepts(two_uniforms(run.rng)[0], j, c, classes):
+    j = np.int64(-1)
+    if exited:
+        u, v = two_uniforms(run.rng)
+        near = u * (elsewhere + around) < around
+        j = choose_around(i, v, sites) if near else _attempt_elsewhere(run)
+    _put_back_around(i, classes)
+    if j < 0:
         return high, low, i
     _flip_cold(j, classes, run.near)
     count_flip(tally, hold, classes.records[j, 0])
@@ -330,7 +367,7 @@ def advance(run: Run, superbasins: bool | None, attempts: Int) -> None:
         last = i
         if superbasins is not None and leave_back * FLICKER < rate_back:
             _start_sequence(run, event - 1)
-            high, low, last = _dwell(run, i, high, low, hold, rate_back, leave_back)
+            high, low, last = _dwell(run, i, high, low, hold, rate_back)
         total = total_weight(classes)
     run.clock[HIGH] = high
     run.clock[LOW] = low

@@ -12,7 +12,7 @@ not advance at all.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -52,6 +52,14 @@ class Model(NamedTuple):
     breaking: np.ndarray
     nu: float
     per_unit: float
+
+
+class Sites(NamedTuple):
+    """All sites in their present states. What takes ``sites`` takes any tuple with these two."""
+
+    words: np.ndarray
+    """(n,) int64, see above"""
+    model: Model
 
 
 class Holds(NamedTuple):
@@ -133,6 +141,45 @@ def site_rate(site: Int, words: np.ndarray, model: Model) -> Float:
     if model.breaking.size > 0:
         return rate(fixed_barrier(model.breaking[site]), model.nu, model.per_unit)
     return 0.0
+
+
+@inner
+def rate_around(site: Int, sites: Any) -> Float:
+    """Total rate of a site's neighbours."""
+    total = 0.0
+    for s in range(sites.model.neighbours.shape[1]):
+        j = np.int64(sites.model.neighbours[site, s])
+        if j >= 0:
+            total += site_rate(j, sites.words, sites.model)
+    return total
+
+
+@inner
+def choose_around(site: Int, u: Float, sites: Any) -> Int:
+    """A neighbour of the site, by its rate; ``u`` uniform on (0, 1)."""
+    target = u * rate_around(site, sites)
+    chosen = -1
+    for s in range(sites.model.neighbours.shape[1]):
+        j = np.int64(sites.model.neighbours[site, s])
+        if j >= 0:
+            w = site_rate(j, sites.words, sites.model)
+            if w > 0.0:
+                chosen = j
+                if target < w:
+                    break
+                target -= w
+    return chosen
+
+
+@inner
+def change_state(site: Int, sites: Any) -> None:
+    """Form or break the bond of a site: its own word, and its neighbours' energies."""
+    sites.words[site] ^= 1
+    sign = 2 if sites.words[site] & 1 else -2
+    for s in range(sites.model.neighbours.shape[1]):
+        j = np.int64(sites.model.neighbours[site, s])
+        if j >= 0:
+            sites.words[j] += sign * fixed_coupling(sites.model.coupling[site, s])
 
 
 # -- the clock -----------------------------------------------------------------------------------------------------

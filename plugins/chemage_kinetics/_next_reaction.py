@@ -23,6 +23,8 @@ from chemage_kinetics._common import (
     Holds,
     Key,
     Model,
+    change_state,
+    choose_around,
     count_flip,
     count_sojourn,
     fixed_barrier,
@@ -30,6 +32,7 @@ from chemage_kinetics._common import (
     later,
     past,
     prefetch_rows,
+    rate_around,
     site_rate,
     until,
 )
@@ -127,17 +130,6 @@ def draw_times(sites: Sites, start: Float, times: np.ndarray) -> None:
         _draw(i, start, 0.0, sites, times)
 
 
-@inner
-def _around(site: Int, sites: Sites) -> Float:
-    """Total rate of a site's neighbours."""
-    total = 0.0
-    for s in range(sites.model.neighbours.shape[1]):
-        j = np.int64(sites.model.neighbours[site, s])
-        if j >= 0:
-            total += site_rate(j, sites.words, sites.model)
-    return total
-
-
 @hot
 def _flip(site: Int, high: Float, low: Float, sites: Sites, queue: Queue, sooner: np.ndarray) -> Int:
     """Change the state of a site, and the energies and pending times of its neighbours; its own time is not drawn.
@@ -222,23 +214,6 @@ def _look_ahead(sites: Sites, queue: Queue, size: Int) -> None:
 
 
 @inner
-def _choose(site: Int, u: Float, sites: Sites) -> Int:
-    """The neighbour whose event ended a sojourn, by its rate; ``u`` uniform on (0, 1)."""
-    target = u * _around(site, sites)
-    chosen = -1
-    for s in range(sites.model.neighbours.shape[1]):
-        j = np.int64(sites.model.neighbours[site, s])
-        if j >= 0:
-            w = site_rate(j, sites.words, sites.model)
-            if w > 0.0:
-                chosen = j
-                if target < w:
-                    break
-                target -= w
-    return chosen
-
-
-@inner
 def _stay(run: Run, i: Int, high: Float, low: Float, span: Float, limit: Float, chain: Chain, hold: Int) -> None:
     """Follow site i as a two-state chain for ``span`` seconds at most, and draw the pending times around it anew."""
     run = borrowed(run)
@@ -261,15 +236,11 @@ def _stay(run: Run, i: Int, high: Float, low: Float, span: Float, limit: Float, 
         high = limit
         low = 0.0
     if other:
-        sites.words[i] ^= 1
-        sign = 2 if sites.words[i] & 1 else -2
-        for s in range(neighbours.shape[1]):
-            j = np.int64(neighbours[i, s])
-            if j >= 0:
-                sites.words[j] += sign * fixed_coupling(sites.model.coupling[i, s])
+        change_state(i, sites)
     chosen = -1
     if exited:
-        chosen = _choose(i, uniform(sites.key.k0, sites.key.k1, STREAM, sites.pixels[i], sites.draws[i]), sites)
+        u = uniform(sites.key.k0, sites.key.k1, STREAM, sites.pixels[i], sites.draws[i])
+        chosen = choose_around(i, u, sites)
         sites.draws[i] += 1
     # Given that there was no event around it, the pending times are exponential from now on.
     _draw_cold(i, high, low, sites, times)
@@ -390,10 +361,10 @@ def follow(run: Run, first: Int, last: Int, superbasins: bool | None, events: In
                 size = _event(run, i, high, low, hold, size, grid, present)
             else:
                 there = site_rate(i, sites.words, sites.model)
-                around_there = _around(i, sites)
+                around_there = rate_around(i, sites)
                 size = _event(run, i, high, low, hold, size, grid, present)
                 here = site_rate(i, sites.words, sites.model)
-                chain = Chain(here, there, _around(i, sites), around_there)
+                chain = Chain(here, there, rate_around(i, sites), around_there)
                 if _flickers(chain, until(high, low, hold_times[hold])):
                     aside = i
                     size = _drop_around(queue, size, i, sites.model.neighbours)

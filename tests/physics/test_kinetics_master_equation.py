@@ -1,4 +1,4 @@
-"""Every engine against the master equation of small patches, solved by matrix exponential over all states.
+"""Every engine with every option against the master equation of small patches, solved for all states.
 
 A lattice of thousands of copies of a patch, not coupled to each other, holds one sample of the patch's distribution in
 each copy.
@@ -6,6 +6,7 @@ each copy.
 
 from __future__ import annotations
 
+import decimal
 import functools
 import itertools
 import math
@@ -18,6 +19,8 @@ from scipy.linalg import expm
 
 import chemage
 from chemage import KB, ReactionLattice, registry
+from chemage.testing.checks import option_variants
+from chemage.testing.small_systems import Group, barrier, chance_of, coupled, evolved, held, random_hold
 
 CHANCE = 1e-5
 NU = 1e13
@@ -281,3 +284,71 @@ def test_waiting_times_are_exponential(kind):
     survival = np.exp(-rates.sum() * np.concatenate([[0.0], times]))
     expected = np.append(-np.diff(survival), survival[-1])
     assert stats.chisquare(cells, copies * expected).pvalue > CHANCE
+
+
+def exactly(generator: np.ndarray, time: float) -> np.ndarray:
+    """The matrix exponential to 250 digits, by scaling and squaring."""
+    with decimal.localcontext(prec=250):
+        n = generator.shape[0]
+        matrix = np.array([[decimal.Decimal(float(value)) for value in row] for row in generator])
+        np.fill_diagonal(matrix, 0)
+        np.fill_diagonal(matrix, -matrix.sum(axis=0))
+        squarings = int(math.log2(float(-matrix.diagonal().min()) * time)) + 20
+        matrix = matrix * (decimal.Decimal(time) / 2**squarings)
+        found = identity = np.array([[decimal.Decimal(int(i == j)) for j in range(n)] for i in range(n)])
+        for k in range(30, 0, -1):
+            found = identity + matrix @ found / k
+        for _ in range(squarings):
+            found = found @ found
+        return found.astype(float)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_master_equation_is_solved_to_the_last_digits_over_sixty_decades(seed):
+    """Every probability to twelve digits, the smallest too; that of scipy overflows."""
+    rng = np.random.default_rng(seed)
+    rates, pair, nu = 10.0 ** rng.uniform(-30.0, 30.0, 4), float(np.float32(rng.normal(0.0, 0.3))), 1e40
+    barriers = tuple(barrier(rate, nu=nu) for rate in rates)
+    generator = Group(barriers[:2], barriers[2:], ((0.0, pair), (pair, 0.0))).generator(nu=nu)
+    assert np.allclose(evolved(generator, generator, 3.0)[0], exactly(generator, 3.0), rtol=1e-12, atol=1e-280)
+
+
+def test_the_mean_numbers_of_events_are_integrals_over_the_master_equation():
+    generator = coupled().generator()
+    leaving = -generator.diagonal()
+    augmented = np.pad(generator, (0, 1))
+    augmented[-1, :-1] = leaving
+    for time in (0.01, 1.0, 40.0):
+        assert np.allclose(evolved(generator, leaving[:, None], time)[1][:, 0], expm(augmented * time)[-1, :-1], 1e-10)
+
+
+#: rows and columns of random lattices, in turn
+SHAPES = ((1, 2), (1, 2), (2, 2), (1, 2), (1, 3), (1, 2), (1, 2), (2, 3), (1, 2), (3, 3))
+
+
+@pytest.mark.parametrize("kind", PLAIN)
+@pytest.mark.parametrize(
+    ("numbers", "far"),
+    [
+        ([0, 1, 3, 59], 10**6),
+        pytest.param(range(60, 260), 10**6, marks=pytest.mark.long),
+        # on nine sites, as on a large lattice: predicting, with a list of fast sites
+        pytest.param(range(269, 420, 10), 9, marks=pytest.mark.long),
+    ],
+)
+def test_random_lattices_follow_the_master_equation_with_every_option(kind, numbers, far, monkeypatch):
+    """Rates over 60 decades beside a site that flickers: 60 times, and with superbasins up to 1e25 times; see
+    `benchmarks/master_equation.py`."""
+    for kernel in ("_rejection_free", "_bkl"):
+        monkeypatch.setattr(f"chemage_kinetics.{kernel}.FAR", far)
+    monkeypatch.setattr("chemage_kinetics.next_reaction.PIECE", 1)  # so that threads share few sites
+    chances = []
+    for at, (what, engine) in enumerate(option_variants(chemage.engine(kind))):
+        fast = getattr(engine, "superbasins", False)
+        for number in numbers:
+            hold = random_hold(number, *SHAPES[number % len(SHAPES)], flips=1e25 if fast and number % 2 else 60.0)
+            copies = 1 if fast and kind != "next-reaction" else 2
+            counts = held(engine, hold, copies, 120 // copies, through=(1e-3, 0.2), restart=number % 3 == 0)
+            chances.append(chance_of(counts, hold.probabilities, np.random.default_rng((number, at))))
+            assert chances[-1] > CHANCE, f"{what}, random_hold({number}, ...)"
+    assert stats.kstest(chances, "uniform").pvalue > CHANCE

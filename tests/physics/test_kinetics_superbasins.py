@@ -15,7 +15,7 @@ from chemage import KB, ReactionLattice
 from chemage_kinetics._chain import gamma, sojourn
 
 CHANCE = 1e-5
-#: each compiles its own kernel of the acceleration, seven seconds of processor time
+#: quick tests attack the others with this option as well, on random lattices
 ENGINES = ["next-reaction", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("rejection-free", "bkl"))]
 
 
@@ -202,6 +202,32 @@ def test_the_acceleration_follows_the_master_equation_beside_a_list_of_fast_site
         expected = runs * expm(matrix * time)[:, 0]
         assert stats.chisquare(seen[i], expected).pvalue > CHANCE
     assert history.events > 300  # the flips that were not followed one by one are counted
+
+
+@pytest.mark.parametrize(("forms", "breaks", "slow", "pair"), [(-0.3, 0.288, 0.524, 0.272), (0.0, 0.35, 0.55, 0.25)])
+@pytest.mark.parametrize("kind", ["rejection-free", "bkl", "next-reaction"])
+def test_a_neighbour_reacts_out_of_the_common_state_too(kind, forms, breaks, slow, pair):
+    """A site that is nearly always bonded, and a neighbour that is thousands of times faster while it is not: unbonded
+    at two mean lifetimes with the probability exp(-2). `bkl` gave .337 and .777, because it attempted the neighbour at
+    the rate of the common state and accepted it by the bound of the other."""
+    temperature, pair, runs = 300.0, single(pair), 400
+
+    def rate(energy: float) -> float:
+        return 1e13 * math.exp(-max(energy, 0.0) / (KB * temperature))
+
+    lattice = ReactionLattice(
+        pixels=(1, 2),
+        sites=[0, 1],
+        forming=[forms, slow],
+        breaking=[breaks, 3.0],
+        neighbours=[[1], [0]],
+        coupling=np.array([[pair], [pair]], np.float32),
+    )
+    bonded = rate(forms) / (rate(forms) + rate(breaks))
+    lifetime = 1.0 / (bonded * rate(slow + pair) + (1.0 - bonded) * rate(slow))
+    engine = chemage.engine(kind, superbasins=True)
+    ends = [engine.run(lattice, [2.0 * lifetime], temperature=temperature, seed=s).state[1] for s in range(runs)]
+    assert stats.binomtest(runs - int(sum(ends)), runs, math.exp(-2.0)).pvalue > CHANCE
 
 
 @pytest.mark.parametrize("kind", ENGINES)

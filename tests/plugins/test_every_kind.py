@@ -114,6 +114,7 @@ OTHERS = {
     "rates_follow_the_attempt_frequency",
     "empty_slots_are_skipped",
     "start_is_taken",
+    "options_keep_the_rates",
 }
 SLOW = {
     "rejection-free": set(),

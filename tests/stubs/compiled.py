@@ -10,10 +10,9 @@ import chemage as ca
 
 
 def _engine(kind: str) -> None:
-    """The kernels of an engine: couplings in single and in double precision, and superbasins of one engine."""
+    """The kernels of an engine: couplings in single and in double precision, and superbasins."""
     pair = np.array([[0.1], [0.1]])
-    with_superbasins = [(np.float32, {"superbasins": True})] if kind == "next-reaction" else []
-    for precision, options in [(np.float32, {}), (np.float64, {}), *with_superbasins]:
+    for precision, options in [(np.float32, {}), (np.float64, {}), (np.float32, {"superbasins": True})]:
         lattice = ca.ReactionLattice(
             pixels=(1, 2),
             sites=[0, 1],

@@ -67,6 +67,8 @@ class Fault(IntEnum):
     OVERWRITE = 25
     #: time in single precision
     SINGLE_TIME = 26
+    #: attempts at the present rate are accepted by the largest one since the site's own last event
+    BOUND = 27
 
 
 @njit(cache=True)
@@ -101,6 +103,7 @@ def _rate(fault, i, forming, breaking, neighbours, coupling, pixels, nu, beta, b
 def _advance(fault, rng, forming, breaking, neighbours, coupling, pixels, nu, beta, stops, bonded, time, counts):
     n = forming.size
     rates = np.zeros(n)
+    bounds = np.zeros(n)
     due = -1.0
     total = 0.0
     first = True
@@ -121,6 +124,10 @@ def _advance(fault, rng, forming, breaking, neighbours, coupling, pixels, nu, be
                             continue
                     before = rates[i]
                     rates[i] = _rate(fault, i, forming, breaking, neighbours, coupling, pixels, nu, beta, bonded)
+                    if fault == 27:
+                        bounds[i] = rates[i] if i == changed else max(bounds[i], rates[i])
+                        if rates[i] > 0.0:
+                            rates[i] *= rates[i] / bounds[i]
                     if fault == 7 and not first:
                         total += rates[i] - before
                     else:

@@ -107,6 +107,16 @@ def test_speed_that_changes_bonds():
     assert "threads_used = 3: the result differs" in failing(hasty, "speed_does_not_change_the_run")
 
 
+def test_options_that_change_rates():
+    base = ca.engine("rejection-free").__class__
+
+    def _run(self, lattice, *rest):
+        given = _half_coupled(lattice, *rest) if self.superbasins else (lattice, *rest)
+        return base._run(self, *given)
+
+    assert "superbasins = True: 1 by 2 sites" in failing(broken(base, _run=_run)(), "options_keep_the_rates")
+
+
 ENGINE_MUTANTS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "counts too many": ("history_adds_up", "the final state", {"change": with_fields(bonds=lambda h: h.bonds + 1)}),
     "forgets events": ("history_adds_up", "formed less broken", {"change": with_fields(formed=lambda h: h.formed + 1)}),

@@ -43,6 +43,7 @@ FAULTS = {
     Fault.NO_START: "start_is_taken",
     Fault.OVERWRITE: "runs_do_not_share_state",
     Fault.SINGLE_TIME: "going_on_keeps_the_rates",
+    Fault.BOUND: "coupled_sites_are_refused_or_right",
 }
 
 
@@ -139,6 +140,19 @@ class Traded(Plain):
         return super()._run(lowered, hold_times, temperature, seed, start)
 
 
+class Superbasins(Plain):
+    """As `bkl` was with this option: a neighbour is attempted at its rate in one state of a site that flickers, and
+    accepted by its bound, which the other state has raised."""
+
+    superbasins: bool = False
+    """follow a site that flickers as one chain"""
+
+    def _run(self, lattice, hold_times, temperature, seed, start):
+        engine = mutant(Plain, "bound", fault=Fault.BOUND)() if self.superbasins else Plain()
+        history = engine.run(lattice, hold_times, temperature=temperature, seed=seed, start=start)
+        return changed(history, engine=self.kind)
+
+
 class Rounded(Plain):
     """An approximation: rates rounded to powers of two."""
 
@@ -175,6 +189,7 @@ OTHERS: dict[str, tuple[Any, str]] = {
     "a restart that is not exact": (lambda: mutant(Plain, "restart", restart=True)(), "restart_is_exact"),
     "an option for speed that changes rates": (Hasty, "speed_does_not_change_the_run"),
     "an option for accuracy that is another model": (Traded, "trade_keeps_the_rates"),
+    "an option that loses attempts": (Superbasins, "options_keep_the_rates"),
     "speed of an option that does not exist": (
         lambda: mutant(Plain, "speed", speed_only=("workers",))(),
         "speed_only_names_options",
