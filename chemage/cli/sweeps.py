@@ -143,8 +143,8 @@ def collect(folder: Path, *, as_json: bool) -> None:
     _print_failures(state)
     say(f"{len(found.missing)} of {state['points']} points are missing in {folder}; no tables were written")
     say(f"missing: points {in_ranges(found.missing)}")
-    for owner in found.computing[:_LISTED]:
-        say(f"computing at present: {owner}")
+    if found.computing:
+        say("a process of this machine computes points at present")
     scene = found.result.grid.source if Path(found.result.grid.source).is_file() else "SCENE"
     *parts, everything = found.points
     for part in parts[:_LISTED]:

@@ -12,6 +12,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,8 @@ from chemage.foundation.errors import ChemageError, InputError, PluginError, Sce
 from chemage.foundation.messages import nearest
 from chemage.foundation.units import unit_of
 from chemage.plugins.sources import implementing, stage_hooks
-from chemage.sweeps.by_hand import registered_classes
+from chemage.studies.by_hand import Known, registered_classes
+from chemage.studies.tasks import Task
 
 
 @dataclass(frozen=True)
@@ -239,11 +241,27 @@ class Survey:
     units: dict[str, str] = field(default_factory=dict)
     #: plugins that implement hooks of the stages: name -> source
     hooks: dict[str, str] = field(default_factory=dict)
-    #: classes of components that are registered by hand
+    #: classes of components that are registered by hand, and what workers must know of them
     classes: set[type] = field(default_factory=set)
+    known: Known = ()
     digest: str = ""
     #: what to warn of: kind -> (text of the first point that it concerns, this point, number of points)
     doubts: dict[str, tuple[str, int, int]] = field(default_factory=dict)
+
+    def task(self, point: int) -> Task:
+        """The task of a point."""
+        contact, seconds = self.contacts[self.contact_of[point]], self.cpu_seconds[point]
+        return Task(
+            key=self.keys[point],
+            ageing=self.agings[point],
+            contact=contact.key,
+            surface=contact.surface,
+            source=partial(self.grid.scene, point),
+            number=point,
+            changes=self.grid.changes(point),
+            contact_seconds=math.nan if contact.cpu_seconds is None else contact.cpu_seconds,
+            ageing_seconds=math.nan if seconds is None else seconds,
+        )
 
     def warnings(self) -> list[str]:
         """What to warn of, one sentence for each kind, with the points that it concerns."""

@@ -16,7 +16,7 @@ from chemage.experiments.run import Run
 from chemage.experiments.scene import Scene
 from chemage.foundation.codec import from_json
 from chemage.foundation.errors import InputError, StoreError
-from chemage.sweeps.folder import FORMAT, Folder, SweepWarning
+from chemage.studies.folder import FORMAT, Folder, SweepWarning
 from chemage.sweeps.grid import Axis, Grid, shown
 from chemage.sweeps.table import Table, error_text
 

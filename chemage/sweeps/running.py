@@ -8,9 +8,8 @@ from __future__ import annotations
 import shutil
 import time
 import warnings
-from collections import deque
-from collections.abc import Callable, Mapping
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import AbstractContextManager, ExitStack
 from functools import partial
 from pathlib import Path
@@ -23,11 +22,9 @@ from chemage.experiments.scene import Scene
 from chemage.experiments.scene_files import located, override, scene_data
 from chemage.foundation.errors import (
     DamagedError,
-    ExecutorError,
     InputError,
     SceneError,
     StoreError,
-    WorkerLost,
 )
 from chemage.foundation.memory import readable
 from chemage.foundation.threads import restored as threads_restored
@@ -35,19 +32,19 @@ from chemage.foundation.units import in_words
 from chemage.foundation.version import __version__
 from chemage.foundation.warned import PlanWarning
 from chemage.plugins.settings import completed
-from chemage.sweeps.by_hand import Known, for_workers
-from chemage.sweeps.claims import PLACE, STALE, WHOLE, Claims, tidy
-from chemage.sweeps.executors.opening import open_pool
-from chemage.sweeps.executors.pool import Pool
-from chemage.sweeps.folder import FORMAT, RESUME, Folder, SweepWarning
+from chemage.studies.by_hand import for_workers
+from chemage.studies.design import carry_out
+from chemage.studies.executors.opening import open_pool
+from chemage.studies.executors.pool import Pool
+from chemage.studies.folder import FORMAT, Folder, SweepWarning
+from chemage.studies.manifest import refuse_links
+from chemage.studies.runner import Runner
+from chemage.studies.tasks import Outcome, Place, Task, forget
 from chemage.sweeps.freshness import Outdated, outdated
 from chemage.sweeps.grid import Grid, Survey, check_base, survey
-from chemage.sweeps.manifest import refuse_links
 from chemage.sweeps.progress import Report, SweepProgress, reporting
 from chemage.sweeps.result import SweepResult
-from chemage.sweeps.shares import Selection, agree
-from chemage.sweeps.tasks import compute, forget, solve
-from chemage.sweeps.todo import Clock, Task, Todo
+from chemage.sweeps.shares import PLACE, Selection, agree
 
 #: sweeps of more points need confirmation before they are validated
 MANY_POINTS = 100_000
@@ -298,7 +295,7 @@ def sweep(
         A new folder, or the folder of this sweep, which then resumes.
     executor, workers, threads
         Where to compute, the number of concurrent points, and the threads of each; see
-        :func:`chemage.sweeps.executors.opening.open_pool`. Results do not depend on them.
+        :func:`chemage.studies.executors.opening.open_pool`. Results do not depend on them.
     changes
         Dotted path -> value: changes to the scene before it is swept.
     progress
@@ -342,15 +339,12 @@ def sweep(
         report = stack.enter_context(reporting(progress))
         stack.enter_context(threads_restored())  # tasks that run in this process set their own
         found = survey_of(read_grid(scene, changes, axes), progress=report, confirm=confirmed)
-        known = for_workers(executor, found.classes)
+        found.known = for_workers(executor, found.classes)
         folder = Folder(Path(out).absolute())
         _check_folder(folder, found, force)
         _check_room(found, folder.path, confirmed)
         pool = partial(open_pool, executor, workers, threads, patience)
-        run_tasks = partial(_run_tasks, report=report, begin=begin, known=known)
-        _compute(stack, folder, found, selection, force, pool, run_tasks)
-    if selection is None:
-        tidy(folder.path)
+        _compute(stack, folder, found, selection, force, pool, partial(_watched, report, begin))
     return SweepResult(folder.path)
 
 
@@ -361,54 +355,47 @@ def _compute(
     selection: Selection | None,
     force: bool,
     pool: Callable[[], AbstractContextManager[Pool]],
-    run_tasks: Callable[[Todo, Pool], None],
+    watch: Callable[[Points], Callable[[Runner], None] | None],
 ) -> None:
     """Compute what is missing in the folder, with a pool that is opened only if something is, and write the tables of
     a whole sweep."""
     stack.callback(forget, str(folder.path))
+    known = found.known
     stale = Outdated() if force else _outdated(folder, found, whole=selection is None)
     chosen = None if selection is None else selection.points(folder, found)
     opened = None
     # raises before anything is written if the workers cannot be started
-    if force or stale or Todo(folder, found, chosen).left:
+    if force or stale or Points(folder, found, chosen).left:
         opened = stack.enter_context(pool())
-    todo = _begin(stack, folder, found, selection, stale, force)
-    todo.warn_of_damage()
-    if todo.left:
-        run_tasks(todo, opened or stack.enter_context(pool()))
+    points = _begin(stack, folder, found, selection, stale, force)
+    points.warn_of_damage()
+    if points.left:
+        place = Place(str(folder.path), found.digest)
+        carry_out(points, Runner(opened or stack.enter_context(pool()), place, known, watch(points)))
     if selection is None:
         SweepResult(folder.path).write_tables()
-        shutil.rmtree(folder.path / ".parts", ignore_errors=True)
+        for name in (".parts", PLACE):
+            shutil.rmtree(folder.path / name, ignore_errors=True)
 
 
 def _begin(
     stack: ExitStack, folder: Folder, found: Survey, selection: Selection | None, stale: Outdated, force: bool
-) -> Todo:
+) -> Points:
     """Make the folder, and lock it against other calls unless both compute parts of the points."""
     _make(folder.path)
-    claims = stack.enter_context(Claims(folder.path, WHOLE if selection is None else selection.describe()))
-    others = claims.others()
-    if selection is not None:
-        others = [other for other in others if other.points == WHOLE]
-    if others:
-        names = ", ".join([*map(str, others[:3]), *(["..."] if len(others) > 3 else [])])
-        raise StoreError(
-            f"{folder.path} is being computed by {names}; wait for it, or stop it (one that was killed on another "
-            f"machine counts for {STALE:.0f} s)"
-        )
     stack.enter_context(folder.locked(shared=selection is not None))
     if selection is not None:
         folder.make_parts()
         _describe_first(folder, found)
         if selection.share is not None:
             agree(folder, found, selection.share[1])
-        return Todo(folder, found, selection.points(folder, found), claims)
+        return Points(folder, found, selection.points(folder, found))
     if force:
         _clear(folder)
     folder.clear_parts()
     stale.remove(folder)
     _describe(folder, found)
-    return Todo(folder, found)
+    return Points(folder, found)
 
 
 def _make(path: Path) -> None:
@@ -418,83 +405,66 @@ def _make(path: Path) -> None:
         raise StoreError(f"cannot make the folder {path}: {error.strerror}") from None
 
 
-def _run_tasks(todo: Todo, pool: Pool, report: Report | None, begin: float, known: Known) -> None:
-    running: dict[Future[dict[str, Any]], Task] = {}
-    suspects: deque[Task] = deque()
-    clock, last_report = Clock(), 0.0
-    path, digest = str(todo.folder.path), todo.found.digest
+class Points:
+    """The points of a sweep that are left, as a design: all of them are asked for at once.
 
-    def submit(task: Task) -> Future[dict[str, Any]]:
-        if task.solves:
-            contact = todo.found.contacts[task.contact]
-            return pool.executor.submit(solve, path, digest, contact.point, contact.key, pool.threads, known)
-        return pool.executor.submit(compute, path, digest, task.points, pool.threads, known)
+    Parameters
+    ----------
+    chosen
+        Numbers of the points to compute; None for all of them.
+    """
 
-    def report_now(now: float) -> None:
-        if report is None:
-            return
-        contacts, points = todo.remaining()
-        for task in (*running.values(), *suspects):
-            (contacts if task.solves else points).append(task.weight / 2)
-        width = pool.width()
-        report(
-            SweepProgress(
-                "computing",
-                len(todo.points),
-                todo.done,
-                len(todo.failed),
-                todo.contacts,
-                todo.contacts_done,
-                width,
-                now - begin,
-                clock.remaining(contacts, points, width),
-            )
-        )
+    def __init__(self, folder: Folder, found: Survey, chosen: Sequence[int] | None = None) -> None:
+        self._folder, self._found = folder, found
+        self.points = range(len(found.keys)) if chosen is None else chosen
+        self._same: dict[str, list[int]] = {}
+        for point in self.points:
+            self._same.setdefault(found.keys[point], []).append(point)
+        states = {key: folder.state(key) for key in self._same}
+        self._left = [key for key, state in states.items() if state != "done"]
+        self._damaged = [folder.point(key) for key, state in states.items() if state == "damaged"]
+        self.contacts = len({found.contact_of[point] for point in self.points})
+        self.done = sum(len(self._same[key]) for key, state in states.items() if state == "done")
+        self.failed: dict[int, str] = {}
 
-    try:
-        while todo.left or running or suspects or todo.elsewhere:
-            width = pool.width()
-            if suspects and not running and not todo.left:
-                task = suspects.popleft()
-                task.alone = True
-                running[submit(task)] = task
-            while todo.left and len(running) < width and not any(one.alone for one in running.values()):
-                taken = todo.take(sum(one.solves for one in running.values()), width)
-                if taken is not None:
-                    running[submit(taken)] = taken
-            if running:
-                finished, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
-            else:  # other processes compute all that is left
-                finished = set()
-                time.sleep(0.1)
-            todo.look_elsewhere()
-            for future in finished:
-                task = running.pop(future)
-                if not pool.blames_one and not task.alone and isinstance(future.exception(), WorkerLost):
-                    suspects.append(task)  # perhaps it only waited on the worker that another task killed
-                else:
-                    _settle(todo, task, future, clock)
-            now = time.perf_counter()
-            if now > last_report + 0.2:
-                last_report = now
-                report_now(now)
-        report_now(time.perf_counter())
-    except BaseException:
-        for future in running:
-            future.cancel()
-        pool.abort()
-        raise
+    @property
+    def left(self) -> int:
+        """Number of different points that are not computed yet."""
+        return len(self._left)
+
+    def ask(self) -> list[Task]:
+        """See :class:`chemage.studies.design.Design`."""
+        left, self._left = self._left, []
+        return [self._found.task(self._same[key][0]) for key in left]
+
+    def tell(self, task: Task, outcome: Outcome) -> None:
+        """See :class:`chemage.studies.design.Design`."""
+        same = self._same[task.key]
+        if outcome.error is None:
+            self.done += len(same)
+        else:
+            self.failed.update(dict.fromkeys(same, str(outcome.error)))
+
+    def warn_of_damage(self) -> None:
+        """Name the damaged files, which are computed again."""
+        contacts = {self._found.contact_of[self._same[key][0]] for key in self._left}
+        paths = [self._folder.contact(self._found.contacts[number].key) for number in sorted(contacts)]
+        damaged = self._damaged + [path for path in paths if path.exists() and not self._folder.has_contact(path.stem)]
+        if damaged:
+            names = [str(path.relative_to(self._folder.path)) for path in damaged[:5]]
+            more = ", ..." if len(damaged) > 5 else ""
+            message = f"{len(damaged)} files are damaged and are computed again: {', '.join(names)}{more}"
+            warnings.warn(f"{self._folder.path}: {message}", SweepWarning, stacklevel=3)
 
 
-def _settle(todo: Todo, task: Task, future: Future[dict[str, Any]], clock: Clock) -> None:
-    try:
-        answer = future.result()
-    except WorkerLost as error:
-        todo.lost(task, error)
-    except (BrokenExecutor, CancelledError) as error:
-        raise ExecutorError(f"the executor gave up ({type(error).__name__}: {error}); {RESUME}") from error
-    except ExecutorError as error:
-        raise ExecutorError(f"{error}; {RESUME}") from error
-    else:
-        clock.add(task, answer["seconds"])
-        todo.finished(task, answer)
+def _watched(report: Report | None, begin: float, points: Points) -> Callable[[Runner], None] | None:
+    """What a runner calls while it computes ``points``, to ``report`` how far it is."""
+    if report is None:
+        return None
+
+    def watch(runner: Runner) -> None:
+        elapsed, solved = time.perf_counter() - begin, points.contacts - runner.unsolved
+        done = (len(points.points), points.done, len(points.failed), points.contacts, solved)
+        report(SweepProgress("computing", *done, runner.width, elapsed, runner.remaining()))
+
+    return watch

@@ -12,10 +12,11 @@ from pathlib import Path
 
 from chemage.foundation.errors import DamagedError, InputError
 from chemage.foundation.seals import from_sealed_json, to_sealed_json
-from chemage.sweeps.claims import PLACE
-from chemage.sweeps.folder import Folder
+from chemage.studies.folder import Folder
 from chemage.sweeps.grid import Survey, order_of
 
+#: the folder of divisions within that of a sweep
+PLACE = ".shares"
 #: largest number of shares
 MANY_SHARES = 1_000_000
 _FORM = "write the third of 16 shares as 3/16, points by their numbers as 3,7,12-20, or in a job array auto or auto/16"
@@ -242,7 +243,7 @@ def _pieces(found: Survey, count: int) -> list[_Piece]:
         parts = min(len(each), max(1, math.ceil((of_contacts[contact] + sum(kinetics)) * count / total - 1e-9)))
         for part in range(parts):
             chosen = range(part * len(each) // parts, (part + 1) * len(each) // parts)
-            # one process solves the contact, and the others wait for it
+            # each process solves the contact, rather than wait for another one
             cost = of_contacts[contact] + sum(kinetics[number] for number in chosen)
             pieces.append(_Piece(cost, tuple(point for number in chosen for point in each[number])))
     return pieces

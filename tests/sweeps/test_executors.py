@@ -15,10 +15,10 @@ from distributed import LocalCluster
 
 import chemage
 from chemage import ExecutorError, InputError, StoreError, WorkerLost, threads
-from chemage.sweeps.executors.clusters import Dask
-from chemage.sweeps.executors.opening import open_pool
-from chemage.sweeps.executors.pool import Serial
-from chemage.sweeps.executors.processes import Processes
+from chemage.studies.executors.clusters import Dask
+from chemage.studies.executors.opening import open_pool
+from chemage.studies.executors.pool import Serial
+from chemage.studies.executors.processes import Processes
 
 WORK = """
 import os, signal, sys, time
@@ -180,7 +180,7 @@ def test_processes_end_when_their_parent_is_killed(work, tmp_path):
         import sys
         sys.path.insert(0, {str(tmp_path)!r})
         import chemage_work
-        from chemage.sweeps.executors.processes import Processes
+        from chemage.studies.executors.processes import Processes
         made = Processes(2)
         print(*made.map(chemage_work.whoami, range(8)), flush=True)
         [made.submit(chemage_work.slowly, 1, 600) for _ in range(2)]
@@ -214,7 +214,7 @@ def test_a_process_knows_its_share_of_threads(work):
 
 
 def test_no_process_no_answer(work, monkeypatch, capfd):
-    monkeypatch.setattr("chemage.sweeps.executors.processes._BOOT", "raise SystemExit('no such interpreter')")
+    monkeypatch.setattr("chemage.studies.executors.processes._BOOT", "raise SystemExit('no such interpreter')")
     with Processes(1) as processes, pytest.raises(ExecutorError, match="could not start: it ended with exit status 1"):
         processes.submit(work.double, 1).result()
     assert "no such interpreter" in capfd.readouterr().err
@@ -293,7 +293,7 @@ def test_the_limit_on_threads_holds_until_it_is_taken_away(monkeypatch):
 @pytest.mark.parametrize(("seconds", "said"), [(None, "4"), (0.5, r"0\.5")])
 def test_an_address_that_does_not_answer_is_told_in_seconds(monkeypatch, seconds, said):
     if seconds is not None:
-        monkeypatch.setattr("chemage.sweeps.executors.clusters.ANSWER_TIME", seconds)
+        monkeypatch.setattr("chemage.studies.executors.clusters.ANSWER_TIME", seconds)
     with (
         pytest.raises(ExecutorError, match=rf"no Dask scheduler answers at tcp://127\.0\.0\.1:9 within {said} s"),
         open_pool("dask:tcp://127.0.0.1:9"),

@@ -20,7 +20,7 @@ import chemage
 from chemage import InputError, StoreError
 from chemage.sweeps import claims as claiming
 from chemage.sweeps.claims import WHOLE, Claims, living
-from chemage.sweeps.folder import Folder
+from chemage.studies.folder import Folder
 from chemage.sweeps.running import read_grid, survey_of
 from chemage.sweeps.shares import Selection, agree, in_ranges, partition, shares_cost
 

@@ -35,7 +35,7 @@ from chemage.foundation.errors import DamagedError, InputError, StoreError
 from chemage.foundation.files import on_disk
 from chemage.foundation.inputs import LARGEST_DESCRIPTION, regular_file
 from chemage.foundation.seals import check_json_seal, check_seal, from_sealed_json, to_sealed_json
-from chemage.sweeps.manifest import checked_manifest
+from chemage.studies.manifest import checked_manifest
 
 #: version of the layout; newer layouts are refused. Since 2 every file carries a checksum.
 FORMAT = 2
@@ -226,6 +226,14 @@ class Folder:
             (self.path / ".parts").mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise CannotWrite(f"cannot write in {self.path}: {error.strerror or error}; {RESUME}") from None
+
+    def is_locked(self) -> bool:
+        """Whether another process of this machine computes into the folder at present."""
+        try:
+            with self.locked():
+                return False
+        except StoreError:
+            return True
 
     @contextlib.contextmanager
     def locked(self, *, shared: bool = False) -> Iterator[None]:
