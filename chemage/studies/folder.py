@@ -251,17 +251,21 @@ class Folder:
                 fcntl.flock(stream, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
             except BlockingIOError:
                 stream.seek(0)
-                raise StoreError(f"{self.path} is being computed by process {stream.read().strip() or '?'}") from None
+                # only a process that computes the whole has its name there
+                process = stream.read().strip()
+                owner = f"process {process}" if process else "another process"
+                raise StoreError(f"{self.path} is being computed by {owner}; wait for it, or stop it") from None
             except OSError:  # a file system without locks
                 yield
                 return
-            if shared:
-                yield
-                return
             stream.truncate(0)
-            stream.write(f"{os.getpid()} on {socket.gethostname()}")
+            if not shared:
+                stream.write(f"{os.getpid()} on {socket.gethostname()}")
             stream.flush()
-            yield
+            try:
+                yield
+            finally:
+                stream.truncate(0)
 
 
 def _put_over(part: Path, target: Path) -> bool:

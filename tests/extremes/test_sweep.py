@@ -23,7 +23,7 @@ from chemage.sweeps import running as sweeps
 from chemage.studies.folder import CannotWrite
 from chemage.sweeps.grid import Grid
 from chemage.sweeps.running import SweepWarning
-from chemage.sweeps.tasks import compute
+from chemage.studies.tasks import Place
 
 AXES = """
 [sweep]
@@ -537,11 +537,11 @@ def test_workers_that_cannot_be_had_are_told_before_anything_is_written(tiny, tm
 def test_a_worker_that_does_not_see_the_folder_says_which_and_why(tiny, tmp_path):
     result = chemage.sweep(swept(tiny), tmp_path / "out")
     with pytest.raises(ExecutorError, match=r"worker .* cannot read the sweep: .* every worker must see .*elsewhere"):
-        compute(str(tmp_path / "elsewhere"), result.digest, [0], 1)
+        _ = Place(str(tmp_path / "elsewhere"), result.digest).folder
     with pytest.raises(ExecutorError, match="finds another sweep"):
-        compute(str(tmp_path / "out"), "0" * 32, [0], 1)
+        _ = Place(str(tmp_path / "out"), "0" * 32).folder
     result.store.clear_parts()
     content = result.store.read_manifest()
     result.store.write_manifest({**content, "digest": "1" * 32, "versions": {"chemage": "0.0.1"}})
     with pytest.raises(ExecutorError, match=r"has chemage .*, but the sweep is run by 0\.0\.1"):
-        compute(str(tmp_path / "out"), "1" * 32, [0], 1)
+        _ = Place(str(tmp_path / "out"), "1" * 32).folder

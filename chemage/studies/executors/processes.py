@@ -72,7 +72,7 @@ class Processes(Executor):
                     if self._inner is pool:
                         self._inner = None
                 outer.set_exception(self._death(error))
-            elif inner.cancelled():
+            elif inner.cancelled() or type(error).__name__ == "ShutdownExecutorError":
                 outer.set_exception(WorkerLost("the worker process was stopped"))
             elif error is not None:
                 outer.set_exception(error)
@@ -96,10 +96,10 @@ class Processes(Executor):
     def _death(self, error: BaseException) -> Exception:
         text = str(error)
         codes = re.findall(r"([A-Z]+)\((-?\d+)\)", text)
-        how = next((_in_words(name, int(code)) for name, code in codes if int(code)), "ended")
-        if not self._began and "nitializ" in text:
-            return ExecutorError(f"a worker process could not start: {how}; its own message is above")
-        return WorkerLost(f"the worker process died at this task: it {how}")
+        how = next((_in_words(name, int(code)) for name, code in codes if int(code)), "")
+        if not how and not self._began:
+            return ExecutorError("a worker process could not start; its own message is above")
+        return WorkerLost(f"the worker process died at this task: it {how or 'ended'}")
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes after the tasks in the queue; with ``cancel_futures`` at once."""
