@@ -28,6 +28,7 @@ from chemage.foundation.records import (
     require_finite,
 )
 from chemage.foundation.statistics import half_width, standard_error
+from chemage.foundation.text import percent
 from chemage.foundation.units import QuantityLike
 from chemage.lattices.site_grid import ONE_PER_PIXEL
 
@@ -182,7 +183,7 @@ class Aging(Record):
     def error_words(self) -> str:
         """The errors of the mean that the scatter of the replicas does not contain, at the last hold time, in words."""
         last = [(name, float(error[-1])) for name, error in self.errors.items() if error.size]
-        parts = [f"{name} {100 * error:.2g} % ({self.error_sources[name]})" for name, error in last]
+        parts = [f"{name} {percent(error)} ({self.error_sources[name]})" for name, error in last]
         return "; ".join(parts)
 
     @property

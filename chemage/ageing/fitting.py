@@ -21,7 +21,7 @@ from typing import Literal, Protocol, get_args
 import numpy as np
 
 from chemage.ageing.intervals import UNKNOWN, Bootstrap, Interval, bootstrapped, student
-from chemage.ageing.models import Model, basis, basis_slope, bounds, solve
+from chemage.ageing.models import Model, above_rounding, basis, basis_slope, bounds, solve
 from chemage.foundation.errors import InputError
 from chemage.foundation.statistics import jackknife_error
 from chemage.foundation.text import jsonable, power_text, with_error, with_interval
@@ -405,7 +405,7 @@ def _estimate(model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarra
 
 def _straight_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Slope, and where the line meets zero; nan where it does not rise."""
-    slope = float((x - x.mean()) @ (y - y.mean()) / np.sum((x - x.mean()) ** 2))
+    slope = float(above_rounding((x - x.mean()) @ (y - y.mean()) / np.sum((x - x.mean()) ** 2), x, y))
     intercept = float(y.mean() - slope * x.mean())
     return slope, -intercept / slope if slope > 0 else math.nan
 

@@ -25,6 +25,18 @@ def basis(model: Model, t: np.ndarray, log_cutoff: np.ndarray | float) -> np.nda
     return np.logaddexp(0.0, log_t - np.multiply(log_cutoff, math.log(10))) / math.log(10)
 
 
+def above_rounding(slope: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """``slope`` (b,) of the least-squares lines through ``y`` (b, m) at ``x`` (m,), with 0 where it is no more than the
+    rounding of y: bonds that all formed earlier do not age.
+
+    The bound of the rounding of a sum of m products, m ε Σ|x y|, is that of Higham, Accuracy and Stability of Numerical
+    Algorithms, 2nd ed. (2002), section 3.1; twice, as the centre of x is rounded as well.
+    """
+    away = np.abs(x - x.mean())
+    rounding = 2 * x.size * np.finfo(np.float64).eps * np.abs(y).max(axis=-1) * away.sum() / (away @ away)
+    return np.where(np.abs(slope) <= rounding, 0.0, slope)
+
+
 def solve(model: Model, t: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Weighted least squares for each row of ``y`` (b, m) with weights ``w`` (b or 1, m): β and log10 t_c, (b,) each.
 
@@ -40,7 +52,7 @@ def _solve_line(t: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray
     away = x - centre[:, None]
     spread = (w * away**2).sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        slope = (w * away * y).sum(axis=1) / spread
+        slope = above_rounding((w * away * y).sum(axis=1) / spread, x, y)
         # a resample of one hold time, or a line that does not rise, crosses zero nowhere that means anything
         return slope, np.where(slope > 0, centre - height / slope, np.nan)
 

@@ -1,6 +1,7 @@
 """The command line. Commands import what they need when they run, so that ``chemage --help`` is fast.
 
-Exit status: 0 success, 1 a check found problems or points of a sweep failed, 2 invalid input, 130 interrupted.
+Exit status: 0 success, 1 a check found problems or points of a sweep failed, 2 invalid input, 130 interrupted,
+143 terminated (SIGTERM).
 """
 
 from __future__ import annotations
@@ -180,10 +181,11 @@ def main() -> None:
     except typer.Exit as end:
         _leave(end.exit_code, begin)
     except (KeyboardInterrupt, typer.Abort) as stop:
-        text = f"interrupted; {str(stop) or 'nothing was written'}"
+        word, status = output.stopped()
+        text = f"{word}; {str(stop) or 'nothing was written'}"
         _complain(f"\n{text}")
         LOGGER.error("%s", text)
-        os._exit(130)  # without waiting for threads that may still be in a compiled kernel
+        os._exit(status)  # without waiting for threads that may still be in a compiled kernel
     except Exception as error:
         _leave(_explain(error), begin)
 

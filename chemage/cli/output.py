@@ -10,7 +10,9 @@ import logging
 import os
 import platform
 import shlex
+import signal
 import sys
+import threading
 import time
 from collections.abc import Sequence
 from copy import copy
@@ -30,6 +32,9 @@ class _State:
         self.quiet = self.verbose = False
         self.log: Path | None = None
         self.handlers: list[logging.Handler] = []
+        #: whether SIGTERM has come, and what received it before
+        self.terminated = False
+        self.before: Any = None
 
 
 _state = _State()
@@ -46,10 +51,28 @@ def begin() -> None:
     _state.quiet = _state.verbose = False
     _state.log = None
     progress.silence(False)
+    _state.terminated = False
+    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        _state.before = signal.signal(signal.SIGTERM, _terminate)
+
+
+def _terminate(number: int, frame: Any) -> None:
+    """End as Ctrl-C does, for schedulers; a second signal ends the process at once."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    _state.terminated = True
+    raise KeyboardInterrupt
+
+
+def stopped() -> tuple[str, int]:
+    """What stopped this call of the program, in a word, and its exit status."""
+    return ("terminated", 143) if _state.terminated else ("interrupted", 130)
 
 
 def end() -> None:
-    """Close the log."""
+    """Close the log, and give the signals back."""
+    if _state.before is not None:
+        signal.signal(signal.SIGTERM, _state.before)
+        _state.before = None
     for handler in _state.handlers:
         LOGGER.removeHandler(handler)
         handler.close()

@@ -195,7 +195,7 @@ def _plot_window(file: Path, window: str, out: Path | None, fmt: str, force: boo
 def print_run(result: Run) -> None:
     """Print the main numbers of a run."""
     from chemage.ageing.elasticity import elastic_rows
-    from chemage.foundation.text import mean_text
+    from chemage.foundation.text import mean_text, percent
 
     contact, aging, fit = result.contact, result.aging, result.fit()
     rows: list[tuple[str, str]] = [
@@ -238,7 +238,7 @@ def print_run(result: Run) -> None:
             rows.append(("surfaces", scatter.text(fit.relative_stderr)))
         if (barriers := result.barriers_error) is not None:
             rows.append(
-                ("error of beta: barriers", f"{100 * barriers:.2g} % (standard error), beside the interval above")
+                ("error of beta: barriers", f"{percent(barriers)} (standard error), beside the interval above")
             )
     if result.approximate:
         rows.append(("approximate", result.approximate))

@@ -12,7 +12,7 @@ from typing import Any
 
 import typer
 
-from chemage.cli import terminal
+from chemage.cli import output, terminal
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.logs import LOGGER
 from chemage.foundation.printable import printable
@@ -56,7 +56,8 @@ def run(
     points: str | None = None,
     patience: str | None = None,
 ) -> None:
-    """Compute a sweep, or some of its points; exit status 1 if points failed, 130 if it was interrupted."""
+    """Compute a sweep, or some of its points; exit status 1 if points failed, 130 or 143 if it was
+    stopped."""
     folder = out or Path(f"{read_grid(scene, changes).base.get('name', 'scene')}-sweep")
     chosen = None if points is None else Selection.read(points)
     try:
@@ -75,8 +76,9 @@ def run(
                 patience=patience,
             )
     except KeyboardInterrupt:
-        print(printable(f"\ninterrupted; {_kept(folder)}"), file=sys.stderr, flush=True)
-        os._exit(130)  # without waiting for threads that may still be in a compiled kernel
+        word, status = output.stopped()
+        print(printable(f"\n{word}; {_kept(folder)}"), file=sys.stderr, flush=True)
+        os._exit(status)  # without waiting for threads that may still be in a compiled kernel
     if chosen is not None:
         return _print_share(result, folder, chosen, as_json=as_json)
     _print_whole(result, {**result.status(), "folder": str(folder)}, as_json=as_json)

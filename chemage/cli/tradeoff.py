@@ -107,6 +107,7 @@ def tradeoff(
 def show(found: Tradeoff, *, details: bool = False) -> None:
     """Print the tables of a map, the cheapest settings and the notes."""
     from chemage.experiments.trade_map import words
+    from chemage.foundation.text import percent
 
     made = found.map
     assert made is not None
@@ -127,7 +128,7 @@ def show(found: Tradeoff, *, details: bool = False) -> None:
             terminal.remark(f"  {line}")
     if scatter := made.surface_scatter.get("beta"):
         terminal.remark(
-            f"β scatters by about {100 * scatter:.2g} % between surfaces; `chemage run --accuracy` averages over them."
+            f"β scatters by about {percent(scatter)} between surfaces; `chemage run --accuracy` averages over them."
         )
     for note in [*found.notes, *made.notes]:
         terminal.remark(f"note: {note}")

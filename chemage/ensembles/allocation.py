@@ -50,7 +50,8 @@ def spread_of(rows: np.ndarray, chosen: int, freedom: int, regressed: bool = Fal
 
 
 def half_width(spreads: list[Spread], counts: list[int], known: np.ndarray, confidence: float = 0.95) -> np.ndarray:
-    """Half the width of the interval of the sum of the means, (quantities,).
+    """Half the width of the interval of the sum of the means, (quantities,); nan where all samples are equal and no
+    other error is known, since equal samples say nothing of their scatter.
 
     Parameters
     ----------
@@ -61,14 +62,14 @@ def half_width(spreads: list[Spread], counts: list[int], known: np.ndarray, conf
     """
     parts = [spread.variance / count for spread, count in zip(spreads, counts, strict=True)]
     total = sum(parts) + known**2
-    found = np.zeros(total.shape)
+    found = np.full(total.shape, np.nan)
     for k, variance in enumerate(total):
-        if not variance <= 0:
+        if variance > 0:
             below = sum(
                 float(part[k]) ** 2 / spread.freedom for part, spread in zip(parts, spreads, strict=True) if part[k] > 0
             )
             freedom = float(variance) ** 2 / below if below > 0 else math.inf
-            found[k] = limit(freedom, confidence) * math.sqrt(variance) if variance > 0 else math.nan
+            found[k] = limit(freedom, confidence) * math.sqrt(variance)
     return found
 
 

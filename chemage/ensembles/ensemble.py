@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from pydantic import model_validator
 
+from chemage.ageing.fitting import why_not_fitted
 from chemage.ensembles.allocation import Spread, half_width, spread_of
 from chemage.ensembles.control import regressed
 from chemage.ensembles.quantities import CURVES, Quantities
@@ -56,6 +57,11 @@ class Estimate:
     #: half the width of the interval; nan where a part of the error is not known
     half_width: float
     errors: Mapping[str, ErrorPart] = field(default_factory=dict)
+
+    @property
+    def stderr(self) -> float:
+        """The standard error: that of all parts together."""
+        return math.hypot(*(part.size for part in self.errors.values()))
 
     @property
     def relative(self) -> float:
@@ -329,7 +335,8 @@ class Ensemble(Record):
         return pictures.html(self)
 
     def summary(self) -> dict[str, Any]:
-        """One JSON-able object with the estimates, their intervals and the parts of their errors."""
+        """One JSON-able object with the estimates, their intervals and the parts of their errors; β, the curves and the
+        measures of the contact also by the names, and in the places, that they have in :meth:`Run.summary`."""
         names = [name for name in self.quantities.names if not name.endswith("_drop")]
         found: dict[str, Any] = {name: _plain(self.estimate(name)) for name in names}
         for name in self.quantities.names:
@@ -345,6 +352,11 @@ class Ensemble(Record):
         return {
             "name": self.name,
             "surfaces": self.surfaces if self.random else 1,
+            "replicas": int(self.levels[0].get("replicas", 1)),
+            "load": self.load,
+            **{name: self.estimate(name).value for name in self.measures},
+            "hold_times": self.hold_times.tolist(),
+            **self._as_of_a_run(),
             "levels": [dict(level) for level in self.levels],
             "goals": self.goals,
             "stopped": self.stopped,
@@ -355,6 +367,23 @@ class Ensemble(Record):
             "cite": self.provenance.get("cite", []),
             **({"approximate": approximate} if approximate else {}),
         }
+
+    def _as_of_a_run(self) -> dict[str, Any]:
+        """The curves, β and b by the names that they have for a run."""
+        parts, fitted = ("", "stderr", "half_width"), self.quantities.has_beta
+        found: dict[str, Any] = {}
+        for name in CURVES:
+            known = name in self.quantities.names
+            estimates = [self.estimate(name, float(time)) for time in self.hold_times] if known else []
+            for part in parts:
+                column = [getattr(one, part or "value") for one in estimates]
+                found[f"{name}_{part}".rstrip("_")] = column if known else [math.nan] * self.hold_times.size
+        for name in ("beta", "b"):
+            estimate = (self.estimate("beta") if name == "beta" else self.b) if fitted else None
+            for part in parts:
+                found[f"{name}_{part}".rstrip("_")] = None if estimate is None else getattr(estimate, part or "value")
+        why = why_not_fitted(self.hold_times, self.window) if self.hold_times.size and not fitted else ""
+        return found | {"beta_reason": why or None, "beta_scatter_between_surfaces": self.scatter}
 
     def __repr__(self) -> str:
         if not self.quantities.has_beta:

@@ -39,6 +39,11 @@ class Scatters:
         return np.sqrt(self.surfaces**2 + self.replicas**2 / replicas)
 
 
+def is_about_zero(scatter: np.ndarray) -> np.ndarray:
+    """Whether a mean of this relative scatter is that of too few bonds for one in each of the first samples."""
+    return scatter**2 > stages.FIRST
+
+
 def scatters(request: Request, known: Cost, contact: Mapping[str, float]) -> Scatters:
     """The scatter of what ``request`` averages, of which ``known`` are the estimates and ``contact`` the expected
     measures of the contact."""
@@ -85,7 +90,9 @@ def _replicas(scene: Scene, known: Cost, request: Request) -> np.ndarray:
         x = x - x.mean()
         earlier, later = np.minimum.outer(share, share), np.maximum.outer(share, share)
         variance, slope = float(x @ (earlier * (1 - later)) @ x) / known.sites, float(x @ share)
-        found[0] = math.sqrt(max(variance, 0.0)) / slope if slope > 0 else math.nan
+        # the quadrature of shares that are all 0 or all 1 rounds
+        rises = slope > 1e-12 * float(np.abs(x).sum())
+        found[0] = math.sqrt(max(variance, 0.0)) / slope if rises else math.inf if slope == slope else math.nan
     return found
 
 
@@ -159,11 +166,14 @@ def foreseen(
     columns = sorted({goal.column for goal in request.goals}) or [0]
     replicas = [_replicas_of(level) for level in routes[0].levels]
     scatter = expected.sample(replicas[0])[columns]
+    if np.any(is_about_zero(scatter)):
+        cost, count = routes[0].levels[0].cost, stages.FIRST
+        if request.budget is not None:
+            count = max(count, int(workers * request.budget / cost))
+        cpu = count * cost
+        return Foreseen((count,), (count, count), cpu, (cpu, cpu), cpu / workers, {}, 0.0, "zero")
     if not np.isfinite(scatter).all():
         return None
-    if np.any(scatter**2 > stages.FIRST):  # as of bonds that are too few for one in each of the first samples
-        cpu = stages.FIRST * routes[0].levels[0].cost
-        return Foreseen((stages.FIRST,), (stages.FIRST, stages.FIRST), cpu, (cpu, cpu), cpu / workers, {}, 0.0, "zero")
     full = _mean(request, means)
     trials = [_trial(request, routes, expected, full, columns, workers, seed) for seed in range(TRIALS)]
     firsts = sorted(trial.samples[0] for trial in trials)
@@ -263,5 +273,5 @@ def _trial(
         cpu_range=(cpu, cpu),
         wall_seconds=wall,
         intervals={name: float(half[place]) for name, place in zip(names, places, strict=True)},
-        reason=reason or ("" if state.in_time else "time"),
+        reason=reason or ("" if state.reached(accuracy) else "time"),
     )

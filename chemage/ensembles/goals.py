@@ -189,7 +189,7 @@ def with_request(
     if map is not None:
         options["map"] = str(map)
     if most is not None:
-        options["most"] = checked_count("most", most, least=stages.FIRST)
+        options["most"] = checked_count("most", most, least=asked.LEAST)
     return scene.model_copy(update={"ensemble": asked.EnsembleOptions(**options), "accuracy": goals})
 
 

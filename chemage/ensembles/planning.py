@@ -11,13 +11,14 @@ from typing import Any
 from chemage.ensembles import stages
 from chemage.ensembles.allocation import limit
 from chemage.ensembles.computations import PROGRAM, Computation, fitting, replicas_of_difference, sketched
-from chemage.ensembles.foreseen import Foreseen, Scatters, foreseen, scatters
+from chemage.ensembles.foreseen import Foreseen, Scatters, foreseen, is_about_zero, scatters
 from chemage.ensembles.goals import Request
 from chemage.ensembles.running import Sampler, needing
 from chemage.experiments import estimate
 from chemage.experiments.cost import Cost
 from chemage.experiments.limits import in_hours
 from chemage.experiments.scene import Scene
+from chemage.foundation.text import percent
 from chemage.foundation.threads import available
 from chemage.foundation.warned import PlanWarning
 
@@ -94,12 +95,12 @@ class EnsemblePlan:
         if seen.reason == "most":
             return needing(names, max(seen.samples), seen.cpu_seconds, asked)
         if seen.reason == "time":
-            reached = ", ".join(f"{name} ± {100 * half:.2g} %" for name, half in seen.intervals.items())
+            reached = ", ".join(f"{name} ± {percent(half)}" for name, half in seen.intervals.items())
             return f"{names}: the time will be over before; {reached} is expected then"
         if seen.reason == "zero":
             return (
-                f"{names}: its mean is expected to be 0 within its interval, since hardly a bond forms until then; ask "
-                "at a later hold time"
+                f"{names}: its mean is expected to be 0 within its interval, {self.reason}; ask at other hold times, "
+                "or another temperature"
             )
         return f"{names}: errors that no number of {asked.counted} makes smaller are larger; ask for a wider interval"
 
@@ -199,7 +200,7 @@ class EnsemblePlan:
             spread = f" ({seen.range[0]} to {seen.range[1]})" if seen.range[0] < seen.range[1] else ""
             rows.append((f"number of {asked.counted}", f"{seen.samples[0]}{spread}, {self.reason}"))
             if seen.intervals:
-                texts = [f"{name} ± {100 * half:.2g} %" for name, half in seen.intervals.items()]
+                texts = [f"{name} ± {percent(half)}" for name, half in seen.intervals.items()]
                 rows.append(("expected interval", ", ".join(texts)))
             rows.append(("expected cost", _cost(seen)))
         if self.memory is not None:
@@ -293,7 +294,7 @@ def _counted(request: Request, expected: Scatters, seconds: float, replicas: int
     column = 0
     scatter = float(expected.sample(replicas)[column])
     intervals = {}
-    if math.isfinite(scatter):
+    if math.isfinite(scatter) and not is_about_zero(scatter):
         intervals[request.quantities.names[0]] = limit(count - 1) * scatter / math.sqrt(count)
     total = count * seconds
     return Foreseen((count,), (count, count), total, (total, total), total / min(available(), count), intervals)
@@ -301,9 +302,14 @@ def _counted(request: Request, expected: Scatters, seconds: float, replicas: int
 
 def _why(request: Request, expected: Scatters, replicas: int) -> str:
     """How the expected number is known, in words."""
-    goals = request.goals
-    column = goals[0].column if goals else 0
-    name = goals[0].name if goals else request.quantities.names[0]
-    relative = 100 * float(expected.sample(replicas)[column])
+    scatter = expected.sample(replicas)
+    goals = {goal.column: goal.name for goal in request.goals} or {0: request.quantities.names[0]}
+    column, name = max(goals.items(), key=lambda item: scatter[item[0]])
+    if is_about_zero(scatter[column]):
+        until = name.partition("@")[2] or f"{request.quantities.hold_times[-1]:g} s"
+        when = "between {:g} and {:g} s".format(*request.quantities.window) if name == "beta" else f"until {until}"
+        text = f"since hardly a bond is expected to form {when}, so that {name} is about 0"
+        return f"as many as the time allows, {text}" if request.budget is not None and not request.goals else text
+    relative = float(scatter[column])
     by = f": {expected.source}" if expected.source else ", as of sites that react independently"
-    return f"from a scatter of {name} of {relative:.2g} %{by}"
+    return f"from a scatter of {name} of {percent(relative)}{by}"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from chemage.ageing.models import above_rounding
 from chemage.ensembles.computations import Sample
 from chemage.experiments.scene import Scene
 from chemage.foundation.errors import InputError
@@ -77,8 +78,8 @@ class Quantities:
         """(n,) rise per decade of the least-squares line through each of ``curves`` (n, m) over the window: the fit of
         β, which is linear in the curve, so that its mean is that of the mean curve."""
         x = np.log10(self.hold_times[self.fitted])
-        x = x - x.mean()
-        return curves[:, self.fitted] @ x / (x @ x)
+        x, fitted = x - x.mean(), curves[:, self.fitted]
+        return above_rounding(fitted @ x / (x @ x), x, fitted)
 
     def column(self, name: str, time: float | None = None) -> int:
         """The column of a quantity; of a curve at ``time`` (s), or at the last hold time.

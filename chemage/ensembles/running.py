@@ -31,6 +31,7 @@ from chemage.experiments.trade_map import TradeMap
 from chemage.foundation.approximations import merged
 from chemage.foundation.errors import InputError
 from chemage.foundation.progress import Report
+from chemage.foundation.text import percent
 from chemage.foundation.threads import available
 from chemage.foundation.warned import PlanWarning
 
@@ -171,8 +172,19 @@ class Sampler:
             return self._made(state, "the number of surfaces that was asked for")
         clock = stages.Clock(asked.budget if asked.budget is not None else math.inf)
         state = stages.run_stages(self._routes, asked.accuracy(), most=asked.most, clock=clock, watch=self._watch)
-        reached = "the accuracy was reached" if state.in_time and asked.goals else "the time was over"
-        return self._made(state, reached)
+        return self._made(state, self._ending(state))
+
+    def _ending(self, state: stages.State) -> str:
+        """Why sampling ended, in words."""
+        if state.reached(self.request.accuracy()):
+            return "the accuracy was reached"
+        if self.request.budget is None:
+            half = state.half_width()
+            equal = ", ".join(goal.name for goal in self.request.goals if math.isnan(half[goal.column]))
+            return f"{equal}: all samples are equal, so that nothing is known of their scatter"
+        if max(state.counts) >= self.request.most:
+            return f"the {self.request.counted} are as many as are allowed"
+        return "the time was over"
 
     def possible_routes(self) -> list[stages.Route]:
         """Ways to the answer, the one without corrections first."""
@@ -303,10 +315,10 @@ class Sampler:
         shown = self.request.goals or [Goal(self._quantities.names[0], 0, 0.0)]
         parts = []
         for goal in shown:
-            reached = 100 * half[goal.column] / abs(mean[goal.column]) if mean[goal.column] else math.nan
+            reached = half[goal.column] / abs(mean[goal.column]) if mean[goal.column] else math.nan
             if math.isfinite(reached):
                 goal_text = f" of {100 * goal.accuracy:.3g} %" if goal.accuracy else ""
-                parts.append(f"{goal.name} ± {reached:.2g} %{goal_text}")
+                parts.append(f"{goal.name} ± {percent(reached)}{goal_text}")
         return ", ".join(parts)
 
     def _so_far(self) -> str:

@@ -101,8 +101,6 @@ class State:
     sampled: list[Sampled]
     #: (quantities,) bool: what is to be accurate
     asked: np.ndarray
-    #: whether the accuracy was reached, and not the end of the time
-    in_time: bool = True
 
     @property
     def controlled(self) -> bool:
@@ -147,6 +145,15 @@ class State:
     def half_width(self, confidence: float = 0.95) -> np.ndarray:
         """(quantities,) half the width of the interval."""
         return half_width(self.spreads, self.counts, self.known, confidence)
+
+    def relative(self, confidence: float = 0.95) -> np.ndarray:
+        """(quantities,) the same over the magnitude of the mean."""
+        return self.half_width(confidence) / np.maximum(np.abs(self.mean), 1e-300)
+
+    def reached(self, accuracy: np.ndarray) -> bool:
+        """Whether the interval of everything that is to be accurate is as narrow as that, (quantities,) relative."""
+        wanted = accuracy[self.asked] * (1 + 1e-9)
+        return bool(np.all(self.relative()[self.asked] <= wanted) and np.all(wanted > 0))
 
     def cost(self, counts: Sequence[int]) -> float:
         """CPU seconds of the samples that are missing to ``counts``."""
@@ -217,10 +224,12 @@ class Clock:
         left = max(self.left, 0.0)
         if more <= left:
             return counts
-        asked = np.argmax(state.half_width() / np.maximum(np.abs(state.mean), 1e-300) * state.asked)
-        variances = [float(spread.variance[asked]) for spread in state.spreads]
+        widest = np.argmax(np.where(state.asked & ~np.isnan(relative := state.relative()), relative, -np.inf))
+        variances = [float(spread.variance[widest]) for spread in state.spreads]
+        if not any(variances):  # equal samples say nothing of what other samples would be
+            variances[0] = 1.0
         total = left + sum(one.count * wall for one, wall in zip(state.sampled, walls, strict=True))
-        share = sum(math.sqrt(variance * wall) for variance, wall in zip(variances, walls, strict=True)) or 1.0
+        share = sum(math.sqrt(variance * wall) for variance, wall in zip(variances, walls, strict=True))
         best = [total * math.sqrt(v / w) / share for v, w in zip(variances, walls, strict=True)]
         short = [
             max(0.0, count - one.count) * wall for count, one, wall in zip(best, state.sampled, walls, strict=True)
@@ -261,8 +270,8 @@ def run_stages(
     Raises
     ------
     Unreachable
-        More than ``most`` samples would be needed, or errors that are known already are too large, or a mean is zero
-        within its interval.
+        More than ``most`` samples would be needed, or errors that are known already are too large or not known, or a
+        mean is zero within its interval. With a clock only where an error is not known of what is to be accurate.
     """
     clock = clock or Clock()
     beginning = Sampled(routes[0].levels[0], looks=LOOKS)
@@ -285,7 +294,6 @@ def run_stages(
         if watch is not None:
             watch(state, aimed)
         if all(count <= done for count, done in zip(aimed, state.counts, strict=True)):
-            state.in_time = aimed == counts or all(c <= done for c, done in zip(counts, state.counts, strict=True))
             return state
         # with a budget in parts, because times vary
         part = 0.7 if math.isfinite(clock.seconds) else 1.0
@@ -319,10 +327,12 @@ class _Search:
         mean, half = state.mean, state.half_width(self.confidence)
         asked = np.isfinite(self.accuracy)
         timed = math.isfinite(self.clock.seconds)
-        if np.any(asked & (np.abs(mean) <= 0.2 * half)):
+        if not timed and np.any(asked & ((mean == 0) | (np.abs(mean) <= 0.2 * half))):
             raise Unreachable(state, None, "zero")
-        if np.any(asked & np.isnan(state.known)):
+        if np.any(asked & (self.accuracy > 0) & np.isnan(state.known)):
             raise Unreachable(state, None, "unknown")
+        if not np.any(asked & (self.accuracy > 0)):  # as accurate as the time allows
+            return [self.most] * len(state.sampled)
         counts = allocated(
             [Spread(one.variance, CERTAIN) for one in state.spreads] if expected else state.spreads,
             state.costs,
@@ -388,7 +398,8 @@ class _Search:
         if math.isfinite(self.clock.seconds):
             aimed = self.clock.affordable(state, counts)
             half = half_width(state.spreads, aimed, state.known, self.confidence)
-            return float(np.max((half / np.maximum(np.abs(state.mean), 1e-300))[state.asked]))
+            relative = half / np.maximum(np.abs(state.mean), 1e-300)
+            return float(np.max(np.where(np.isnan(relative), np.inf, relative)[state.asked]))
         spent = sum(one.level.cost * one.count for one in state.sampled[1:])
         return state.cost(counts) + spent
 

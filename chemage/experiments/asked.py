@@ -16,6 +16,8 @@ from chemage.foundation.units import Time, convert
 _PERCENT = re.compile(r"\s*([-+0-9.eE]+)\s*%\s*")
 #: surfaces of an ensemble, unless more are allowed
 MOST_SURFACES = 10_000
+#: and this is the least that may be allowed: the first samples, and some that these lead to
+LEAST = 10
 REMEDY = 'give "2 %" or 0.02'
 
 
@@ -26,7 +28,7 @@ class EnsembleOptions(Section):
     """how many; 1: the one of the scene alone; default: as many as the accuracy or the budget decides"""
     budget: Time | None = Field(default=None, gt=0)
     """wall time that may be taken, s"""
-    most: int = Field(default=MOST_SURFACES, ge=10)
+    most: int = Field(default=MOST_SURFACES, ge=LEAST)
     """surfaces that are allowed"""
     map: str | None = None
     """file with the map of this scene (``chemage tradeoff SCENE -o FILE``), by whose measured costs and errors the

@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from chemage.ageing.aging import Aging
+from chemage.ageing.models import above_rounding
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
 from chemage.experiments.choices import ENGINE, Choice, Combination, applied, changes, choices, go_together
@@ -277,7 +278,8 @@ class Mapper:
             return None
         x = np.log10(aging.hold_times[use])
         x -= x.mean()
-        return np.asarray(aging.friction_drop, dtype=np.float64)[:, use] @ x / (x @ x) / self.scene.load
+        curves = np.asarray(aging.friction_drop, dtype=np.float64)[:, use]
+        return above_rounding(curves @ x / (x @ x), x, curves) / self.scene.load
 
     def _fitted(self, times: np.ndarray) -> np.ndarray:
         fit = self.scene.fit

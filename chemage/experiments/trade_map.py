@@ -21,7 +21,7 @@ from chemage.foundation.files import fresh_file
 from chemage.foundation.processor import processor
 from chemage.foundation.seals import from_sealed_json, to_sealed_json
 from chemage.foundation.statistics import student_limit
-from chemage.foundation.text import jsonable, power_text
+from chemage.foundation.text import jsonable, percent, power_text
 from chemage.foundation.threads import processors
 
 #: the accuracies for which the cheapest settings are named
@@ -180,12 +180,12 @@ class Cheapest:
             filter(None, [", ".join(f"{100 * one:.2g}" for one in wider), f"{100 * self.within:.2g}"])
         )
         if self.point is None:
-            known = f"; the best is known to {_percent(self.best)}" if math.isfinite(self.best) else ""
+            known = f"; the best is known to {percent(self.best)}" if math.isfinite(self.best) else ""
             if self.best < self.within:
                 known = f" with at most {MOST_REPLICAS:,} replicas"
             return f"within {within} %: none found{known}"
-        parts = f"settings {_percent(self.settings_error)}, replicas {_percent(self.replicas_error)}"
-        error = f"error {_percent(self.error)}" + (f" ({parts})" if self.replicas_error else "")
+        parts = f"settings {percent(self.settings_error)}, replicas {percent(self.replicas_error)}"
+        error = f"error {percent(self.error)}" + (f" ({parts})" if self.replicas_error else "")
         how = self.options or "as the scene is"
         return f"within {within} %: {self.seconds:.2g} CPU s, {error}: {how}"
 
@@ -207,8 +207,6 @@ class Cheapest:
         )
 
 
-def _percent(value: float) -> str:
-    return f"{100 * value:.2g} %"
 
 
 @dataclass

@@ -66,6 +66,11 @@ def power_text(value: float) -> str:
     return "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
+def percent(part: float) -> str:
+    """``4.6 %``: a part to two digits, and no power of ten above 100 %."""
+    return f"{100 * part:.2g} %" if abs(part) < 0.995 else f"{100 * part:.0f} %"
+
+
 def _rounded(value: float, digits: int) -> str:
     return f"{round(value, digits):.{max(0, digits)}f}"
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from chemage.ensembles.ensemble import SOURCES, Ensemble
-from chemage.foundation.text import with_error
+from chemage.foundation.text import percent, with_error
 from chemage.reports.ensemble_text import over
 from chemage.reports.figures import BLUE, GREY, ORANGE, legend, panels, plain, save_figures
 
@@ -87,14 +87,14 @@ def draw_parts(axes: Axes, made: Ensemble, size: float = 8.5) -> None:
         share = 100 * error.size / abs(one.value) if one.value else math.nan
         known = math.isfinite(share)
         axes.barh(number, share if known else 0.0, color=BLUE, height=0.4)
-        text = f"{share:.2g} %" if known else "not known"
+        text = percent(share / 100) if known else "not known"
         axes.text(0.0, number - 0.28, f" {label}: {text}", fontsize=size, va="bottom", parse_math=False)
         axes.text(0.0, number + 0.24, f" {error.how}", fontsize=size - 1.5, va="top", color=GREY, parse_math=False)
     shown = {"beta": "β"}.get(name, name.replace("_", " "))
     axes.set_yticks([])
     axes.set_ylim(max(len(parts), 2) - 0.4, -0.6)  # bars of one height, also where there is only one
     axes.set_xlim(left=0)
-    title = f"{shown}: 95 % interval ± {100 * one.relative:.2g} %" if math.isfinite(one.relative) else shown
+    title = f"{shown}: 95 % interval ± {percent(one.relative)}" if math.isfinite(one.relative) else shown
     axes.set(xlabel=f"standard error of {shown} (%)", title=title)
 
 

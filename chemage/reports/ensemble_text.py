@@ -7,7 +7,7 @@ import math
 from chemage.ensembles.ensemble import SOURCES, Ensemble, Estimate
 from chemage.ensembles.goals import column_of
 from chemage.foundation.approximations import in_words
-from chemage.foundation.text import plus_minus
+from chemage.foundation.text import percent, plus_minus
 
 #: what every ± of an ensemble is
 TITLE = "± is half the width of a 95 % interval"
@@ -69,8 +69,8 @@ def errors(one: Estimate) -> list[tuple[str, str, str]]:
     """The parts of the error of an estimate: what each is due to, its standard error, and how it is known."""
     found = []
     for part, error in one.errors.items():
-        size = 100 * error.size / abs(one.value) if one.value else math.nan
-        shown = f"{size:.2g} %" if math.isfinite(size) else "not known"
+        size = error.size / abs(one.value) if one.value else math.nan
+        shown = percent(size) if math.isfinite(size) else "not known"
         found.append((SOURCES.get(part, part), shown, error.how))
     return found
 
@@ -95,7 +95,7 @@ def text(made: Ensemble, name: str, time: float | None = None, unit: str = "") -
     one = made.estimate(name, time)
     shown = interval_text(one, unit)
     if math.isfinite(one.relative) and one.half_width > EXACT * abs(one.value):
-        shown += f", ± {100 * one.relative:.2g} %"
+        shown += f", ± {percent(one.relative)}" if one.relative < 1 else ", not distinguishable from 0"
     asked = [goal for goal in made.goals if _is_about(made, goal, name, time)]
     return shown + "".join(f" ({100 * made.goals[goal]:.3g} % asked)" for goal in asked)
 
@@ -104,8 +104,8 @@ def interval_text(one: Estimate, unit: str = "") -> str:
     """An estimate with its interval, or why there is none."""
     if not math.isfinite(one.value):
         return "-"
-    if one.half_width <= EXACT * abs(one.value):
-        return f"{one.value:.4g} {unit}".strip() + ", the same for all"
+    if one.half_width <= EXACT * abs(one.value) or not any(part.size != 0 for part in one.errors.values()):
+        return f"{one.value:.4g} {unit}".strip() + ", the same in all samples"
     shown = plus_minus(one.value, one.half_width, unit)
     if math.isnan(one.half_width):
         unknown = [SOURCES.get(part, part) for part, error in one.errors.items() if math.isnan(error.size)]

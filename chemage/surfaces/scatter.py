@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from chemage.foundation.errors import InputError
+from chemage.foundation.text import percent
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Scatter:
         if self.relative is None:
             found = "β differs between surface seeds by more than between replicas; an ensemble measures it"
         else:
-            found = f"β differs by about {100 * self.relative:.2g} % between surface seeds (standard deviation)"
+            found = f"β differs by about {percent(self.relative)} between surface seeds (standard deviation)"
             if math.isfinite(replicas):
-                found += f", the standard error of the replicas is {100 * replicas:.2g} %"
+                found += f", the standard error of the replicas is {percent(replicas)}"
         return f"{found}; {self.source}" if self.source else found

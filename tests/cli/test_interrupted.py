@@ -52,10 +52,10 @@ codec._write_array, files._place, Path.write_bytes = slow_array, slow_place, slo
 """
 
 
-def start(code, folder, **options):
+def start(code, folder, more=(), **options):
     """``chemage run small.toml`` in another process, with ``code`` run before it."""
     program = f"{code}\nimport sys\nfrom chemage.cli.app import main\nsys.argv[1:] = sys.argv[1:]\nmain()"
-    words = [sys.executable, "-c", program, "run", "small.toml", "--no-figures"]
+    words = [sys.executable, "-c", program, "run", "small.toml", "--no-figures", *more]
     return subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 
@@ -135,6 +135,40 @@ def test_ctrl_c_while_drawing_keeps_the_result_and_says_so(command, small, monke
     assert done.status == 130
     assert "the result is in small.h5" in done.err
     assert chemage.read("small.h5").aging.replicas == 3
+
+
+@pytest.mark.long
+def test_sigterm_as_of_a_scheduler_says_what_ctrl_c_says_and_exits_143(small):
+    slow = """
+import time
+from chemage.ensembles import sampling
+inner, calls = sampling.compute, []
+def compute(*given):
+    calls.append(given)
+    if len(calls) > 7:
+        print("begun", file=sys.stderr, flush=True)
+        time.sleep(600)
+    return inner(*given)
+sampling.compute = compute
+"""
+    process = start("import sys" + slow, small.parent, more=("--surfaces", "40", "--threads", "1"))
+    wait_for(process, "begun")
+    process.send_signal(signal.SIGTERM)
+    _, err = finish(process)
+    assert process.returncode == 143
+    assert re.search(r"terminated; so far beta ± .* from 7 samples, kept in small-samples; the same command", err)
+    assert "Traceback" not in err
+    assert names(small.parent) == ["small-samples", "small.toml"]
+
+
+def test_sigterm_ends_a_run_as_ctrl_c_does(small):
+    process = start("import chemage" + ENDLESS.format(hook="run_kinetics", work="time.sleep(0.5)"), small.parent)
+    wait_for(process, "begun")
+    process.send_signal(signal.SIGTERM)
+    _, err = finish(process)
+    assert process.returncode == 143
+    assert "terminated; nothing was written" in err
+    assert names(small.parent) == ["small.toml"]
 
 
 # -- kill -9 ---------------------------------------------------------------------------------------------------------

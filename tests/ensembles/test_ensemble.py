@@ -141,6 +141,7 @@ def test_an_interruption_says_what_is_known_so_far(rough, tmp_path, monkeypatch)
         ({"accuracy": {"friction_drop@3 nm": 0.1}}, "accuracy.friction_drop@3 nm"),
         ({"accuracy": {"beta@3 s": 0.1}}, "does not depend on the hold time"),
         ({"accuracy": {"beta": 0.0001}, "most": 100}, "and 100 are allowed"),
+        ({"accuracy": {"beta": 0.01}, "most": 8}, "most = 8: must be a whole number of at least 10"),
         ({"budget": "-3 s"}, "budget = '-3 s': must be above zero"),
         ({"budget": "3 nm"}, "budget"),
     ],
@@ -162,3 +163,38 @@ def test_a_theory_has_no_surfaces():
     scene = ca.parse_scene({**ROUGH, "contact": contact, "ageing": {"kind": "closure"}})
     with pytest.raises(InputError, match="theory of the mean"):
         ensemble(scene, surfaces=4)
+
+
+#: so hot that every site has bonded before the first hold time, and so cold that none does before the last
+SATURATED = {**ROUGH, "hold": {**ROUGH["hold"], "per_decade": 3, "temperature": 900.0}}
+COLD = {**ROUGH, "hold": {**ROUGH["hold"], "temperature": 150.0}}
+
+
+@pytest.mark.filterwarnings("ignore::chemage.PlanWarning")
+def test_beta_of_a_saturated_scene_is_zero_and_no_relative_accuracy_of_it_is_promised():
+    scene = ca.parse_scene(SATURATED)
+    made = ensemble(scene, surfaces=4)
+    assert np.ptp(made.friction_drop) == 0
+    assert made.estimate("beta").value == 0.0
+    assert ca.run(scene).fit().beta == 0.0
+    with pytest.raises(InputError, match="accuracy.beta = 5 %: its mean is 0 within its interval"):
+        ensemble(scene, accuracy={"beta": "5 %"})
+    # what is not zero is averaged
+    assert ensemble(scene, accuracy={"friction_drop": "30 %"}).stopped == "the accuracy was reached"
+
+
+@pytest.mark.filterwarnings("ignore::chemage.PlanWarning")
+def test_a_budget_without_a_goal_answers_at_any_temperature():
+    for data in (SATURATED, COLD):
+        made = ensemble(ca.parse_scene(data), budget=0.4)
+        assert made.estimate("beta").value == 0.0
+        assert made.stopped == "the time was over"
+
+
+@pytest.mark.filterwarnings("ignore::chemage.PlanWarning")
+def test_it_is_said_why_sampling_ended_and_not_what_would_have_been_nice(rough):
+    assert "as many as are allowed" in ensemble(rough, accuracy={"beta": 0.001}, budget=60.0, most=10).stopped
+    assert "as many as are allowed" in ensemble(rough, budget=60.0, most=10).stopped
+    tip = ensemble(ca.parse_scene({**TIP, "hold": SATURATED["hold"]}), accuracy={"friction_drop": 0.05})
+    assert np.isnan(tip.estimate("friction_drop").half_width)
+    assert tip.stopped == "friction_drop: all samples are equal, so that nothing is known of their scatter"

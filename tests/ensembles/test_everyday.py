@@ -13,6 +13,7 @@ import pytest
 from matplotlib import pyplot as plt
 
 import chemage as ca
+from chemage.contacts.solution import MEASURES
 from chemage.ensembles.ensemble import Ensemble
 from chemage.reports.comparison import compare_files, comparison_figures
 from chemage.reports.page import html
@@ -256,3 +257,27 @@ def test_commands_take_its_file(command, files, tmp_path, monkeypatch):
     done = command("report", files / "mean.h5", "-o", "page.html")
     assert done.status == 0, done.err
     assert "A. Author" in command("cite", files / "mean.h5").out
+
+
+def test_json_has_what_json_of_a_run_has_where_that_has_it(command, files):
+    """A script that reads β of a run reads that of a mean over surfaces."""
+    mean, one = (json.loads(command("show", files / name, "--json").out) for name in ("mean.h5", "one.h5"))
+    missing = set(one) - set(mean) - set(MEASURES)
+    assert missing == {
+        *("solver", "engine", "rupture", "converged", "residual", "iterations", "sites", "site_grid", "events"),
+        *("common_random_numbers", "observables", "cutoff_time", "cutoff_time_stderr", "cutoff_time_low"),
+        *("cutoff_time_high", "timings", "keys", "mean_shear_stress"),
+    }  # which are of one surface
+    beta, drop = made().estimate("beta"), made().estimate("friction_drop")
+    assert (mean["beta"], mean["beta_half_width"]) == (beta.value, beta.half_width)
+    assert mean["beta_stderr"] == pytest.approx(np.hypot(*(part.size for part in beta.errors.values())))
+    assert mean["b_half_width"] == pytest.approx(beta.half_width / np.log(10))
+    assert mean["hold_times"] == TIMES.tolist()
+    assert (mean["friction_drop"][-1], mean["friction_drop_half_width"][-1]) == (drop.value, drop.half_width)
+    assert mean["friction_coefficient_drop_half_width"][-1] == pytest.approx(drop.half_width / 100)
+    assert mean["area_fraction"] == made().estimate("area_fraction").value
+    assert mean["load"] == one["load"] == 100.0
+    assert mean["beta_scatter_between_surfaces"] == made().scatter
+    bare = json.loads(command("show", files / "bare.h5", "--json").out)
+    assert (bare["beta"], bare["hold_times"], bare["friction_drop"]) == (None, [], [])
+    assert set(bare) - set(mean) == set()

@@ -147,3 +147,19 @@ def test_what_is_left_out_is_said_with_the_reason(scene):
     assert "observables (pressure-spectrum)" in text
     assert "maps of heights and pressure are not kept" in text
     assert not any("replicas on each" in one for one in planned(scene, surfaces=30).not_computed())
+
+
+@pytest.mark.parametrize("temperature", [900.0, 150.0])
+def test_where_hardly_a_bond_forms_in_the_window_no_scatter_is_foreseen_but_said_why(temperature):
+    """All have formed before the window at 900 K, and none forms before its end at 150 K: β is 0."""
+    one = ca.parse_scene({**DATA, "hold": {**DATA["hold"], "temperature": temperature}})
+    found = planned(one, accuracy={"beta": 0.05})
+    assert found.foreseen.reason == "zero"
+    assert found.reason == "since hardly a bond is expected to form between 10 and 10000 s, so that beta is about 0"
+    assert "ask at other hold times, or another temperature" in found.notes[-1]
+    timed = planned(one, budget=20.0)
+    assert timed.expected > stages.FIRST
+    assert timed.foreseen.intervals == {}
+    assert timed.reason == f"as many as the time allows, {found.reason}"
+    assert planned(one, surfaces=30).foreseen.intervals == {}
+    assert "%" not in str(dict(found.rows())["number of surfaces"])

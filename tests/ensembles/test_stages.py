@@ -108,7 +108,7 @@ def test_a_budget_is_kept_and_used(seconds, corrected):
     levels = (Timed(timer, rng, 1.0, 0.05, 0.25), *([Timed(timer, rng, 0.0, 0.005, 1.0)] if corrected else []))
     state = run_stages([Route("", levels, nothing)], np.array([0.0]), most=10**6, clock=Clock(seconds, timer))
     assert 0.85 * seconds < timer.time <= 1.1 * seconds
-    assert not state.in_time
+    assert not state.reached(np.array([0.0]))
     assert state.half_width()[0] < 0.05
 
 
@@ -129,5 +129,32 @@ def test_an_accuracy_that_comes_before_the_end_of_the_time_ends_sampling():
     timer, rng = Timer(), np.random.default_rng(4)
     made = Route("", (Timed(timer, rng, 1.0, 0.05, 0.25),), nothing)
     state = run_stages([made], np.array([0.03]), most=10**6, clock=Clock(1000.0, timer))
-    assert state.in_time
+    assert state.reached(np.array([0.03]))
     assert timer.time < 20
+
+
+@pytest.mark.parametrize("deviation", [0.0, 0.1])
+def test_a_budget_alone_always_answers_also_where_the_mean_is_zero(deviation):
+    """As of a scene so cold that no bond, or hardly one, forms; no error hides that, and the time is used."""
+    timer = Timer()
+    level = Timed(timer, np.random.default_rng(4), 0.0, deviation, 0.25)
+    state = run_stages([Route("", (level,), nothing)], np.array([0.0]), most=10**6, clock=Clock(20.0, timer))
+    assert 17 < timer.time <= 22
+    assert abs(state.mean[0]) < 0.05
+    unknown = Route("", (Timed(timer, np.random.default_rng(4), 1.0, 0.1, 0.25),), lambda mean: np.array([np.nan]))
+    assert np.isnan(run_stages([unknown], np.array([0.0]), most=10**6, clock=Clock(5.0, timer)).half_width()[0])
+
+
+def test_a_quantity_that_was_not_asked_for_and_has_no_interval_does_not_decide_how_a_time_is_divided():
+    """The second quantity scatters only where it is corrected, and its error is not known."""
+    timer, rng = Timer(), np.random.default_rng(4)
+
+    class Both(Timed):
+        def sample(self, begin: int, end: int) -> np.ndarray:
+            own = super().sample(begin, end)
+            return np.hstack([own, 100 * own if self.mean == 0.0 else np.ones_like(own)])
+
+    levels = (Both(timer, rng, 1.0, 0.05, 0.25), Both(timer, rng, 0.0, 0.001, 1.0))
+    route = Route("", levels, lambda mean: np.array([0.0, np.nan]))
+    state = run_stages([route], np.array([0.0, np.inf]), most=10**6, clock=Clock(60.0, timer))
+    assert state.counts[0] > 10 * state.counts[1]

@@ -25,7 +25,7 @@ from chemage.ageing.measurements import Measurements, read_measurements
 from chemage.ensembles.ensemble import Estimate
 from chemage.foundation.errors import InputError
 from chemage.foundation.statistics import half_width, standard_error
-from chemage.foundation.text import jsonable, mean_text
+from chemage.foundation.text import jsonable, mean_text, percent
 from chemage.foundation.units import QuantityLike, convert
 from chemage.reports.comparison.differences import Difference, differences
 from chemage.reports.comparison.entries import Entry, load_results
@@ -438,7 +438,7 @@ def _parts_text(one: Entry) -> str:
         return "-" if estimated is None else "; ".join(f"{part}: {size}" for part, size, _ in errors(estimated))
     if one.fit is None or not math.isfinite(one.fit.relative_stderr):
         return "-"
-    return f"replicas on one surface: {100 * one.fit.relative_stderr:.2g} %"
+    return f"replicas on one surface: {percent(one.fit.relative_stderr)}"
 
 
 def _interval_is(one: Entry) -> dict[str, Any]:
@@ -454,17 +454,13 @@ def _beta_of(one: Entry) -> dict[str, Any]:
     found: dict[str, Any] = {"beta_reason": None}
     for name, estimated in (("beta", one.ensemble.estimate("beta")), ("b", one.ensemble.b)):
         low, high = estimated.value - estimated.half_width, estimated.value + estimated.half_width
-        found |= {name: estimated.value, f"{name}_stderr": _standard(estimated), f"{name}_interval": [low, high]}
+        found |= {name: estimated.value, f"{name}_stderr": estimated.stderr, f"{name}_interval": [low, high]}
     return found
-
-
-def _standard(one: Estimate) -> float:
-    return math.hypot(*(part.size for part in one.errors.values()))
 
 
 def _of(name: str, one: Estimate) -> dict[str, float]:
     """As :func:`_with_errors`, of an ensemble."""
-    return {name: one.value, f"{name}_stderr": _standard(one), f"{name}_half_width": one.half_width}
+    return {name: one.value, f"{name}_stderr": one.stderr, f"{name}_half_width": one.half_width}
 
 
 def _measured_scatter(one: Entry) -> float | None:
@@ -476,7 +472,7 @@ def _measured_scatter(one: Entry) -> float | None:
 
 def _scatter_text(one: Entry) -> str:
     if (measured := _measured_scatter(one)) is not None and one.ensemble is not None:
-        return f"{100 * measured:.2g} % (standard deviation), measured here on {one.ensemble.surfaces} surfaces"
+        return f"{percent(measured)} (standard deviation), measured here on {one.ensemble.surfaces} surfaces"
     if one.scatter is None or one.fit is None:
         return "-"
     return one.scatter.text(one.fit.relative_stderr) or "one surface"
