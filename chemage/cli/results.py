@@ -237,9 +237,7 @@ def print_run(result: Run) -> None:
         if scatter is not None and not alone:
             rows.append(("surfaces", scatter.text(fit.relative_stderr)))
         if (barriers := result.barriers_error) is not None:
-            rows.append(
-                ("error of beta: barriers", f"{percent(barriers)} (standard error), beside the interval above")
-            )
+            rows.append(("error of beta: barriers", f"{percent(barriers)} (standard error), beside the interval above"))
     if result.approximate:
         rows.append(("approximate", result.approximate))
     rows += [(f"plugin {name}", source) for name, source in result.plugins.items()]

@@ -207,8 +207,6 @@ class Cheapest:
         )
 
 
-
-
 @dataclass
 class TradeMap:
     """What was measured of the settings of a scene and of their combinations."""

@@ -57,6 +57,8 @@ class Folder:
     """The folder of a sweep and its files."""
 
     path: Path
+    #: whether files survive a power failure, for which the disk is waited for
+    durable: bool = True
 
     @property
     def manifest(self) -> Path:
@@ -200,14 +202,20 @@ class Folder:
     def _place(self, target: Path, content: bytes | memoryview, put: Callable[[Path, Path], bool]) -> bool:
         part = self.path / ".parts" / f"{target.name}.{process_name()}.{_mark(os.getpid())}.{threading.get_ident()}"
         try:
-            part.write_bytes(content)
-            on_disk(part)
+            try:
+                part.write_bytes(content)
+            except FileNotFoundError:
+                part.parent.mkdir(parents=True, exist_ok=True)
+                part.write_bytes(content)
+            if self.durable:
+                on_disk(part)
             try:
                 placed = put(part, target)
             except FileNotFoundError:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 placed = put(part, target)
-            on_disk(target.parent)
+            if self.durable:
+                on_disk(target.parent)
             return placed
         except OSError as error:
             raise CannotWrite(f"cannot write {target}: {error.strerror or error}; {RESUME}") from None

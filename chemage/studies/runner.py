@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from chemage.foundation.errors import ExecutorError, WorkerLost
+from chemage.foundation.memory import capacity
 from chemage.studies.by_hand import Known
 from chemage.studies.executors.pool import Pool
 from chemage.studies.folder import RESUME
@@ -20,6 +21,8 @@ from chemage.studies.tasks import Answer, Outcome, Place, Task, compute, failure
 Told = Callable[[Task, Outcome], None]
 #: seconds between two reports of the progress
 PERIOD = 0.2
+#: memory of the program itself, bytes
+PROGRAM = 2e8
 
 
 @dataclass
@@ -61,6 +64,8 @@ class Runner:
         self._running: dict[Future[Answer], Piece] = {}
         self._suspects: deque[Piece] = deque()
         self._clock = _Clock()
+        there = capacity() if pool.here else None
+        self._memory = math.inf if there is None else there - PROGRAM
 
     @property
     def unsolved(self) -> int:
@@ -150,7 +155,9 @@ class Runner:
             piece = self._suspects.popleft()
             piece.alone = True
             self._start(piece)
-        while len(self._running) < width and not any(piece.alone for piece in self._running.values()):
+        while len(self._running) < width and self._fits():
+            if any(piece.alone for piece in self._running.values()):
+                break
             # pieces whose contact is there come first, while a worker still has it in memory; but half of the workers
             # solve contacts, so that the last contact does not begin after everything else has ended
             solving = sum(piece.solves for piece in self._running.values())
@@ -162,6 +169,11 @@ class Runner:
             else:
                 break
             self._start(piece)
+
+    def _fits(self) -> bool:
+        """Whether the memory of this machine holds one more piece like those that run."""
+        sizes = [max(task.bytes for task in piece.tasks) for piece in self._running.values()]
+        return not sizes or sum(sizes) + max(sizes) <= self._memory
 
     def _start(self, piece: Piece) -> None:
         remote = self._pool.remote

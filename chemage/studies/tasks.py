@@ -53,6 +53,8 @@ class Task:
     #: estimated CPU time, s; nan where a component gives no estimate
     contact_seconds: float = 0.0
     ageing_seconds: float = 0.0
+    #: memory that its computation needs, as far as it is known
+    bytes: float = 0.0
     #: whether the members of a distribution of barriers are aged as well, see :func:`chemage.run`
     members: bool = True
 
@@ -79,13 +81,13 @@ class Place:
     path: str
     #: of the study, which the worker must find there; "": the folder describes none
     digest: str = ""
-    #: whether contacts and failures are kept as well, and not the results of tasks alone
+    #: whether contacts and failures are kept as well, and every file survives a power failure
     contacts: bool = True
 
     @property
     def folder(self) -> Folder:
         """The folder, after a check that this process sees the same one."""
-        return _opened(self.path, self.digest)
+        return _opened(self.path, self.digest, self.contacts)
 
 
 @dataclass
@@ -161,8 +163,8 @@ def forget(path: str) -> None:
 
 
 @lru_cache(maxsize=2)
-def _opened(path: str, digest: str) -> Folder:
-    folder = Folder(Path(path))
+def _opened(path: str, digest: str, durable: bool) -> Folder:
+    folder = Folder(Path(path), durable)
     if not digest:
         return folder
     try:
@@ -294,7 +296,7 @@ def _sendable(error: BaseException) -> BaseException:
 
 def content_of(made: Run, number: int, changes: Mapping[str, Any]) -> dict[str, Any]:
     """The content of the file of a task that is done."""
-    return {
+    content = {
         "status": "done",
         "point": number,
         "changes": dict(changes),
@@ -302,6 +304,9 @@ def content_of(made: Run, number: int, changes: Mapping[str, Any]) -> dict[str, 
         "summary": made.summary(),
         "aging": to_json(made.aging) if made.aging is not None else None,
     }
+    if made.aging is None and made.contact.approximate:  # the ageing has it otherwise
+        content["approximate"] = list(made.contact.approximate)
+    return content
 
 
 def failure(number: int, changes: Mapping[str, Any], stage: str, error: BaseException) -> dict[str, Any]:

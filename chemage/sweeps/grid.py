@@ -261,6 +261,7 @@ class Survey:
             changes=self.grid.changes(point),
             contact_seconds=math.nan if contact.cpu_seconds is None else contact.cpu_seconds,
             ageing_seconds=math.nan if seconds is None else seconds,
+            bytes=self.memory or 0.0,
         )
 
     def warnings(self) -> list[str]:

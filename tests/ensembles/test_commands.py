@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage.ensembles import sampling
 from chemage.ensembles.stages import FIRST
+from chemage.studies import tasks
 
 SCENE = """
 name = "rough"
@@ -144,16 +144,16 @@ def test_a_budget_ends_sampling_and_says_so(command, scene):
 @pytest.mark.long
 def test_an_interrupted_ensemble_says_its_interval_and_goes_on(command, scene, monkeypatch):
     words = ("run", scene, "--accuracy", "beta=6%", "--threads", 1, "--no-figures")
-    inner, calls = sampling.compute, []
+    inner, calls = tasks.run, []
 
-    def stopping(*given):
+    def stopping(*given, **more):
         calls.append(given)
         if len(calls) > 8:
             raise KeyboardInterrupt
-        return inner(*given)
+        return inner(*given, **more)
 
     with monkeypatch.context() as patch:
-        patch.setattr(sampling, "compute", stopping)
+        patch.setattr(tasks, "run", stopping)
         stopped = command(*words)
     assert stopped.status == 130
     assert "interrupted; so far beta ± " in stopped.err

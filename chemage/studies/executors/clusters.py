@@ -201,7 +201,7 @@ def open_cluster(
         limit = where.patience if patience is None else patience
         pool = Dask(client, where.workers or 1 if where.local else 0, limit, log)
         try:
-            yield Pool(pool, "dask", each, pool.width)
+            yield Pool(pool, "dask", each, pool.width, here=False)
         finally:
             with suppress(Exception):
                 pool.shutdown(wait=False)

@@ -29,6 +29,8 @@ class Pool:
     abort: Callable[[], None] = field(default=lambda: None)
     #: whether tasks run in other processes
     remote: bool = True
+    #: whether tasks run on this machine, and share its memory
+    here: bool = True
 
     def submit(self, fn: Callable[..., Any], *args: Any) -> Future[Any]:
         """Submit a task."""
