@@ -38,9 +38,11 @@ from chemage.foundation.threads import available
 from chemage.foundation.threads import restored as threads_restored
 from chemage.foundation.warned import PlanWarning
 from chemage.studies.by_hand import for_workers, registered_classes
-from chemage.studies.design import carry_out
+from chemage.studies.design import PATIENCE, Part, carry_out
+from chemage.studies.executors.clusters import seconds
 from chemage.studies.executors.opening import open_pool
 from chemage.studies.runner import Runner
+from chemage.studies.selection import Selection
 from chemage.studies.tasks import Outcome, Task
 
 #: seconds between two intervals that are shown
@@ -65,6 +67,7 @@ def ensemble(
     workers: int | None = None,
     threads: int | None = None,
     patience: float | str | None = None,
+    points: str | None = None,
     progress: Report | None = None,
 ) -> Ensemble:
     """The mean of a scene over random surfaces, each with its own disorder.
@@ -94,6 +97,10 @@ def ensemble(
         Where to compute, the number of surfaces at the same time, and the threads of each, as for
         :func:`chemage.sweep`; default: as many threads of this process as there are processors, a surface in each.
         Results do not depend on them.
+    points
+        Compute a share of the samples while other processes compute the others into the same folder ``samples``:
+        ``"3/16"``, or ``"auto"``, the share of this task of a job array. Each of them waits for the others, at most
+        ``patience`` without a new sample, and returns the same mean.
     progress
         Called as samples are taken, with stage, number, expected total, and the interval so far.
 
@@ -108,6 +115,7 @@ def ensemble(
     given = measured if isinstance(measured, TradeMap) else None
     made = with_request(scene.completed(), **request, map=None if isinstance(measured, TradeMap) else measured)
     where: dict[str, Any] = {"executor": executor, "workers": workers, "threads": threads, "patience": patience}
+    where["points"] = points
     return Sampler(made, samples=samples, measured=given, **where).run(progress)
 
 
@@ -143,6 +151,7 @@ class Sampler:
         workers: int | None = None,
         threads: int | None = None,
         patience: float | str | None = None,
+        points: str | None = None,
         measured: TradeMap | None = None,
     ) -> None:
         with scene.in_use():
@@ -155,6 +164,7 @@ class Sampler:
             self.store = Store(None if samples is None else Path(samples), scene)
         self.scene = scene
         self._executor, self._workers, self._threads, self._patience = executor, workers, threads, patience
+        self._part = None if points is None else self._part_of(points)
         self._progress: Report = _silent
         self._routes: list[stages.Route] = []
         self._rule: Generator[stages.Need, None, stages.State] | None = None
@@ -186,10 +196,26 @@ class Sampler:
             stack.callback(self.store.close)
             pool = stack.enter_context(open_pool(*self._where(), self._patience))
             try:
-                carry_out(self, Runner(pool, self.store.place, known))
+                carry_out(self, Runner(pool, self.store.place, known), self._part)
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(self._so_far()) from None
             return self.ensemble()
+
+    def _part_of(self, points: str) -> Part:
+        share = Selection.read(points).share
+        if share is None:
+            raise InputError.of("points", points, "a mean is no sweep", "give a share, such as 3/16 or auto")
+        if self.request.budget is not None:
+            raise InputError.of("points", points, "a wall time cannot be shared", "ask for an accuracy")
+        if self.store.place is None:
+            raise InputError.of("points", points, "shares meet in the folder of the samples", "name it: samples=...")
+        patience = PATIENCE if self._patience is None else seconds(self._patience)
+        return Part(*share, self.store.place.folder, patience)
+
+    @property
+    def writes(self) -> bool:
+        """Whether this process writes the result, and not another share."""
+        return self._part is None or self._part.share == 1
 
     def _where(self) -> tuple[str | Executor, int | None, int | None]:
         """Executor, workers and threads of each; threads of this process are a surface each, if memory allows two."""

@@ -26,6 +26,7 @@ from chemage.experiments.materials import SECTIONS as FILLED
 from chemage.experiments.scene import REQUIRED, SECTIONS, Scene, parse_scene
 from chemage.experiments.scene_files import override
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
+from chemage.foundation.hashes import content_hash
 from chemage.foundation.messages import nearest
 from chemage.foundation.units import unit_of
 from chemage.plugins.sources import implementing, stage_hooks
@@ -244,6 +245,8 @@ class Survey:
     #: classes of components that are registered by hand, and what workers must know of them
     classes: set[type] = field(default_factory=set)
     known: Known = ()
+    #: whether every point is a mean over surfaces
+    means: bool = False
     digest: str = ""
     #: what to warn of: kind -> (text of the first point that it concerns, this point, number of points)
     doubts: dict[str, tuple[str, int, int]] = field(default_factory=dict)
@@ -336,6 +339,24 @@ def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Su
     return result
 
 
+def mean_key(scene: Scene) -> str:
+    """Content hash of everything on which the mean of a scene over surfaces depends.
+
+    Raises
+    ------
+    InputError
+        It asks for as much as a wall time allows.
+    """
+    wish = scene.ensemble
+    if wish is not None and wish.budget is not None:
+        raise InputError(
+            "ensemble.budget: a wall time is for one mean, and the points of a sweep are computed together; ask each "
+            "point for an accuracy, or for a number of surfaces"
+        )
+    options = None if wish is None else wish.model_dump(mode="json")
+    return content_hash([scene.task_keys()["result"], options, dict(scene.accuracy)])
+
+
 def _located(grid: Grid, problem: tuple[str, str], point: int, count: int) -> tuple[str, str]:
     path, message = problem
     values = ", ".join(f"{name} = {shown(value)}" for name, value in grid.changes(point).items())
@@ -355,6 +376,11 @@ def _add(result: Survey, point: int, scene: Scene, known: dict[str, int]) -> Non
     if isinstance(scene.contact, ContactTheory):
         raise InputError(no_map(scene.contact, "a sweep has no contact to store; run each scene by itself"))
     keys, costs = scene.task_keys(), cost(scene)
+    if point and scene.is_ensemble != result.means:
+        raise InputError("accuracy, ensemble: some points are means over surfaces and others are not; make two sweeps")
+    if result.means or scene.is_ensemble:
+        result.means = True
+        keys["result"] = mean_key(scene)
     result.classes |= registered_classes(scene.components())
     check_limits(scene, costs)
     for doubt in doubts(scene, costs):

@@ -33,18 +33,22 @@ from chemage.foundation.version import __version__
 from chemage.foundation.warned import PlanWarning
 from chemage.plugins.settings import completed
 from chemage.studies.by_hand import for_workers
-from chemage.studies.design import carry_out
+from chemage.studies.design import PATIENCE, Part, carry_out
+from chemage.studies.executors.clusters import seconds
 from chemage.studies.executors.opening import open_pool
 from chemage.studies.executors.pool import Pool
 from chemage.studies.folder import FORMAT, Folder, SweepWarning
 from chemage.studies.manifest import refuse_links
 from chemage.studies.runner import Runner
-from chemage.studies.tasks import Outcome, Place, Task, forget
+from chemage.studies.selection import Selection
+from chemage.studies.tasks import forget
 from chemage.sweeps.freshness import Outdated, outdated
 from chemage.sweeps.grid import Grid, Survey, check_base, survey
+from chemage.sweeps.means import SAMPLES, Means
+from chemage.sweeps.points import Points
 from chemage.sweeps.progress import Report, SweepProgress, reporting
 from chemage.sweeps.result import SweepResult
-from chemage.sweeps.shares import PLACE, Selection, agree
+from chemage.sweeps.shares import PLACE, agree, points_of
 
 #: sweeps of more points need confirmation before they are validated
 MANY_POINTS = 100_000
@@ -79,10 +83,6 @@ def read_grid(
         data["sweep"] = in_words({path: _listed(values) for path, values in axes.items()})
     if "sweep" not in data:
         raise SceneError(source, [("sweep", "is missing: this scene is one point; use chemage.run, or give axes")])
-    axes_of = data["sweep"] if isinstance(data["sweep"], Mapping) else {}
-    if asked := [name for name in ("ensemble", "accuracy") if any(p.split(".")[0] == name for p in (*data, *axes_of))]:
-        why = "each point of a sweep is one surface; leave this out and vary surface.seed, or run the points one by one"
-        raise SceneError(source, [(name, why) for name in asked])
     return Grid.read(check_base(located(data, Path.cwd()), source), source)
 
 
@@ -245,7 +245,7 @@ def _describe_first(folder: Folder, found: Survey) -> None:
 
 def _clear(folder: Folder) -> None:
     """Remove the files of a sweep only; the manifest last, so that the folder stays recognisable as that of a sweep."""
-    for name in ("points", "contacts", ".parts"):
+    for name in ("points", "contacts", SAMPLES, ".parts"):
         shutil.rmtree(folder.path / name, ignore_errors=True)
     for name in ("results.csv", "results.h5", "sweep.json"):
         (folder.path / name).unlink(missing_ok=True)
@@ -263,6 +263,7 @@ def _manifest(found: Survey) -> dict[str, Any]:
         "contacts": [contact.key for contact in found.contacts],
         "contact_of": found.contact_of,
         "keys": found.keys,
+        **({"means": True} if found.means else {}),
     }
 
 
@@ -274,7 +275,8 @@ def sweep(
     out: str | Path,
     *,
     axes: Mapping[str, Any] | None = None,
-    executor: str | Executor = "serial",
+    accuracy: Mapping[str, Any] | None = None,
+    executor: str | Executor | None = None,
     workers: int | None = None,
     threads: int | None = None,
     changes: Mapping[str, Any] | None = None,
@@ -293,8 +295,12 @@ def sweep(
         -> values in place of its ``[sweep]``, such as ``{"contact.load": ["1 uN", "2 uN"]}``.
     out
         A new folder, or the folder of this sweep, which then resumes.
+    accuracy
+        Each point is a mean over random surfaces to this accuracy, such as ``{"beta": "2 %"}``, as for
+        :func:`chemage.ensemble`; in place of ``[accuracy]`` of the scene.
     executor, workers, threads
-        Where to compute, the number of concurrent points, and the threads of each; see
+        Where to compute, the number of concurrent points, and the threads of each; default: ``serial``, one point
+        after the other, and for means threads of this process, a surface in each; see
         :func:`chemage.studies.executors.opening.open_pool`. Results do not depend on them.
     changes
         Dotted path -> value: changes to the scene before it is swept.
@@ -331,6 +337,8 @@ def sweep(
         The workers cannot be started, or have ended.
     """
     begin = time.perf_counter()
+    if accuracy is not None:
+        changes = {**(changes or {}), "accuracy": dict(accuracy), "ensemble.surfaces": None}
     selection = None if points is None else Selection.read(points)
     if selection is not None and force:
         raise InputError("a part of the points cannot replace a sweep: give force (--force) without points (--points)")
@@ -339,12 +347,14 @@ def sweep(
         report = stack.enter_context(reporting(progress))
         stack.enter_context(threads_restored())  # tasks that run in this process set their own
         found = survey_of(read_grid(scene, changes, axes), progress=report, confirm=confirmed)
+        executor = executor or ("threads" if found.means else "serial")
         found.known = for_workers(executor, found.classes)
         folder = Folder(Path(out).absolute())
         _check_folder(folder, found, force)
         _check_room(found, folder.path, confirmed)
         pool = partial(open_pool, executor, workers, threads, patience)
-        _compute(stack, folder, found, selection, force, pool, partial(_watched, report, begin))
+        limit = None if patience is None else seconds(patience)
+        _compute(stack, folder, found, selection, force, pool, partial(_watched, report, begin), limit)
     return SweepResult(folder.path)
 
 
@@ -356,22 +366,25 @@ def _compute(
     force: bool,
     pool: Callable[[], AbstractContextManager[Pool]],
     watch: Callable[[Points], Callable[[Runner], None] | None],
+    patience: float | None,
 ) -> None:
     """Compute what is missing in the folder, with a pool that is opened only if something is, and write the tables of
     a whole sweep."""
     stack.callback(forget, str(folder.path))
-    known = found.known
     stale = Outdated() if force else _outdated(folder, found, whole=selection is None)
-    chosen = None if selection is None else selection.points(folder, found)
+    chosen = None if selection is None else _chosen(selection, folder, found)
+    part = None
+    if found.means and selection is not None and selection.share is not None:
+        part = Part(*selection.share, Folder(folder.path / SAMPLES), patience or PATIENCE)
     opened = None
     # raises before anything is written if the workers cannot be started
-    if force or stale or Points(folder, found, chosen).left:
+    if force or stale or _design(folder, found, chosen).left:
         opened = stack.enter_context(pool())
     points = _begin(stack, folder, found, selection, stale, force)
     points.warn_of_damage()
     if points.left:
-        place = Place(str(folder.path), found.digest)
-        carry_out(points, Runner(opened or stack.enter_context(pool()), place, known, watch(points)))
+        runner = Runner(opened or stack.enter_context(pool()), points.place, found.known, watch(points))
+        carry_out(points, runner, part)
     if selection is None:
         SweepResult(folder.path).write_tables()
         for name in (".parts", PLACE):
@@ -387,15 +400,26 @@ def _begin(
     if selection is not None:
         folder.make_parts()
         _describe_first(folder, found)
-        if selection.share is not None:
+        if selection.share is not None and not found.means:
             agree(folder, found, selection.share[1])
-        return Points(folder, found, selection.points(folder, found))
+        return _design(folder, found, _chosen(selection, folder, found))
     if force:
         _clear(folder)
     folder.clear_parts()
     stale.remove(folder)
     _describe(folder, found)
-    return Points(folder, found)
+    return _design(folder, found)
+
+
+def _design(folder: Folder, found: Survey, chosen: Sequence[int] | None = None) -> Points:
+    return Means(folder, found, chosen) if found.means else Points(folder, found, chosen)
+
+
+def _chosen(selection: Selection, folder: Folder, found: Survey) -> Sequence[int]:
+    """The points that this process computes; of means all, of which each share computes a part of the samples."""
+    if found.means and selection.share is not None:
+        return range(len(found.keys))
+    return points_of(selection, folder, found)
 
 
 def _make(path: Path) -> None:
@@ -403,58 +427,6 @@ def _make(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StoreError(f"cannot make the folder {path}: {error.strerror}") from None
-
-
-class Points:
-    """The points of a sweep that are left, as a design: all of them are asked for at once.
-
-    Parameters
-    ----------
-    chosen
-        Numbers of the points to compute; None for all of them.
-    """
-
-    def __init__(self, folder: Folder, found: Survey, chosen: Sequence[int] | None = None) -> None:
-        self._folder, self._found = folder, found
-        self.points = range(len(found.keys)) if chosen is None else chosen
-        self._same: dict[str, list[int]] = {}
-        for point in self.points:
-            self._same.setdefault(found.keys[point], []).append(point)
-        states = {key: folder.state(key) for key in self._same}
-        self._left = [key for key, state in states.items() if state != "done"]
-        self._damaged = [folder.point(key) for key, state in states.items() if state == "damaged"]
-        self.contacts = len({found.contact_of[point] for point in self.points})
-        self.done = sum(len(self._same[key]) for key, state in states.items() if state == "done")
-        self.failed: dict[int, str] = {}
-
-    @property
-    def left(self) -> int:
-        """Number of different points that are not computed yet."""
-        return len(self._left)
-
-    def ask(self) -> list[Task]:
-        """See :class:`chemage.studies.design.Design`."""
-        left, self._left = self._left, []
-        return [self._found.task(self._same[key][0]) for key in left]
-
-    def tell(self, task: Task, outcome: Outcome) -> None:
-        """See :class:`chemage.studies.design.Design`."""
-        same = self._same[task.key]
-        if outcome.error is None:
-            self.done += len(same)
-        else:
-            self.failed.update(dict.fromkeys(same, str(outcome.error)))
-
-    def warn_of_damage(self) -> None:
-        """Name the damaged files, which are computed again."""
-        contacts = {self._found.contact_of[self._same[key][0]] for key in self._left}
-        paths = [self._folder.contact(self._found.contacts[number].key) for number in sorted(contacts)]
-        damaged = self._damaged + [path for path in paths if path.exists() and not self._folder.has_contact(path.stem)]
-        if damaged:
-            names = [str(path.relative_to(self._folder.path)) for path in damaged[:5]]
-            more = ", ..." if len(damaged) > 5 else ""
-            message = f"{len(damaged)} files are damaged and are computed again: {', '.join(names)}{more}"
-            warnings.warn(f"{self._folder.path}: {message}", SweepWarning, stacklevel=3)
 
 
 def _watched(report: Report | None, begin: float, points: Points) -> Callable[[Runner], None] | None:
@@ -465,6 +437,6 @@ def _watched(report: Report | None, begin: float, points: Points) -> Callable[[R
     def watch(runner: Runner) -> None:
         elapsed, solved = time.perf_counter() - begin, points.contacts - runner.unsolved
         done = (len(points.points), points.done, len(points.failed), points.contacts, solved)
-        report(SweepProgress("computing", *done, runner.width, elapsed, runner.remaining()))
+        report(SweepProgress("computing", *done, runner.width, elapsed, runner.remaining(), points.samples))
 
     return watch

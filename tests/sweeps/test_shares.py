@@ -17,8 +17,9 @@ import pytest
 import chemage
 from chemage import InputError, StoreError
 from chemage.studies.folder import Folder
+from chemage.studies.selection import Selection, in_ranges
 from chemage.sweeps.running import read_grid, survey_of
-from chemage.sweeps.shares import Selection, agree, in_ranges, partition, shares_cost
+from chemage.sweeps.shares import agree, partition, points_of, shares_cost
 
 AXES = {"surface.seed": [1, 2], "contact.load": [5.0, 10.0], "hold.seed": [0, 1, 2, 3]}
 
@@ -149,7 +150,7 @@ def test_the_first_process_decides_the_division(found, tmp_path):
     assert file.read_bytes() == before
 
     def of_all():
-        return sorted(point for share in (1, 2, 3) for point in Selection(share=(share, 3)).points(folder, found))
+        return sorted(point for share in (1, 2, 3) for point in points_of(Selection(share=(share, 3)), folder, found))
 
     assert of_all() == list(range(16))
     file.write_bytes(before.replace(b"1", b"2", 3))
