@@ -32,6 +32,10 @@ def run(
     figures: bool,
     as_json: bool,
     force: bool,
+    executor: str | None = None,
+    workers: int | None = None,
+    patience: str | None = None,
+    points: str | None = None,
 ) -> None:
     """Sample the ensemble that a scene asks for, write it to ``path`` and print it."""
     from chemage.ensembles.running import CORRECTING, SAMPLING, SKETCHING, Sampler
@@ -48,11 +52,15 @@ def run(
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise user_error(f"{folder}, the folder for the samples, is a file or a link; choose another --out")
     pictures: list[Path] = []
-    sampler = Sampler(one, samples=folder, threads=threads)
+    where = {"executor": executor or ("processes" if (workers or 1) > 1 else "threads"), "workers": workers}
+    sampler = Sampler(one, samples=folder, threads=threads, patience=patience, points=points, **where)
     counted = sampler.request.counted
     with progress_bars({SAMPLING: counted, SKETCHING: counted, CORRECTING: counted}, alive=True) as report:
         with compiled_ahead(one, report, threads, early) as told:
             made = sampler.run(told)
+        if not sampler.writes:
+            show(made)
+            return terminal.say(f"the first share writes {path}")
         with reported(report, "writing"):
             write(path, made, force=force)
         if figures:

@@ -21,6 +21,7 @@ from chemage.cli.options import (
     JsonOpt,
     MapOpt,
     PatienceOpt,
+    PointsOpt,
     SceneArg,
     SetOpt,
     SurfacesOpt,
@@ -69,6 +70,7 @@ def run(
     workers: WorkersOpt = None,
     executor: ExecutorOpt = None,
     patience: PatienceOpt = None,
+    points: PointsOpt = None,
     yes: YesOpt = False,
     checkpoints: Annotated[
         Path | None,
@@ -100,39 +102,43 @@ def run(
             loaded()
             if checkpoints is not None:
                 raise user_error("--checkpoints is for a single run; a sweep resumes from its own folder")
-            sweeps.refuse_requests(request)
             return sweeps.run(
                 scene,
                 out,
                 values,
-                executor=executor or ("processes" if (workers or 1) > 1 else "serial"),
+                executor=executor or ("processes" if (workers or 1) > 1 else None),
                 workers=workers,
                 threads=threads,
                 yes=yes,
                 as_json=as_json,
                 force=force,
+                points=points,
                 patience=patience,
             )
-        for option, given in (("--executor", executor), ("--workers", workers), ("--patience", patience)):
-            if given is not None:
-                raise user_error(f"{option} is for sweeps, and {scene} has no [sweep]; --threads is for a single run")
-        how: dict[str, Any] = {"figures": figures, "as_json": as_json, "force": force}
+        where = {"executor": executor, "workers": workers, "patience": patience, "points": points}
+        how: dict[str, Any] = {"figures": figures, "as_json": as_json, "force": force, "where": where}
         _run_scene(scene, load_scene(scene, values), out, threads=threads, early=early, checkpoints=checkpoints, **how)
 
 
-def _run_scene(source: str, one: Scene, out: Path | None, *, checkpoints: Path | None, **how: Any) -> None:
+def _run_scene(
+    source: str, one: Scene, out: Path | None, *, checkpoints: Path | None, where: dict[str, Any], **how: Any
+) -> None:
     """Run one surface of a scene, or the ensemble that it asks for."""
     path = out or Path(f"{one.name}.h5")
     protect_inputs(path, source, one)
     if out is not None:
         check_ending(out, RESULTS, "a result file")
     if not one.is_ensemble:
+        for option, given in where.items():
+            if given is not None:
+                text = "is for sweeps and for means over surfaces; --threads is for a single run"
+                raise user_error(f"--{option} {text}")
         return _run_one(one, path, checkpoints=checkpoints, **how)
     from chemage.cli import ensembles
 
     if checkpoints is not None:
         raise user_error("--checkpoints is for a single run; an ensemble keeps its samples beside its result")
-    return ensembles.run(one, path, **how)
+    return ensembles.run(one, path, **how, **where)
 
 
 def _run_one(
@@ -206,19 +212,14 @@ def sweep(
         str | None, typer.Argument(help="a scene file (.toml) with [sweep], or the name of an installed scene")
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="folder of the sweep (default: NAME-sweep)")] = None,
-    points: Annotated[
-        str | None,
-        typer.Option(
-            help="compute these points only: 3/16 (the third of 16 shares), 3,7,12-20 (numbers of points, the first is "
-            "0), or auto (the share of this task of a job array; auto/16 where the scheduler does not say how many "
-            "tasks there are); default: all, and the tables"
-        ),
-    ] = None,
+    points: PointsOpt = None,
     collect: Annotated[
         Path | None,
         typer.Option(metavar="FOLDER", help="verify all points in this folder and write the tables; computes nothing"),
     ] = None,
     changes: SetOpt = None,
+    accuracy: AccuracyOpt = None,
+    surfaces: SurfacesOpt = None,
     replicas: Annotated[int | None, typer.Option(help="number of replicas; short for --set hold.replicas=N")] = None,
     seed: Annotated[
         int | None, typer.Option(help="seed of the disorder and the kinetics; short for --set hold.seed=N")
@@ -252,8 +253,8 @@ def sweep(
     sweeps.run(
         scene,
         out,
-        changed_fields(changes, replicas, seed),
-        executor=executor or ("processes" if (workers or 1) > 1 else "serial"),
+        changed_fields(changes, replicas, seed) | requested_fields(accuracy, None, surfaces),
+        executor=executor or ("processes" if (workers or 1) > 1 else None),
         workers=workers,
         threads=threads,
         yes=yes,
@@ -290,8 +291,7 @@ def check(
     if is_sweep(scene):
         from chemage.cli import sweeps
 
-        sweeps.refuse_requests(request)
-        return sweeps.check(scene, changed_fields(changes), yes=yes, as_json=as_json, shares=shares)
+        return sweeps.check(scene, changed_fields(changes) | request, yes=yes, as_json=as_json, shares=shares)
     if shares is not None:
         raise user_error(f"--shares is for sweeps, and {scene} has no [sweep]")
     one = load_scene(scene, changed_fields(changes) | request)

@@ -145,12 +145,20 @@ ThreadsOpt = Annotated[
     ),
 ]
 
+PointsOpt = Annotated[
+    str | None,
+    typer.Option(
+        help="compute a part beside other processes: 3/16 (the third of 16 shares), auto (the share of this task of a "
+        "job array; auto/16 where the scheduler does not say how many tasks there are), or of a sweep 3,7,12-20 "
+        "(numbers of points, the first is 0); default: everything",
+    ),
+]
 PatienceOpt = Annotated[
     str | None,
     typer.Option(
         metavar="TIME",
-        help="sweeps on Dask: longest time to wait while no worker runs, e.g. '10 min'; default: 2 min for a cluster "
-        "on this machine, no limit elsewhere, where jobs may be queued",
+        help="longest time to wait while no worker of Dask runs, e.g. '10 min'; default: 2 min for a cluster on this "
+        "machine, no limit elsewhere, where jobs may be queued; and for samples of other shares, by default 1 h",
     ),
 ]
 

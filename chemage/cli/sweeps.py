@@ -17,12 +17,14 @@ from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.logs import LOGGER
 from chemage.foundation.printable import printable
 from chemage.foundation.text import jsonable
+from chemage.studies.selection import Selection, in_ranges
 from chemage.sweeps.collecting import collect_sweep
 from chemage.sweeps.grid import Survey, shown
+from chemage.sweeps.means import expected_seconds
 from chemage.sweeps.progress import Report, SweepProgress, show_progress
 from chemage.sweeps.result import SweepResult, load_sweep
 from chemage.sweeps.running import read_grid, room_for, survey_of, sweep
-from chemage.sweeps.shares import Selection, ShareCost, in_ranges, shares_cost
+from chemage.sweeps.shares import ShareCost, agreed_points, shares_cost
 from chemage.sweeps.views import SweepData, swept_rows
 
 #: the table of results and the list of failures are printed up to this many points
@@ -47,7 +49,7 @@ def run(
     out: Path | None,
     changes: dict[str, Any],
     *,
-    executor: str,
+    executor: str | None,
     workers: int | None,
     threads: int | None,
     yes: bool,
@@ -113,7 +115,8 @@ def _logged(report: Report) -> Report:
 
 def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_json: bool) -> None:
     """Print what has become of the points of one process; exit status 1 if some of them failed."""
-    points = chosen.points_of(result.store, result.digest, len(result))
+    whole = result.means and chosen.share is not None
+    points = range(len(result)) if whole else agreed_points(chosen, result.store, result.digest, len(result))
     states = [result.store.state(result.keys[point]) for point in points]
     counts = {state: states.count(state) for state in ("done", "failed", "missing", "damaged")}
     failures = [
@@ -122,7 +125,7 @@ def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_jso
         if state == "failed"
     ]
     if as_json:
-        share = {"points": str(chosen), "numbers": points, **counts, "failures": failures}
+        share = {"points": str(chosen), "numbers": list(points), **counts, "failures": failures}
         print(json.dumps(jsonable({"name": result.name, "folder": str(folder), "share": share})))
     else:
         terminal.say(f"{chosen.describe()}: {counts['done']} of {len(points)} points done in {folder}")
@@ -145,8 +148,8 @@ def collect(folder: Path, *, as_json: bool) -> None:
     _print_failures(state)
     say(f"{len(found.missing)} of {state['points']} points are missing in {folder}; no tables were written")
     say(f"missing: points {in_ranges(found.missing)}")
-    for owner in found.computing[:_LISTED]:
-        say(f"computing at present: {owner}")
+    if found.computing:
+        say("a process of this machine computes points at present")
     scene = found.result.grid.source if Path(found.result.grid.source).is_file() else "SCENE"
     *parts, everything = found.points
     for part in parts[:_LISTED]:
@@ -164,21 +167,12 @@ def _kept(folder: Path) -> str:
     return f"{done} of {len(states)} points are done and kept in {folder}; rerun the same command to resume"
 
 
-def refuse_requests(changes: Mapping[str, Any]) -> None:
-    """Refuse options that ask for a mean over surfaces."""
-    if changes:
-        raise InputError(
-            "--accuracy, --budget, --surfaces: each point of a sweep is one surface; vary surface.seed in [sweep], or "
-            "run the points one by one"
-        )
-
-
 def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool, shares: int | None = None) -> None:
     """Validate every point and estimate the cost of the sweep, and of its shares, without computing anything."""
     with show_progress() as report:
         found = survey_of(read_grid(scene, changes), progress=report, confirm=confirm(yes))
     numbers = _numbers(found)
-    each = [] if shares is None else shares_cost(found, shares)
+    each = [] if shares is None or found.means else shares_cost(found, shares)
     if each:
         numbers["shares"] = [vars(one) for one in each]
     if as_json:
@@ -187,7 +181,10 @@ def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool, shar
 
     rows = swept_rows(found.grid.axes)
     rows.append(("points", f"{found.grid.size}" + (f" ({found.grid.product})" if len(found.grid.axes) > 1 else "")))
-    rows.append(("contacts to solve", f"{len(found.contacts)} on {found.surfaces} surfaces"))
+    if found.means:
+        rows.append(("each point", "a mean over surfaces; points have surfaces in common where they can"))
+    else:
+        rows.append(("contacts to solve", f"{len(found.contacts)} on {found.surfaces} surfaces"))
     if found.hooks:
         rows.append(
             ("plugins that implement hooks", ", ".join(f"{name} ({source})" for name, source in found.hooks.items()))
@@ -226,7 +223,7 @@ def _numbers(found: Survey) -> dict[str, Any]:
         "contacts": len(found.contacts),
         "surfaces": found.surfaces,
         "hooks": found.hooks,
-        "cpu_seconds": found.total_cpu_seconds,
+        "cpu_seconds": expected_seconds(found) if found.means else found.total_cpu_seconds,
         "memory": None if found.memory is None else 2e8 + found.memory,
         "disk": found.total_bytes,
         "disk_free": room_for(Path.cwd()),

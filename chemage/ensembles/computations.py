@@ -9,17 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from chemage.contacts.solution import ContactSolution
-from chemage.contacts.statistics import ContactStatistics
+from chemage.ageing.aging import Aging
 from chemage.contacts.theories import ContactTheory
 from chemage.experiments.estimate import cost
 from chemage.experiments.run import run
 from chemage.experiments.scene import Scene
 from chemage.experiments.variants import coarser
 from chemage.foundation.approximations import merged
+from chemage.foundation.codec import from_json
 from chemage.foundation.errors import InputError
-from chemage.foundation.hashes import content_hash
 from chemage.foundation.memory import capacity
+from chemage.studies.runner import PROGRAM
+from chemage.studies.tasks import Outcome
 
 #: factors by which the pixels of the contact are made larger, the largest first
 COARSER = (4, 2)
@@ -27,8 +28,6 @@ COARSER = (4, 2)
 PAYS = 0.6
 #: a control is used where it costs at most this part of the cheapest computation
 CONTROL_PAYS = 0.5
-#: memory of the program itself, bytes
-PROGRAM = 2e8
 #: replicas of a sample whose contact takes all the time
 MOST_REPLICAS = 16
 #: the difference between two grids on one surface: its standard deviation over the mean with so many replicas, and the
@@ -83,12 +82,16 @@ class Computation:
         changed = self.scene.model_copy(update={"hold": hold.model_copy(update={"replicas": replicas})})
         return replace(self, scene=changed)
 
-    def key(self) -> str:
-        """Content hash of everything that decides the numbers, but the seeds."""
-        scene = self.scene.model_copy(update={"surface_seed": 0})
-        if scene.hold is not None:
-            scene = scene.model_copy(update={"hold": scene.hold.model_copy(update={"seed": 0})})
-        return content_hash([scene.keys()["result"], list(self.scene.cite())])
+    def seeded(self, surface_seed: int, hold_seed: int) -> Scene:
+        """The scene on one surface with its own disorder."""
+        update: dict[str, Any] = {"surface_seed": surface_seed}
+        if self.scene.hold is not None:
+            update["hold"] = self.scene.hold.model_copy(update={"seed": hold_seed})
+        return self.scene.model_copy(update=update)
+
+    def compute(self, surface_seed: int, hold_seed: int) -> Sample:
+        """Compute one sample in this thread."""
+        return Sample.of(Outcome(run(self.seeded(surface_seed, hold_seed), threads=1, warn=False, members=False)))
 
 
 def computations(scene: Scene) -> list[Computation]:
@@ -167,52 +170,37 @@ class Sample:
     friction_drop: np.ndarray
     #: measures of the contact
     measures: Mapping[str, float]
-    #: sites in contact, mean over replicas
-    sites: float
     #: plugins that answered or changed a stage: name -> source
     plugins: Mapping[str, str] = field(default_factory=dict)
     #: as in :mod:`chemage.foundation.approximations`
     approximate: Sequence[Mapping[str, Any]] = ()
 
-    def todict(self) -> dict[str, Any]:
-        """Plain JSON values."""
-        return {
-            "friction_drop": self.friction_drop.tolist(),
-            "measures": dict(self.measures),
-            "sites": self.sites,
-            "plugins": dict(self.plugins),
-            "approximate": list(self.approximate),
-        }
-
     @classmethod
-    def fromdict(cls, data: Mapping[str, Any]) -> Sample:
-        """The inverse of :meth:`todict`."""
-        drop = np.array(data["friction_drop"], dtype=np.float64)
-        sites = math.nan if data["sites"] is None else data["sites"]
-        return cls(drop.reshape(len(drop), -1), data["measures"], sites, data["plugins"], data["approximate"])
+    def of(cls, outcome: Outcome) -> Sample:
+        """The sample that a task gave.
 
-
-def compute(
-    computation: Computation,
-    surface_seed: int,
-    hold_seed: int,
-    contact: ContactSolution | ContactStatistics | None = None,
-) -> tuple[Sample, ContactSolution | ContactStatistics]:
-    """One sample, and the contact that it is of; ``contact`` is given where the surface is the same for all samples."""
-    scene = computation.scene.model_copy(update={"surface_seed": surface_seed})
-    if scene.hold is not None:
-        scene = scene.model_copy(update={"hold": scene.hold.model_copy(update={"seed": hold_seed})})
-    found = run(scene, threads=1, contact=contact, warn=False, members=False)
-    measures = {name: float(value) for name, value in found.contact.summary().items() if _is_number(value)}
-    if found.aging is None:
-        bare = Sample(np.zeros((1, 0)), measures, math.nan, found.contact.plugins, found.contact.approximate)
-        return bare, found.contact
-    drop = np.asarray(found.aging.friction_drop, dtype=np.float64)
-    if not np.isfinite(drop).all():
-        raise InputError("friction_drop: has numbers that are not finite; see `chemage run` of one surface")
-    sites, aging = float(found.aging.sites.mean()), found.aging
-    approximate = merged(found.contact.approximate, aging.approximate)
-    return Sample(drop, measures, sites, found.plugins, approximate), found.contact
+        Raises
+        ------
+        InputError
+            The friction is not finite.
+        """
+        if outcome.run is not None:
+            contact, aging = outcome.run.contact, outcome.run.aging
+            measures, plugins = contact.summary(), outcome.run.plugins
+            approximate = merged(contact.approximate, aging.approximate if aging is not None else ())
+        else:
+            assert outcome.content is not None
+            content = outcome.content
+            aging = from_json(Aging, content["aging"]) if content["aging"] else None
+            measures, plugins = content["summary"], content["plugins"]
+            approximate = content.get("approximate", ()) if aging is None else aging.approximate
+        numbers = {name: float(value) for name, value in measures.items() if _is_number(value)}
+        if aging is None:
+            return cls(np.zeros((1, 0)), numbers, plugins, approximate)
+        drop = np.asarray(aging.friction_drop, dtype=np.float64)
+        if not np.isfinite(drop).all():
+            raise InputError("friction_drop: has numbers that are not finite; see `chemage run` of one surface")
+        return cls(drop, numbers, plugins, approximate)
 
 
 def _is_number(value: Any) -> bool:

@@ -190,7 +190,9 @@ def with_request(
         options["map"] = str(map)
     if most is not None:
         options["most"] = checked_count("most", most, least=asked.LEAST)
-    return scene.model_copy(update={"ensemble": asked.EnsembleOptions(**options), "accuracy": goals})
+    wish = asked.EnsembleOptions(**options)
+    nothing = scene.ensemble is None and wish == asked.EnsembleOptions()
+    return scene.model_copy(update={"ensemble": None if nothing else wish, "accuracy": goals})
 
 
 def goals(accuracy: Mapping[str, Any], quantities: Quantities) -> list[Goal]:

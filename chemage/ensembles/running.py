@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
+from concurrent.futures import Executor
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,7 @@ from chemage.ensembles.ensemble import Ensemble
 from chemage.ensembles.goals import Goal, Request, with_request
 from chemage.ensembles.measured import own_error
 from chemage.ensembles.quantities import Quantities
-from chemage.ensembles.sampling import Control, Difference, Samples, Single, Store, Taken, within
+from chemage.ensembles.sampling import Control, Difference, Parts, Samples, Single, Store, Taken, within
 from chemage.experiments.doubts import doubts
 from chemage.experiments.estimate import cost
 from chemage.experiments.limits import check_limits, in_hours
@@ -33,7 +35,15 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.progress import Report
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
+from chemage.foundation.threads import restored as threads_restored
 from chemage.foundation.warned import PlanWarning
+from chemage.studies.by_hand import for_workers, registered_classes
+from chemage.studies.design import PATIENCE, Part, carry_out
+from chemage.studies.executors.clusters import seconds
+from chemage.studies.executors.opening import open_pool
+from chemage.studies.runner import Runner
+from chemage.studies.selection import Selection
+from chemage.studies.tasks import Outcome, Task
 
 #: seconds between two intervals that are shown
 PERIOD = 0.25
@@ -53,7 +63,11 @@ def ensemble(
     most: int | None = None,
     measured: str | Path | TradeMap | None = None,
     samples: str | Path | None = None,
+    executor: str | Executor = "threads",
+    workers: int | None = None,
     threads: int | None = None,
+    patience: float | str | None = None,
+    points: str | None = None,
     progress: Report | None = None,
 ) -> Ensemble:
     """The mean of a scene over random surfaces, each with its own disorder.
@@ -79,8 +93,14 @@ def ensemble(
         errors that were measured, and no longer by estimates.
     samples
         Folder in which samples are kept, and from which they are taken; default: none are kept.
-    threads
-        Surfaces that are computed at the same time; default: one per processor.
+    executor, workers, threads, patience
+        Where to compute, the number of surfaces at the same time, and the threads of each, as for
+        :func:`chemage.sweep`; default: as many threads of this process as there are processors, a surface in each.
+        Results do not depend on them.
+    points
+        Compute a share of the samples while other processes compute the others into the same folder ``samples``:
+        ``"3/16"``, or ``"auto"``, the share of this task of a job array. Each of them waits for the others, at most
+        ``patience`` without a new sample, and returns the same mean.
     progress
         Called as samples are taken, with stage, number, expected total, and the interval so far.
 
@@ -94,7 +114,9 @@ def ensemble(
     request: dict[str, Any] = {"surfaces": surfaces, "accuracy": accuracy, "budget": budget, "most": most}
     given = measured if isinstance(measured, TradeMap) else None
     made = with_request(scene.completed(), **request, map=None if isinstance(measured, TradeMap) else measured)
-    return Sampler(made, samples=samples, threads=threads, measured=given).run(progress)
+    where: dict[str, Any] = {"executor": executor, "workers": workers, "threads": threads, "patience": patience}
+    where["points"] = points
+    return Sampler(made, samples=samples, measured=given, **where).run(progress)
 
 
 def needing(names: str, count: int, seconds: float, asked: Request, so_far: str = "") -> str:
@@ -111,15 +133,25 @@ def _silent(stage: str, done: int, total: int, note: str = "") -> None:
     pass
 
 
+def _of(level: stages.Level) -> Parts:
+    """A level of an ensemble as what it is made of."""
+    assert isinstance(level, Parts)
+    return level
+
+
 class Sampler:
-    """Takes the samples of one ensemble."""
+    """Takes the samples of one ensemble, as a design of a study."""
 
     def __init__(
         self,
         scene: Scene,
         *,
         samples: str | Path | None = None,
+        executor: str | Executor = "threads",
+        workers: int | None = None,
         threads: int | None = None,
+        patience: float | str | None = None,
+        points: str | None = None,
         measured: TradeMap | None = None,
     ) -> None:
         with scene.in_use():
@@ -129,11 +161,16 @@ class Sampler:
             for doubt in doubts(scene, known):
                 if doubt.kind != "long":  # how long an ensemble takes is another question
                     warnings.warn(doubt.text, PlanWarning, stacklevel=3)
-            self.store = Store(None if samples is None else Path(samples), versions(scene))
+            self.store = Store(None if samples is None else Path(samples), scene)
         self.scene = scene
-        self._workers = threads or available()
+        self._executor, self._workers, self._threads, self._patience = executor, workers, threads, patience
+        self._part = None if points is None else self._part_of(points)
         self._progress: Report = _silent
         self._routes: list[stages.Route] = []
+        self._rule: Generator[stages.Need, None, stages.State] | None = None
+        self._state: stages.State | None = None
+        #: key of a task that was asked for -> the samples that it belongs to
+        self._waiting: dict[str, tuple[Samples, Task]] = {}
         #: (quantities,) relative standard errors of the barriers, and how they are known; measured when sampling begins
         self._barriers, self._barriers_how = np.zeros(self.request.quantities.count), ""
         #: the state after the last stage, and the counts that are aimed at
@@ -153,26 +190,94 @@ class Sampler:
             It cannot be fulfilled.
         """
         self._progress = progress or _silent
-        with self.scene.in_use():
-            self._measure_barriers()
-            self._routes = self.possible_routes()
+        known = for_workers(self._executor, registered_classes(self.scene.components()))
+        with self.scene.in_use(), ExitStack() as stack:
+            stack.enter_context(threads_restored())
+            stack.callback(self.store.close)
+            pool = stack.enter_context(open_pool(*self._where(), self._patience))
             try:
-                return self._sampled()
-            except stages.Unreachable as error:
-                raise InputError(self._explained(error)) from None
+                carry_out(self, Runner(pool, self.store.place, known), self._part)
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(self._so_far()) from None
+            return self.ensemble()
 
-    def _sampled(self) -> Ensemble:
+    def _part_of(self, points: str) -> Part:
+        share = Selection.read(points).share
+        if share is None:
+            raise InputError.of("points", points, "a mean is no sweep", "give a share, such as 3/16 or auto")
+        if self.request.budget is not None:
+            raise InputError.of("points", points, "a wall time cannot be shared", "ask for an accuracy")
+        if self.store.place is None:
+            raise InputError.of("points", points, "shares meet in the folder of the samples", "name it: samples=...")
+        patience = PATIENCE if self._patience is None else seconds(self._patience)
+        return Part(*share, self.store.place.folder, patience)
+
+    @property
+    def writes(self) -> bool:
+        """Whether this process writes the result, and not another share."""
+        return self._part is None or self._part.share == 1
+
+    def _where(self) -> tuple[str | Executor, int | None, int | None]:
+        """Executor, workers and threads of each; threads of this process are a surface each, if memory allows two."""
+        if self._executor != "threads" or self._workers is not None:
+            return self._executor, self._workers, self._threads
+        threads = self._threads or available()
+        if fitting(self.request.computations()[0], threads) > 1:
+            return self._executor, threads, 1
+        return "serial", None, threads
+
+    # -- as a design, see :class:`chemage.studies.design.Design` ------------------------------------------------------
+
+    def ask(self) -> list[Task]:
+        """The tasks of the samples that are needed now.
+
+        Raises
+        ------
+        InputError
+            What is asked cannot be reached.
+        """
+        if self._rule is None:
+            self._measure_barriers()
+            self._routes = self.possible_routes()
+            self._rule = self._steps()
+        while True:
+            try:
+                level, count = next(self._rule)
+            except StopIteration as end:
+                self._state = end.value
+                return []
+            except stages.Unreachable as error:
+                raise InputError(self._explained(error)) from None
+            self._waiting = {}
+            for part in _of(level).parts:
+                self._waiting |= {task.key: (part, task) for task in part.missing(count)}
+            if self._waiting:
+                return [task for _, task in self._waiting.values()]
+
+    def tell(self, task: Task, outcome: Outcome) -> None:
+        """Receive a sample."""
+        part, _ = self._waiting[task.key]
+        part.receive(task.number, self.store.sample(task, outcome))
+
+    def ensemble(self) -> Ensemble:
+        """The result, when nothing more is asked."""
+        assert self._state is not None
+        if self.request.surfaces is not None:
+            return self._made(self._state, "the number of surfaces that was asked for")
+        return self._made(self._state, self._ending(self._state))
+
+    def _steps(self) -> Generator[stages.Need, None, stages.State]:
+        """The rule, which stops where samples have to be taken."""
         asked = self.request
         if asked.surfaces is not None:
-            taken = stages.Sampled(self._routes[0].levels[0])
-            taken.upto(asked.surfaces)
-            state = stages.State(self._routes[0], [taken], np.zeros(self._quantities.count, dtype=bool))
-            return self._made(state, "the number of surfaces that was asked for")
+            counted = stages.Sampled(self._routes[0].levels[0])
+            yield counted.level, asked.surfaces
+            counted.upto(asked.surfaces)
+            return stages.State(self._routes[0], [counted], np.zeros(self._quantities.count, dtype=bool))
         clock = stages.Clock(asked.budget if asked.budget is not None else math.inf)
-        state = stages.run_stages(self._routes, asked.accuracy(), most=asked.most, clock=clock, watch=self._watch)
-        return self._made(state, self._ending(state))
+        return (
+            yield from stages.steps(self._routes, asked.accuracy(), most=asked.most, clock=clock, watch=self._watch)
+        )
 
     def _ending(self, state: stages.State) -> str:
         """Why sampling ended, in words."""
@@ -212,7 +317,6 @@ class Sampler:
             level=level,
             varied=self.request.random,
             store=self.store,
-            workers=fitting(computation, self._workers),
             taken=taken or self._taken,
         )
 
@@ -225,7 +329,7 @@ class Sampler:
             cheapest,
             self._samples(cheapest, 0).seeds(0),
             self._quantities,
-            self._workers,
+            self._threads,
             lambda done, total: self._progress(BARRIERS, done, total),
         )
 
@@ -269,7 +373,7 @@ class Sampler:
 
     def _taken(self, samples: Samples) -> None:
         """Report one more sample."""
-        if samples.level and samples is not self._routes[-1].levels[-1].parts[0]:  # pyright: ignore[reportAttributeAccessIssue]
+        if samples.level and samples is not _of(self._routes[-1].levels[-1]).parts[0]:
             return  # the coarse part of a difference
         done = len(samples.samples)
         total = max(done, self._total(samples.level))
@@ -300,7 +404,7 @@ class Sampler:
         levels = self._aimed[0].sampled if self._aimed is not None else []
         looks = 0 if self.request.surfaces is not None else stages.LOOKS
         found = [
-            stages.Sampled(level, level.so_far(), looks=looks)  # pyright: ignore[reportAttributeAccessIssue]
+            stages.Sampled(level, _of(level).so_far(), looks=looks)
             for level in ([one.level for one in levels] or route.levels)
         ]
         if min(one.count for one in found) < 2:
@@ -324,10 +428,10 @@ class Sampler:
     def _so_far(self) -> str:
         """What an interrupted ensemble leaves, in words."""
         route = self._aimed[0].route if self._aimed is not None else self._routes[0]
-        counts = " and ".join(str(len(level.so_far())) for level in route.levels)  # pyright: ignore[reportAttributeAccessIssue]
+        counts = " and ".join(str(len(_of(level).so_far())) for level in route.levels)
         kept = ""
-        if self.store.folder is not None:
-            kept = f", kept in {self.store.folder}; the same command takes them up and goes on"
+        if self.store.path is not None:
+            kept = f", kept in {self.store.path}; the same command takes them up and goes on"
         return f"so far {self._interval() or 'too few for an interval,'} from {counts} samples{kept}"
 
     def _explained(self, error: stages.Unreachable) -> str:
@@ -362,7 +466,7 @@ class Sampler:
             self._progress(name, one.count, one.count, interval)
         levels, rows, inside = [], {}, None
         for number, one in enumerate(state.sampled):
-            parts = one.level.parts  # pyright: ignore[reportAttributeAccessIssue]
+            parts = _of(one.level).parts
             levels.append(self._described(one, parts))
             rows[str(number)] = np.array(one.values)
             if names[number] == SKETCHING:
@@ -376,7 +480,7 @@ class Sampler:
         if self._barriers_how:
             known[BARRIERS], how[BARRIERS] = self._barriers, self._barriers_how
         if state.route.name == "not corrected":
-            part = state.sampled[0].level.parts[0].computation  # pyright: ignore[reportAttributeAccessIssue]
+            part = _of(state.sampled[0].level).parts[0].computation
             name = "discretisation" if part.grid_only else "settings"
             known[name] = self._coarsening(part, state.mean)
             how[name] = f"measured before on other surfaces, pixels {part.factor} times larger"
@@ -407,7 +511,7 @@ class Sampler:
         return (*notes, text)
 
     def _provenance(self, state: stages.State) -> dict[str, Any]:
-        samples = [one for level in state.sampled for part in level.level.parts for one in part.samples]  # pyright: ignore[reportAttributeAccessIssue]
+        samples = [one for level in state.sampled for part in _of(level.level).parts for one in part.samples]
         plugins = {name: source for one in samples for name, source in one.plugins.items()}
         approximate = merged(*(one.approximate for one in samples))
         return {

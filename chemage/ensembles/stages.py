@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -159,12 +159,12 @@ class State:
         """CPU seconds of the samples that are missing to ``counts``."""
         return sum(max(0, count - one.count) * one.level.cost for count, one in zip(counts, self.sampled, strict=True))
 
-    def upto(self, counts: Sequence[int], clock: Clock) -> None:
+    def upto(self, counts: Sequence[int], clock: Clock) -> Steps:
         """Take samples until there are ``counts``; each of the first level has that of the control."""
         for one, count in zip(self.sampled, counts, strict=True):
-            clock.upto(one, count)
+            yield from clock.upto(one, count)
         if self.controlled:
-            clock.upto(self.sampled[-1], self.sampled[0].count)
+            yield from clock.upto(self.sampled[-1], self.sampled[0].count)
 
 
 class Unreachable(Exception):
@@ -175,6 +175,10 @@ class Unreachable(Exception):
         self.state, self.needed, self.reason = state, needed, reason
 
 
+#: what has to be there before the next step: a level, and how many samples of it
+Need = tuple[Level, int]
+#: a part of the rule, which stops where samples have to be taken
+Steps = Generator[Need, None, None]
 #: called after each stage, with what is known and the counts that are aimed at
 Watch = Callable[[State, list[int]], None]
 
@@ -197,9 +201,11 @@ class Clock:
         """Seconds that are left."""
         return self.seconds - (self.now() - self.begin) if math.isfinite(self.seconds) else math.inf
 
-    def upto(self, one: Sampled, count: int) -> None:
+    def upto(self, one: Sampled, count: int) -> Steps:
         """Take samples until there are ``count``, and note how long it took."""
         before, begin = one.count, self.now()
+        if count > before:
+            yield one.level, count
         one.upto(count)
         wall, done = self.spent.get(id(one.level), (0.0, 0))
         self.spent[id(one.level)] = (wall + self.now() - begin, done + one.count - before)
@@ -240,7 +246,18 @@ class Clock:
         ]
 
 
-def run_stages(
+def run_stages(routes: Sequence[Route], accuracy: np.ndarray, *, most: int, **options: Any) -> State:
+    """Carry out :func:`steps` with levels whose samples are there when they are asked for; the arguments are the
+    same."""
+    rule = steps(routes, accuracy, most=most, **options)
+    while True:
+        try:
+            next(rule)
+        except StopIteration as end:
+            return end.value
+
+
+def steps(
     routes: Sequence[Route],
     accuracy: np.ndarray,
     *,
@@ -249,9 +266,9 @@ def run_stages(
     watch: Watch | None = None,
     first: int = FIRST,
     confidence: float = 0.95,
-) -> State:
+) -> Generator[Need, None, State]:
     """Sample until the half width of the interval is at most ``accuracy`` times the mean, in every quantity, or until
-    the time of ``clock`` is over.
+    the time of ``clock`` is over; stop wherever samples have to be taken, which are there when the rule goes on.
 
     Parameters
     ----------
@@ -275,16 +292,19 @@ def run_stages(
     """
     clock = clock or Clock()
     beginning = Sampled(routes[0].levels[0], looks=LOOKS)
-    clock.upto(beginning, first)
+    yield from clock.upto(beginning, first)
     state = State(routes[0], [beginning], np.isfinite(accuracy))
     search = _Search(routes, accuracy, most, clock, confidence)
-    state, counts = search.controlled(*search.chosen(state))
+    state, counts = yield from search.chosen(state)
+    state, counts = yield from search.controlled(state, counts)
     for part in (LOOK, SECOND):
         aimed = clock.affordable(state, counts)
         if watch is not None:
             watch(state, aimed)
         done = [0] * len(aimed) if part == LOOK else state.counts
-        state.upto([math.ceil(one + part * max(0, count - one)) for one, count in zip(done, aimed, strict=True)], clock)
+        yield from state.upto(
+            [math.ceil(one + part * max(0, count - one)) for one, count in zip(done, aimed, strict=True)], clock
+        )
         counts = search.needed(state)
     for one in state.sampled:
         one.frozen = one.count
@@ -298,7 +318,7 @@ def run_stages(
         # with a budget in parts, because times vary
         part = 0.7 if math.isfinite(clock.seconds) else 1.0
         steps = [math.ceil(part * max(0, count - done)) for count, done in zip(aimed, state.counts, strict=True)]
-        state.upto([done + step for done, step in zip(state.counts, steps, strict=True)], clock)
+        yield from state.upto([done + step for done, step in zip(state.counts, steps, strict=True)], clock)
 
 
 @dataclass(frozen=True)
@@ -353,14 +373,14 @@ class _Search:
             counts[-1] = max(counts[-1], counts[0])
         return [min(count, self.most) for count in counts]
 
-    def controlled(self, state: State, counts: list[int]) -> tuple[State, list[int]]:
+    def controlled(self, state: State, counts: list[int]) -> Generator[Need, None, tuple[State, list[int]]]:
         """The same with the control of the route, where that seems to be cheaper; and the counts."""
         control = state.route.control
         first = min(PAIRS, math.ceil(LOOK * self.clock.affordable(state, counts)[0]))
         if control is None or counts[0] < CONTROLLED or first < FIRST:
             return state, counts
         tried = State(state.route, [*state.sampled, Sampled(control, looks=LOOKS)], state.asked)
-        tried.upto([max(first, state.sampled[0].count), *state.counts[1:], first], self.clock)
+        yield from tried.upto([max(first, state.sampled[0].count), *state.counts[1:], first], self.clock)
         try:
             plain, regressed = self.needed(state, expected=True), self.needed(tried, expected=True)
             pays = self._price(tried, regressed) < self._price(state, plain)
@@ -368,7 +388,7 @@ class _Search:
         except Unreachable:
             return state, counts
 
-    def chosen(self, state: State) -> tuple[State, list[int]]:
+    def chosen(self, state: State) -> Generator[Need, None, tuple[State, list[int]]]:
         """The route that seems best after the first stage, and its counts; routes with corrections take their first
         samples where they may be better than those without."""
         found: list[tuple[float, State, list[int]]] = []
@@ -379,7 +399,7 @@ class _Search:
             tried = State(route, [state.sampled[0]], state.asked)
             for level in route.levels[1:]:
                 more = Sampled(level, looks=LOOKS)
-                self.clock.upto(more, FIRST_DIFFERENCES)
+                yield from self.clock.upto(more, FIRST_DIFFERENCES)
                 tried.sampled.append(more)
             try:
                 counts, price = self.needed(tried), self._price(tried, self.needed(tried, expected=True))

@@ -114,6 +114,8 @@ def override(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, A
     for path, value in changes.items():
         *parents, last = path.split(".")
         place: Any = copy
+        if value is None and parents and parents[0] not in copy:
+            continue
         for name in parents:
             place = place[_position(path, name, place)] if isinstance(place, list) else place.setdefault(name, {})
             if not isinstance(place, dict | list):

@@ -6,9 +6,8 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from chemage.sweeps.claims import Owner, living, tidy
 from chemage.sweeps.result import SweepResult, load_sweep
-from chemage.sweeps.shares import remedies
+from chemage.sweeps.shares import PLACE, remedies
 
 
 @dataclass(frozen=True)
@@ -26,8 +25,8 @@ class Collected:
     #: values of ``points`` that compute what is missing or failed: shares of which each computes a part, if the points
     #: were divided into one number of shares; and, the last, the numbers of all these points
     points: list[str]
-    #: processes that compute points at present
-    computing: list[Owner]
+    #: whether other processes of this machine compute points at present
+    computing: bool
 
     @property
     def complete(self) -> bool:
@@ -50,10 +49,10 @@ def collect_sweep(folder: str | Path) -> Collected:
     missing = [point for point, state in enumerate(states) if state in ("missing", "damaged")]
     failed = [point for point, state in enumerate(states) if state == "failed"]
     texts = remedies(result.store, sorted(missing + failed), result.digest, len(states))
-    computing = living(result.store.path)
+    computing = result.store.is_locked()
     if not missing:
         result.write_tables()
     if not missing and not failed and not computing:
-        tidy(result.store.path)
+        shutil.rmtree(result.store.path / PLACE, ignore_errors=True)
         shutil.rmtree(result.store.path / ".parts", ignore_errors=True)
     return Collected(result, missing, failed, not missing, texts, computing)

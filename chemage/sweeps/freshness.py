@@ -16,9 +16,9 @@ from chemage.experiments.run import aged
 from chemage.experiments.scene import Scene
 from chemage.plugins.participation import Plugins
 from chemage.plugins.sources import changed, implementing, providers, would_change
+from chemage.studies.folder import Folder
 from chemage.surfaces.stage import make_surface
 from chemage.surfaces.surface import Surface
-from chemage.sweeps.folder import Folder
 from chemage.sweeps.grid import Survey, order_of
 
 _CONTACT_HOOKS = ("chemage_make_surface", "chemage_solve_contact")

@@ -12,6 +12,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,10 +26,12 @@ from chemage.experiments.materials import SECTIONS as FILLED
 from chemage.experiments.scene import REQUIRED, SECTIONS, Scene, parse_scene
 from chemage.experiments.scene_files import override
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
+from chemage.foundation.hashes import content_hash
 from chemage.foundation.messages import nearest
 from chemage.foundation.units import unit_of
 from chemage.plugins.sources import implementing, stage_hooks
-from chemage.sweeps.by_hand import registered_classes
+from chemage.studies.by_hand import Known, registered_classes
+from chemage.studies.tasks import Task
 
 
 @dataclass(frozen=True)
@@ -239,11 +242,30 @@ class Survey:
     units: dict[str, str] = field(default_factory=dict)
     #: plugins that implement hooks of the stages: name -> source
     hooks: dict[str, str] = field(default_factory=dict)
-    #: classes of components that are registered by hand
+    #: classes of components that are registered by hand, and what workers must know of them
     classes: set[type] = field(default_factory=set)
+    known: Known = ()
+    #: whether every point is a mean over surfaces
+    means: bool = False
     digest: str = ""
     #: what to warn of: kind -> (text of the first point that it concerns, this point, number of points)
     doubts: dict[str, tuple[str, int, int]] = field(default_factory=dict)
+
+    def task(self, point: int) -> Task:
+        """The task of a point."""
+        contact, seconds = self.contacts[self.contact_of[point]], self.cpu_seconds[point]
+        return Task(
+            key=self.keys[point],
+            ageing=self.agings[point],
+            contact=contact.key,
+            surface=contact.surface,
+            source=partial(self.grid.scene, point),
+            number=point,
+            changes=self.grid.changes(point),
+            contact_seconds=math.nan if contact.cpu_seconds is None else contact.cpu_seconds,
+            ageing_seconds=math.nan if seconds is None else seconds,
+            bytes=self.memory or 0.0,
+        )
 
     def warnings(self) -> list[str]:
         """What to warn of, one sentence for each kind, with the points that it concerns."""
@@ -317,6 +339,24 @@ def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Su
     return result
 
 
+def mean_key(scene: Scene) -> str:
+    """Content hash of everything on which the mean of a scene over surfaces depends.
+
+    Raises
+    ------
+    InputError
+        It asks for as much as a wall time allows.
+    """
+    wish = scene.ensemble
+    if wish is not None and wish.budget is not None:
+        raise InputError(
+            "ensemble.budget: a wall time is for one mean, and the points of a sweep are computed together; ask each "
+            "point for an accuracy, or for a number of surfaces"
+        )
+    options = None if wish is None else wish.model_dump(mode="json")
+    return content_hash([scene.task_keys()["result"], options, dict(scene.accuracy)])
+
+
 def _located(grid: Grid, problem: tuple[str, str], point: int, count: int) -> tuple[str, str]:
     path, message = problem
     values = ", ".join(f"{name} = {shown(value)}" for name, value in grid.changes(point).items())
@@ -336,6 +376,11 @@ def _add(result: Survey, point: int, scene: Scene, known: dict[str, int]) -> Non
     if isinstance(scene.contact, ContactTheory):
         raise InputError(no_map(scene.contact, "a sweep has no contact to store; run each scene by itself"))
     keys, costs = scene.task_keys(), cost(scene)
+    if point and scene.is_ensemble != result.means:
+        raise InputError("accuracy, ensemble: some points are means over surfaces and others are not; make two sweeps")
+    if result.means or scene.is_ensemble:
+        result.means = True
+        keys["result"] = mean_key(scene)
     result.classes |= registered_classes(scene.components())
     check_limits(scene, costs)
     for doubt in doubts(scene, costs):

@@ -29,11 +29,15 @@ class SweepProgress:
     elapsed: float
     #: estimated remaining wall time, s; None before the first task has ended
     remaining: float | None
+    #: samples that were taken, where the points are means over surfaces
+    samples: int | None = None
 
     def __str__(self) -> str:
         if self.stage == "validating":
             return f"sweep: {self.done} of {self.points} points validated, {_left(self.remaining)}"
         failed = f", {self.failed} failed" if self.failed else ""
+        if self.samples is not None:
+            return f"sweep: {self.done} of {self.points} means{failed}, {self.samples} samples so far"
         return (
             f"sweep: {self.done} of {self.points} points{failed}, {self.contacts_done} of {self.contacts} contacts, "
             f"{_left(self.remaining)}"
@@ -70,8 +74,10 @@ def show_progress(seconds: float = 5.0) -> Iterator[Report]:
                 bar("validating", state.done, state.points, _left(state.remaining))
                 return
             failed = f"{state.failed} failed, " if state.failed else ""
-            bar("contacts", state.contacts_done, state.contacts)
-            bar("points", state.done + state.failed, state.points, f"{failed}{_left(state.remaining)}")
+            if state.samples is None:
+                bar("contacts", state.contacts_done, state.contacts)
+            left = _left(state.remaining) if state.samples is None else f"{state.samples} samples so far"
+            bar("points", state.done + state.failed, state.points, f"{failed}{left}")
 
         yield draw
 

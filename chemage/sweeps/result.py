@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from chemage.ageing.aging import Aging
 from chemage.contacts.solution import ContactSolution
+from chemage.ensembles.ensemble import Ensemble
 from chemage.experiments.run import Run
 from chemage.experiments.scene import Scene
 from chemage.foundation.codec import from_json
 from chemage.foundation.errors import InputError, StoreError
 from chemage.foundation.units import in_one_unit
-from chemage.sweeps.folder import FORMAT, Folder, SweepWarning
+from chemage.studies.folder import FORMAT, Folder, SweepWarning
 from chemage.sweeps.grid import Axis, Grid, shown
 from chemage.sweeps.table import Table, error_text
 
@@ -81,6 +82,19 @@ class Point:
         """The validated scene of this point."""
         return self.result.grid.scene(self.index)
 
+    def ensemble(self) -> Ensemble:
+        """The mean over surfaces, where every point of the sweep is one.
+
+        Raises
+        ------
+        StoreError
+            The point failed or is missing, or it is one surface.
+        """
+        if self.status == "done" and "ensemble" not in self._content:
+            raise StoreError(f"point {self.index} of {self.result.folder} is one surface, and no mean; use run()")
+        self.summary  # noqa: B018
+        return from_json(Ensemble, self._content["ensemble"])
+
     def aging(self) -> Aging:
         """The ageing curve, with the bonds of every replica.
 
@@ -89,6 +103,7 @@ class Point:
         StoreError
             The point failed or is missing, or its scene stops at the contact.
         """
+        self._require_one()
         if not self.summary["hold_times"]:
             raise StoreError(
                 f"point {self.index} of {self.result.folder} has no ageing: its scene stops at the contact"
@@ -103,10 +118,15 @@ class Point:
         StoreError
             It is not in the folder, or it is damaged.
         """
+        self._require_one()
         found = self.result.store.read_contact(self.result.contact_key(self.index))
         if found is None:
             raise StoreError(f"the contact of point {self.index} is not in {self.result.folder}")
         return found
+
+    def _require_one(self) -> None:
+        if self.result.means:
+            raise StoreError(f"point {self.index} of {self.result.folder} is a mean over surfaces; use ensemble()")
 
     def run(self) -> Run:
         """This point as a run, without its surface.
@@ -159,6 +179,11 @@ class SweepResult:
     def versions(self) -> dict[str, str]:
         """The versions of chemage and its plugins that made the folder."""
         return self._manifest["versions"]
+
+    @property
+    def means(self) -> bool:
+        """Whether every point is a mean over surfaces, see :meth:`Point.ensemble`."""
+        return bool(self._manifest.get("means", False))
 
     @property
     def axes(self) -> tuple[Axis, ...]:
@@ -316,7 +341,7 @@ class SweepResult:
             }
             for axis, found in zip(self.axes, counts, strict=True)
         ]
-        contacts: list[str] = self._manifest["contacts"]
+        contacts: list[str] = [] if self.means else self._manifest["contacts"]
         return {
             "name": self.name,
             "folder": str(self.folder),

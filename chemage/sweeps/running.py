@@ -8,9 +8,8 @@ from __future__ import annotations
 import shutil
 import time
 import warnings
-from collections import deque
-from collections.abc import Callable, Mapping
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import AbstractContextManager, ExitStack
 from functools import partial
 from pathlib import Path
@@ -23,11 +22,9 @@ from chemage.experiments.scene import Scene
 from chemage.experiments.scene_files import located, override, scene_data
 from chemage.foundation.errors import (
     DamagedError,
-    ExecutorError,
     InputError,
     SceneError,
     StoreError,
-    WorkerLost,
 )
 from chemage.foundation.memory import readable
 from chemage.foundation.threads import restored as threads_restored
@@ -35,19 +32,23 @@ from chemage.foundation.units import in_words
 from chemage.foundation.version import __version__
 from chemage.foundation.warned import PlanWarning
 from chemage.plugins.settings import completed
-from chemage.sweeps.by_hand import Known, for_workers
-from chemage.sweeps.claims import PLACE, STALE, WHOLE, Claims, tidy
-from chemage.sweeps.executors.opening import open_pool
-from chemage.sweeps.executors.pool import Pool
-from chemage.sweeps.folder import FORMAT, RESUME, Folder, SweepWarning
+from chemage.studies.by_hand import for_workers
+from chemage.studies.design import PATIENCE, Part, carry_out
+from chemage.studies.executors.clusters import seconds
+from chemage.studies.executors.opening import open_pool
+from chemage.studies.executors.pool import Pool
+from chemage.studies.folder import FORMAT, Folder, SweepWarning
+from chemage.studies.manifest import refuse_links
+from chemage.studies.runner import Runner
+from chemage.studies.selection import Selection
+from chemage.studies.tasks import forget
 from chemage.sweeps.freshness import Outdated, outdated
 from chemage.sweeps.grid import Grid, Survey, check_base, survey
-from chemage.sweeps.manifest import refuse_links
+from chemage.sweeps.means import SAMPLES, Means
+from chemage.sweeps.points import Points
 from chemage.sweeps.progress import Report, SweepProgress, reporting
 from chemage.sweeps.result import SweepResult
-from chemage.sweeps.shares import Selection, agree
-from chemage.sweeps.tasks import compute, forget, solve
-from chemage.sweeps.todo import Clock, Task, Todo
+from chemage.sweeps.shares import PLACE, agree, points_of
 
 #: sweeps of more points need confirmation before they are validated
 MANY_POINTS = 100_000
@@ -82,10 +83,6 @@ def read_grid(
         data["sweep"] = in_words({path: _listed(values) for path, values in axes.items()})
     if "sweep" not in data:
         raise SceneError(source, [("sweep", "is missing: this scene is one point; use chemage.run, or give axes")])
-    axes_of = data["sweep"] if isinstance(data["sweep"], Mapping) else {}
-    if asked := [name for name in ("ensemble", "accuracy") if any(p.split(".")[0] == name for p in (*data, *axes_of))]:
-        why = "each point of a sweep is one surface; leave this out and vary surface.seed, or run the points one by one"
-        raise SceneError(source, [(name, why) for name in asked])
     return Grid.read(check_base(located(data, Path.cwd()), source), source)
 
 
@@ -248,7 +245,7 @@ def _describe_first(folder: Folder, found: Survey) -> None:
 
 def _clear(folder: Folder) -> None:
     """Remove the files of a sweep only; the manifest last, so that the folder stays recognisable as that of a sweep."""
-    for name in ("points", "contacts", ".parts"):
+    for name in ("points", "contacts", SAMPLES, ".parts"):
         shutil.rmtree(folder.path / name, ignore_errors=True)
     for name in ("results.csv", "results.h5", "sweep.json"):
         (folder.path / name).unlink(missing_ok=True)
@@ -266,6 +263,7 @@ def _manifest(found: Survey) -> dict[str, Any]:
         "contacts": [contact.key for contact in found.contacts],
         "contact_of": found.contact_of,
         "keys": found.keys,
+        **({"means": True} if found.means else {}),
     }
 
 
@@ -277,7 +275,8 @@ def sweep(
     out: str | Path,
     *,
     axes: Mapping[str, Any] | None = None,
-    executor: str | Executor = "serial",
+    accuracy: Mapping[str, Any] | None = None,
+    executor: str | Executor | None = None,
     workers: int | None = None,
     threads: int | None = None,
     changes: Mapping[str, Any] | None = None,
@@ -296,9 +295,13 @@ def sweep(
         -> values in place of its ``[sweep]``, such as ``{"contact.load": ["1 uN", "2 uN"]}``.
     out
         A new folder, or the folder of this sweep, which then resumes.
+    accuracy
+        Each point is a mean over random surfaces to this accuracy, such as ``{"beta": "2 %"}``, as for
+        :func:`chemage.ensemble`; in place of ``[accuracy]`` of the scene.
     executor, workers, threads
-        Where to compute, the number of concurrent points, and the threads of each; see
-        :func:`chemage.sweeps.executors.opening.open_pool`. Results do not depend on them.
+        Where to compute, the number of concurrent points, and the threads of each; default: ``serial``, one point
+        after the other, and for means threads of this process, a surface in each; see
+        :func:`chemage.studies.executors.opening.open_pool`. Results do not depend on them.
     changes
         Dotted path -> value: changes to the scene before it is swept.
     progress
@@ -334,6 +337,8 @@ def sweep(
         The workers cannot be started, or have ended.
     """
     begin = time.perf_counter()
+    if accuracy is not None:
+        changes = {**(changes or {}), "accuracy": dict(accuracy), "ensemble.surfaces": None}
     selection = None if points is None else Selection.read(points)
     if selection is not None and force:
         raise InputError("a part of the points cannot replace a sweep: give force (--force) without points (--points)")
@@ -342,15 +347,14 @@ def sweep(
         report = stack.enter_context(reporting(progress))
         stack.enter_context(threads_restored())  # tasks that run in this process set their own
         found = survey_of(read_grid(scene, changes, axes), progress=report, confirm=confirmed)
-        known = for_workers(executor, found.classes)
+        executor = executor or ("threads" if found.means else "serial")
+        found.known = for_workers(executor, found.classes)
         folder = Folder(Path(out).absolute())
         _check_folder(folder, found, force)
         _check_room(found, folder.path, confirmed)
         pool = partial(open_pool, executor, workers, threads, patience)
-        run_tasks = partial(_run_tasks, report=report, begin=begin, known=known)
-        _compute(stack, folder, found, selection, force, pool, run_tasks)
-    if selection is None:
-        tidy(folder.path)
+        limit = None if patience is None else seconds(patience)
+        _compute(stack, folder, found, selection, force, pool, partial(_watched, report, begin), limit)
     return SweepResult(folder.path)
 
 
@@ -361,54 +365,61 @@ def _compute(
     selection: Selection | None,
     force: bool,
     pool: Callable[[], AbstractContextManager[Pool]],
-    run_tasks: Callable[[Todo, Pool], None],
+    watch: Callable[[Points], Callable[[Runner], None] | None],
+    patience: float | None,
 ) -> None:
     """Compute what is missing in the folder, with a pool that is opened only if something is, and write the tables of
     a whole sweep."""
     stack.callback(forget, str(folder.path))
     stale = Outdated() if force else _outdated(folder, found, whole=selection is None)
-    chosen = None if selection is None else selection.points(folder, found)
+    chosen = None if selection is None else _chosen(selection, folder, found)
+    part = None
+    if found.means and selection is not None and selection.share is not None:
+        part = Part(*selection.share, Folder(folder.path / SAMPLES), patience or PATIENCE)
     opened = None
     # raises before anything is written if the workers cannot be started
-    if force or stale or Todo(folder, found, chosen).left:
+    if force or stale or _design(folder, found, chosen).left:
         opened = stack.enter_context(pool())
-    todo = _begin(stack, folder, found, selection, stale, force)
-    todo.warn_of_damage()
-    if todo.left:
-        run_tasks(todo, opened or stack.enter_context(pool()))
+    points = _begin(stack, folder, found, selection, stale, force)
+    points.warn_of_damage()
+    if points.left:
+        runner = Runner(opened or stack.enter_context(pool()), points.place, found.known, watch(points))
+        carry_out(points, runner, part)
     if selection is None:
         SweepResult(folder.path).write_tables()
-        shutil.rmtree(folder.path / ".parts", ignore_errors=True)
+        for name in (".parts", PLACE):
+            shutil.rmtree(folder.path / name, ignore_errors=True)
 
 
 def _begin(
     stack: ExitStack, folder: Folder, found: Survey, selection: Selection | None, stale: Outdated, force: bool
-) -> Todo:
+) -> Points:
     """Make the folder, and lock it against other calls unless both compute parts of the points."""
     _make(folder.path)
-    claims = stack.enter_context(Claims(folder.path, WHOLE if selection is None else selection.describe()))
-    others = claims.others()
-    if selection is not None:
-        others = [other for other in others if other.points == WHOLE]
-    if others:
-        names = ", ".join([*map(str, others[:3]), *(["..."] if len(others) > 3 else [])])
-        raise StoreError(
-            f"{folder.path} is being computed by {names}; wait for it, or stop it (one that was killed on another "
-            f"machine counts for {STALE:.0f} s)"
-        )
     stack.enter_context(folder.locked(shared=selection is not None))
     if selection is not None:
         folder.make_parts()
         _describe_first(folder, found)
-        if selection.share is not None:
+        if selection.share is not None and not found.means:
             agree(folder, found, selection.share[1])
-        return Todo(folder, found, selection.points(folder, found), claims)
+        return _design(folder, found, _chosen(selection, folder, found))
     if force:
         _clear(folder)
     folder.clear_parts()
     stale.remove(folder)
     _describe(folder, found)
-    return Todo(folder, found)
+    return _design(folder, found)
+
+
+def _design(folder: Folder, found: Survey, chosen: Sequence[int] | None = None) -> Points:
+    return Means(folder, found, chosen) if found.means else Points(folder, found, chosen)
+
+
+def _chosen(selection: Selection, folder: Folder, found: Survey) -> Sequence[int]:
+    """The points that this process computes; of means all, of which each share computes a part of the samples."""
+    if found.means and selection.share is not None:
+        return range(len(found.keys))
+    return points_of(selection, folder, found)
 
 
 def _make(path: Path) -> None:
@@ -418,83 +429,14 @@ def _make(path: Path) -> None:
         raise StoreError(f"cannot make the folder {path}: {error.strerror}") from None
 
 
-def _run_tasks(todo: Todo, pool: Pool, report: Report | None, begin: float, known: Known) -> None:
-    running: dict[Future[dict[str, Any]], Task] = {}
-    suspects: deque[Task] = deque()
-    clock, last_report = Clock(), 0.0
-    path, digest = str(todo.folder.path), todo.found.digest
+def _watched(report: Report | None, begin: float, points: Points) -> Callable[[Runner], None] | None:
+    """What a runner calls while it computes ``points``, to ``report`` how far it is."""
+    if report is None:
+        return None
 
-    def submit(task: Task) -> Future[dict[str, Any]]:
-        if task.solves:
-            contact = todo.found.contacts[task.contact]
-            return pool.executor.submit(solve, path, digest, contact.point, contact.key, pool.threads, known)
-        return pool.executor.submit(compute, path, digest, task.points, pool.threads, known)
+    def watch(runner: Runner) -> None:
+        elapsed, solved = time.perf_counter() - begin, points.contacts - runner.unsolved
+        done = (len(points.points), points.done, len(points.failed), points.contacts, solved)
+        report(SweepProgress("computing", *done, runner.width, elapsed, runner.remaining(), points.samples))
 
-    def report_now(now: float) -> None:
-        if report is None:
-            return
-        contacts, points = todo.remaining()
-        for task in (*running.values(), *suspects):
-            (contacts if task.solves else points).append(task.weight / 2)
-        width = pool.width()
-        report(
-            SweepProgress(
-                "computing",
-                len(todo.points),
-                todo.done,
-                len(todo.failed),
-                todo.contacts,
-                todo.contacts_done,
-                width,
-                now - begin,
-                clock.remaining(contacts, points, width),
-            )
-        )
-
-    try:
-        while todo.left or running or suspects or todo.elsewhere:
-            width = pool.width()
-            if suspects and not running and not todo.left:
-                task = suspects.popleft()
-                task.alone = True
-                running[submit(task)] = task
-            while todo.left and len(running) < width and not any(one.alone for one in running.values()):
-                taken = todo.take(sum(one.solves for one in running.values()), width)
-                if taken is not None:
-                    running[submit(taken)] = taken
-            if running:
-                finished, _ = wait(running, timeout=0.5, return_when=FIRST_COMPLETED)
-            else:  # other processes compute all that is left
-                finished = set()
-                time.sleep(0.1)
-            todo.look_elsewhere()
-            for future in finished:
-                task = running.pop(future)
-                if not pool.blames_one and not task.alone and isinstance(future.exception(), WorkerLost):
-                    suspects.append(task)  # perhaps it only waited on the worker that another task killed
-                else:
-                    _settle(todo, task, future, clock)
-            now = time.perf_counter()
-            if now > last_report + 0.2:
-                last_report = now
-                report_now(now)
-        report_now(time.perf_counter())
-    except BaseException:
-        for future in running:
-            future.cancel()
-        pool.abort()
-        raise
-
-
-def _settle(todo: Todo, task: Task, future: Future[dict[str, Any]], clock: Clock) -> None:
-    try:
-        answer = future.result()
-    except WorkerLost as error:
-        todo.lost(task, error)
-    except (BrokenExecutor, CancelledError) as error:
-        raise ExecutorError(f"the executor gave up ({type(error).__name__}: {error}); {RESUME}") from error
-    except ExecutorError as error:
-        raise ExecutorError(f"{error}; {RESUME}") from error
-    else:
-        clock.add(task, answer["seconds"])
-        todo.finished(task, answer)
+    return watch

@@ -76,6 +76,8 @@ class Table:
     beta_reason: list[str] = field(default_factory=list)
     #: of the grid, the last varying fastest; empty: the points are no grid
     dimensions: tuple[Dimension, ...] = ()
+    #: whether every point is a mean over surfaces
+    means: bool = False
 
     @classmethod
     def collect(
@@ -95,13 +97,14 @@ class Table:
         scalars = {name: np.full(count, np.nan) for name in SCALARS}
         rows: dict[int, tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = {}
         processors: dict[str, None] = {}
+        means = False
         observables: dict[int, Mapping[str, Any]] = {}
         for number, point in enumerate(points):
             status[number] = point["status"]
             if point["status"] != "done":
                 error[number] = error_text(point.get("error"))
                 continue
-            summary = point["summary"]
+            summary, means = point["summary"], means or "ensemble" in point
             if processor := summary["versions"].get("processor"):
                 processors[processor] = None
             observables[number] = summary.get("observables", {})
@@ -121,7 +124,8 @@ class Table:
             units=dict(units),
             status=status,
             error=error,
-            scalars={name: column for name, column in scalars.items() if not _unknown(name, column)},
+            scalars={name: column for name, column in scalars.items() if not _unknown(name, column, means)},
+            means=means,
             processors=tuple(processors),
             **(padded := _padded(count, rows)),
             observed=_observed(count, padded["curves"], observables),
@@ -297,9 +301,10 @@ def error_text(error: Mapping[str, Any] | None) -> str:
     return f"{error['stage']}: {error['type']}: {error['message']}" if error else ""
 
 
-def _unknown(name: str, column: np.ndarray) -> bool:
-    """Whether a column of a limit of the material is left out, because no point was compared with it."""
-    return name in elasticity.MEASURES and bool(np.isnan(column).all())
+def _unknown(name: str, column: np.ndarray, means: bool) -> bool:
+    """Whether a column is left out: of a limit of the material with which no point was compared, or of what means over
+    surfaces do not have."""
+    return (means or name in elasticity.MEASURES) and bool(np.isnan(column).all())
 
 
 def _column(values: Sequence[Any]) -> np.ndarray:

@@ -342,7 +342,8 @@ class SweepData:
         if seeds and len(seeds) < len(self.dimensions):
             found.append(f"means over {math.prod(seeds)} seeds with 95 % intervals (Student's t)")
         elif np.isfinite(self.variables["beta"][1]).any():
-            found.append("95 % intervals over replicas")
+            over = "of means over surfaces" if self.table.means else "over replicas"
+            found.append(f"95 % intervals {over}")
         times = self.table.hold_times
         if times.ndim == 1 and times.size and np.isfinite(times).any():
             found.append(f"Δμ at the last hold time, {np.nanmax(times):g} s; β per decade of hold time")

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import chemage
-from chemage.sweeps.folder import Folder
+from chemage.studies.folder import Folder
 
 SCENE = """
 name = "small"

@@ -156,7 +156,7 @@ def test_failed_points_are_listed_at_the_end_with_exit_status_1(command, scene):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--executor", "cloud"), "executor = 'cloud': no such executor; choose serial, processes"),
+        (("--executor", "cloud"), "executor = 'cloud': no such executor; choose serial, threads, processes"),
         (("--executor", "serial", "--workers", "2"), "serial runs one task at a time"),
         (("--executor", "dask:nowhere.Cluster"), "cannot be imported (No module named 'nowhere')"),
         (("--set", "contact.load=1", "--set", "contact.x=1"), "contact.x: no such option"),

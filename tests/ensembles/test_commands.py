@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage.ensembles import sampling
 from chemage.ensembles.stages import FIRST
+from chemage.studies import tasks
 
 SCENE = """
 name = "rough"
@@ -144,16 +144,16 @@ def test_a_budget_ends_sampling_and_says_so(command, scene):
 @pytest.mark.long
 def test_an_interrupted_ensemble_says_its_interval_and_goes_on(command, scene, monkeypatch):
     words = ("run", scene, "--accuracy", "beta=6%", "--threads", 1, "--no-figures")
-    inner, calls = sampling.compute, []
+    inner, calls = tasks.run, []
 
-    def stopping(*given):
+    def stopping(*given, **more):
         calls.append(given)
         if len(calls) > 8:
             raise KeyboardInterrupt
-        return inner(*given)
+        return inner(*given, **more)
 
     with monkeypatch.context() as patch:
-        patch.setattr(sampling, "compute", stopping)
+        patch.setattr(tasks, "run", stopping)
         stopped = command(*words)
     assert stopped.status == 130
     assert "interrupted; so far beta ± " in stopped.err
@@ -231,18 +231,16 @@ def test_check_foresees_the_computations_of_an_accuracy(command, scene):
     assert f"decided after the first {FIRST}" in done.out
 
 
-def test_sweeps_have_one_surface_for_each_point(command, scene):
+def test_points_of_a_sweep_may_be_means(command, scene):
     sweep = '[sweep]\n"contact.load" = [400.0, 500.0]\n'
     scene.write_text(SCENE + sweep)
-    for name in ("check", "run"):
-        done = command(name, scene, "--accuracy", "beta=2%")
-        assert done.status == 2
-        assert "each point of a sweep is one surface" in done.err
-    scene.write_text(SCENE + ASKED + sweep)
-    for name in ("check", "run"):
-        done = command(name, scene)
-        assert done.status == 2
-        assert "ensemble: each point of a sweep is one surface; leave this out and vary surface.seed" in done.err
+    checked = command("check", scene, "--accuracy", "beta=5%")
+    assert checked.status == 0
+    assert "each point      a mean over surfaces" in checked.out
+    assert "of CPU time" in checked.out
+    refused = command("run", scene, "--budget", "5 s")
+    assert refused.status == 2
+    assert "a wall time is for one mean" in refused.err
 
 
 @pytest.mark.long

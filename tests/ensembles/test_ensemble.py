@@ -7,9 +7,9 @@ import pytest
 
 import chemage as ca
 from chemage import InputError
-from chemage.ensembles import sampling
 from chemage.ensembles.ensemble import Ensemble
 from chemage.ensembles.running import ensemble
+from chemage.studies import tasks
 
 ROUGH = {
     "name": "small",
@@ -95,8 +95,8 @@ def test_measures_of_contacts_do_not_scatter_between_replicas(four):
 def test_samples_are_kept_and_taken_up_again(rough, four, tmp_path, monkeypatch):
     first = ensemble(rough, surfaces=3, samples=tmp_path)
     calls = []
-    inner = sampling.compute
-    monkeypatch.setattr(sampling, "compute", lambda *given: calls.append(given) or inner(*given))
+    inner = tasks.run
+    monkeypatch.setattr(tasks, "run", lambda *given, **more: calls.append(given) or inner(*given, **more))
     again = ensemble(rough, surfaces=4, samples=tmp_path)
     assert len(calls) == 1
     assert np.array_equal(again.rows["0"], four.rows["0"])
@@ -105,23 +105,23 @@ def test_samples_are_kept_and_taken_up_again(rough, four, tmp_path, monkeypatch)
 
 def test_a_damaged_sample_is_computed_again(rough, four, tmp_path):
     ensemble(rough, surfaces=3, samples=tmp_path)
-    (path,) = tmp_path.iterdir()
+    path, *_ = sorted(tmp_path.glob("points/*/*.json"))
     text = path.read_bytes()
-    path.write_bytes(text.replace(b'"sites": ', b'"sites": 1', 1)[:-40])
+    path.write_bytes(text.replace(b'"bonds": [[', b'"bonds": [[1', 1))
     assert np.array_equal(ensemble(rough, surfaces=4, samples=tmp_path).rows["0"], four.rows["0"])
     assert np.array_equal(ensemble(rough, surfaces=4, samples=tmp_path).rows["0"], four.rows["0"])
 
 
 def test_an_interruption_says_what_is_known_so_far(rough, tmp_path, monkeypatch):
-    inner, calls = sampling.compute, []
+    inner, calls = tasks.run, []
 
-    def stopping(*given):
+    def stopping(*given, **more):
         calls.append(given)
         if len(calls) > 25:
             raise KeyboardInterrupt
-        return inner(*given)
+        return inner(*given, **more)
 
-    monkeypatch.setattr(sampling, "compute", stopping)
+    monkeypatch.setattr(tasks, "run", stopping)
     with pytest.raises(KeyboardInterrupt, match=r"beta ± .* from .* samples, kept in"):
         ensemble(rough, accuracy={"beta": 0.005}, samples=tmp_path, threads=1)
 

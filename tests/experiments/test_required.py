@@ -15,7 +15,7 @@ import chemage as ca
 from chemage.ageing import age as ageing
 from chemage.ensembles.running import ensemble
 from chemage.lattices import chemistry as lattices
-from chemage.sweeps import tasks
+from chemage.studies import tasks
 from chemage_contact import FFTBEM, Hertz
 from chemage_surfaces import SelfAffine
 

@@ -21,7 +21,7 @@ import numpy as np
 import chemage
 from chemage import Aging, BondHistory, ContactSolution, ReactionLattice, Surface
 from chemage.foundation.codec import from_npz, read_records, to_npz, write_records
-from chemage.sweeps.folder import Folder
+from chemage.studies.folder import Folder
 
 count, folder = int(sys.argv[1]), Path(sys.argv[2])
 rng = np.random.default_rng(0)

@@ -14,7 +14,7 @@ import pytest
 import chemage as ca
 from chemage import InputError, SceneError, StoreError
 from chemage.foundation.printable import printable
-from chemage.sweeps.folder import Folder
+from chemage.studies.folder import Folder
 
 
 def surface_of(path, **options):
@@ -237,7 +237,7 @@ def test_links_in_a_folder_of_results_are_not_followed(swept, tmp_path, name):
 
 
 def test_cluster_files_name_known_classes_only(tmp_path, monkeypatch):
-    from chemage.sweeps.executors.clusters import _Where
+    from chemage.studies.executors.clusters import _Where
 
     file = tmp_path / "cluster.toml"
     file.write_text('cluster = "os.system"\n[options]\ncommand = "true"\n')
@@ -250,7 +250,7 @@ def test_cluster_files_name_known_classes_only(tmp_path, monkeypatch):
 
 
 def test_a_cluster_on_this_machine_is_reached_from_this_machine_alone():
-    from chemage.sweeps.executors import clusters
+    from chemage.studies.executors import clusters
 
     assert clusters._local_options(2)["host"] == "127.0.0.1"
     assert clusters._local_options(2)["dashboard_address"] == "127.0.0.1:0"

@@ -19,11 +19,11 @@ import pytest
 
 import chemage
 from chemage import DamagedError, ExecutorError, InputError, SceneError, StoreError
+from chemage.studies.folder import CannotWrite
+from chemage.studies.tasks import Place
 from chemage.sweeps import running as sweeps
-from chemage.sweeps.folder import CannotWrite
 from chemage.sweeps.grid import Grid
 from chemage.sweeps.running import SweepWarning
-from chemage.sweeps.tasks import compute
 
 AXES = """
 [sweep]
@@ -528,7 +528,7 @@ def test_an_executor_that_breaks_ends_the_sweep_and_says_so(tiny, tmp_path):
 
 
 def test_workers_that_cannot_be_had_are_told_before_anything_is_written(tiny, tmp_path, monkeypatch):
-    monkeypatch.setattr("chemage.sweeps.executors.clusters.ANSWER_TIME", 0.5)
+    monkeypatch.setattr("chemage.studies.executors.clusters.ANSWER_TIME", 0.5)
     with pytest.raises(ExecutorError, match=r"no Dask scheduler answers at 127\.0\.0\.1:9 within 0\.5 s"):
         chemage.sweep(swept(tiny), tmp_path / "out", executor="dask:127.0.0.1:9")
     assert not (tmp_path / "out").exists()
@@ -537,11 +537,11 @@ def test_workers_that_cannot_be_had_are_told_before_anything_is_written(tiny, tm
 def test_a_worker_that_does_not_see_the_folder_says_which_and_why(tiny, tmp_path):
     result = chemage.sweep(swept(tiny), tmp_path / "out")
     with pytest.raises(ExecutorError, match=r"worker .* cannot read the sweep: .* every worker must see .*elsewhere"):
-        compute(str(tmp_path / "elsewhere"), result.digest, [0], 1)
+        _ = Place(str(tmp_path / "elsewhere"), result.digest).folder
     with pytest.raises(ExecutorError, match="finds another sweep"):
-        compute(str(tmp_path / "out"), "0" * 32, [0], 1)
+        _ = Place(str(tmp_path / "out"), "0" * 32).folder
     result.store.clear_parts()
     content = result.store.read_manifest()
     result.store.write_manifest({**content, "digest": "1" * 32, "versions": {"chemage": "0.0.1"}})
     with pytest.raises(ExecutorError, match=r"has chemage .*, but the sweep is run by 0\.0\.1"):
-        compute(str(tmp_path / "out"), "1" * 32, [0], 1)
+        _ = Place(str(tmp_path / "out"), "1" * 32).folder

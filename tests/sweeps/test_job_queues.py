@@ -14,9 +14,9 @@ import pytest
 
 import chemage
 from chemage import ExecutorError, InputError
-from chemage.sweeps.executors import clusters
-from chemage.sweeps.executors.clusters import Dask, seconds
-from chemage.sweeps.executors.opening import open_pool
+from chemage.studies.executors import clusters
+from chemage.studies.executors.clusters import Dask, seconds
+from chemage.studies.executors.opening import open_pool
 
 STUBS = Path(__file__).parents[1] / "stubs"
 WORDS = "Batch job submission failed: Invalid account or account/partition combination specified"

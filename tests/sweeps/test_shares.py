@@ -7,22 +7,19 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections import Counter
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import chemage
 from chemage import InputError, StoreError
-from chemage.sweeps import claims as claiming
-from chemage.sweeps.claims import WHOLE, Claims, living
-from chemage.sweeps.folder import Folder
+from chemage.studies.folder import Folder
+from chemage.studies.selection import Selection, in_ranges
 from chemage.sweeps.running import read_grid, survey_of
-from chemage.sweeps.shares import Selection, agree, in_ranges, partition, shares_cost
+from chemage.sweeps.shares import agree, partition, points_of, shares_cost
 
 AXES = {"surface.seed": [1, 2], "contact.load": [5.0, 10.0], "hold.seed": [0, 1, 2, 3]}
 
@@ -153,7 +150,7 @@ def test_the_first_process_decides_the_division(found, tmp_path):
     assert file.read_bytes() == before
 
     def of_all():
-        return sorted(point for share in (1, 2, 3) for point in Selection(share=(share, 3)).points(folder, found))
+        return sorted(point for share in (1, 2, 3) for point in points_of(Selection(share=(share, 3)), folder, found))
 
     assert of_all() == list(range(16))
     file.write_bytes(before.replace(b"1", b"2", 3))
@@ -271,159 +268,19 @@ def test_the_first_contact_is_the_one_of_all_points(tmp_path, examples):
     assert not list((tmp_path / ".parts").iterdir())
 
 
-# -- claims -----------------------------------------------------------------------------------------------------------
-
-
-def test_a_task_is_claimed_once(tmp_path):
-    with Claims(tmp_path, "share 1 of 2") as mine, Claims(tmp_path, "share 2 of 2") as other:
-        assert mine.take("contact-a")
-        assert not other.take("contact-a")
-        assert not other.free("contact-a")
-        assert other.take("contact-b")
-        mine.release("contact-a")
-        assert other.free("contact-a")
-        assert other.take("contact-a")
-        assert [str(owner.points) for owner in mine.others()] == ["share 2 of 2"]
-    assert not (tmp_path / ".shares").exists()
-
-
-def test_claims_of_many_threads_are_of_one_each(tmp_path):
-    """Every task is claimed by exactly one of eight that want all of them at the same time."""
-    won: list[str] = []
-    begin = threading.Barrier(8)
-
-    def work():
-        with Claims(tmp_path, "all at once") as claims:
-            begin.wait()
-            won.extend(f"{task}" for task in range(50) if claims.take(f"task-{task}"))
-            begin.wait()
-
-    workers = [threading.Thread(target=work) for _ in range(8)]
-    for worker in workers:
-        worker.start()
-    for worker in workers:
-        worker.join()
-    assert sorted(won, key=int) == [str(task) for task in range(50)]
-
-
-def of_another(folder, age=0.0, **changes):
-    """The files of a process that has claimed ``task``."""
-    with Claims(folder, "share 1 of 2") as claims:
-        content = {**vars(claims.me), **changes}
-        (folder / ".shares" / "keep").touch()
-    (folder / ".shares" / "task.claim").write_text(json.dumps(content))
-    alive = folder / ".shares" / f"{content['name']}.alive"
-    alive.write_text(json.dumps(content))
-    os.utime(alive, (time.time() - age,) * 2)
-
-
-@pytest.mark.parametrize(
-    ("age", "changes", "free"),
-    [
-        (0.0, {"host": "node17"}, False),
-        (60.0, {"host": "node17"}, False),
-        (1000.0, {"host": "node17"}, True),
-        (1000.0, {"host": "node17", "pid": 1}, True),
-        (0.0, {}, False),
-        (0.0, {"pid": 2**22 + 1}, True),  # larger than any number of a process
-        (0.0, {"started": "17"}, True),  # another process has got its number
-        (0.0, {"space": "another container"}, False),
-    ],
-)
-def test_a_claim_lasts_as_long_as_its_process(tmp_path, age, changes, free):
-    of_another(tmp_path, age, **changes)
-    with Claims(tmp_path, "share 2 of 2") as claims:
-        assert claims.free("task") == free
-        assert claims.take("task") == free
-        assert len(claims.others()) == (0 if free else 1)
-    assert len(living(tmp_path)) == (0 if free else 1)
-
-
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"name": "../../x", "host": "a", "pid": 1}', "\0" * 40])
-def test_a_damaged_claim_holds_nobody_up(tmp_path, text):
-    (tmp_path / ".shares").mkdir()
-    (tmp_path / ".shares" / "task.claim").write_text(text)
-    (tmp_path / ".shares" / "x.alive").write_text(text)
-    assert living(tmp_path) == []
-    with Claims(tmp_path, "share 2 of 2") as claims:
-        assert claims.free("task")
-        assert claims.take("task")
-
-
-def test_without_links_claims_are_files(tmp_path, monkeypatch):
-    def no_links(*_):
-        raise OSError(1, "Operation not permitted")
-
-    monkeypatch.setattr(os, "link", no_links)
-    test_a_task_is_claimed_once(tmp_path)
-
-
-def test_a_process_renews_its_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(claiming, "BEAT", 0.01)
-    with Claims(tmp_path, "share 1 of 2") as claims:
-        assert claims.take("task")
-        (alive,) = (tmp_path / ".shares").glob("*.alive")
-        os.utime(alive, (0, 0))
-        deadline = time.monotonic() + 60
-        while alive.stat().st_mtime < 1:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        alive.unlink()  # somebody has tidied up
-        assert claims.take("another")
-
-
-def when_it_waits(monkeypatch, action):
-    """Call ``action`` once, when this process has nothing left to compute but what others have claimed."""
-    waits = []
-
-    def sleep(seconds):
-        waits.append(seconds)
-        if len(waits) == 1:
-            action()
-
-    monkeypatch.setattr("chemage.sweeps.running.time", SimpleNamespace(sleep=sleep, perf_counter=time.perf_counter))
-    return waits
-
-
-def test_a_share_waits_for_what_another_process_computes(scene, found, tmp_path, monkeypatch):
-    out = tmp_path / "out"
-    chemage.sweep(scene, out, points="0")
-    with Claims(out, "share 2 of 2") as other:
-        assert other.take(f"contact-{found.contacts[1].key}")
-        waits = when_it_waits(monkeypatch, lambda: other.release(f"contact-{found.contacts[1].key}"))
-        result = chemage.sweep(scene, out, points="1/1")
-        assert result.states() == ["done"] * 16
-        assert waits
-
-
-def test_what_fails_in_another_process_is_not_tried_again(scene, found, tmp_path, monkeypatch):
-    out, key = tmp_path / "out", found.contacts[1].key
-    chemage.sweep(scene, out, points="0")
-    with Claims(out, "share 2 of 2") as other:
-        other.failed(f"contact-{key}", {"stage": "contact", "type": "OSError", "message": "before"})
-        assert other.take(f"contact-{key}")
-
-        def fail():
-            other.failed(f"contact-{key}", {"stage": "contact", "type": "OSError", "message": "no such luck"})
-            other.release(f"contact-{key}")
-
-        when_it_waits(monkeypatch, fail)
-        result = chemage.sweep(scene, out, points="1/1")
-    assert all(point.error.endswith("no such luck") for point in result.failed)
-    assert len(result.failed) == 4
-    assert chemage.sweep(scene, out, points="1/1").states() == ["done"] * 16, "the next call tries again"
+# -- several processes ------------------------------------------------------------------------------------------------
 
 
 def test_shares_and_a_whole_sweep_exclude_each_other(scene, tmp_path):
     out = tmp_path / "out"
     chemage.sweep(scene, out, points="0")
-    with (
-        Claims(out, "share 2 of 2"),
-        pytest.raises(StoreError, match=r"is being computed by process \d+ on .* \(share 2 of 2\); wait for it"),
-    ):
-        chemage.sweep(scene, out)
-    with Claims(out, WHOLE), pytest.raises(StoreError, match=r"is being computed by .* \(all points\)"):
+    with Folder(out).locked(shared=True):
+        assert chemage.collect_sweep(out).computing
+        with pytest.raises(StoreError, match=r"is being computed by another process"):
+            chemage.sweep(scene, out)
+    with Folder(out).locked(), pytest.raises(StoreError, match=r"is being computed by process \d+"):
         chemage.sweep(scene, out, points="1/2")
+    assert not chemage.collect_sweep(out).computing
     assert chemage.sweep(scene, out).states() == ["done"] * 16
 
 
@@ -535,8 +392,7 @@ def finish(processes, statuses=(0,)):
 @pytest.mark.long
 def test_sixteen_processes_at_the_same_time(command, file, tiny):
     finish([start("study.toml", "--out", "out", "--points", f"{share}/16") for share in range(1, 17)])
-    assert len(tiny.computed("contact")) == 4, "each contact is solved once"
-    assert len(tiny.computed("kinetics")) == 32
+    assert len(tiny.computed("kinetics")) == 32, "each point is computed once"
     assert not list(Path("out/.parts").iterdir())
     assert {path.name for path in Path("out/.shares").iterdir()} == {"of-16.json"}
     assert command("sweep", "--collect", "out").status == 0
@@ -545,12 +401,12 @@ def test_sixteen_processes_at_the_same_time(command, file, tiny):
 
 
 @pytest.mark.long
-def test_the_same_share_twice_is_computed_once(command, file, tiny):
+def test_the_same_share_in_three_processes_at_the_same_time(command, file, tiny):
     file.write_text(FILE.replace("pause = 0.0", "pause = 0.2"))
     finish([start("study.toml", "--out", "out", "--points", "1/1") for _ in range(3)])
-    assert len(tiny.computed("contact")) == 4
-    assert len(tiny.computed("kinetics")) == 32
     assert command("sweep", "--collect", "out").status == 0
+    assert command("sweep", "study.toml", "--out", "whole").status == 0
+    assert tables("out") == tables("whole")
 
 
 @pytest.mark.long

@@ -1,19 +1,23 @@
-"""The executor of a sweep with its properties, and the serial executor."""
+"""The executor of a study with its properties, and those in this process."""
 
 from __future__ import annotations
 
+import contextvars
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.errors import InputError
 
+#: number of times that a task is tried again after its worker died
+RETRIES = 1
+
 
 @dataclass(frozen=True)
 class Pool:
-    """An executor that a sweep uses, and its properties."""
+    """An executor that a study uses, and its properties."""
 
     executor: Executor
     name: str
@@ -23,8 +27,14 @@ class Pool:
     width: Callable[[], int]
     #: stops the running tasks immediately
     abort: Callable[[], None] = field(default=lambda: None)
-    #: whether only the task that a lost worker was computing fails; with Dask those that waited there fail as well
-    blames_one: bool = True
+    #: whether tasks run in other processes
+    remote: bool = True
+    #: whether tasks run on this machine, and share its memory
+    here: bool = True
+
+    def submit(self, fn: Callable[..., Any], *args: Any) -> Future[Any]:
+        """Submit a task."""
+        return self.executor.submit(fn, *args)
 
 
 def shares(workers: int | None, threads: int | None) -> tuple[int, int]:
@@ -59,3 +69,11 @@ class Serial(Executor):
         except Exception as error:
             future.set_exception(error)
         return future
+
+
+class Threads(ThreadPoolExecutor):
+    """Threads of this process, which see the options of plugins of the thread that submits a task."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Queue a task."""
+        return super().submit(contextvars.copy_context().run, fn, *args, **kwargs)

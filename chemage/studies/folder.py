@@ -35,7 +35,7 @@ from chemage.foundation.errors import DamagedError, InputError, StoreError
 from chemage.foundation.files import on_disk
 from chemage.foundation.inputs import LARGEST_DESCRIPTION, regular_file
 from chemage.foundation.seals import check_json_seal, check_seal, from_sealed_json, to_sealed_json
-from chemage.sweeps.manifest import checked_manifest
+from chemage.studies.manifest import checked_manifest
 
 #: version of the layout; newer layouts are refused. Since 2 every file carries a checksum.
 FORMAT = 2
@@ -57,6 +57,8 @@ class Folder:
     """The folder of a sweep and its files."""
 
     path: Path
+    #: whether files survive a power failure, for which the disk is waited for
+    durable: bool = True
 
     @property
     def manifest(self) -> Path:
@@ -200,14 +202,20 @@ class Folder:
     def _place(self, target: Path, content: bytes | memoryview, put: Callable[[Path, Path], bool]) -> bool:
         part = self.path / ".parts" / f"{target.name}.{process_name()}.{_mark(os.getpid())}.{threading.get_ident()}"
         try:
-            part.write_bytes(content)
-            on_disk(part)
+            try:
+                part.write_bytes(content)
+            except FileNotFoundError:
+                part.parent.mkdir(parents=True, exist_ok=True)
+                part.write_bytes(content)
+            if self.durable:
+                on_disk(part)
             try:
                 placed = put(part, target)
             except FileNotFoundError:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 placed = put(part, target)
-            on_disk(target.parent)
+            if self.durable:
+                on_disk(target.parent)
             return placed
         except OSError as error:
             raise CannotWrite(f"cannot write {target}: {error.strerror or error}; {RESUME}") from None
@@ -227,6 +235,14 @@ class Folder:
         except OSError as error:
             raise CannotWrite(f"cannot write in {self.path}: {error.strerror or error}; {RESUME}") from None
 
+    def is_locked(self) -> bool:
+        """Whether another process of this machine computes into the folder at present."""
+        try:
+            with self.locked():
+                return False
+        except StoreError:
+            return True
+
     @contextlib.contextmanager
     def locked(self, *, shared: bool = False) -> Iterator[None]:
         """Lock the folder against a second call; the operating system releases the lock when the process ends.
@@ -243,17 +259,21 @@ class Folder:
                 fcntl.flock(stream, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
             except BlockingIOError:
                 stream.seek(0)
-                raise StoreError(f"{self.path} is being computed by process {stream.read().strip() or '?'}") from None
+                # only a process that computes the whole has its name there
+                process = stream.read().strip()
+                owner = f"process {process}" if process else "another process"
+                raise StoreError(f"{self.path} is being computed by {owner}; wait for it, or stop it") from None
             except OSError:  # a file system without locks
                 yield
                 return
-            if shared:
-                yield
-                return
             stream.truncate(0)
-            stream.write(f"{os.getpid()} on {socket.gethostname()}")
+            if not shared:
+                stream.write(f"{os.getpid()} on {socket.gethostname()}")
             stream.flush()
-            yield
+            try:
+                yield
+            finally:
+                stream.truncate(0)
 
 
 def _put_over(part: Path, target: Path) -> bool:

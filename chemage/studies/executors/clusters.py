@@ -23,9 +23,8 @@ from chemage.foundation.errors import ChemageError, ExecutorError, InputError, S
 from chemage.foundation.inputs import check_data, described
 from chemage.foundation.messages import nearest
 from chemage.foundation.units import convert
-from chemage.sweeps.executors.pool import Pool, shares
-from chemage.sweeps.executors.processes import RETRIES
-from chemage.sweeps.folder import RESUME, SweepWarning
+from chemage.studies.executors.pool import RETRIES, Pool, shares
+from chemage.studies.folder import RESUME, SweepWarning
 
 #: longest time that a Dask cluster started on this machine may be without a worker, s; elsewhere workers may be queued
 PATIENCE = 120.0
@@ -172,7 +171,7 @@ def open_cluster(
     """Connect to the Dask cluster that ``detail`` names, or start it, for the duration of a block.
 
     ``detail`` is what follows ``dask:``; the arguments and errors are those of
-    :func:`chemage.sweeps.executors.opening.open_pool`.
+    :func:`chemage.studies.executors.opening.open_pool`.
     """
     try:
         import dask.config as dask_config
@@ -202,7 +201,7 @@ def open_cluster(
         limit = where.patience if patience is None else patience
         pool = Dask(client, where.workers or 1 if where.local else 0, limit, log)
         try:
-            yield Pool(pool, "dask", each, pool.width, blames_one=False)
+            yield Pool(pool, "dask", each, pool.width, here=False)
         finally:
             with suppress(Exception):
                 pool.shutdown(wait=False)

@@ -1,4 +1,4 @@
-"""Opens the executor of a sweep, named by a word such as ``"processes"`` or ``"dask:tcp://host:8786"``.
+"""Opens the executor of a study, named by a word such as ``"processes"`` or ``"dask:tcp://host:8786"``.
 
 All executors have the interface of ``concurrent.futures.Executor``, and results are the same to the last bit.
 """
@@ -6,17 +6,17 @@ All executors have the interface of ``concurrent.futures.Executor``, and results
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.errors import InputError
 from chemage.foundation.messages import nearest
-from chemage.sweeps.executors.clusters import open_cluster, seconds
-from chemage.sweeps.executors.pool import Pool, Serial, shares
-from chemage.sweeps.executors.processes import Processes
+from chemage.studies.executors.clusters import open_cluster, seconds
+from chemage.studies.executors.pool import Pool, Serial, Threads, shares
+from chemage.studies.executors.processes import Processes
 
-NAMES = ("serial", "processes", "dask")
+NAMES = ("serial", "threads", "processes", "dask")
 
 
 @contextmanager
@@ -31,9 +31,9 @@ def open_pool(
     Parameters
     ----------
     executor
-        ``"serial"``; ``"processes"``; ``"dask"`` (a new cluster on this machine), ``"dask:tcp://host:8786"`` (a running
-        cluster), ``"dask:package.module.Class"`` or ``"dask:cluster.toml"`` (a cluster to start, see docs/sweeps.md);
-        or any ``concurrent.futures.Executor`` whose workers can import chemage.
+        ``"serial"``; ``"threads"`` (of this process); ``"processes"``; ``"dask"`` (a new cluster on this machine),
+        ``"dask:tcp://host:8786"`` (a running cluster), ``"dask:package.module.Class"`` or ``"dask:cluster.toml"`` (a
+        cluster to start, see docs/sweeps.md); or any ``concurrent.futures.Executor`` whose workers can import chemage.
     workers
         Number of concurrent tasks; default: chosen automatically from the number of processors.
     threads
@@ -54,7 +54,8 @@ def open_pool(
     limit = None if patience is None else seconds(patience)
     if isinstance(executor, Executor):
         width = workers or getattr(executor, "_max_workers", None) or thread_budget.processors()
-        yield Pool(executor, type(executor).__name__, threads or 1, lambda: width)
+        here = isinstance(executor, ThreadPoolExecutor)
+        yield Pool(executor, type(executor).__name__, threads or 1, lambda: width, remote=not here)
         return
     name, _, detail = executor.partition(":")
     if name not in NAMES or (detail and name != "dask"):
@@ -62,14 +63,21 @@ def open_pool(
             "executor",
             executor,
             f"no such executor{nearest(name, NAMES)}",
-            "choose serial, processes, dask, dask:ADDRESS, dask:CLASS or dask:FILE.toml",
+            "choose serial, threads, processes, dask, dask:ADDRESS, dask:CLASS or dask:FILE.toml",
         )
     if name == "serial":
         if workers not in (None, 1):
             raise InputError.of(
-                "workers", workers, "serial runs one task at a time", "choose processes or dask, or set threads"
+                "workers",
+                workers,
+                "serial runs one task at a time",
+                "choose another executor, or set threads",
             )
-        yield Pool(Serial(), name, threads or thread_budget.available(), lambda: 1)
+        yield Pool(Serial(), name, threads or thread_budget.available(), lambda: 1, remote=False)
+    elif name == "threads":
+        workers, threads = shares(workers, threads)
+        with Threads(workers, thread_name_prefix="chemage-task") as executor:
+            yield Pool(executor, name, threads, lambda: workers, remote=False)
     elif name == "processes":
         workers, threads = shares(workers, threads)
         with Processes(workers, threads) as processes:

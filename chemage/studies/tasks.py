@@ -1,0 +1,317 @@
+"""A task: one scene to compute, known by the keys of its stages; and its computation, in this process or another.
+
+Where results are kept in a folder, the worker writes them there, and sends back only how long it took and what failed.
+"""
+
+from __future__ import annotations
+
+import pickle
+import threading
+import time
+import traceback
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from chemage.ageing.elasticity import compared_again
+from chemage.contacts.solution import ContactSolution
+from chemage.contacts.stage import solve_contact
+from chemage.contacts.theories import ContactTheory
+from chemage.experiments.run import Run, run, run_keys
+from chemage.experiments.scene import Scene
+from chemage.foundation import threads as thread_budget
+from chemage.foundation.codec import from_npz, to_json, to_npz
+from chemage.foundation.errors import ChemageError, ExecutorError, StoreError
+from chemage.foundation.version import __version__
+from chemage.plugins import registry
+from chemage.studies.by_hand import Known, learn
+from chemage.studies.folder import CannotWrite, Folder, process_name
+from chemage.surfaces.stage import make_surface
+from chemage.surfaces.surface import Surface
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Task:
+    """One scene to compute."""
+
+    #: content hashes: of everything on which the result depends, and of its stages
+    key: str
+    ageing: str
+    contact: str
+    surface: str
+    #: the validated scene, or what makes it where there may be very many
+    source: Scene | Callable[[], Scene]
+    #: by which users know it
+    number: int = 0
+    #: dotted path -> value, by which it differs from others of the study
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    #: estimated CPU time, s; nan where a component gives no estimate
+    contact_seconds: float = 0.0
+    ageing_seconds: float = 0.0
+    #: memory that its computation needs, as far as it is known
+    bytes: float = 0.0
+    #: whether the members of a distribution of barriers are aged as well, see :func:`chemage.run`
+    members: bool = True
+
+    @classmethod
+    def of(cls, scene: Scene, **more: Any) -> Task:
+        """The task of a scene."""
+        keys = scene.task_keys()
+        return cls(keys["result"], keys["aging"], keys["contact"], keys["surface"], scene, **more)
+
+    @property
+    def scene(self) -> Scene:
+        """The validated scene."""
+        return self.source if isinstance(self.source, Scene) else self.source()
+
+    def loaded(self) -> Task:
+        """This task with its scene, as a worker needs it."""
+        return replace(self, source=self.scene)
+
+
+@dataclass(frozen=True)
+class Place:
+    """The folder in which results are kept, as a worker is told of it."""
+
+    path: str
+    #: of the study, which the worker must find there; "": the folder describes none
+    digest: str = ""
+    #: whether contacts and failures are kept as well, and every file survives a power failure
+    contacts: bool = True
+
+    @property
+    def folder(self) -> Folder:
+        """The folder, after a check that this process sees the same one."""
+        return _opened(self.path, self.digest, self.contacts)
+
+
+@dataclass
+class Outcome:
+    """How a task ended. What failed has an ``error``; what is kept in a folder has neither ``run`` nor ``content``."""
+
+    #: without the surface; None where another process computed it
+    run: Run | None = None
+    #: what a folder has of it, see :func:`content_of`
+    content: dict[str, Any] | None = None
+    error: BaseException | None = None
+    #: the stage that failed
+    stage: str = ""
+
+
+@dataclass
+class Answer:
+    """What a worker sends back."""
+
+    #: wall time
+    seconds: float = 0.0
+    outcomes: dict[str, Outcome] = field(default_factory=dict)
+
+
+# -- what a process keeps in memory -----------------------------------------------------------------------------------
+
+
+class _Recent(Generic[T]):
+    """A small cache of the objects used last, by key; threads that ask for one that is being made wait for it."""
+
+    def __init__(self, size: int) -> None:
+        self._size, self._lock = size, threading.Lock()
+        self._making: dict[str, threading.Lock] = {}
+        self._kept: OrderedDict[str, T] = OrderedDict()
+
+    def get(self, key: str, make: Callable[[], T]) -> T:
+        with self._lock:
+            making = self._making.setdefault(key, threading.Lock())
+        with making:
+            with self._lock:
+                if key in self._kept:
+                    self._kept.move_to_end(key)
+                    return self._kept[key]
+            value = make()
+            with self._lock:
+                self._kept[key] = value
+                while len(self._kept) > self._size:
+                    self._making.pop(self._kept.popitem(last=False)[0], None)
+            return value
+
+    def drop(self, start: str) -> None:
+        """Forget the objects whose keys start so."""
+        with self._lock:
+            for key in [key for key in self._kept if key.startswith(start)]:
+                del self._kept[key]
+                self._making.pop(key, None)
+
+
+# 50 MB each at 2500 x 2500 pixels; tasks are computed in an order for which two of each are enough
+_surfaces: _Recent[Surface] = _Recent(2)
+_contacts: _Recent[ContactSolution] = _Recent(2)
+
+
+def _owner(path: str, digest: str) -> str:
+    """Names the study and the plugins in use, which may change between two studies of one process."""
+    return f"{path} {digest} {registry.current().state()}"
+
+
+def forget(path: str) -> None:
+    """Free the surfaces and contacts of the study in the folder ``path`` that this process has in memory."""
+    _surfaces.drop(f"{path} ")
+    _contacts.drop(f"{path} ")
+
+
+@lru_cache(maxsize=2)
+def _opened(path: str, digest: str, durable: bool) -> Folder:
+    folder = Folder(Path(path), durable)
+    if not digest:
+        return folder
+    try:
+        manifest = folder.read_manifest()
+    except StoreError as error:
+        raise ExecutorError(
+            f"worker {process_name()} cannot read the sweep: {error}; every worker must see {path}; workers on other "
+            "machines need a shared file system"
+        ) from None
+    if manifest["digest"] != digest:
+        raise ExecutorError(f"worker {process_name()} finds another sweep in {path}; start the sweep again")
+    if (version := manifest["versions"]["chemage"]) != __version__:
+        raise ExecutorError(f"worker {process_name()} has chemage {__version__}, but the sweep is run by {version}")
+    return folder
+
+
+# -- computing --------------------------------------------------------------------------------------------------------
+
+
+def compute(
+    place: Place | None, tasks: Sequence[Task], threads: int, known: Known = (), remote: bool = False
+) -> Answer:
+    """Compute tasks that have one contact.
+
+    Parameters
+    ----------
+    place
+        The folder in which results are kept; None: they are sent back.
+    known
+        Components and plugins that are registered by hand.
+    remote
+        Whether what is returned goes to another process.
+    """
+    begin = time.perf_counter()
+    thread_budget.limit(threads)
+    learn(known)
+    worker = _Worker(place, threads, remote)
+    outcomes = {one.key: worker.outcome(one) for one in tasks}
+    return Answer(time.perf_counter() - begin, outcomes)
+
+
+class _Worker:
+    """Computes tasks one after the other, and keeps what the next may need."""
+
+    def __init__(self, place: Place | None, threads: int, remote: bool) -> None:
+        self._place, self._threads, self._remote = place, threads, remote
+        self._folder = None if place is None else place.folder
+        self._owner = _owner("", "") if place is None else _owner(place.path, place.digest)
+        #: the ageing that was computed last, and what came of it
+        self._ageing, self._run, self._error = "", None, None
+        self._stage = "contact"
+
+    def outcome(self, task: Task) -> Outcome:
+        """Compute a task, and keep its result."""
+        try:
+            made = self._computed(task)
+        except CannotWrite:
+            raise
+        except (Exception, SystemExit) as error:  # a plugin that calls exit must not end the study
+            return self._failed(task, error)
+        if self._folder is not None:
+            self._folder.write_point(task.key, content_of(made, task.number, task.changes))
+            return Outcome()
+        return Outcome(content=content_of(made, task.number, task.changes)) if self._remote else Outcome(made)
+
+    def _computed(self, task: Task) -> Run:
+        if self._run is not None and self._ageing == task.ageing:
+            return _fitted_again(self._run, task.scene)
+        if self._error is not None and self._ageing == task.ageing:
+            raise self._error
+        self._ageing, self._run, self._error = task.ageing, None, None
+        try:
+            self._stage = "contact"
+            theory = isinstance(task.scene.contact, ContactTheory)
+            contact = None if theory else _contacts.get(f"{self._owner} {task.contact}", lambda: self._contact(task))
+            self._stage = "ageing"
+            self._run = run(task.scene, contact=contact, threads=self._threads, warn=False, members=task.members)
+        except (Exception, SystemExit) as error:
+            self._error = error
+            raise
+        return self._run
+
+    def _contact(self, task: Task) -> ContactSolution:
+        """The contact of a task: that in the folder, or a new one, which is then kept there."""
+        if self._folder is None or self._place is None or not self._place.contacts:
+            return self._solution(task)
+        if (stored := self._folder.intact_contact(task.contact)) is not None:
+            return stored
+        content = to_npz(self._solution(task))
+        mine = self._folder.write_contact(task.contact, content)
+        # tasks always use the stored contact, so that an interruption or another process does not change them
+        stored = None if mine else self._folder.intact_contact(task.contact)
+        return stored or from_npz(ContactSolution, content, self._folder.contact(task.contact))
+
+    def _solution(self, task: Task) -> ContactSolution:
+        # the name contains the study: in another one other plugins may change the surface of the same options
+        scene = task.scene
+        with scene.in_use():
+            surface = _surfaces.get(
+                f"{self._owner} {task.surface}", lambda: make_surface(scene.surface, scene.surface_seed)
+            )
+            return solve_contact(scene.solver, surface, scene.load)
+
+    def _failed(self, task: Task, error: BaseException) -> Outcome:
+        if self._folder is not None and self._place is not None and self._place.contacts:
+            self._folder.write_point(task.key, failure(task.number, task.changes, self._stage, error))
+        return Outcome(error=_sendable(error) if self._remote else error, stage=self._stage)
+
+
+def _fitted_again(made: Run, scene: Scene) -> Run:
+    """The run of a scene that differs from that of ``made`` in its fit and in the limits of its material only."""
+    made = replace(made, scene=scene.todict(), keys=run_keys(scene, made.contact, made.aging))
+    if made.aging is not None and scene.chemistry is not None:
+        made = replace(made, aging=compared_again(made.aging, made.contact, scene.chemistry))
+    return made
+
+
+def _sendable(error: BaseException) -> BaseException:
+    """An exception that another process can receive: the same, or its text."""
+    try:
+        pickle.loads(pickle.dumps(error))
+        return error
+    except Exception:
+        return ExecutorError(f"{type(error).__name__}: {error}")
+
+
+# -- what a folder has of a task --------------------------------------------------------------------------------------
+
+
+def content_of(made: Run, number: int, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The content of the file of a task that is done."""
+    content = {
+        "status": "done",
+        "point": number,
+        "changes": dict(changes),
+        "plugins": made.plugins,
+        "summary": made.summary(),
+        "aging": to_json(made.aging) if made.aging is not None else None,
+    }
+    if made.aging is None and made.contact.approximate:  # the ageing has it otherwise
+        content["approximate"] = list(made.contact.approximate)
+    return content
+
+
+def failure(number: int, changes: Mapping[str, Any], stage: str, error: BaseException) -> dict[str, Any]:
+    """The content of the file of a task that failed."""
+    report: dict[str, Any] = {"stage": stage, "type": type(error).__name__, "message": str(error)}
+    if not isinstance(error, ChemageError):
+        report["traceback"] = "".join(traceback.format_exception(error)[-6:])
+    return {"status": "failed", "point": number, "changes": dict(changes), "error": report}
