@@ -154,7 +154,7 @@ def test_samples_of_few_bonds_add_up_to_that_of_all_of_them(monkeypatch):
 
 
 def test_nearly_all_bonds_are_estimated_without_bias(monkeypatch):
-    """Half of the sites are reactive and all of these bonded: windows may hold more of them than there are on average."""
+    """Half of the sites are reactive and all of these bonded: windows may hold more of them than the mean."""
     touching = contact(shape=(80, 60))
     bonded = np.random.default_rng(1).random(touching.pressure.size) < 0.5
     found = estimated(monkeypatch, touching, bonded, hydroxylation=0.5)

@@ -89,8 +89,8 @@ def _rough_limit(studies: Studies) -> list[Estimate]:
         Estimate(
             f"β for h' → 1 with plasticity (area × {PLASTIC:g})",
             f"{plastic} half hydroxylated with the front",
-            f"the extrapolation above times {PLASTIC:g}, as in the paper (area 2 × 0.2/1.0 = 0.4 of that at h' = 0.2): β "
-            "follows the contact area; plasticity itself is not modelled",
+            f"the extrapolation above times {PLASTIC:g}, as in the paper (area 2 × 0.2/1.0 = 0.4 of that at h' = 0.2): "
+            "β follows the contact area; plasticity itself is not modelled",
             NONE,
         ),
     ]
