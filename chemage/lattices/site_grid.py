@@ -155,7 +155,7 @@ class ContactSites:
                 within = (row < self.shape[0]) & (column < self.shape[1])
             at = row * self.shape[1] + column
             place = np.minimum(np.searchsorted(self.sites, at), self.sites.size - 1)
-            pairs += np.count_nonzero((self.sites[place] == at) & within)
+            pairs += int(np.count_nonzero((self.sites[place] == at) & within))
         return 4 * self.sites.size - 2 * pairs
 
     def describe(self, contact: ContactSolution) -> dict[str, Any]:

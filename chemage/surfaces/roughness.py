@@ -89,7 +89,7 @@ def _squared_slope(rows: np.ndarray) -> float:
         return float(np.mean(np.square(line)))
     waves = np.zeros(rows.shape)
     waves[:, 1:-1] = rows[:, 1:-1] - rows[:, :1] - line * np.arange(1, steps)
-    waves[:, 1:-1] = fft.dst(waves[:, 1:-1], type=1, axis=1, workers=available())
+    waves[:, 1:-1] = np.asarray(fft.dst(waves[:, 1:-1], type=1, axis=1, workers=available()))
     waves *= 0.5 * np.pi / steps**2 * np.arange(steps + 1)
     return float(np.mean(np.square(line + fft.dct(waves, type=1, axis=1, overwrite_x=True, workers=available()))))
 

@@ -79,7 +79,7 @@ def sample(rng: np.random.Generator, seed: int) -> Iterator[Row]:
     contact = solved(maker(options, sites, sites), pressure, seed)
     if contact.sites.size < FEWEST:
         return
-    method = ca.ageing_method(
+    method: Any = ca.ageing_method(
         "sample", share=float(2 ** rng.uniform(-5, -1)), window=int(rng.choice([4, 8, 16])), margin=4
     )
     interaction = float(rng.choice([0.0, 0.3]))
@@ -113,7 +113,8 @@ def persson(rng: np.random.Generator, seed: int) -> Iterator[Row]:
     if touching < FEWEST:
         return
     for name, more in (("of the theory", {}), ("with kappa = 2.15", {"kappa": 2.15})):
-        found = ca.contact("persson", modulus=MODULUS, **more).statistics(surface, contact.load)
+        theory: Any = ca.contact("persson", modulus=MODULUS, **more)
+        found = theory.statistics(surface, contact.load)
         error = abs(found.contact_area / contact.corrected_area - 1)
         yield f"contact area {name}", touching, error <= found.approximate[0]["declared_error"]
 
