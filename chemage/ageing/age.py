@@ -32,6 +32,7 @@ from chemage.kinetics.role import Engine
 from chemage.kinetics.stage import cannot_give_states, run_kinetics
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
+from chemage.lattices.site_grid import ONE_PER_PIXEL
 from chemage.lattices.stage import build_lattice
 from chemage.plugins.participation import Plugins
 from chemage.plugins.sources import approximations, components_in, providers
@@ -152,7 +153,7 @@ def _provenance(request: AgeingRequest) -> dict[str, Any]:
     contact, chemistry, rupture, observe = request.contact, request.chemistry, request.rupture, request.observe
     if isinstance(contact, ContactSolution):
         sites = chemistry.sites_of(contact)
-        grid = {} if sites.rule == "pixels" else {"sites": sites.describe(contact)}
+        grid = {} if sites.words == ONE_PER_PIXEL else {"sites": sites.describe(contact)}
     else:
         grid = {"sites": {"words": f"{chemistry.site_density} per nm² of contact, no grid"}}
     return {

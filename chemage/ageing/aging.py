@@ -37,6 +37,9 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
+#: standard deviations from what is possible at which an estimate is taken for a fault
+FAR = 8.0
+
 
 class Aging(Record):
     """Bonds of several replicas against hold time, and the static friction rise they make."""
@@ -59,7 +62,7 @@ class Aging(Record):
     hold_times: Doubles
     """(m,) s"""
     bonds: Counts
-    """(replicas, m), of the whole contact; float64 where a method estimates them, see :class:`AgeingMethod`"""
+    """(replicas, m), of the whole contact; float64 where a method estimates them, see :class:`AgedBonds`"""
     sites: Counts
     """(replicas,), of the whole contact"""
     events: Indices | None = None
@@ -108,10 +111,13 @@ class Aging(Record):
             raise ValueError(f"sites, events: give one number for each of the {self.bonds.shape[0]} replicas")
         check_times(self.hold_times)
         require_finite("bonds", self.bonds, "give counts")
-        for name, counted in {"bonds": self.bonds, **counts}.items():
+        for name, counted in counts.items():
             if counted.min(initial=0) < 0:
                 raise ValueError(f"{name}: {counted.min()} is negative; give counts")
-        if (too_many := self.bonds > self.sites[:, None] * (1 + 1e-12)).any():  # the rounding of estimates
+        self._check_errors()
+        if (negative := self.bonds < -self._scatter).any():
+            raise ValueError(f"bonds: {self.bonds[negative][0]} is negative; give counts")
+        if (too_many := self.bonds - self._scatter > self.sites[:, None] * (1 + 1e-12)).any():
             replica, at = np.argwhere(too_many)[0]
             raise ValueError(
                 f"bonds: {self.bonds[replica, at]} of replica {replica} at {self.hold_times[at]:g} s, which has only "
@@ -124,7 +130,6 @@ class Aging(Record):
                 )
             if not (np.isfinite(self.rupture_force) & (self.rupture_force >= 0)).all():
                 raise ValueError("rupture_force: has numbers that are negative or not finite; give forces in nN")
-        self._check_errors()
         if self.member_ratios is not None and self.member_ratios.shape[1:] != self.hold_times.shape:
             raise ValueError(f"member_ratios: shape {self.member_ratios.shape}; give (members, {self.hold_times.size})")
         for name, output in self.outputs.items():
@@ -132,6 +137,18 @@ class Aging(Record):
             if values is None or values.ndim != 1 + len(output["dims"]):
                 raise ValueError(f"outputs: {name!r} does not belong to an observable with dims {output['dims']}")
         return self
+
+    @property
+    def _scatter(self) -> np.ndarray:
+        """(m,) by how much estimates of a replica may miss what is possible; 0 for counts.
+
+        Limited to it, their mean would be biased.
+        """
+        if self.bonds.dtype.kind == "i":
+            return np.zeros(self.hold_times.size)
+        stated = sum(self.errors.values(), np.zeros(self.hold_times.size)) * np.abs(self.bonds.mean(axis=0))
+        far = FAR * (self.bonds.std(axis=0) + stated * math.sqrt(self.replicas))
+        return np.where(np.isnan(far), np.inf, far)
 
     def _check_errors(self) -> None:
         if self.errors.keys() != self.error_sources.keys():

@@ -279,7 +279,7 @@ def _given(levels: float | str | Sequence[float | str], unit: str) -> list[float
 
 def _default(curves: Sequence[_Curve]) -> list[float]:
     """Levels between those that the first and the last hold times reach at the largest number of temperatures."""
-    ranges = [(float(mean[0]), float(mean.max())) for one in curves if (mean := one.values.mean(axis=0)).size]
+    ranges = [(max(float(mean[0]), 0.0), float(mean.max())) for one in curves if (mean := one.values.mean(axis=0)).size]
     ranges = [(low, high) for low, high in ranges if high > low]
     ends = sorted({end for pair in ranges for end in pair})
     best, counted = (0.0, 0.0), 0

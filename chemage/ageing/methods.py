@@ -81,7 +81,8 @@ class AgedBonds:
     """What a method of ageing gives: the bonds of the whole contact, and how well it knows them."""
 
     #: (replicas, m), or (1, m) where the method gives the mean alone; of the whole contact, never of a part of it;
-    #: float64 where they are estimated
+    #: float64 where they are estimated: an estimate may be below zero or above the number of sites, as its mean over
+    #: replicas must be free of bias
     bonds: np.ndarray
     #: (replicas,) or (1,): reactive sites of the whole contact, float64 where they are expected
     sites: np.ndarray

@@ -28,6 +28,11 @@ class ContactTheory(ContactSolver, ABC):
     def _statistics(self, roughness: Roughness, load: float) -> ContactStatistics:
         """Predict the contact under ``load`` in nN (finite, ≥ 0)."""
 
+    def relative_error(self, roughness: Roughness, load: float) -> float | None:
+        """Relative error of the contact area under ``load`` in nN that 5 of 100 surfaces exceed; default: the declared
+        error."""
+        return self.declared_error
+
     def is_nominally_flat(self, periodic: bool) -> bool:
         """A theory is of the nominal pressure, also where the surface does not repeat."""
         return True
@@ -52,8 +57,13 @@ class ContactTheory(ContactSolver, ABC):
         elif isinstance(surface, Surface):
             surface = Roughness.of(surface)
         expect("surface", surface, Roughness, "give a surface, the maker of one, or its Roughness")
-        made = self._statistics(surface, self.normal_force(load, surface))
-        return made.noting(surface.plugins | providers(*parts), [*surface.approximate, *approximations(*parts)])
+        force = self.normal_force(load, surface)
+        made, error = self._statistics(surface, force), self.relative_error(surface, force)
+        own = [
+            {**one, "declared_error": error, "of": self.error_of} for one in approximations(self) if error is not None
+        ]
+        others = [one for one in approximations(*parts) if one["kind"] != self.kind]
+        return made.noting(surface.plugins | providers(*parts), [*surface.approximate, *own, *others])
 
     def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
         raise InputError(no_map(self, "the pressure at each pixel cannot be given; call its method statistics"))

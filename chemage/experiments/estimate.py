@@ -19,7 +19,7 @@ from chemage.foundation.processor import slowness
 from chemage.foundation.threads import available
 from chemage.foundation.units import EV_PER_GPA_NM3
 from chemage.lattices.expected import Expected, expected_kinetics, rough_pressures, smooth_pressures
-from chemage.lattices.site_grid import in_words
+from chemage.lattices.site_grid import in_words, nominal_ratio
 
 #: CPU seconds of a replica beside its engine, and for each of its sites (half of it where none interacts), and of each
 #: pixel beside surface and solver: measured on a 2-core Intel Xeon machine (``tests/benchmarks/estimates.py``)
@@ -302,7 +302,8 @@ def _stages(scene: Scene, known: Mapping[str, float]) -> dict[str, str]:
     stages["interaction"] = chemistry.interaction.kind if chemistry.interaction else "not modelled: no neighbour list"
     if grids := scene.site_grids:
         gap = getattr(scene.solver, "gap", False) is True
-        stages["sites"] = in_words(*grids, gap=gap)
+        ratio = nominal_ratio(known["pixel_size"], chemistry.site_density)
+        stages["sites"] = in_words(*grids, gap=gap, ratio=ratio)
     times, method = hold.hold_times, scene.ageing
     replicas = f", {hold.replicas} replicas, seed {hold.seed}" if method is None or method.replicates else ""
     stages["kinetics"] = (

@@ -38,7 +38,8 @@ class Sample(AgeingMethod):
     them but is not counted. The bonds are scaled up by the probabilities (Hansen & Hurwitz, Ann. Math. Stat. 14, 333
     (1943)), which is free of bias, and corrected by the bonds of independent sites, which are known for every square
     without simulation: a regression estimator, whose coefficient comes from the other half of the windows, so that it
-    is free of bias too. What is left is the bias of a margin of finite width.
+    is free of bias too. Estimates of a replica may therefore be below zero or above the sites where bonds are few or
+    nearly all formed. What is left is the bias of a margin of finite width.
     """
 
     kind = "sample"
@@ -148,7 +149,8 @@ class Sample(AgeingMethod):
         followed = np.mean([one.sites for one in done]) / reactive
         note = f"{done[0].drawn.size} windows a replica; {100 * followed:.2g} % of the sites were followed"
         return AgedBonds(
-            np.clip(estimates, 0.0, reactive),
+            # not limited to what is possible, which would bias their mean where bonds are few or nearly all there
+            estimates,
             np.full(len(done), reactive),
             errors={"sampling": np.divide(error, mean, out=np.full(mean.shape, np.nan), where=mean > 0)},
             error_sources={"sampling": "from the scatter of the windows; part of the scatter of the replicas"},

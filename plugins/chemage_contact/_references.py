@@ -30,6 +30,16 @@ PERSSON = """@article{persson2001,
   doi = {10.1063/1.1388626},
 }"""
 
+PERSSON_ENERGY = """@article{persson2008,
+  author = {Persson, B. N. J.},
+  title = {On the elastic energy and stress correlation in the contact between elastic solids with randomly rough surfaces},
+  journal = {Journal of Physics: Condensed Matter},
+  volume = {20},
+  pages = {312001},
+  year = {2008},
+  doi = {10.1088/0953-8984/20/31/312001},
+}"""  # noqa: E501
+
 MANNERS = """@article{manners2006,
   author = {Manners, W. and Greenwood, J. A.},
   title = {Some observations on {Persson's} diffusion theory of elastic contact},

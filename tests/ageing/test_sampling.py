@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -127,6 +129,37 @@ def test_the_mean_over_samples_is_that_of_every_site(periodic, hydroxylation):
     spread = np.sqrt((every.var(axis=0, ddof=1) + found.bonds.var(axis=0, ddof=1)) / 60)
     assert np.all(np.abs(found.bonds.mean(axis=0) - every.mean(axis=0)) < 4.5 * np.maximum(spread, 1.0))
     assert np.allclose(found.sites, touching.sites.size * hydroxylation)
+
+
+def estimated(monkeypatch, touching, bonded, hydroxylation=1.0, replicas=200):
+    """The estimates of samples of bonds that are known beforehand, (replicas,)."""
+
+    def followed(request, number, sites):
+        lattice = SimpleNamespace(sites=sites, plugins={}, approximate=[])
+        state = np.stack([bonded[sites]] * len(TIMES))
+        return lattice, SimpleNamespace(states=state, engine="known", notes=(), plugins={}, approximate=[])
+
+    monkeypatch.setattr("chemage_ageing.sample._followed", followed)
+    silica = chemistry(interaction=None, hydroxylation=hydroxylation)
+    return aged(touching, sample(share=0.1), silica, replicas=replicas).bonds[:, 1]
+
+
+def test_samples_of_few_bonds_add_up_to_that_of_all_of_them(monkeypatch):
+    """The estimator is linear, so that it is free of bias for ten bonds as for thousands."""
+    touching = contact(shape=(80, 60))
+    part = np.random.default_rng(1).integers(200, size=touching.pressure.size)
+    few = [estimated(monkeypatch, touching, part == number) for number in range(5)]
+    np.testing.assert_allclose(np.sum(few, axis=0), estimated(monkeypatch, touching, part < 5), atol=1e-9)
+    assert min(one.min() for one in few) < 0
+
+
+def test_nearly_all_bonds_are_estimated_without_bias(monkeypatch):
+    """Half of the sites are reactive and all of these bonded: windows may hold more of them than the mean."""
+    touching = contact(shape=(80, 60))
+    bonded = np.random.default_rng(1).random(touching.pressure.size) < 0.5
+    found = estimated(monkeypatch, touching, bonded, hydroxylation=0.5)
+    exact = np.count_nonzero(bonded[touching.sites])
+    assert abs(found.mean() - exact) < 4 * found.std() / 200**0.5
 
 
 @pytest.mark.long

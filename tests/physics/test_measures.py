@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import erf
 
-from chemage import roughness, theory
+from chemage import roughness, surface, theory
 from chemage.contacts.patches import corrected_area, patches, perimeter
 
 
@@ -48,6 +48,36 @@ def test_free_slope_of_a_plane_and_of_a_paraboloid():
     radius = 40.0
     expected = math.sqrt(np.mean(x**2 + y**2)) / radius
     assert roughness.rms_slope(-(x**2 + y**2) / (2 * radius), 0.2, periodic=False) == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize(("pixels_per_wave", "within"), [(2.05, 0.03), (2.2, 0.02), (2.5, 0.01), (8.0, 0.005)])
+@pytest.mark.parametrize("angle", [0.1, 0.4, 0.9])
+def test_free_slope_of_short_waves(pixels_per_wave, within, angle):
+    """A wave on a slope, oblique to the grid and cut off by its edges at every phase: its derivative is known."""
+    k = 2 * np.pi / pixels_per_wave
+    kx, ky = k * math.cos(angle), k * math.sin(angle)
+    x, y = np.meshgrid(np.arange(72.0), np.arange(90.0), indexing="ij")
+    phase = kx * x + ky * y + 0.7
+    exact = math.sqrt(np.mean((0.3 - kx * np.sin(phase)) ** 2 + (ky * np.sin(phase)) ** 2))
+    heights = 0.3 * x + np.cos(phase)
+    assert roughness.rms_slope(0.5 * heights, 0.5, periodic=False) == pytest.approx(exact, rel=within)
+
+
+@pytest.mark.parametrize(("hurst", "zeta"), [(0.8, 128), (0.3, 128), (0.8, 32)])
+def test_slope_of_a_part_is_that_of_the_whole_there(hurst, zeta):
+    """Parts of periodic surfaces, whose spectrum ends at two pixels and at eight; 11 surfaces each."""
+    maker = surface("self-affine", pixels=256, pixel_size=1.0, rms_slope=0.1, hurst=hurst, zeta=zeta, eta=2)
+    q = 2j * np.pi * np.fft.fftfreq(256)
+    off = []
+    for seed in range(11):
+        heights = maker.make(seed).heights
+        waves = np.fft.fft2(heights)
+        squared = np.fft.ifft2(q[:, None] * waves).real ** 2 + np.fft.ifft2(q * waves).real ** 2
+        part = np.s_[10:90, 30:126]
+        exact = math.sqrt(squared[part].mean())
+        off.append(roughness.rms_slope(heights[part], 1.0, periodic=False) / exact - 1)
+    assert abs(np.mean(off)) < 0.005
+    assert np.abs(off).max() < 0.015
 
 
 @pytest.mark.parametrize("scale", [1e-200, 1.0, 1e200])

@@ -1,6 +1,7 @@
 """The reproduction's own arithmetic, and its sweeps on coarse surfaces; the paper's numbers are in test_paper.py."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -305,6 +306,15 @@ def test_estimates_are_labelled(coarse: tuple[dict[str, chemage.SweepResult], Pa
     found = estimates.estimates(points(coarse, "estimates"))
     assert [one.word in ("predicted", "disagrees", estimates.NONE) for one in found] == [True] * 5
     assert any("extrapolation" in one.how for one in found)
+
+
+def test_plasticity_doubles_beta_of_the_roughest_surface():
+    """The text of the paper: area relative to h' = 0.2 is 2 × 0.2/1.0 = 0.4, in which 2 is the gain by plasticity."""
+    half = front_point()
+    studies = {"front": [half, replace(half, changes={**half.changes, "chemistry.hydroxylation": 1.0})]}
+    _, plastic = estimates._rough_limit(studies)
+    elastic = half.beta() * 0.4  # of slope 0.4, extrapolated to 1 with β ∝ 1/h'
+    assert float(plastic.ours.split()[0]) == pytest.approx(2 * elastic, rel=1e-3)
 
 
 # -- number of patches ------------------------------------------------------------------------------------------------

@@ -11,8 +11,9 @@ from chemage_studies.reproduction.published import SLOPES, Published
 from chemage_studies.reproduction.studies import LITERAL_VOLUME, PARTIAL
 from chemage_studies.reproduction.verdicts import COMMON, DISAGREES, PREDICTED, Estimate, Line
 
-#: share of the elastic contact area that plasticity leaves in the paper's estimate
-PLASTIC = 0.4
+#: by which plasticity multiplies the elastic contact area at h' = 1: the paper has 2 × 0.2/1.0 = 0.4 times the area at
+#: h' = 0.2, of which 0.2/1.0 are the slopes
+PLASTIC = 2.0
 NONE = "no number to compare"
 LATE = (1e2, 1e5)
 
@@ -88,8 +89,8 @@ def _rough_limit(studies: Studies) -> list[Estimate]:
         Estimate(
             f"β for h' → 1 with plasticity (area × {PLASTIC:g})",
             f"{plastic} half hydroxylated with the front",
-            f"the extrapolation above times {PLASTIC:g}, as in the paper: β follows the contact area; plasticity "
-            "itself is not modelled",
+            f"the extrapolation above times {PLASTIC:g}, as in the paper (area 2 × 0.2/1.0 = 0.4 of that at h' = 0.2): "
+            "β follows the contact area; plasticity itself is not modelled",
             NONE,
         ),
     ]
