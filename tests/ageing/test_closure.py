@@ -66,17 +66,53 @@ def test_one_barrier_under_one_pressure_is_one_exponential(breaking):
     assert found.engine == "quadrature"
 
 
-def test_distributions_of_both_barriers_are_those_of_a_dense_quadrature():
-    own = chemistry(breaking=ca.barriers("uniform", lower=0.8, upper=1.0))
-    ranks = (np.arange(3000) + 0.5) / 3000
-    pressure = np.array([0.0, 0.5, 3.0])
-    found = bonded_share(own, 300.0, TIMES, pressure)
-    for row, p in zip(found, pressure, strict=True):
-        energy = own.forming.quantile(ranks) - p * own.activation_volume * ca.EV_PER_GPA_NM3
-        a = 1e13 * np.exp(-np.maximum(energy, 0) / KT)[:, None]
-        both = a + 1e13 * np.exp(-own.breaking.quantile(ranks[::10]) / KT)
-        exact = [float(np.mean(a / both * -np.expm1(-both * time))) for time in TIMES]
-        np.testing.assert_allclose(row, exact, rtol=2e-3)
+def _legendre(mean: float, std: float, kt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Energies and weights of a normal distribution: Gauss-Legendre panels no wider than k_BT, over nine deviations."""
+    panels = math.ceil(18 * std / min(std, kt))
+    edges = np.linspace(mean - 9 * std, mean + 9 * std, panels + 1)
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    half, middle = 0.5 * np.diff(edges)[:, None], 0.5 * (edges[1:] + edges[:-1])[:, None]
+    energies = (middle + half * nodes).ravel()
+    density = np.exp(-0.5 * ((energies - mean) / std) ** 2) / (std * math.sqrt(2 * math.pi))
+    return energies, (half * weights).ravel() * density
+
+
+def _exact_share(forming, breaking, shift: float, kt: float, times: np.ndarray) -> np.ndarray:
+    """⟨a/(a + b) (1 − exp(−(a + b) t))⟩ over two normal distributions (mean, std) in eV, in the space of energies."""
+    (e, v), (f, w) = _legendre(*forming, kt), _legendre(*breaking, kt)
+    a = 1e13 * np.exp(-np.maximum(e - shift, 0.0) / kt)[:, None]
+    both = a + 1e13 * np.exp(-np.maximum(f, 0.0) / kt)
+    return np.array([v @ (a / both * -np.expm1(-both * time)) @ w for time in times])
+
+
+#: forming and breaking barriers (mean, std) in eV, temperature in K, hold times in s, pressures in GPa
+BROAD = ((1.3, 0.02), (0.9, 0.1), 300.0, np.array([1.0, 1e4, 1e8, 1e12]), (0.0, 2.0))
+
+
+def _random_barriers(seed: int):
+    rng = np.random.default_rng(seed)
+    forming = rng.uniform(0.7, 1.4), 10 ** rng.uniform(-2.3, -0.9)
+    breaking = rng.uniform(0.7, 1.4), 10 ** rng.uniform(-2.3, -0.9)
+    return forming, breaking, rng.uniform(200, 600), 10.0 ** rng.uniform(-3, 12, 4), rng.uniform(0, 5, 2)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [BROAD, *map(_random_barriers, range(8))]
+    + [pytest.param(_random_barriers(seed), marks=pytest.mark.long) for seed in range(8, 100)],
+)
+def test_the_quadrature_is_exact_within_its_stated_error(case):
+    """A broad distribution of breaking barriers leaves the bonds to those of its upper end."""
+    forming, breaking, temperature, times, pressures = case
+    own = chemistry(
+        forming=ca.barriers("gaussian", mean=forming[0], std=forming[1]),
+        breaking=ca.barriers("gaussian", mean=breaking[0], std=breaking[1]),
+    )
+    times, kt = np.sort(times), ca.KB * temperature
+    found = bonded_share(own, temperature, times, np.array(pressures))
+    shifts = np.array(pressures) * own.activation_volume * ca.EV_PER_GPA_NM3
+    exact = np.stack([_exact_share(forming, breaking, shift, kt, times) for shift in shifts])
+    np.testing.assert_allclose(found, exact, rtol=2e-4)
 
 
 def test_no_table_is_made_without_interaction(small_tables):
