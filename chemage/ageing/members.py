@@ -1,4 +1,5 @@
-"""The error of the barriers: other distributions that the same data allow, aged on the same contact."""
+"""Errors beside the scatter of the replicas: other distributions of barriers that the same data allow, aged on the same
+contact; and what errors of the bonds make of β."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.age import age
-from chemage.ageing.aging import Aging
+from chemage.ageing.aging import Aging, fit_or_reason
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
 from chemage.foundation.errors import InputError
@@ -77,3 +78,26 @@ def barriers_error(aging: Aging | None, window: tuple[float, float]) -> float | 
         return None
     slopes = np.polyfit(np.log10(aging.hold_times[inside]), drops.T, 1)[0]
     return float(slopes.std(ddof=1) / abs(own))
+
+
+def beta_errors(aging: Aging | None, window: tuple[float, float]) -> dict[str, float]:
+    """Relative standard errors of β over ``window`` (s) that follow from :attr:`Aging.errors` of a mean without
+    replicas, by name; of a mean over replicas, whose scatter gives an error of β, none.
+
+    Errors of the bonds at different hold times may have any signs, also opposite ones early and late, so that their
+    parts in the slope are added up by magnitude.
+    """
+    if aging is None or aging.replicas > 1:
+        return {}
+    fit, _ = fit_or_reason(aging, window)
+    if fit is None or fit.beta == 0:
+        return {}
+    times, drop = aging.hold_times, aging.mean_friction_coefficient_drop
+    inside = (times >= window[0] * (1 - 1e-9)) & (times <= window[1] * (1 + 1e-9)) & (times > 0)
+    decades = np.log10(times[inside])
+    weights = np.abs(decades - decades.mean()) / (np.var(decades) * decades.size)
+    return {
+        name: float(np.sum(weights * drop[inside] * error[inside]) / abs(fit.beta))
+        for name, error in aging.errors.items()
+        if name != BARRIERS
+    }

@@ -240,8 +240,9 @@ def print_run(result: Run) -> None:
         rows.append(("errors", f"95 %, {fit.intervals_text()}{more}"))
         if scatter is not None and not alone:
             rows.append(("surfaces", scatter.text(fit.relative_stderr)))
-        if (barriers := result.barriers_error) is not None:
-            rows.append(("error of beta: barriers", f"{percent(barriers)} (standard error), beside the interval above"))
+        beside = "" if fit.replicas == 1 else ", beside the interval above"
+        for name, error in result.beta_errors.items():
+            rows.append((f"error of beta: {name}", f"{percent(error)} (standard error){beside}"))
     if result.approximate:
         rows.append(("approximate", result.approximate))
     rows += [(f"plugin {name}", source) for name, source in result.plugins.items()]

@@ -18,7 +18,7 @@ from chemage.ageing.checkpoints import keep, resumed
 from chemage.ageing.derived import CURVES, FIT, curves, fit_numbers
 from chemage.ageing.elasticity import elastic_measures, elastic_notes
 from chemage.ageing.fitting import FIT_WINDOW, Fit
-from chemage.ageing.members import BARRIERS, barriers_error, with_members
+from chemage.ageing.members import BARRIERS, barriers_error, beta_errors, with_members
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
 from chemage.contacts.statistics import ContactStatistics
@@ -122,9 +122,12 @@ class Run:
         """Relative standard error of β that is due to the barriers, where members of their distribution were aged."""
         return barriers_error(self.aging, self.window)
 
-    def _beta_errors(self) -> dict[str, dict[str, float]]:
-        found = self.barriers_error
-        return {} if found is None else {"beta_errors": {BARRIERS: found}}
+    @property
+    def beta_errors(self) -> dict[str, float]:
+        """What an error of β beside the scatter of the replicas is due to -> relative standard error."""
+        barriers = self.barriers_error
+        known = {} if barriers is None else {BARRIERS: barriers}
+        return {**beta_errors(self.aging, self.window), **known}
 
     def _fitted(self) -> tuple[Fit | None, str]:
         return (None, "") if self.aging is None else fit_or_reason(self.aging, self.window)
@@ -156,7 +159,7 @@ class Run:
             "beta_reason": reason or None,
             "cutoff_reason": (fit.cutoff_reason or None) if fit else None,
             "beta_scatter_between_surfaces": scatter.relative if scatter else None,
-            **self._beta_errors(),
+            **({"beta_errors": errors} if (errors := self.beta_errors) else {}),
             **elastic_measures(aging),
             "timings": self.timings,
             "versions": self.versions,

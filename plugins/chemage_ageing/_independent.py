@@ -8,11 +8,12 @@ import numpy as np
 
 from chemage import EV_PER_GPA_NM3, KB, Chemistry
 
-#: nodes per k_BT of the grid of energies; cubic interpolation between them errs by 1e-4 of a rate at most
-PER_KT = 4
+#: nodes per k_BT of the grid of energies; cubic interpolation between them errs by 4e-5 of a rate at most
+PER_KT = 5
 #: pressures between which the bonds of groups of sites are interpolated
 PRESSURES = 33
-#: panels of the quadrature over the barriers, each half as wide as the one above it: the lowest react first
+#: panels of the quadrature over the barriers, each half as wide as its neighbour towards the middle: the lowest forming
+#: barriers react first, and bonds with the highest breaking barriers last longest
 PANELS, FINE_PANELS, FINE, COARSE = 48, 10, 256, 32
 
 
@@ -90,14 +91,14 @@ def _of_energy(chemistry: Chemistry, kt: float, hold_times: np.ndarray, nodes: i
 
 @lru_cache(maxsize=1)
 def _ranks() -> tuple[np.ndarray, np.ndarray]:
-    """Ranks in (0, 1) and their weights: midpoints, the finer the lower."""
-    edges = [np.linspace(0.5, 1.0, FINE + 1)]
-    for panel in range(1, PANELS):
-        count = FINE if panel < FINE_PANELS else COARSE
+    """Ranks in (0, 1) and their weights: midpoints, the finer the nearer to either end."""
+    edges = []
+    for panel in range(1, PANELS + 1):
+        count = FINE if panel <= FINE_PANELS else COARSE
         edges.append(np.linspace(0.5 ** (panel + 1), 0.5**panel, count + 1))
     ranks = np.concatenate([0.5 * (part[1:] + part[:-1]) for part in edges])
     weights = np.concatenate([np.diff(part) for part in edges])
-    return ranks, weights / weights.sum()
+    return np.concatenate([ranks, 1 - ranks]), np.tile(weights / (2 * weights.sum()), 2)
 
 
 def _weights(energies: np.ndarray, step: float, nodes: int) -> np.ndarray:

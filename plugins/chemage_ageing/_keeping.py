@@ -16,7 +16,7 @@ from chemage import ChemageError, fresh_file
 from chemage_ageing._table import Node, Setting, Took
 
 _BEGIN = b"chemage closure table\n"
-_ARRAYS = ("change", "change_error", "rim", "rim_error")
+_ARRAYS = ("change", "error")
 
 
 def cache_folder() -> Path:

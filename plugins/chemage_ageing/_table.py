@@ -1,9 +1,9 @@
-"""Bonds of uniform contacts beside those of sites that do not interact: what the interaction changes, tabulated.
+"""What the interaction changes, tabulated by pressure, neighbours and time.
 
-At each pressure a periodic contact without a rim, the same sites without interaction, and stripes of the same sites are
-followed with the same barriers and the same kinetic noise. The share of bonded sites is that of independent sites,
-which is known exactly, plus the difference of the first two (a control variate: Law, Simulation Modeling and Analysis,
-section 11.4). Differences between the stripes and the same sites of the contact without a rim give the rim term.
+At each pressure the kinetics of a periodic contact all of whose sites are in contact, and of some from which sites are
+missing at random, run beside those of the same sites without interaction, with the same barriers and the same kinetic
+noise. The bonds without interaction are known exactly and serve as a control variate (Law, Simulation Modeling and
+Analysis, section 11.4). The sites of the thinned contacts are sorted by the neighbours that they have.
 """
 
 from __future__ import annotations
@@ -15,43 +15,38 @@ from typing import Any
 
 import numpy as np
 
-from chemage import (
-    KB,
-    Chemistry,
-    ContactSolution,
-    Engine,
-    ReactionLattice,
-    build_lattice,
-    random,
-    run_kinetics,
-)
+from chemage import KB, Chemistry, ContactSolution, Engine, ReactionLattice, build_lattice, random, run_kinetics
 from chemage.foundation.threads import in_order
 from chemage_ageing._independent import bonded_share, shift_per_gpa
 
 #: changes with what is computed below, so that tables of an older version are not used
-VERSION = 1
-#: sites along a side of a uniform contact; of the blocks of which its scatter is found; period and width of a stripe
-SIDE, BLOCK, PERIOD, WIDTH = 128, 16, 32, 8
+VERSION = 2
+#: sites along a side of a contact of the table; columns of the bands of which its scatter is found
+SIDE, BAND = 128, 8
+#: thinned contacts beside each full one
+THINNED = 3
 #: hold times per decade
 PER_DECADE = 8
 #: replicas: those begun with, and the most
 FIRST, MOST = 4, 256
 #: a share of bonded sites of one in so many sites of the table is not resolved any better
 RESOLVED = 20.0
+#: bonds from which on the coefficient of the control variate is found from the scatter of the bands; 1 below
+CONTROLLED = 1000.0
 #: pressures are so many k_BT of the barrier apart
 STEP = 1.0
+#: shares of bonded sites below this are none
+NONE = 1e-250
 
 
 @dataclass(frozen=True)
 class Node:
-    """What the interaction changes at one pressure; per site in contact, at each time of the table, (m,) each."""
+    """What the interaction changes at one pressure, (neighbours + 1, m): for each number of neighbours in contact and
+    each time of the table, relative to the share of bonded sites without interaction."""
 
-    #: change of the share of bonded sites inside the contact
     change: np.ndarray
-    change_error: np.ndarray
-    #: coefficient of the rim term: a in a (x − x²) − change x², for sites that lack the share x of their neighbours
-    rim: np.ndarray
-    rim_error: np.ndarray
+    #: its standard error
+    error: np.ndarray
     replicas: int
 
 
@@ -96,7 +91,7 @@ class Setting:
             "spacing": float(f"{self.spacing:.4g}"),
             "decades": list(self.decades),
             "accuracy": self.accuracy,
-            "grid": [SIDE, BLOCK, PERIOD, WIDTH, PER_DECADE, STEP],
+            "grid": [SIDE, BAND, THINNED, PER_DECADE, STEP],
         }
 
 
@@ -127,7 +122,7 @@ def compute(
 
 def taking_part(setting: Setting) -> Took:
     """What takes part in the table now, from a small contact."""
-    lattice = build_lattice(_own(setting), _uniform(setting, 0, np.ones((4, 4), dtype=bool)), 0)
+    lattice = build_lattice(_own(setting), _contact(setting, 0, np.ones((4, 4), dtype=bool)), 0)
     times = setting.times[:1]
     history = run_kinetics(setting.engine, lattice, times, temperature=setting.temperature, seed=0)
     return Took(lattice.plugins | history.plugins, [*lattice.approximate, *history.approximate])
@@ -142,7 +137,7 @@ def _pressure(setting: Setting, number: int) -> float:
     return max(number * setting.pressure_step, 1e-9)
 
 
-def _uniform(setting: Setting, number: int, where: np.ndarray) -> ContactSolution:
+def _contact(setting: Setting, number: int, where: np.ndarray) -> ContactSolution:
     pressure = np.where(where, _pressure(setting, number), 0.0)
     load = float(pressure.sum()) * setting.spacing**2
     return ContactSolution(pressure=pressure, load=load, pixel_size=setting.spacing, modulus=1.0, periodic=True)
@@ -152,8 +147,8 @@ def _node(setting: Setting, number: int) -> Node:
     samples = _Samples(setting, number)
     count = FIRST
     while True:
-        while len(samples.rims) < count:
-            samples.add(len(samples.rims))
+        while samples.replicas < count:
+            samples.add(samples.replicas)
         node = samples.node()
         if count >= MOST or samples.sufficient(node):
             return node
@@ -164,27 +159,38 @@ class _Samples:
     """The replicas of a node."""
 
     def __init__(self, setting: Setting, number: int) -> None:
-        self.setting, self.number = setting, number
-        full = np.ones((SIDE, SIDE), dtype=bool)
-        stripes = np.broadcast_to(np.arange(SIDE) % PERIOD < WIDTH, (SIDE, SIDE))
-        self.full, self.stripes = (_uniform(setting, number, where) for where in (full, stripes))
+        self.setting, self.number, self.replicas = setting, number, 0
+        generator = np.random.default_rng(np.random.SeedSequence(setting.seed, spawn_key=(number,)))
+        # from nearly no site to nearly every one, so that sites have every number of neighbours
+        share = (np.arange(SIDE)[:, None] + 0.5) / SIDE
+        thinned = [generator.random((SIDE, SIDE)) < share for _ in range(THINNED)]
+        self.full, *self.thinned = (
+            _contact(setting, number, where) for where in (np.ones((SIDE, SIDE), dtype=bool), *thinned)
+        )
+        #: class of each pixel of the full contact and of the thinned ones: its band and its neighbours in contact
+        self.classes = [self._classes(contact) for contact in (self.full, *self.thinned)]
+        self.shape = SIDE // BAND, setting.most + 1
+        size = self.shape[0] * self.shape[1]
+        held = sum(
+            np.bincount(place[contact.contact.ravel()], minlength=size)
+            for place, contact in zip(self.classes[1:], self.thinned, strict=True)
+        )
+        #: (bands, neighbours + 1) sites in contact; sites with every neighbour are those of the full contact
+        self.held = np.asarray(held, dtype=np.float64).reshape(self.shape)
+        self.held[:, -1] = SIDE * BAND
         pressure = np.array([_pressure(setting, number)])
-        exact = bonded_share(setting.chemistry, setting.temperature, setting.times, pressure)
-        self.independent = exact[0]
-        #: (blocks, m) share of the sites in contact, over all replicas
+        #: (m,) share of bonded sites without interaction
+        self.independent = bonded_share(setting.chemistry, setting.temperature, setting.times, pressure)[0]
+        #: (bands, neighbours + 1, m) bonds in each replica
         self.coupled: list[np.ndarray] = []
         self.control: list[np.ndarray] = []
-        #: (m,) of each replica: difference of the stripes, per site
-        self.rims: list[np.ndarray] = []
-        self.moments = self._moments()
 
-    def _moments(self) -> tuple[float, float]:
-        """Means of x − x² and of x² over the sites of the stripes, x being the share of neighbours that they lack."""
-        chemistry = _own(self.setting).replace(hydroxylation=1.0)
-        graph = build_lattice(chemistry, self.stripes, 0).neighbours
-        assert graph is not None
-        x = 1.0 - np.count_nonzero(graph >= 0, axis=1) / self.setting.most
-        return float(np.mean(x - x * x)), float(np.mean(x * x))
+    def _classes(self, contact: ContactSolution) -> np.ndarray:
+        lattice = build_lattice(_own(self.setting).replace(hydroxylation=1.0), contact, 0)
+        assert lattice.neighbours is not None
+        place = np.zeros(SIDE * SIDE, np.int64)
+        place[lattice.sites] = np.minimum(np.count_nonzero(lattice.neighbours >= 0, axis=1), self.setting.most)
+        return place + (np.arange(SIDE * SIDE) % SIDE // BAND) * (self.setting.most + 1)
 
     def add(self, replica: int) -> None:
         setting, chemistry = self.setting, _own(self.setting)
@@ -199,45 +205,57 @@ class _Samples:
             assert history.states is not None
             return lattice, history.states
 
-        full, coupled = states(chemistry, self.full)
-        alone, control = states(chemistry.replace(interaction=None), self.full)
-        part, rim = states(chemistry, self.stripes)
-        self.coupled.append(_blocks(full.sites, coupled))
-        self.control.append(_blocks(alone.sites, control))
-        same = np.searchsorted(full.sites, part.sites)
-        touching = np.count_nonzero(self.stripes.contact)
-        self.rims.append((rim.sum(axis=1) - coupled[:, same].sum(axis=1)) / touching)
+        alone, independent = states(chemistry.replace(interaction=None), self.full)
+        coupled = np.zeros((*self.shape, setting.times.size))
+        control = np.zeros_like(coupled)
+        for place, contact in zip(self.classes, (self.full, *self.thinned), strict=True):
+            lattice, bonded = states(chemistry, contact)
+            same = independent[:, np.searchsorted(alone.sites, lattice.sites)]
+            which = slice(-1, None) if contact is self.full else slice(0, -1)
+            coupled[:, which] += self._sums(place[lattice.sites], bonded)[:, which]
+            control[:, which] += self._sums(place[lattice.sites], same)[:, which]
+        self.coupled.append(coupled)
+        self.control.append(control)
+        self.replicas += 1
+
+    def _sums(self, place: np.ndarray, states: np.ndarray) -> np.ndarray:
+        size = self.shape[0] * self.shape[1]
+        counts = [np.bincount(place[state], minlength=size) for state in states.astype(bool)]
+        return np.stack(counts, axis=-1).reshape(*self.shape, len(states))
 
     def node(self) -> Node:
         coupled, control = np.concatenate(self.coupled), np.concatenate(self.control)
-        control = control - self.independent
-        # the coefficient of least variance, at each time
-        spread = control.var(axis=0)
-        covariance = np.mean((coupled - coupled.mean(axis=0)) * (control - control.mean(axis=0)), axis=0)
-        factor = np.divide(covariance, spread, out=np.ones_like(spread), where=spread > 0)
+        held = np.tile(self.held, (self.replicas, 1))[..., None]
+        sites = np.maximum(held.sum(axis=0), 1.0)
+        control = control - held * self.independent
+        # residuals about the ratio of bonds to sites, and the coefficient of least variance of the control
+        away = coupled - held * (coupled.sum(axis=0) / sites)
+        spread = (control**2).sum(axis=0)
+        factor = np.divide((away * control).sum(axis=0), spread, out=np.ones_like(spread), where=spread > 0)
+        enough = sites * self.independent >= CONTROLLED
+        factor = np.where(enough, np.clip(factor, 0.0, 1.0), 1.0)
         values = coupled - factor * control
-        change = values.mean(axis=0) - self.independent
-        error = values.std(axis=0, ddof=1) / math.sqrt(len(values))
-        rims = np.stack(self.rims)
-        linear, square = self.moments
-        rim = (rims.mean(axis=0) + change * square) / linear
-        rim_error = rims.std(axis=0, ddof=1) / math.sqrt(len(rims)) / linear
-        return Node(change, error, rim, rim_error, len(rims))
+        share = values.sum(axis=0) / sites
+        bands = len(coupled)
+        error = np.sqrt(((values - held * share) ** 2).sum(axis=0) * bands / (bands - 1)) / sites
+        exact = np.where(self.independent > NONE, self.independent, np.inf)
+        # a change in fewer than one site of the table is not seen
+        neighbours = np.arange(self.setting.most + 1)[:, None]
+        unseen = np.minimum(1 / (sites * exact), neighbours * np.minimum(self.independent, 1.0))
+        relative = np.where(np.isfinite(exact), share / exact - 1, 0.0)
+        alone = neighbours == 0  # nothing changes a site without neighbours
+        return Node(
+            np.where(alone, 0.0, relative), np.where(alone, 0.0, np.hypot(error / exact, unseen)), self.replicas
+        )
 
     def sufficient(self, node: Node) -> bool:
-        """Whether the error is below the accuracy at each decade, as far as bonds are there."""
+        """Whether the error is below the accuracy at each decade, as far as bonds are there: inside the contact, and in
+        the mean over the numbers of neighbours."""
         at = slice(None, None, PER_DECADE)
-        share = (self.independent + node.change)[at]
+        alone = self.independent[at]
+        rim = math.sqrt(float(self.setting.most - 1)) if self.setting.most > 1 else 1.0
+        several = np.sqrt((node.error[1:-1, at] ** 2).mean(axis=0)) / rim if self.setting.most > 1 else 0.0 * alone
+        share = np.stack([alone * (1 + node.change[-1, at]), alone * (1 + node.change[1:, at].mean(axis=0))])
+        error = alone * np.stack([node.error[-1, at], several])
         sites = SIDE * SIDE * node.replicas
-        return bool((node.change_error[at] <= self.setting.accuracy * np.maximum(share, RESOLVED / sites)).all())
-
-
-def _blocks(sites: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """Bonded sites of each block over its sites in contact, (blocks, m)."""
-    across = SIDE // BLOCK
-    rows, columns = np.divmod(sites, SIDE)
-    block = rows // BLOCK * across + columns // BLOCK
-    order = np.argsort(block, kind="stable")
-    edges = np.searchsorted(block[order], np.arange(across * across + 1))
-    total = np.concatenate([np.zeros((len(states), 1)), np.cumsum(states[:, order], axis=1)], axis=1)
-    return np.diff(total[:, edges], axis=1).T / BLOCK**2
+        return bool((error <= self.setting.accuracy * np.maximum(share, RESOLVED / sites)).all())

@@ -6,7 +6,7 @@ import math
 import threading
 from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -23,13 +23,16 @@ from chemage import (
     contact_statistics,
     coordination,
 )
-from chemage_ageing import _keeping, _table
+from chemage_ageing import _keeping, _rim, _table
 from chemage_ageing._independent import bonded_share
 
-#: largest and rms relative error of the mean number of bonds, measured on contacts that tuned nothing
+#: largest relative error of the mean number of bonds, measured on contacts that tuned nothing
 #: (``tests/benchmarks/closure_errors.py``)
-LARGEST_ERROR, RMS_ERROR = 0.015, 0.004
-#: the same of sites that do not interact: the quadrature
+LARGEST_ERROR = 0.04
+#: standard error of the approximation: of what the interaction changes at the rim, weighted by the share of neighbours
+#: that are missing; of what unequal pressures change; of all that the interaction changes
+RIM_ERROR, UNEVEN_ERROR, WHOLE_ERROR = 0.05, 0.1, 0.0025
+#: relative error of sites that do not interact: the quadrature
 INDEPENDENT_ERROR = 2e-4
 #: CPU seconds of a table at the default accuracy, at most, measured on rough contacts and tips of silica
 TABLE_SECONDS = 100.0
@@ -44,14 +47,13 @@ _tables: dict[tuple[Path, str], dict[int, _table.Node]] = {}
 
 
 class Closure(AgeingMethod):
-    """Bonds per area as a function of pressure and time, plus the term of the rim, over the statistics of the contact.
+    """Bonds per area as a function of pressure, neighbours and time, summed over the statistics of the contact.
 
-    A site under the pressure p that lacks the share x of its neighbours is bonded with the probability
-    ρ(p, t) = ρ₀ + δ (1 − x²) + a (x − x²): ρ₀ of a site that does not interact, exactly; δ, by which the interaction
-    changes it inside a uniform contact; a, the term of the rim. δ and a are tabulated once for each chemistry and
-    temperature by the kinetics of uniform contacts and of stripes of them, and kept in the cache folder of the user; an
-    isolated site (x = 1) has ρ₀. Left out are correlations between sites under different pressures, and which sites
-    lack the neighbours. It gives the mean number of bonds: no replicas, no scatter, no states.
+    A site under the pressure p with n effective neighbours is bonded with the probability ρ₀(p, t) [1 + g(p, n, t)]: ρ₀
+    of a site that does not interact, exactly; g, by which the interaction changes it, from the kinetics of contacts
+    under one pressure from which sites are missing at random. A neighbour under another pressure q counts as
+    ρ₀(q, t)/ρ₀(p, t) neighbours. g is tabulated once for each chemistry and temperature and kept in the cache folder of
+    the user. It gives the mean number of bonds: no replicas, no scatter, no states.
     """
 
     kind = "closure"
@@ -62,7 +64,7 @@ class Closure(AgeingMethod):
     speed_only: ClassVar[tuple[str, ...]] = ("folder",)
     trade: ClassVar[Mapping[str, tuple[float, ...]]] = {"accuracy": (0.02, 0.01, 0.005)}
 
-    accuracy: float = Field(default=0.005, ge=1e-4, le=0.2)
+    accuracy: float = Field(default=0.01, ge=1e-4, le=0.2)
     """relative standard error of the table, at each of its pressures and at each decade of time"""
     engine: Choice[Engine] = Field(default="next-reaction", validate_default=True)
     """engine of the table; it must be able to give the states of the sites"""
@@ -91,7 +93,7 @@ class Closure(AgeingMethod):
         curve = 0.02 + 1e-6 * sites
         found = {"cpu_seconds": curve, "bytes": 2e8 + 40.0 * sites}
         if interacting:
-            most = curve + TABLE_SECONDS * (0.005 / self.accuracy) ** 2
+            most = curve + TABLE_SECONDS * (0.01 / self.accuracy) ** 2
             found |= {"cpu_seconds": math.sqrt(curve * most), "cpu_seconds_least": curve, "cpu_seconds_most": most}
         return found
 
@@ -102,19 +104,17 @@ class Closure(AgeingMethod):
         statistics = contact if isinstance(contact, ContactStatistics) else contact_statistics(contact, chemistry)
         per_area = _density(request)
         sites = np.array([chemistry.hydroxylation * statistics.contact_area * per_area])
-        counts = statistics.area * per_area
-        bonds = counts @ bonded_share(chemistry, request.temperature, times, statistics.pressure)
+        independent = bonded_share(chemistry, request.temperature, times, statistics.pressure)
+        bonds = (statistics.area * per_area) @ independent
         error, notes, took = np.full(times.size, INDEPENDENT_ERROR), (), _table.Took()
         source = f"at most {100 * INDEPENDENT_ERROR:g} %, of the quadrature"
         if chemistry.interaction is not None and statistics.pressure.size:
-            change, noise, notes, took = self._interaction(request, statistics, per_area)
-            bonds = bonds + change
-            relative = np.divide(noise, bonds, out=np.zeros_like(noise), where=bonds > 0)
-            error = np.sqrt(relative**2 + RMS_ERROR**2)
-            source = (
-                f"standard error: {100 * RMS_ERROR:g} %, the rms measured on contacts that tuned nothing, and that of "
-                "the table"
-            )
+            changed, notes, took = self._interaction(request, statistics, per_area, independent)
+            bonds = np.maximum(bonds + changed.bonds, 0.0)
+            absolute = np.sqrt(changed.table**2 + changed.model**2)
+            relative = np.divide(absolute, bonds, out=np.zeros_like(absolute), where=bonds > 0)
+            error = np.hypot(relative, INDEPENDENT_ERROR)
+            source = "standard error: that of the table, and of the approximation, from the rim and the pressures"
         return AgedBonds(
             bonds=np.clip(bonds, 0.0, sites)[None],
             sites=sites,
@@ -127,9 +127,9 @@ class Closure(AgeingMethod):
         )
 
     def _interaction(
-        self, request: AgeingRequest, statistics: ContactStatistics, per_area: float
-    ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...], _table.Took]:
-        """What the interaction changes: bonds of the contact and their standard error, (m,) each; notes; plugins."""
+        self, request: AgeingRequest, statistics: ContactStatistics, per_area: float, independent: np.ndarray
+    ) -> tuple[_Changed, tuple[str, ...], _table.Took]:
+        """What the interaction changes; notes; plugins. ``independent``: (classes, m) without interaction."""
         assert request.chemistry.interaction is not None
         spacing = 1 / math.sqrt(per_area)
         setting = _table.Setting(
@@ -142,7 +142,8 @@ class Closure(AgeingMethod):
             self.accuracy,
         )
         if setting.most == 0:
-            return np.zeros(request.hold_times.size), np.zeros(request.hold_times.size), (), _table.Took()
+            zero = np.zeros(request.hold_times.size)
+            return _Changed(zero, zero, zero), (), _table.Took()
         first, parts = _places(setting, _without_tail(statistics))
         needed = sorted({int(number) for offset in range(len(parts)) for number in np.unique(first + offset)})
         if len(needed) > MOST_NODES:
@@ -152,21 +153,20 @@ class Closure(AgeingMethod):
             )
         took = _table.taking_part(setting)
         nodes, notes = self._nodes(setting, needed, took, request)
-        rim = _rim_moments(statistics, per_area)
-        # (nodes, 3): sites, and those moments of the missing neighbours, at each pressure of the table
-        place = {number: k for k, number in enumerate(needed)}
-        weights = np.zeros((len(needed), 3))
-        for offset, part in enumerate(parts):
-            which = np.array([place[int(number)] for number in first + offset])
-            for moment in range(3):
-                weights[:, moment] += np.bincount(which, part * rim[:, moment], len(needed))
-        stack = {name: np.stack([getattr(nodes[number], name) for number in needed]) for name in _NAMES}
-        # δ (1 − x²) + a (x − x²)
-        inside, edge = weights[:, 0] - weights[:, 2], weights[:, 1] - weights[:, 2]
-        change = inside @ stack["change"] + edge @ stack["rim"]
-        variance = inside**2 @ stack["change_error"] ** 2 + edge**2 @ stack["rim_error"] ** 2
-        at = _in_time(setting, request.hold_times)
-        return at(change), at(np.sqrt(variance)), notes, took
+        change, error = (
+            _in_time(setting, request.hold_times, np.stack([getattr(nodes[number], name) for number in needed]))
+            for name in ("change", "error")
+        )
+        # (classes, nodes): the part of each node of the table in the pressure of each class
+        part = np.zeros((first.size, len(needed)))
+        for offset, weight in enumerate(parts):
+            np.add.at(part, (np.arange(first.size), np.searchsorted(needed, first + offset)), weight)
+        if isinstance(request.contact, ContactStatistics):
+            present = _rim.of_statistics(statistics, per_area, setting.most)
+            effective = present[..., None] * np.ones(request.hold_times.size)
+        else:
+            present, effective = _rim.of_map(request.contact, request.chemistry, statistics, independent, setting.most)
+        return _changed(part, change, np.abs(error), present, effective, independent), notes, took
 
     def _nodes(
         self, setting: _table.Setting, needed: list[int], took: _table.Took, request: AgeingRequest
@@ -191,7 +191,52 @@ class Closure(AgeingMethod):
             return known, tuple(notes)
 
 
-_NAMES = ("change", "change_error", "rim", "rim_error")
+class _Changed(NamedTuple):
+    """What the interaction changes, (m,) each."""
+
+    #: bonds of the whole contact
+    bonds: np.ndarray
+    #: standard errors of that: of the table, and of the approximation
+    table: np.ndarray
+    model: np.ndarray
+
+
+def _changed(
+    part: np.ndarray,
+    change: np.ndarray,
+    error: np.ndarray,
+    present: np.ndarray,
+    effective: np.ndarray,
+    independent: np.ndarray,
+) -> _Changed:
+    """The change of all sites from that of each number of neighbours.
+
+    ``part`` (classes, nodes); ``change`` and ``error`` (nodes, neighbours + 1, m); ``present`` (classes, neighbours
+    + 1): sites with so many neighbours; ``effective`` (classes, columns, m): sites with so many effective neighbours,
+    see :data:`_rim.BEYOND`; ``independent`` (classes, m).
+    """
+    most = change.shape[1] - 1
+    inside = change[:, -1]
+    times = np.array(_rim.BEYOND)[:, None, None]
+    # so many times the neighbours of a site inside: independent of each other if they block, added if they help
+    blocked = np.maximum(1 + inside, 0.0) ** times
+    further = np.where(inside < 0, blocked - 1, times * inside)
+    slope = np.where(inside < 0, times * np.maximum(1 + inside, 1e-12) ** (times - 1), times)
+    columns = np.concatenate([change, np.moveaxis(further, 0, 1)], axis=1)
+    weights = np.einsum("ck,cjm->kjm", part, effective * independent[:, None])
+    bonds = np.einsum("kjm,kjm->m", weights, columns)
+    own = weights[:, : most + 1].copy()
+    own[:, -1] += np.einsum("kjm,jkm->km", weights[:, most + 1 :], slope)
+    table = np.sqrt(np.einsum("kjm,kjm->m", own**2, error**2))
+    # (classes, neighbours + 1, m): what would change if neighbours were all under the pressure of the site
+    alike = np.einsum("ck,kjm->cjm", part, change) * (present[..., None] * independent[:, None])
+    lack = 1 - np.arange(most + 1) / most
+    rim, whole = np.einsum("cjm,j->m", np.abs(alike), lack), np.abs(alike).sum(axis=(0, 1))
+    uneven = np.abs(
+        alike.sum(axis=1) - np.einsum("ck,cjm,kjm->cm", part, effective * independent[:, None], columns, optimize=True)
+    ).sum(axis=0)
+    model = np.sqrt((RIM_ERROR * rim) ** 2 + (UNEVEN_ERROR * uneven) ** 2 + (WHOLE_ERROR * whole) ** 2)
+    return _Changed(bonds, table, model)
 
 
 def _density(request: AgeingRequest) -> float:
@@ -228,27 +273,10 @@ def _places(setting: _table.Setting, pressure: np.ndarray) -> tuple[np.ndarray, 
     ]
 
 
-def _rim_moments(statistics: ContactStatistics, per_area: float) -> np.ndarray:
-    """(classes, 3): sites of each class, and the sums of x and x² over them, x being the share that is missing."""
-    counts = statistics.area * per_area
-    if statistics.missing is None:
-        zero = np.zeros_like(counts)
-        return np.stack([counts, zero, zero], axis=1)
-    most = max(statistics.missing.shape[1] - 1, 1)
-    x = np.arange(statistics.missing.shape[1]) / most
-    joint = statistics.missing * per_area
-    return np.stack([counts, joint @ x, joint @ x**2], axis=1)
-
-
-def _in_time(setting: _table.Setting, hold_times: np.ndarray):
-    """Interpolation of a curve of the table in the logarithm of time, monotone between its times."""
+def _in_time(setting: _table.Setting, hold_times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (..., times of the table) at the hold times: monotone interpolation in the logarithm of time."""
     from scipy.interpolate import PchipInterpolator
 
-    first = math.log10(setting.times[0])
-    positive = np.maximum(np.log10(np.maximum(hold_times, 1e-300)), first)
-
-    def at(curve: np.ndarray) -> np.ndarray:
-        values = PchipInterpolator(np.log10(setting.times), curve)(np.minimum(positive, setting.decades[1]))
-        return np.where(hold_times > 0, values, 0.0)
-
-    return at
+    first, last = setting.decades
+    places = np.clip(np.log10(np.maximum(hold_times, 10.0**first)), first, last)
+    return np.where(hold_times > 0, PchipInterpolator(np.log10(setting.times), values, axis=-1)(places), 0.0)

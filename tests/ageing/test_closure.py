@@ -9,6 +9,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError
+from chemage.ageing.members import beta_errors
 from chemage_ageing import _keeping, _table
 from chemage_ageing._independent import bonded_share
 
@@ -20,7 +21,7 @@ TIMES = np.array([0.0, 1.0, 10.0, 100.0, 1000.0])
 def small_tables(monkeypatch, tmp_path):
     """Tables of a few hundred sites in a folder of the test."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    for name, value in (("SIDE", 32), ("BLOCK", 8), ("PERIOD", 16), ("WIDTH", 4), ("MOST", 4)):
+    for name, value in (("SIDE", 32), ("BAND", 4), ("FIRST", 2), ("MOST", 2)):
         monkeypatch.setattr(_table, name, value)
     monkeypatch.setattr("chemage_ageing.closure._tables", {})
     return tmp_path / "cache" / "chemage"
@@ -66,17 +67,53 @@ def test_one_barrier_under_one_pressure_is_one_exponential(breaking):
     assert found.engine == "quadrature"
 
 
-def test_distributions_of_both_barriers_are_those_of_a_dense_quadrature():
-    own = chemistry(breaking=ca.barriers("uniform", lower=0.8, upper=1.0))
-    ranks = (np.arange(3000) + 0.5) / 3000
-    pressure = np.array([0.0, 0.5, 3.0])
-    found = bonded_share(own, 300.0, TIMES, pressure)
-    for row, p in zip(found, pressure, strict=True):
-        energy = own.forming.quantile(ranks) - p * own.activation_volume * ca.EV_PER_GPA_NM3
-        a = 1e13 * np.exp(-np.maximum(energy, 0) / KT)[:, None]
-        both = a + 1e13 * np.exp(-own.breaking.quantile(ranks[::10]) / KT)
-        exact = [float(np.mean(a / both * -np.expm1(-both * time))) for time in TIMES]
-        np.testing.assert_allclose(row, exact, rtol=2e-3)
+def _legendre(mean: float, std: float, kt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Energies and weights of a normal distribution: Gauss-Legendre panels no wider than k_BT, over nine deviations."""
+    panels = math.ceil(18 * std / min(std, kt))
+    edges = np.linspace(mean - 9 * std, mean + 9 * std, panels + 1)
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    half, middle = 0.5 * np.diff(edges)[:, None], 0.5 * (edges[1:] + edges[:-1])[:, None]
+    energies = (middle + half * nodes).ravel()
+    density = np.exp(-0.5 * ((energies - mean) / std) ** 2) / (std * math.sqrt(2 * math.pi))
+    return energies, (half * weights).ravel() * density
+
+
+def _exact_share(forming, breaking, shift: float, kt: float, times: np.ndarray) -> np.ndarray:
+    """⟨a/(a + b) (1 − exp(−(a + b) t))⟩ over two normal distributions (mean, std) in eV, in the space of energies."""
+    (e, v), (f, w) = _legendre(*forming, kt), _legendre(*breaking, kt)
+    a = 1e13 * np.exp(-np.maximum(e - shift, 0.0) / kt)[:, None]
+    both = a + 1e13 * np.exp(-np.maximum(f, 0.0) / kt)
+    return np.array([v @ (a / both * -np.expm1(-both * time)) @ w for time in times])
+
+
+#: forming and breaking barriers (mean, std) in eV, temperature in K, hold times in s, pressures in GPa
+BROAD = ((1.3, 0.02), (0.9, 0.1), 300.0, np.array([1.0, 1e4, 1e8, 1e12]), (0.0, 2.0))
+
+
+def _random_barriers(seed: int):
+    rng = np.random.default_rng(seed)
+    forming = rng.uniform(0.7, 1.4), 10 ** rng.uniform(-2.3, -0.9)
+    breaking = rng.uniform(0.7, 1.4), 10 ** rng.uniform(-2.3, -0.9)
+    return forming, breaking, rng.uniform(200, 600), 10.0 ** rng.uniform(-3, 12, 4), rng.uniform(0, 5, 2)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [BROAD, *map(_random_barriers, range(8))]
+    + [pytest.param(_random_barriers(seed), marks=pytest.mark.long) for seed in range(8, 100)],
+)
+def test_the_quadrature_is_exact_within_its_stated_error(case):
+    """A broad distribution of breaking barriers leaves the bonds to those of its upper end."""
+    forming, breaking, temperature, times, pressures = case
+    own = chemistry(
+        forming=ca.barriers("gaussian", mean=forming[0], std=forming[1]),
+        breaking=ca.barriers("gaussian", mean=breaking[0], std=breaking[1]),
+    )
+    times, kt = np.sort(times), ca.KB * temperature
+    found = bonded_share(own, temperature, times, np.array(pressures))
+    shifts = np.array(pressures) * own.activation_volume * ca.EV_PER_GPA_NM3
+    exact = np.stack([_exact_share(forming, breaking, shift, kt, times) for shift in shifts])
+    np.testing.assert_allclose(found, exact, rtol=2e-4)
 
 
 def test_no_table_is_made_without_interaction(small_tables):
@@ -136,6 +173,75 @@ def test_stripes_have_more_bonds_per_site_than_their_inside():
     assert aged(stripes, interacting()).bonds[0, -1] / where.sum() > 1.02 * inside.bonds[0, -1] / 1200
 
 
+def _patches(pixels: int, box: tuple[int, int], low: float, high: float) -> ca.ContactSolution:
+    """Patches of given sides apart from each other, sites under alternating pressures."""
+    rows, columns = (np.arange(pixels) % (side + 1) < side for side in box)
+    where = rows[:, None] & columns
+    pressure = np.where(np.add.outer(np.arange(pixels), np.arange(pixels)) % 2, low, high)
+    values = np.where(where, pressure, 0.0)
+    return ca.ContactSolution(pressure=values, load=float(values.sum()) * 0.2, pixel_size=0.2**0.5, modulus=35.3)
+
+
+@pytest.mark.parametrize(
+    ("box", "low", "high"), [((1, 2), 1.7, 1.7), ((2, 2), 0.5, 4.0), ((1, 4), 0.1, 3.0), ((3, 3), 0.2, 3.0)]
+)
+def test_the_stated_error_holds_on_patches_of_a_few_sites_under_unequal_pressures(box, low, high):
+    """Pairs, chains and squares, as in contacts of rough surfaces, where nearly every site is at the rim."""
+    contact = _patches(72, box, low=low, high=high)
+    own = chemistry(interaction=ca.interaction("elastic-pairs", strength=0.5))
+    found = aged(contact, own)
+    full = aged(contact, own, method=None, replicas=20, seed=3)
+    noise = full.bonds.std(axis=0, ddof=1) / math.sqrt(20)
+    away = np.abs(found.bonds[0] - full.bonds.mean(axis=0))
+    assert (away <= 3 * np.hypot(noise, found.errors["closure"] * found.bonds[0])).all(), (away, found.bonds)
+
+
+def _silica():
+    patch = ca.parse_scene(ca.scene_data("silica-patch")[0])
+    strong = ca.interaction("elastic-pairs", strength=0.5, bias=0.1)
+    return patch, patch.chemistry.replace(interaction=strong)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("tip", [False, True])
+def test_the_stated_error_holds_on_very_rough_contacts_and_on_twelve_sites_under_a_tip(monkeypatch, tip):
+    """H = 0.3 with a shortest wave of two pixels, a patch for each three to four sites; and a tip of 4 nm."""
+    for name, value in (("SIDE", 128), ("BAND", 8), ("FIRST", 4), ("MOST", 256)):
+        monkeypatch.setattr(_table, name, value)
+    patch, own = _silica()
+    if tip:
+        sphere = ca.surface("sphere", radius=4.0, pixels=16, pixel_size=0.4518).make()
+        single = ca.contact("hertz", modulus=35.3).solve(sphere, 8.0)
+        # side by side, apart from each other
+        pressure = np.tile(single.pressure, (12, 12))
+        contact = ca.ContactSolution(pressure=pressure, load=144 * 8.0, pixel_size=0.4518, modulus=35.3, periodic=False)
+        assert np.count_nonzero(single.contact) == 12
+    else:
+        contact = patch.contact.solve(patch.surface.replace(hurst=0.3, zeta=250).make(1), 0.5 * patch.load)
+    times = 10.0 ** np.arange(-4, 6)
+    method = ca.ageing_method("closure", accuracy=0.02)
+    found = aged(contact, own, method=method, hold_times=times)
+    replicas = 300
+    full = aged(contact, own, method=None, replicas=replicas, seed=3, hold_times=times)
+    mean, noise = full.bonds.mean(axis=0), full.bonds.std(axis=0, ddof=1) / math.sqrt(replicas)
+    seen = mean * replicas > 100
+    stated = found.errors["closure"] * found.bonds[0]
+    assert (np.abs(found.bonds[0] - mean) <= 2.6 * np.hypot(noise, stated))[seen].all()
+    # and the stated error is not so wide that it says nothing
+    assert found.errors["closure"].max() < 0.05
+
+
+def test_errors_of_opposite_signs_early_and_late_are_in_that_of_beta():
+    found = aged(uniform(1.7), interacting())
+    times, stated = found.hold_times, found.errors["closure"]
+    early = np.where(times < 50, 1.0, -1.0) * stated
+    tilted = found.model_copy(update={"bonds": found.bonds * (1 + early)})
+    shift = abs(tilted.fit(1.0, 1e3).beta / found.fit(1.0, 1e3).beta - 1)
+    assert beta_errors(found, (1.0, 1e3))["closure"] == pytest.approx(shift, rel=1e-9)
+    several = aged(uniform(1.7), interacting(), method=None, replicas=3)
+    assert beta_errors(several, (1.0, 1e3)) == {}
+
+
 def test_bonds_do_not_depend_on_bond_force_and_grow_with_the_contact():
     one = aged(uniform(1.7), interacting())
     strong = aged(uniform(1.7), interacting(bond_force=6.0))
@@ -147,7 +253,7 @@ def test_bonds_do_not_depend_on_bond_force_and_grow_with_the_contact():
 def test_what_it_gives_is_said():
     found = aged(uniform(1.7), interacting())
     assert (found.replicas, found.events, found.method, found.engine) == (1, None, "closure", "next-reaction")
-    assert found.errors["closure"].min() > 0.003
+    assert found.errors["closure"][1:].min() > 0.001
     assert "standard error" in found.error_words
     assert found.approximate[-1]["kind"] == "closure"
 
