@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,12 @@ from chemage.inference.curves import MeasuredCurve, check_curves, read_curves
 from chemage.inference.families import compared
 from chemage.inference.forecast import band
 from chemage.inference.forward import check_scene
+from chemage.inference.hidden import REACH, Data, Hidden
 from chemage.inference.inference import Inference
 from chemage.inference.kernel import averaging
+from chemage.inference.prior import Prior
 from chemage.inference.problem import Problem
-from chemage.inference.rounds import estimated, sampled
+from chemage.inference.rounds import estimated, linear_problem, sampled
 from chemage.inference.sampling import Samples
 from chemage.inference.unknowns import UNITS, Unknowns, unknowns_of
 
@@ -155,6 +158,28 @@ def _visible(model: Model, samples: np.ndarray, prior: np.ndarray, resolution: f
     return model.seen() & (narrower | relative)
 
 
+def _with_hidden(
+    model: Model, found: Samples, prior: Prior, drawn: np.ndarray
+) -> tuple[Model, Problem, Samples, np.ndarray]:
+    """Samples of the posterior and those ``drawn`` of the prior, with the barriers that hold times do not reach."""
+    wide = model.wider(REACH)
+    more = ((0, 0), (0, wide.grid.count - model.grid.count))
+    densities = np.pad(found.densities, more)
+    problem = linear_problem(wide, prior, densities.mean(axis=0))
+    seen = np.flatnonzero(model.seen())
+    hidden = Hidden(wide.grid.nodes, wide.grid.areas, int(seen[-1]) if seen.size else 0)
+    data = Data(
+        problem.matrices / problem.errors[:, None],
+        found.points,
+        found.factors,
+        problem.values / problem.errors,
+        problem.offsets / problem.errors,
+        KB * max(curve.temperature for curve in model.curves),
+    )
+    found = replace(found, densities=hidden.redrawn(densities, np.random.default_rng([model.seed, 101]), data))
+    return wide, problem, found, hidden.redrawn(np.pad(drawn, more), np.random.default_rng([model.seed, 103]))
+
+
 def _made(
     model: Model,
     problem: Problem,
@@ -168,6 +193,8 @@ def _made(
     prior = problem.prior.sample(PRIOR_SAMPLES, model.grid.areas, rng)
     resolution = WIDTH * KB * max(curve.temperature for curve in model.curves)
     visible = _visible(model, found.densities, prior, resolution)
+    model, problem, found, prior = _with_hidden(model, found, problem.prior, prior)
+    visible = np.pad(visible, (0, model.grid.count - visible.size))
     fitted = found.fitted(problem)
     mean = fitted.mean(axis=0)
     chi2 = float(np.sum(((problem.values - mean) / problem.errors) ** 2))

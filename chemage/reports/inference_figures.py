@@ -74,8 +74,10 @@ def draw_density(axes: Axes, one: Inference, size: float = 8) -> None:
     prior = one.prior_band(0.95)
     axes.plot(e, prior[1], color=GREY, lw=0.9, ls="--", label="prior, upper end of the 95 % band")
     for number, (name, fit) in enumerate(one.families.items()):
-        if len(density := np.asarray(fit.get("density", ()), dtype=float)) == e.size:
-            axes.plot(e, density, color=ORANGE, lw=1.0, ls=_LINES[number % len(_LINES)], label=plain(name))
+        if density := fit.get("density", ()):
+            axes.plot(
+                e[: len(density)], density, color=ORANGE, lw=1.0, ls=_LINES[number % len(_LINES)], label=plain(name)
+            )
     seen = one.visible if one.visible.any() else np.ones(e.size, dtype=bool)
     top = 1.6 * float(max(one.band(0.95)[1][seen].max(), one.density.max()))
     axes.set_xlim(e[0], e[-1])

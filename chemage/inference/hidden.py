@@ -1,0 +1,189 @@
+"""Barriers above those that react within the hold times: any number of them, in narrow and in broad peaks.
+
+A smooth process would continue the density of the visible energies there, and would be sure of what nobody measured.
+Instead, all sites that are left lie in up to :data:`MOST` peaks: shares uniform (Dirichlet), positions uniform, widths
+uniform in the logarithm. Any share of the sites, from none to all, may then lie below an energy. What the measurements
+still tell of them - the last hold times see the foot of the barriers above - restricts the peaks, which are drawn by
+Metropolis moves, one chain for each sample of the density. Most moves shift all peaks such that the rate
+with which they react at first, the sum of share × exp(−E/k_BT), stays as it was: the shift depends on no common translation, so that
+the volume is preserved. The number of peaks changes by switching them on and off (product space method, Carlin & Chib,
+J. R. Stat. Soc. B 57, 473 (1995)).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+#: peaks at most, and the probability of each but the first to be there
+MOST, THERE = 4, 0.25
+#: eV, standard deviations of peaks
+WIDTHS = np.geomspace(0.01, 0.08, 4)
+#: eV above the energies of the smooth process up to which barriers may lie
+REACH = 0.5
+#: Metropolis moves of each chain
+MOVES = 2000
+#: standard errors by which peaks with all sites change a combination of the measurements at least, or it is left out
+NEGLIGIBLE = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """What the measurements say of S densities: values, errors and model in standard errors."""
+
+    #: (g, m, n) at every point of the grid of scalars
+    matrices: np.ndarray
+    #: (S,) points, and common factors
+    points: np.ndarray
+    factors: np.ndarray
+    #: (m,) and (g, m)
+    values: np.ndarray
+    offsets: np.ndarray
+    #: eV
+    kt: float
+
+
+@dataclass(frozen=True, eq=False)
+class Peaks:
+    """The state of S chains with :data:`MOST` peaks each."""
+
+    #: (S, k) positions in the table, from 0
+    place: np.ndarray
+    #: (S, k) numbers of the widths
+    width: np.ndarray
+    #: (S, k) weights, standard exponential; shares are their parts of the sum over the peaks that are there
+    weight: np.ndarray
+    #: (S, k)
+    there: np.ndarray
+
+    @property
+    def shares(self) -> np.ndarray:
+        """(S, k), 0 where a peak is not there."""
+        present = self.weight * self.there
+        return present / present.sum(axis=1, keepdims=True)
+
+
+class Hidden:
+    """Densities above ``nodes[last]``, eV, whose integral, with what lies above all ``nodes`` (n,), is 1."""
+
+    def __init__(self, nodes: np.ndarray, areas: np.ndarray, last: int) -> None:
+        from scipy.special import ndtr
+
+        self.last, self.step = last, float(nodes[1] - nodes[0])
+        self.areas = areas
+        floor = nodes[last] + self.step / 2
+        #: positions of the table are one step apart
+        self.count = nodes.size - last
+        at = floor + self.step * np.arange(self.count)
+        edges = np.append(nodes[last + 1 :] - self.step / 2, nodes[-1] + self.step / 2)
+        below = ndtr((edges - at[:, None]) / WIDTHS[:, None, None])
+        share = np.diff(below, axis=-1) / (1 - below[..., :1])
+        #: (widths, positions, n) 1/eV
+        self.shapes = np.zeros((WIDTHS.size, self.count, nodes.size))
+        self.shapes[..., last + 1 :] = share / areas[last + 1 :]
+
+    def drawn(self, count: int, rng: np.random.Generator) -> Peaks:
+        """Peaks of the prior, of ``count`` chains."""
+        size = (count, MOST)
+        there = rng.random(size) < THERE
+        there[:, 0] = True
+        place = (self.count - 1) * rng.random(size)
+        return Peaks(place, rng.integers(WIDTHS.size, size=size), rng.standard_exponential(size), there)
+
+    def at(self, peaks: Peaks, table: np.ndarray) -> np.ndarray:
+        """(S, ...) sums over the peaks of ``table`` (widths, positions, ...), interpolated between positions."""
+        left = np.minimum(peaks.place.astype(np.int64), self.count - 2)
+        part = peaks.place - left
+        shares = peaks.shares
+        found = np.einsum("sk,sk...->s...", shares * (1 - part), table[peaks.width, left])
+        return found + np.einsum("sk,sk...->s...", shares * part, table[peaks.width, left + 1])
+
+    def redrawn(self, densities: np.ndarray, rng: np.random.Generator, data: Data | None = None) -> np.ndarray:
+        """``densities`` (S, n), with what lies above the last energy that hold times reach drawn anew.
+
+        Without ``data`` it is drawn from the prior.
+        """
+        low = densities * (np.arange(densities.shape[1]) <= self.last)
+        left = np.maximum(1 - low @ self.areas, 0.0)
+        peaks = self.drawn(len(low), rng)
+        if data is not None:
+            peaks = self._moved(peaks, low, left, data, rng)
+        return low + left[:, None] * self.at(peaks, self.shapes)
+
+    def _moved(self, peaks: Peaks, low: np.ndarray, left: np.ndarray, data: Data, rng: np.random.Generator) -> Peaks:
+        """``peaks`` after :data:`MOVES` moves in the posterior, with the densities ``low`` (S, n) below fixed."""
+        tables = np.einsum("gmn,wjn->gwjm", data.matrices, self.shapes, optimize=True)
+        factor = data.factors[:, None]
+        known = data.offsets[data.points] + np.einsum("smn,sn->sm", data.matrices[data.points], low, optimize=True)
+        base, left = data.values - factor * known, factor * left[:, None]
+        # only combinations of the measurements that the peaks change
+        axes = np.linalg.svd(tables.reshape(-1, tables.shape[-1]), full_matrices=False)[2]
+        axes = axes[np.abs(tables @ axes.T).max(axis=(0, 1, 2)) > NEGLIGIBLE].T
+        tables, base = np.ascontiguousarray(tables @ axes), base @ axes
+
+        def misfit(one: Peaks) -> np.ndarray:
+            at = np.minimum(one.place.astype(np.int64), self.count - 2)
+            part = (one.place - at)[..., None]
+            point = data.points[:, None]
+            each = (1 - part) * tables[point, one.width, at] + part * tables[point, one.width, at + 1]
+            rest = base - left * np.einsum("sk,skm->sm", one.shares, each)
+            return 0.5 * (rest**2).sum(axis=1)
+
+        here = misfit(peaks)
+        for number in range(MOVES):
+            other, gain = self._proposed(peaks, number % 7, data.kt / self.step, rng)
+            inside = ((other.place >= 0) & (other.place <= self.count - 1) | ~other.there).all(axis=1)
+            other = Peaks(np.clip(other.place, 0, self.count - 1), other.width, other.weight, other.there)
+            there = misfit(other)
+            taken = inside & (np.log(rng.random(left.size)) < here - there + gain)
+            row = taken[:, None]
+            peaks = Peaks(
+                np.where(row, other.place, peaks.place),
+                np.where(row, other.width, peaks.width),
+                np.where(row, other.weight, peaks.weight),
+                np.where(row, other.there, peaks.there),
+            )
+            here = np.where(taken, there, here)
+        return peaks
+
+    def _proposed(self, peaks: Peaks, kind: int, kt: float, rng: np.random.Generator) -> tuple[Peaks, np.ndarray]:
+        """Other peaks, and the logarithm of what their prior and the volume of the move gain; ``kt`` in steps."""
+        count = len(peaks.place)
+        rows = np.arange(count)
+        chosen = rng.integers(1, MOST, count) if kind == 0 else (peaks.there * rng.random((count, MOST))).argmax(axis=1)
+        one = rows, chosen
+        place, width, weight, there = (a.copy() for a in (peaks.place, peaks.width, peaks.weight, peaks.there))
+        gain = np.zeros(count)
+        fresh = self.drawn(count, rng)
+        far = kt * 10 ** rng.uniform(-3, 1, count) * rng.standard_normal(count)
+        if kind == 0:  # switch a peak on or off; one that is switched on is drawn from the prior
+            there[one] ^= True
+            on = there[one]
+            for old, new in ((place, fresh.place), (width, fresh.width), (weight, fresh.weight)):
+                old[rows[on], chosen[on]] = new[rows[on], chosen[on]]
+            gain = np.where(on, 1, -1) * np.log(THERE / (1 - THERE))
+        elif kind == 1:
+            place += far[:, None]
+        elif kind == 2:
+            place[one] += far
+        elif kind in (3, 4):
+            place[one], width[one] = fresh.place[one], fresh.width[one]
+        elif kind == 5:
+            more = 10 ** rng.uniform(-2, 0.5, count) * rng.standard_normal(count)
+            weight[one] *= np.exp(more)
+            gain = more + peaks.weight[one] - weight[one]
+        else:
+            place, width, weight, there = fresh.place, fresh.width, fresh.weight, fresh.there
+        other = Peaks(place, width, weight, there)
+        if kind in (0, 3, 5, 6):
+            away = self._location(other, kt) - self._location(peaks, kt)
+            other = Peaks(place - away[:, None], width, weight, there)
+        return other, gain
+
+    def _location(self, peaks: Peaks, kt: float) -> np.ndarray:
+        """(S,) -kt times the logarithm of the rate with which all peaks react at first, in steps."""
+        log_rates = -peaks.place / kt + 0.5 * (WIDTHS[peaks.width] / (kt * self.step)) ** 2
+        log_rates = np.where(peaks.there, log_rates, -np.inf)
+        top = log_rates.max(axis=1)
+        return -kt * (top + np.log((peaks.shares * np.exp(log_rates - top[:, None])).sum(axis=1)))
