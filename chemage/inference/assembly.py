@@ -62,10 +62,9 @@ class Model:
                 made.correction, made.correction_error = middle.correction, middle.correction_error
         return self.conditions[point, number]
 
-    def wider(self, reach: float) -> Model:
-        """The same model on energies up to ``reach``, eV, above the present ones."""
-        count = self.grid.count + int(np.ceil(reach / self.grid.step))
-        found = replace(self, grid=EnergyGrid(self.grid.first, self.grid.step, count), conditions={})
+    def on(self, grid: EnergyGrid) -> Model:
+        """The same model on other energies."""
+        found = replace(self, grid=grid, conditions={})
         found.middle = self.middle
         for number in range(len(self.keys)):
             own, other = self.condition(self.middle, number), found.condition(self.middle, number)

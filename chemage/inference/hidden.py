@@ -1,13 +1,13 @@
-"""Barriers above those that react within the hold times: any number of them, in narrow and in broad peaks.
+"""Barriers that the hold times do not reach: any number of them, in narrow and in broad peaks.
 
 A smooth process would continue the density of the visible energies there, and would be sure of what nobody measured.
-Instead, all sites that are left lie in up to :data:`MOST` peaks: shares uniform (Dirichlet), positions uniform, widths
-uniform in the logarithm. Any share of the sites, from none to all, may then lie below an energy. What the measurements
-still tell of them - the last hold times see the foot of the barriers above - restricts the peaks, which are drawn by
-Metropolis moves, one chain for each sample of the density. Most moves shift all peaks such that the rate
-with which they react at first, the sum of share × exp(−E/k_BT), stays as it was: the shift depends on no common translation, so that
-the volume is preserved. The number of peaks changes by switching them on and off (product space method, Carlin & Chib,
-J. R. Stat. Soc. B 57, 473 (1995)).
+Instead, the sites above all energies that hold times reach, and those below, lie in up to :data:`MOST` peaks: shares
+uniform (Dirichlet), positions uniform, widths uniform in the logarithm. Any share of them, from none to all, may then
+lie below an energy. What the measurements still tell of them - the last hold times see the foot of the barriers above -
+restricts the peaks, which are drawn by Metropolis moves, one chain for each sample of the density. Most moves shift all
+peaks such that the rate with which they react at first, the sum of share × exp(−E/k_BT), stays as it was; the shift
+that this takes does not depend on a common translation, so that the volume is preserved. The number of peaks changes by
+switching them on and off (product space method, Carlin & Chib, J. R. Stat. Soc. B 57, 473 (1995)).
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from chemage.inference.kernel import EnergyGrid
+
 #: peaks at most, and the probability of each but the first to be there
 MOST, THERE = 4, 0.25
 #: eV, standard deviations of peaks
 WIDTHS = np.geomspace(0.01, 0.08, 4)
-#: eV above the energies of the smooth process up to which barriers may lie
-REACH = 0.5
+#: eV below and above the energies of the smooth process to which peaks may lie
+REACH = 0.2, 0.5
 #: Metropolis moves of each chain
 MOVES = 2000
 #: standard errors by which peaks with all sites change a combination of the measurements at least, or it is left out
@@ -65,23 +67,18 @@ class Peaks:
 
 
 class Hidden:
-    """Densities above ``nodes[last]``, eV, whose integral, with what lies above all ``nodes`` (n,), is 1."""
+    """Densities on the nodes ``first`` to ``stop`` of ``grid``, without ``stop``."""
 
-    def __init__(self, nodes: np.ndarray, areas: np.ndarray, last: int) -> None:
+    def __init__(self, grid: EnergyGrid, first: int, stop: int) -> None:
         from scipy.special import ndtr
 
-        self.last, self.step = last, float(nodes[1] - nodes[0])
-        self.areas = areas
-        floor = nodes[last] + self.step / 2
+        self.here, self.step, self.areas = slice(first, stop), grid.step, grid.areas[first:stop]
         #: positions of the table are one step apart
-        self.count = nodes.size - last
-        at = floor + self.step * np.arange(self.count)
-        edges = np.append(nodes[last + 1 :] - self.step / 2, nodes[-1] + self.step / 2)
-        below = ndtr((edges - at[:, None]) / WIDTHS[:, None, None])
-        share = np.diff(below, axis=-1) / (1 - below[..., :1])
-        #: (widths, positions, n) 1/eV
-        self.shapes = np.zeros((WIDTHS.size, self.count, nodes.size))
-        self.shapes[..., last + 1 :] = share / areas[last + 1 :]
+        self.count = stop - first + 1
+        edges = np.arange(self.count)
+        share = np.diff(ndtr((edges - edges[:, None]) * grid.step / WIDTHS[:, None, None]), axis=-1)
+        #: (widths, positions, stop - first) 1/eV, each of integral 1
+        self.shapes = share / share.sum(axis=-1, keepdims=True) / self.areas
 
     def drawn(self, count: int, rng: np.random.Generator) -> Peaks:
         """Peaks of the prior, of ``count`` chains."""
@@ -99,24 +96,28 @@ class Hidden:
         found = np.einsum("sk,sk...->s...", shares * (1 - part), table[peaks.width, left])
         return found + np.einsum("sk,sk...->s...", shares * part, table[peaks.width, left + 1])
 
-    def redrawn(self, densities: np.ndarray, rng: np.random.Generator, data: Data | None = None) -> np.ndarray:
-        """``densities`` (S, n), with what lies above the last energy that hold times reach drawn anew.
+    def integral(self, densities: np.ndarray) -> np.ndarray:
+        """(S,) shares of the sites that ``densities`` (S, n) have here."""
+        return densities[:, self.here] @ self.areas
 
-        Without ``data`` it is drawn from the prior.
-        """
-        low = densities * (np.arange(densities.shape[1]) <= self.last)
-        left = np.maximum(1 - low @ self.areas, 0.0)
-        peaks = self.drawn(len(low), rng)
+    def redrawn(
+        self, densities: np.ndarray, shares: np.ndarray, rng: np.random.Generator, data: Data | None = None
+    ) -> np.ndarray:
+        """``densities`` (S, n) with ``shares`` (S,) of the sites here, drawn anew; without ``data`` from the prior."""
+        found = densities.copy()
+        found[:, self.here] = 0.0
+        peaks = self.drawn(len(found), rng)
         if data is not None:
-            peaks = self._moved(peaks, low, left, data, rng)
-        return low + left[:, None] * self.at(peaks, self.shapes)
+            peaks = self._moved(peaks, found, shares, data, rng)
+        found[:, self.here] = shares[:, None] * self.at(peaks, self.shapes)
+        return found
 
-    def _moved(self, peaks: Peaks, low: np.ndarray, left: np.ndarray, data: Data, rng: np.random.Generator) -> Peaks:
-        """``peaks`` after :data:`MOVES` moves in the posterior, with the densities ``low`` (S, n) below fixed."""
-        tables = np.einsum("gmn,wjn->gwjm", data.matrices, self.shapes, optimize=True)
+    def _moved(self, peaks: Peaks, rest: np.ndarray, shares: np.ndarray, data: Data, rng: np.random.Generator) -> Peaks:
+        """``peaks`` after :data:`MOVES` moves in the posterior, with the densities ``rest`` (S, n) elsewhere."""
+        tables = np.einsum("gmn,wjn->gwjm", data.matrices[:, :, self.here], self.shapes, optimize=True)
         factor = data.factors[:, None]
-        known = data.offsets[data.points] + np.einsum("smn,sn->sm", data.matrices[data.points], low, optimize=True)
-        base, left = data.values - factor * known, factor * left[:, None]
+        known = data.offsets[data.points] + np.einsum("smn,sn->sm", data.matrices[data.points], rest, optimize=True)
+        base, scale = data.values - factor * known, factor * shares[:, None]
         # only combinations of the measurements that the peaks change
         axes = np.linalg.svd(tables.reshape(-1, tables.shape[-1]), full_matrices=False)[2]
         axes = axes[np.abs(tables @ axes.T).max(axis=(0, 1, 2)) > NEGLIGIBLE].T
@@ -127,8 +128,8 @@ class Hidden:
             part = (one.place - at)[..., None]
             point = data.points[:, None]
             each = (1 - part) * tables[point, one.width, at] + part * tables[point, one.width, at + 1]
-            rest = base - left * np.einsum("sk,skm->sm", one.shares, each)
-            return 0.5 * (rest**2).sum(axis=1)
+            residual = base - scale * np.einsum("sk,skm->sm", one.shares, each)
+            return 0.5 * (residual**2).sum(axis=1)
 
         here = misfit(peaks)
         for number in range(MOVES):
@@ -136,7 +137,7 @@ class Hidden:
             inside = ((other.place >= 0) & (other.place <= self.count - 1) | ~other.there).all(axis=1)
             other = Peaks(np.clip(other.place, 0, self.count - 1), other.width, other.weight, other.there)
             there = misfit(other)
-            taken = inside & (np.log(rng.random(left.size)) < here - there + gain)
+            taken = inside & (np.log(rng.random(shares.size)) < here - there + gain)
             row = taken[:, None]
             peaks = Peaks(
                 np.where(row, other.place, peaks.place),
@@ -187,3 +188,19 @@ class Hidden:
         log_rates = np.where(peaks.there, log_rates, -np.inf)
         top = log_rates.max(axis=1)
         return -kt * (top + np.log((peaks.shares * np.exp(log_rates - top[:, None])).sum(axis=1)))
+
+
+def redrawn_outside(
+    grid: EnergyGrid, seen: np.ndarray, densities: np.ndarray, rng: np.random.Generator, data: Data | None = None
+) -> np.ndarray:
+    """``densities`` (S, n) with the sites below and above all energies ``seen`` (n,) in peaks.
+
+    Those below keep their share; all that are missing to 1 lie above. Without ``data``, peaks are those of the prior.
+    """
+    inside = np.flatnonzero(seen) if seen.any() else np.zeros(1, dtype=np.int64)
+    if inside[0]:
+        below = Hidden(grid, 0, int(inside[0]))
+        densities = below.redrawn(densities, below.integral(densities), rng, data)
+    above = Hidden(grid, int(inside[-1]) + 1, grid.count)
+    left = np.maximum(1 - densities @ grid.areas + above.integral(densities), 0.0)
+    return above.redrawn(densities, left, rng, data)

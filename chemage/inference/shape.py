@@ -54,10 +54,16 @@ def shares(inference: Inference, parts: int = PARTS) -> list[Share]:
     ]
 
 
-def unseen_share(inference: Inference) -> tuple[float, tuple[float, float]]:
-    """Share of the sites whose barriers lie above the visible energies: mean and 95 % band."""
-    above = 1 - _integral(inference.energies, inference.samples, inference.visible_range[1])
-    return float(above.mean()), _ends(above)
+def three_shares(inference: Inference) -> tuple[Share, Share, Share]:
+    """Shares of the sites whose barriers lie below, at and above the visible energies."""
+    low, high = inference.visible_range
+    first, second = (_integral(inference.energies, inference.samples, edge) for edge in (low, high))
+    edges = -np.inf, low, high, np.inf
+    below, inside, above = (
+        Share(edges[at], edges[at + 1], float(part.mean()), _ends(part))
+        for at, part in enumerate((first, second - first, 1 - second))
+    )
+    return below, inside, above
 
 
 def peaks(inference: Inference) -> list[Peak]:
@@ -69,7 +75,7 @@ def peaks(inference: Inference) -> list[Peak]:
     inner = np.flatnonzero((mean[1:-1] >= mean[:-2]) & (mean[1:-1] > mean[2:])) + 1
     kept: list[int] = []
     for at in sorted(inner.tolist(), key=lambda place: -mean[place]):
-        if all(_apart(samples, mean, at, other) for other in kept) and _above_ends(samples, mean, at):
+        if all(_apart(samples, mean, at, other) for other in kept) and _above_ends(samples, mean, at) >= SURE:
             kept.append(at)
     found = []
     for at in sorted(kept):
@@ -80,10 +86,25 @@ def peaks(inference: Inference) -> list[Peak]:
     return found
 
 
-def trend(inference: Inference) -> float:
-    """Share of the samples whose density is higher at the upper end of the visible energies than at the lower."""
+def unsure_peak(inference: Inference) -> tuple[float, float] | None:
+    """Energy (eV) at which the mean is highest inside the visible energies, and the share of the samples with a peak.
+
+    Samples are averaged over the resolution. None where the mean is highest at an end.
+    """
+    energies, samples = _seen(inference)
+    mean = inference.density[np.isin(inference.energies, energies)]
+    at = int(mean.argmax()) if mean.size else 0
+    if not 0 < at < mean.size - 1:
+        return None
+    return float(energies[at]), _above_ends(samples, samples.mean(axis=0), at)
+
+
+def trend(inference: Inference) -> tuple[float, float]:
+    """Shares of the samples whose density is higher, and lower, at the upper end of the visible energies."""
     _, samples = _seen(inference)
-    return float((samples[:, -1] > samples[:, 0]).mean()) if samples.shape[1] > 1 else 0.5
+    if samples.shape[1] < 2:
+        return 0.0, 0.0
+    return float((samples[:, -1] > samples[:, 0]).mean()), float((samples[:, -1] < samples[:, 0]).mean())
 
 
 def rises(inference: Inference) -> tuple[bool, bool]:
@@ -121,10 +142,10 @@ def _apart(samples: np.ndarray, mean: np.ndarray, one: int, other: int) -> bool:
     return bool((samples[:, valley] < lower).mean() >= SURE)
 
 
-def _above_ends(samples: np.ndarray, mean: np.ndarray, at: int) -> bool:
-    """Whether nearly all samples are higher at a maximum than at the lowest place on either side of it."""
+def _above_ends(samples: np.ndarray, mean: np.ndarray, at: int) -> float:
+    """Share of the samples that are higher at a maximum than at the lowest place on either side of it."""
     left, right = int(mean[: at + 1].argmin()), at + int(mean[at:].argmin())
-    return bool((samples[:, at] > np.maximum(samples[:, left], samples[:, right])).mean() >= SURE)
+    return float((samples[:, at] > np.maximum(samples[:, left], samples[:, right])).mean())
 
 
 def _domain(mean: np.ndarray, at: int, kept: list[int]) -> tuple[int, int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,7 @@ from chemage.inference.forecast import band
 from chemage.inference.inference import Inference
 from chemage.inference.result import InferenceResult
 from chemage.reports.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, legend, panels, plain, save_figures
-from chemage.reports.inference_text import UNITS, unseen_text
+from chemage.reports.inference_text import UNITS, density_text, unseen_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,11 +22,12 @@ if TYPE_CHECKING:
 #: name -> caption
 CAPTIONS = {
     "density": "Density of forming barriers: mean, 68 and 95 % bands of the posterior, families (orange), and upper "
-    "end of the 95 % band of the prior (grey). Outside the shaded energies the data say nothing.",
+    "end of the 95 % band of the prior (grey). Outside the shaded energies the data tell sums only.",
     "data": "Measured friction drop with the 68 and 95 % bands of the fitted curves.",
     "residuals": "Residuals in standard errors; shaded: two standard errors.",
     "predictive": "What the prior and the posterior predict of the measurements, 95 % bands.",
-    "forecasts": "Forecasts at conditions that were not measured: mean, 68 and 95 % bands of the posterior.",
+    "forecasts": "Forecasts at conditions that were not measured: median, 68 and 95 % bands of the posterior; dashed: "
+    "bounds of 95 % where nearly all is unseen.",
     "unknowns": "Samples of the unknown scalars within the bounds of their priors.",
 }
 #: forecasts that are drawn, in one figure
@@ -83,6 +85,7 @@ def draw_density(axes: Axes, one: Inference, size: float = 8) -> None:
     axes.set_xlim(e[0], e[-1])
     axes.set_ylim(0, top or 1.0)
     axes.set(xlabel="forming barrier (eV)", ylabel="density (1/eV)")
+    axes.set_title(fill(density_text(one), 76), fontsize=size)
     legend(axes, fontsize=size, ncols=2)
 
 
@@ -94,7 +97,7 @@ def draw_data(axes: Axes, one: Inference, size: float = 8) -> None:
         times, fitted = one.hold_times[here][order], one.fitted[:, here][:, order]
         for level, alpha in ((0.95, 0.2), (0.68, 0.35)):
             axes.fill_between(times, *band(fitted, level), color=colour, alpha=alpha, lw=0)
-        axes.plot(times, fitted.mean(axis=0), color=colour, lw=1.0)
+        axes.plot(times, np.median(fitted, axis=0), color=colour, lw=1.0)
         label = plain(f"{about['name']}: {about['load']:g} nN, {about['temperature']:g} K")
         axes.errorbar(
             one.hold_times[here], one.values[here], one.errors[here], fmt="o", ms=3.2, lw=0.9, color=colour, label=label
@@ -146,20 +149,21 @@ def draw_forecasts(axes: Axes, made: InferenceResult, size: float = 8) -> None:
     shown: Mapping[str, object] = dict(list(made.forecasts.items())[:MOST])
     for number, label in enumerate(shown):
         forecast, colour = made.forecasts[label], PALETTE[number % len(PALETTE)]
+        times, name = forecast.hold_times, plain(label + unseen_text(forecast))
+        low, high = forecast.band()
+        single = times.size == 1
+        if forecast.bounds_only:
+            style = {"marker": "_", "ms": 9, "lw": 0} if single else {"ls": "--", "lw": 1.0}
+            axes.plot(times, low, color=colour, label=name, **style)
+            axes.plot(times, high, color=colour, **style)
+            continue
         for level, alpha in ((0.95, 0.2), (0.68, 0.35)):
-            axes.fill_between(forecast.hold_times, *forecast.band(level), color=colour, alpha=alpha, lw=0)
-        single = {"marker": "o", "ms": 4} if forecast.hold_times.size == 1 else {}
+            axes.fill_between(times, *forecast.band(level), color=colour, alpha=alpha, lw=0)
         axes.plot(
-            forecast.hold_times,
-            forecast.friction_drop,
-            color=colour,
-            lw=1.3,
-            label=plain(label + unseen_text(forecast)),
-            **single,
+            times, forecast.median, color=colour, lw=1.3, label=name, **({"marker": "o", "ms": 4} if single else {})
         )
-        if forecast.hold_times.size == 1:
-            low, high = forecast.band()
-            axes.vlines(forecast.hold_times, low, high, color=colour, lw=1.2)
+        if single:
+            axes.vlines(times, low, high, color=colour, lw=1.2)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
     axes.set_ylim(bottom=0)
     legend(axes, fontsize=size, title="bands: 68 and 95 %", title_fontsize=size, alignment="left")
