@@ -1,18 +1,19 @@
 """Barriers that the hold times do not reach: any number of them, in narrow and in broad peaks.
 
-A smooth process would continue the density of the visible energies there, and would be sure of what nobody measured.
-Instead, the sites above all energies that hold times reach, and those below, lie in up to :data:`MOST` peaks: shares
-uniform (Dirichlet), positions uniform, widths uniform in the logarithm. Any share of them, from none to all, may then
-lie below an energy. What the measurements still tell of them - the last hold times see the foot of the barriers above -
-restricts the peaks, which are drawn by Metropolis moves, one chain for each sample of the density. Most moves shift all
-peaks such that the rate with which they react at first, the sum of share × exp(−E/k_BT), stays as it was; the shift
-that this takes does not depend on a common translation, so that the volume is preserved. The number of peaks changes by
-switching them on and off (product space method, Carlin & Chib, J. R. Stat. Soc. B 57, 473 (1995)).
+A smooth process continues the density of the visible energies there, and alone would be sure of what nobody measured.
+Therefore half of the samples keep it only within the energies that hold times reach. Their sites above, and those
+below, lie in up to :data:`MOST` peaks: shares uniform (Dirichlet), positions uniform, widths uniform in the logarithm.
+Any share of them, from none to all, may then lie below an energy. What the measurements
+still tell of them - the last hold times see the foot of the barriers above - restricts the peaks, which are drawn by
+Metropolis moves, one chain for each sample. Most moves shift all peaks such that the rate with which they react at
+first, the sum of share × exp(−E/k_BT), stays as it was; the shift that this takes does not depend on a common
+translation, so that the volume is preserved. The number of peaks changes by switching them on and off (product space
+method, Carlin & Chib, J. R. Stat. Soc. B 57, 473 (1995)).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from chemage.inference.kernel import EnergyGrid
 MOST, THERE = 4, 0.25
 #: eV, standard deviations of peaks
 WIDTHS = np.geomspace(0.01, 0.08, 4)
+#: share of the samples in which the smooth process goes on
+SMOOTH = 0.5
 #: eV below and above the energies of the smooth process to which peaks may lie
 REACH = 0.2, 0.5
 #: Metropolis moves of each chain
@@ -88,6 +91,9 @@ class Hidden:
         place = (self.count - 1) * rng.random(size)
         return Peaks(place, rng.integers(WIDTHS.size, size=size), rng.standard_exponential(size), there)
 
+    def _inside(self, place: np.ndarray) -> np.ndarray:
+        return (place >= 0) & (place <= self.count - 1)
+
     def at(self, peaks: Peaks, table: np.ndarray) -> np.ndarray:
         """(S, ...) sums over the peaks of ``table`` (widths, positions, ...), interpolated between positions."""
         left = np.minimum(peaks.place.astype(np.int64), self.count - 2)
@@ -134,7 +140,7 @@ class Hidden:
         here = misfit(peaks)
         for number in range(MOVES):
             other, gain = self._proposed(peaks, number % 7, data.kt / self.step, rng)
-            inside = ((other.place >= 0) & (other.place <= self.count - 1) | ~other.there).all(axis=1)
+            inside = (self._inside(other.place) | ~other.there).all(axis=1)
             other = Peaks(np.clip(other.place, 0, self.count - 1), other.width, other.weight, other.there)
             there = misfit(other)
             taken = inside & (np.log(rng.random(shares.size)) < here - there + gain)
@@ -178,8 +184,11 @@ class Hidden:
             place, width, weight, there = fresh.place, fresh.width, fresh.weight, fresh.there
         other = Peaks(place, width, weight, there)
         if kind in (0, 3, 5, 6):
-            away = self._location(other, kt) - self._location(peaks, kt)
-            other = Peaks(place - away[:, None], width, weight, there)
+            away = (self._location(other, kt) - self._location(peaks, kt))[:, None]
+            other = Peaks(place - away, width, weight, there)
+            # the move back must be possible: it draws the peaks that this one replaces or switches off, shifted as well
+            gone = peaks.there & (~there | (place != peaks.place))
+            gain = np.where((self._inside(peaks.place - away) | ~gone).all(axis=1), gain, -np.inf)
         return other, gain
 
     def _location(self, peaks: Peaks, kt: float) -> np.ndarray:
@@ -193,14 +202,19 @@ class Hidden:
 def redrawn_outside(
     grid: EnergyGrid, seen: np.ndarray, densities: np.ndarray, rng: np.random.Generator, data: Data | None = None
 ) -> np.ndarray:
-    """``densities`` (S, n) with the sites below and above all energies ``seen`` (n,) in peaks.
+    """``densities`` (S, n), of which half have the sites below and above all energies ``seen`` (n,) in peaks.
 
     Those below keep their share; all that are missing to 1 lie above. Without ``data``, peaks are those of the prior.
     """
     inside = np.flatnonzero(seen) if seen.any() else np.zeros(1, dtype=np.int64)
+    chosen = np.flatnonzero(rng.random(len(densities)) >= SMOOTH)
+    found, some = densities.copy(), densities[chosen]
+    if data is not None:
+        data = replace(data, points=data.points[chosen], factors=data.factors[chosen])
     if inside[0]:
         below = Hidden(grid, 0, int(inside[0]))
-        densities = below.redrawn(densities, below.integral(densities), rng, data)
+        some = below.redrawn(some, below.integral(some), rng, data)
     above = Hidden(grid, int(inside[-1]) + 1, grid.count)
-    left = np.maximum(1 - densities @ grid.areas + above.integral(densities), 0.0)
-    return above.redrawn(densities, left, rng, data)
+    left = np.maximum(1 - some @ grid.areas + above.integral(some), 0.0)
+    found[chosen] = above.redrawn(some, left, rng, data)
+    return found

@@ -14,6 +14,10 @@ from chemage.inference.kernel import averaging
 PARTS = 6
 #: share of the samples in which a peak must be higher than the valleys beside it
 SURE = 0.95
+#: share of the sites below which the visible energies count as empty
+EMPTY = 0.01
+#: height of a maximum of the mean over its largest value above which it is named
+STANDS_OUT = 0.1
 
 
 @dataclass(frozen=True)
@@ -66,16 +70,21 @@ def three_shares(inference: Inference) -> tuple[Share, Share, Share]:
     return below, inside, above
 
 
+def empty(inference: Inference) -> bool:
+    """Whether hardly any barriers can lie within the visible energies."""
+    return three_shares(inference)[1].band[1] < EMPTY
+
+
 def peaks(inference: Inference) -> list[Peak]:
     """Peaks within the visible energies which nearly all samples have, from low to high energies."""
     energies, samples = _seen(inference)
-    if energies.size < 3:
+    if energies.size < 3 or empty(inference):
         return []
     mean = samples.mean(axis=0)
     inner = np.flatnonzero((mean[1:-1] >= mean[:-2]) & (mean[1:-1] > mean[2:])) + 1
     kept: list[int] = []
     for at in sorted(inner.tolist(), key=lambda place: -mean[place]):
-        if all(_apart(samples, mean, at, other) for other in kept) and _above_ends(samples, mean, at) >= SURE:
+        if all(_apart(samples, mean, at, other) for other in kept) and _above_ends(samples, mean, at):
             kept.append(at)
     found = []
     for at in sorted(kept):
@@ -86,17 +95,19 @@ def peaks(inference: Inference) -> list[Peak]:
     return found
 
 
-def unsure_peak(inference: Inference) -> tuple[float, float] | None:
-    """Energy (eV) at which the mean is highest inside the visible energies, and the share of the samples with a peak.
+def unresolved(inference: Inference) -> list[float]:
+    """Energies (eV) of maxima of the mean inside the visible energies that are none of :func:`peaks`.
 
-    Samples are averaged over the resolution. None where the mean is highest at an end.
+    Averaged over the resolution, too few samples have them.
     """
-    energies, samples = _seen(inference)
+    energies = _seen(inference)[0]
+    if energies.size < 3 or empty(inference):
+        return []
     mean = inference.density[np.isin(inference.energies, energies)]
-    at = int(mean.argmax()) if mean.size else 0
-    if not 0 < at < mean.size - 1:
-        return None
-    return float(energies[at]), _above_ends(samples, samples.mean(axis=0), at)
+    sure = [one.energy for one in peaks(inference)]
+    inner = np.flatnonzero((mean[1:-1] >= mean[:-2]) & (mean[1:-1] > mean[2:])) + 1
+    high = energies[inner[mean[inner] > STANDS_OUT * mean.max()]].tolist()
+    return [at for at in high if all(abs(at - other) > inference.resolution for other in sure)]
 
 
 def trend(inference: Inference) -> tuple[float, float]:
@@ -142,10 +153,10 @@ def _apart(samples: np.ndarray, mean: np.ndarray, one: int, other: int) -> bool:
     return bool((samples[:, valley] < lower).mean() >= SURE)
 
 
-def _above_ends(samples: np.ndarray, mean: np.ndarray, at: int) -> float:
-    """Share of the samples that are higher at a maximum than at the lowest place on either side of it."""
+def _above_ends(samples: np.ndarray, mean: np.ndarray, at: int) -> bool:
+    """Whether nearly all samples are higher at a maximum than at the lowest place on either side of it."""
     left, right = int(mean[: at + 1].argmin()), at + int(mean[at:].argmin())
-    return float((samples[:, at] > np.maximum(samples[:, left], samples[:, right])).mean())
+    return bool((samples[:, at] > np.maximum(samples[:, left], samples[:, right])).mean() >= SURE)
 
 
 def _domain(mean: np.ndarray, at: int, kept: list[int]) -> tuple[int, int]:

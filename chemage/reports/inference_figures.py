@@ -12,6 +12,7 @@ import numpy as np
 from chemage.inference.forecast import band
 from chemage.inference.inference import Inference
 from chemage.inference.result import InferenceResult
+from chemage.inference.shape import peaks, unresolved
 from chemage.reports.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, legend, panels, plain, save_figures
 from chemage.reports.inference_text import UNITS, density_text, unseen_text
 
@@ -73,6 +74,13 @@ def draw_density(axes: Axes, one: Inference, size: float = 8) -> None:
     for level, alpha in ((0.95, 0.22), (0.68, 0.38)):
         axes.fill_between(e, *one.band(level), color=BLUE, alpha=alpha, lw=0, label=f"{100 * level:.0f} % band")
     axes.plot(e, one.density, color=BLUE, lw=1.6, label="mean")
+    for fill_style, what, places in (
+        ("full", "peak", [peak.energy for peak in peaks(one)]),
+        ("none", "maximum, not resolved", unresolved(one)),
+    ):
+        if places:
+            heights = np.interp(places, e, one.density)
+            axes.plot(places, heights, "v", color=BLUE, fillstyle=fill_style, ms=7, label=what)
     prior = one.prior_band(0.95)
     axes.plot(e, prior[1], color=GREY, lw=0.9, ls="--", label="prior, upper end of the 95 % band")
     for number, (name, fit) in enumerate(one.families.items()):
@@ -82,7 +90,8 @@ def draw_density(axes: Axes, one: Inference, size: float = 8) -> None:
             )
     seen = one.visible if one.visible.any() else np.ones(e.size, dtype=bool)
     top = 1.6 * float(max(one.band(0.95)[1][seen].max(), one.density.max()))
-    axes.set_xlim(e[0], e[-1])
+    beyond = 0.4 if np.isfinite(low) else np.inf
+    axes.set_xlim(max(e[0], low - beyond), min(e[-1], high + beyond))
     axes.set_ylim(0, top or 1.0)
     axes.set(xlabel="forming barrier (eV)", ylabel="density (1/eV)")
     axes.set_title(fill(density_text(one), 76), fontsize=size)

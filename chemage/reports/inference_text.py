@@ -13,7 +13,7 @@ from chemage.inference.forecast import Forecast
 from chemage.inference.forecasting import UNSEEN
 from chemage.inference.inference import Inference
 from chemage.inference.result import InferenceResult
-from chemage.inference.shape import peaks, rises, shares, three_shares, trend, unsure_peak
+from chemage.inference.shape import empty, peaks, rises, shares, three_shares, trend, unresolved
 
 #: unit of what may be unknown
 UNITS = {"bond_force": "nN", "activation_volume": "nm³", "attempt_frequency": "Hz"}
@@ -27,8 +27,6 @@ SMOOTH = "density"
 MOST_EXPERIMENTS = 5
 #: where nearly all is unseen, so that there is no value but bounds
 NONE = "-"
-#: share of the sites below which the visible energies count as empty
-EMPTY = 0.01
 Rows = list[tuple[str, str]]
 
 
@@ -94,26 +92,23 @@ def density_text(one: Inference) -> str:
     if not one.visible.any():
         return "nothing is visible"
     below, inside, above = (share.band[1] for share in three_shares(one))
-    if inside < EMPTY:
-        sides = [side for side, most in (("below", below), ("above", above)) if most >= EMPTY]
+    if empty(one):
+        sides = [side for side, most in (("below", below), ("above", above)) if most > 0.01]
         share = "0.1" if inside < 1e-3 else f"{100 * inside:.1f}"
         return f"hardly any inside (at most {share} % of the sites); barriers lie {' and '.join(sides)}"
     there = peaks(one)
+    unsure = "".join(f"; the maximum at {energy:.3f} eV is not resolved" for energy in unresolved(one))
     places = [f"{peak.energy:.3f} eV ({peak.band[0]:.3f} to {peak.band[1]:.3f})" for peak in there]
     if places:
         ends = [end for end, up in zip(("lower", "upper"), rises(one), strict=True) if up]
         more = f"; rises again towards the {' and the '.join(ends)} end" if ends else ""
         if len(places) > 1:
-            return f"{len(places)} peaks: {', '.join(places[:-1])} and {places[-1]}{more}"
-        return f"one peak at {places[0]}{more}"
+            return f"{len(places)} peaks: {', '.join(places[:-1])} and {places[-1]}{more}{unsure}"
+        return f"one peak at {places[0]}{more}{unsure}"
     up, down = trend(one)
     run = "rises" if up >= SURE else "falls" if down >= SURE else ""
     towards = f"{run} towards the upper end of the visible energies" if run else "flat within the band"
-    if (highest := unsure_peak(one)) is not None:
-        energy, share = highest
-        there = f"{100 * share:.0f} % of the samples have a peak there"
-        return f"highest at {energy:.3f} eV; averaged over the resolution, {there}; {towards}"
-    return f"no peak inside; {towards}"
+    return f"no peak {'that the data support' if unsure else 'inside'}; {towards}{unsure}"
 
 
 def scalar_rows(one: Inference) -> Rows:
