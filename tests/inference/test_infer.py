@@ -261,6 +261,53 @@ def test_data_that_no_density_explains_are_refused_with_the_best_fit():
         ca.infer(much, scene())
 
 
+def independent_sites(made, energies, weights, times):
+    """ΔF (nN) of independent sites at 300 K in closed form: a/(a + b) (1 − exp(−(a + b) t)) of every site."""
+    kt, chemistry = ca.units.KB * 300, made.chemistry
+    sites = chemistry.sites_of(solved(made))
+    ranks = (np.arange(20) + 0.5) / 20
+    lowering = chemistry.activation_volume * 6.241509 * np.quantile(sites.pressure, ranks)  # 1 GPa nm³ = 6.24 eV
+    total = np.zeros(times.size)
+    for breaking in 1e13 * np.exp(-chemistry.breaking.quantile(ranks) / kt):
+        for forming in 1e13 * np.exp(-(energies - lowering[:, None]) / kt):
+            bonded = forming / (forming + breaking) * -np.expm1(-times[:, None] * (forming + breaking))
+            total += bonded @ weights / weights.sum() / ranks.size**2
+    return total * sites.pressure.size * chemistry.bond_force * chemistry.front_factor * chemistry.hydroxylation
+
+
+def outside(peak, times, asked, seed):
+    """An inference of hold times before which no site of a narrow peak reacts, a forecast, and its truth."""
+    data, _ = ca.scene_data("silica-linear-tip")
+    made = ca.parse_scene(ca.override(data, {"observe": [], "interaction": None}))
+    energies = np.linspace(0.3, 1.5, 1201)
+    weights = np.exp(-0.5 * ((energies - peak) / 0.02) ** 2)
+    values, truth = (independent_sites(made, energies, weights, at) for at in (times, asked))
+    noisy = values * (1 + NOISE * np.random.default_rng(seed).standard_normal(times.size))
+    measured = ca.MeasuredCurve(
+        load=made.load, temperature=300.0, hold_times=times, values=noisy, errors=NOISE * values
+    )
+    found = ca.infer(measured, made, families=(), samples=400, seed=seed)
+    return found, found.forecast(hold_times=asked), truth
+
+
+@pytest.mark.long
+def test_forecasts_hold_narrow_peaks_above_what_linear_ageing_sees():
+    """90 % bands at 100 s and 10⁵ s after ten points from 5 to 90 ms; what all sites give is known within 0.1 %."""
+    times, asked = np.linspace(0.005, 0.09, 10), np.array([1e2, 1e5])
+    held = []
+    for number, peak in enumerate(np.linspace(0.82, 1.06, 8)):
+        found, forecast, truth = outside(float(peak), times, asked, 40 + number)
+        low, high = forecast.band(0.9)
+        held.append((truth >= 0.999 * low) & (truth <= 1.001 * high + 1.6))
+        assert forecast.bounds_only
+        assert any(note.startswith("barriers lie above the visible energies: ") for note in found.notes)
+        assert not any("nothing is claimed" in note for note in found.notes)
+        # below 0.75 eV there is next to nothing, and the rest may be anywhere above, or nearly so
+        above = found.energies > found.visible_range[1]
+        assert found.samples[:, above] @ np.gradient(found.energies)[above] == pytest.approx(1, abs=0.05)
+    assert (np.sum(held, axis=0) >= 6).all()
+
+
 @pytest.mark.long
 def test_linear_ageing_is_a_narrow_peak_at_the_upper_end_and_logarithmic_ageing_a_flat_density():
     """Tian et al., Phys. Rev. Lett. 124, 026801 (2020): linear ageing of 5 to 90 ms at 300 K."""
