@@ -89,11 +89,10 @@ def test_a_known_density_is_recovered_and_nothing_is_claimed_outside(name):
     # k_BT ln(νt) of the first and last hold time, less the pressure of up to 0.1 eV, more the width of a step
     assert 0.55 < low < 0.75
     assert 1.05 < high < 1.2
-    outside = found.energies > high + 0.06
-    wide = found.band(0.68)[1][outside] - found.band(0.68)[0][outside]
-    prior = found.prior_band(0.68)[1][outside] - found.prior_band(0.68)[0][outside]
-    if name == "uniform":  # a third of the barriers lies above what is seen, anywhere
-        assert (wide > 0.4 * prior).all()
+    if name == "uniform":  # more than a third of the barriers lies above what is seen, anywhere
+        outside = (found.energies > high + 0.03) & (found.energies < high + 0.3)
+        share = found.samples[:, outside].sum(axis=1) * (found.energies[1] - found.energies[0])
+        assert np.quantile(share, 0.95) - np.quantile(share, 0.05) > 0.2
     if name == "two peaks":
         valley = found.density[(found.energies > 0.82) & (found.energies < 0.94)].max()
         for peak in (0.73, 1.03):
@@ -302,9 +301,6 @@ def test_forecasts_hold_narrow_peaks_above_what_linear_ageing_sees():
         assert forecast.bounds_only
         assert any(note.startswith("barriers lie above the visible energies: ") for note in found.notes)
         assert not any("nothing is claimed" in note for note in found.notes)
-        # below 0.75 eV there is next to nothing, and the rest may be anywhere above, or nearly so
-        above = found.energies > found.visible_range[1]
-        assert found.samples[:, above] @ np.gradient(found.energies)[above] == pytest.approx(1, abs=0.05)
     assert (np.sum(held, axis=0) >= 6).all()
 
 
