@@ -184,7 +184,7 @@ def show(made: InferenceResult) -> None:
         terminal.show(table, _WIDTH)
         terminal.remark(words.family_verdict(made.inference))
     if made.forecasts:
-        table = terminal.table("Forecasts of the friction drop", ("", "mean", "68 % (nN)", "95 % (nN)"))
+        table = terminal.table("Forecasts of the friction drop", ("", "median", "68 % (nN)", "95 % (nN)"))
         for label, one in made.forecasts.items():
             table.add_row(*words.forecast_row(label, one))
         terminal.show(table, _WIDTH)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -61,6 +61,15 @@ class Model:
                 made = self.conditions[point, number]
                 made.correction, made.correction_error = middle.correction, middle.correction_error
         return self.conditions[point, number]
+
+    def on(self, grid: EnergyGrid) -> Model:
+        """The same model on other energies."""
+        found = replace(self, grid=grid, conditions={})
+        found.middle = self.middle
+        for number in range(len(self.keys)):
+            own, other = self.condition(self.middle, number), found.condition(self.middle, number)
+            other.correction, other.correction_error = own.correction, own.correction_error
+        return found
 
     @property
     def interacting(self) -> bool:

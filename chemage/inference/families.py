@@ -10,6 +10,7 @@ import numpy as np
 
 from chemage.foundation.progress import Report
 from chemage.inference.assembly import Model
+from chemage.inference.hidden import REACH
 from chemage.inference.kernel import EnergyGrid
 from chemage.inference.problem import Problem
 from chemage.inference.rounds import short
@@ -191,7 +192,7 @@ def _compared(name: str, data: Linear, blocks: np.ndarray, low: float, high: flo
         "parameters": dict(zip(names, shown.tolist(), strict=True)),
         "errors": dict(zip(names, errors.tolist(), strict=True)),
         "chi2": chi2,
-        "density": chosen.density(data.grid, theta[: len(chosen.parameters)]).tolist(),
+        "density": chosen.density(data.grid.wider(*REACH), theta[: len(chosen.parameters)]).tolist(),
     }
     score = 0.0
     for block in np.unique(blocks):

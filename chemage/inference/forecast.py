@@ -12,6 +12,8 @@ from chemage.foundation.records import Doubles, Plain, PositiveNumber, Record
 
 #: shares of the probability that bands hold
 LEVELS = (0.68, 0.90, 0.95)
+#: share of a prediction from energies which the data do not see above which only bounds are shown
+BOUNDS_ONLY = 0.8
 
 
 class Forecast(Record):
@@ -47,6 +49,16 @@ class Forecast(Record):
         return self.samples.mean(axis=0)
 
     @property
+    def median(self) -> np.ndarray:
+        """The median of ΔF over the samples, nN, (m,): the mean of skew samples may lie outside of bands."""
+        return np.median(self.samples, axis=0)
+
+    @property
+    def bounds_only(self) -> bool:
+        """Whether nearly all of a prediction is unseen, so that no value within the 95 % band is more likely."""
+        return self.unseen > BOUNDS_ONLY
+
+    @property
     def friction_coefficient_drop(self) -> np.ndarray:
         """Δμ = ΔF / load, (m,)."""
         return self.friction_drop / self.load
@@ -57,10 +69,9 @@ class Forecast(Record):
 
     def __repr__(self) -> str:
         low, high = self.band()
-        return (
-            f"<Forecast {self.load:g} nN, {self.temperature:g} K: {self.friction_drop[-1]:.4g} nN "
-            f"({low[-1]:.4g} to {high[-1]:.4g}) at {self.hold_times[-1]:g} s>"
-        )
+        ends = f"{low[-1]:.4g} to {high[-1]:.4g}"
+        value = f"{ends} nN" if self.bounds_only else f"{self.median[-1]:.4g} nN ({ends})"
+        return f"<Forecast {self.load:g} nN, {self.temperature:g} K: {value} at {self.hold_times[-1]:g} s>"
 
     __str__ = __repr__
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,12 @@ from chemage.inference.curves import MeasuredCurve, check_curves, read_curves
 from chemage.inference.families import compared
 from chemage.inference.forecast import band
 from chemage.inference.forward import check_scene
+from chemage.inference.hidden import REACH, Data, redrawn_outside
 from chemage.inference.inference import Inference
 from chemage.inference.kernel import averaging
+from chemage.inference.prior import Prior
 from chemage.inference.problem import Problem
-from chemage.inference.rounds import estimated, sampled
+from chemage.inference.rounds import estimated, linear_problem, sampled
 from chemage.inference.sampling import Samples
 from chemage.inference.unknowns import UNITS, Unknowns, unknowns_of
 
@@ -39,6 +42,8 @@ PRIOR_SAMPLES = 400
 FEW, APART = 100, 1.05
 #: different values of an unknown among the samples below which its grid is too coarse for its interval
 FEWEST_VALUES = 4
+#: share of the friction at the last hold time from above the visible energies from which a note says so
+MAINLY = 0.5
 #: an energy is visible where the standard deviation of the density, or that over its mean, is below this share of the
 #: prior's
 NARROWER = 0.7
@@ -155,6 +160,37 @@ def _visible(model: Model, samples: np.ndarray, prior: np.ndarray, resolution: f
     return model.seen() & (narrower | relative)
 
 
+def _inner_ends(densities: np.ndarray) -> np.ndarray:
+    """``densities`` (S, n) that end at their end nodes as such that go on: of the same integral and mean energy."""
+    found = densities.copy()
+    for end, beside in ((0, 1), (-1, -2)):  # the inner half of a hat, whose mean lies a third of a step inside
+        found[:, end] = densities[:, end] / 3
+        found[:, beside] += densities[:, end] / 6
+    return found
+
+
+def _with_hidden(
+    model: Model, found: Samples, prior: Prior, drawn: np.ndarray
+) -> tuple[Model, Problem, Samples, np.ndarray]:
+    """Samples of the posterior and those ``drawn`` of the prior, with the barriers that hold times do not reach."""
+    wide = model.on(model.grid.wider(*REACH))
+    more = ((0, 0), wide.grid.place(model.grid))
+    densities, drawn = (np.pad(_inner_ends(one), more) for one in (found.densities, drawn))
+    problem = linear_problem(wide, prior, densities.mean(axis=0))
+    data = Data(
+        problem.matrices / problem.errors[:, None],
+        found.points,
+        found.factors,
+        problem.values / problem.errors,
+        problem.offsets / problem.errors,
+        KB * max(curve.temperature for curve in model.curves),
+    )
+    seen = np.pad(model.seen(), more[1])
+    densities = redrawn_outside(wide.grid, seen, densities, np.random.default_rng([model.seed, 101]), data)
+    drawn = redrawn_outside(wide.grid, seen, drawn, np.random.default_rng([model.seed, 103]))
+    return wide, problem, replace(found, densities=densities), drawn
+
+
 def _made(
     model: Model,
     problem: Problem,
@@ -168,6 +204,9 @@ def _made(
     prior = problem.prior.sample(PRIOR_SAMPLES, model.grid.areas, rng)
     resolution = WIDTH * KB * max(curve.temperature for curve in model.curves)
     visible = _visible(model, found.densities, prior, resolution)
+    smooth = model.grid
+    model, problem, found, prior = _with_hidden(model, found, problem.prior, prior)
+    visible = np.pad(visible, model.grid.place(smooth))
     fitted = found.fitted(problem)
     mean = fitted.mean(axis=0)
     chi2 = float(np.sum(((problem.values - mean) / problem.errors) ** 2))
@@ -244,6 +283,25 @@ def _coarse(name: str, values: np.ndarray, unknowns: Unknowns) -> list[str]:
     return [text]
 
 
+def _above(model: Model, problem: Problem, found: Samples, high: float) -> list[str]:
+    """A note if the friction at the last hold time comes mainly from barriers above ``high``, eV."""
+    last = int(np.argmax(model.hold_times))
+    parts = np.abs(found.densities * problem.matrices[found.points, last])
+    above = parts * (model.grid.nodes > high)
+    whole = above.sum(axis=1)
+    share = float((whole / np.maximum(parts.sum(axis=1), 1e-300)).mean())
+    if share < MAINLY or not whole.all():
+        return []
+    low, top = band((above @ model.grid.nodes / whole)[:, None], 0.95)
+    text = (
+        f"barriers lie above the visible energies: {100 * share:.0f} % of the friction at "
+        f"{model.hold_times[last]:.3g} s comes from sites above {high:.3f} eV, on average at {low[0]:.2f} to "
+        f"{top[0]:.2f} eV (95 %); the data tell how fast these react together, and neither how many there are nor how "
+        "high their barriers are"
+    )
+    return [text]
+
+
 def _notes(
     model: Model,
     problem: Problem,
@@ -261,8 +319,9 @@ def _notes(
         hidden = model.seen() & ~visible
         notes.append(
             f"energies from {seen[0]:.3f} to {seen[-1]:.3f} eV are visible; outside, the density is that of the prior, "
-            "and nothing is claimed"
+            "but for how many sites lie there and for what the first and last hold times still tell of them"
         )
+        notes += _above(model, problem, found, float(seen[-1]))
         if hidden.any():
             at = model.grid.nodes[hidden]
             notes.append(

@@ -59,6 +59,16 @@ class EnergyGrid:
         """(n,) eV: the integral of a density is its values times these."""
         return self.hats.sum(axis=0)
 
+    def wider(self, below: float, above: float) -> EnergyGrid:
+        """The grid with further nodes, up to ``below`` and ``above`` eV beyond its ends."""
+        more = int(below / self.step)
+        return EnergyGrid(self.first - more * self.step, self.step, self.count + more + math.ceil(above / self.step))
+
+    def place(self, other: EnergyGrid) -> tuple[int, int]:
+        """Nodes below the first and above the last of ``other``, whose nodes are among these."""
+        below = round((other.first - self.first) / self.step)
+        return below, self.count - below - other.count
+
     def quantile(self, density: np.ndarray, uniform: np.ndarray, beyond: float) -> np.ndarray:
         """Barriers at ``uniform`` numbers; those above the integral of ``density`` get the barrier ``beyond``."""
         weights = np.maximum(self.hats @ np.maximum(density, 0), 0)

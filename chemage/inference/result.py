@@ -45,6 +45,7 @@ def _of_forecast(one: Forecast) -> dict[str, Any]:
         "temperature": one.temperature,
         "hold_times": one.hold_times,
         "friction_drop": one.friction_drop,
+        "median": one.median,
         "friction_coefficient_drop": one.friction_coefficient_drop,
         **{f"band_{100 * level:.0f}": list(one.band(level)) for level in LEVELS},
         "unseen": one.unseen,

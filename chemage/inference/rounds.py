@@ -91,7 +91,7 @@ def _distance(model: Model, one: np.ndarray, other: np.ndarray, seen: np.ndarray
     return float((np.abs(one - other) * model.grid.areas)[seen].sum())
 
 
-def _problem(model: Model, prior: Prior, density: np.ndarray) -> Problem:
+def linear_problem(model: Model, prior: Prior, density: np.ndarray) -> Problem:
     """The linear model of all points of the grid of scalars about ``density``."""
     matrices, offsets = [], []
     for point in range(model.unknowns.points):
@@ -125,7 +125,7 @@ def sampled(
     if model.interacting:
         seen = model.seen()
         for number in range(2):
-            few = short(_problem(model, prior, density), start, model.seed + number, threads)
+            few = short(linear_problem(model, prior, density), start, model.seed + number, threads)
             mean = few.densities.mean(axis=0)
             changes = [*changes, _distance(model, mean, density, seen)]
             density = mean
@@ -134,7 +134,7 @@ def sampled(
             if changes[-1] < CONVERGED:
                 break
         start = np.where(density > 1e-3, density, -0.1)
-    problem = _problem(model, prior, density)
+    problem = linear_problem(model, prior, density)
     found = sample(
         problem,
         start,

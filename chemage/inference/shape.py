@@ -14,6 +14,10 @@ from chemage.inference.kernel import averaging
 PARTS = 6
 #: share of the samples in which a peak must be higher than the valleys beside it
 SURE = 0.95
+#: share of the sites below which the visible energies count as empty
+EMPTY = 0.01
+#: height of a maximum of the mean over its largest value above which it is named
+STANDS_OUT = 0.1
 
 
 @dataclass(frozen=True)
@@ -54,16 +58,27 @@ def shares(inference: Inference, parts: int = PARTS) -> list[Share]:
     ]
 
 
-def unseen_share(inference: Inference) -> tuple[float, tuple[float, float]]:
-    """Share of the sites whose barriers lie above the visible energies: mean and 95 % band."""
-    above = 1 - _integral(inference.energies, inference.samples, inference.visible_range[1])
-    return float(above.mean()), _ends(above)
+def three_shares(inference: Inference) -> tuple[Share, Share, Share]:
+    """Shares of the sites whose barriers lie below, at and above the visible energies."""
+    low, high = inference.visible_range
+    first, second = (_integral(inference.energies, inference.samples, edge) for edge in (low, high))
+    edges = -np.inf, low, high, np.inf
+    below, inside, above = (
+        Share(edges[at], edges[at + 1], float(part.mean()), _ends(part))
+        for at, part in enumerate((first, second - first, 1 - second))
+    )
+    return below, inside, above
+
+
+def empty(inference: Inference) -> bool:
+    """Whether hardly any barriers can lie within the visible energies."""
+    return three_shares(inference)[1].band[1] < EMPTY
 
 
 def peaks(inference: Inference) -> list[Peak]:
     """Peaks within the visible energies which nearly all samples have, from low to high energies."""
     energies, samples = _seen(inference)
-    if energies.size < 3:
+    if energies.size < 3 or empty(inference):
         return []
     mean = samples.mean(axis=0)
     inner = np.flatnonzero((mean[1:-1] >= mean[:-2]) & (mean[1:-1] > mean[2:])) + 1
@@ -80,10 +95,27 @@ def peaks(inference: Inference) -> list[Peak]:
     return found
 
 
-def trend(inference: Inference) -> float:
-    """Share of the samples whose density is higher at the upper end of the visible energies than at the lower."""
+def unresolved(inference: Inference) -> list[float]:
+    """Energies (eV) of maxima of the mean inside the visible energies that are none of :func:`peaks`.
+
+    Averaged over the resolution, too few samples have them.
+    """
+    energies = _seen(inference)[0]
+    if energies.size < 3 or empty(inference):
+        return []
+    mean = inference.density[np.isin(inference.energies, energies)]
+    sure = [one.energy for one in peaks(inference)]
+    inner = np.flatnonzero((mean[1:-1] >= mean[:-2]) & (mean[1:-1] > mean[2:])) + 1
+    high = energies[inner[mean[inner] > STANDS_OUT * mean.max()]].tolist()
+    return [at for at in high if all(abs(at - other) > inference.resolution for other in sure)]
+
+
+def trend(inference: Inference) -> tuple[float, float]:
+    """Shares of the samples whose density is higher, and lower, at the upper end of the visible energies."""
     _, samples = _seen(inference)
-    return float((samples[:, -1] > samples[:, 0]).mean()) if samples.shape[1] > 1 else 0.5
+    if samples.shape[1] < 2:
+        return 0.0, 0.0
+    return float((samples[:, -1] > samples[:, 0]).mean()), float((samples[:, -1] < samples[:, 0]).mean())
 
 
 def rises(inference: Inference) -> tuple[bool, bool]:

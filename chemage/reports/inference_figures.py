@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,8 +13,9 @@ from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.inference.forecast import band
 from chemage.inference.inference import Inference
 from chemage.inference.result import InferenceResult
+from chemage.inference.shape import peaks, unresolved
 from chemage.reports.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, legend, panels, plain, save_figures
-from chemage.reports.inference_text import UNITS, unseen_text
+from chemage.reports.inference_text import UNITS, density_text, unseen_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,11 +24,12 @@ if TYPE_CHECKING:
 #: name -> caption
 CAPTIONS = {
     "density": "Density of forming barriers: mean, 68 and 95 % bands of the posterior, families (orange), and upper "
-    "end of the 95 % band of the prior (grey). Outside the shaded energies the data say nothing.",
+    "end of the 95 % band of the prior (grey). Outside the shaded energies the data tell sums only.",
     "data": "Measured friction drop (bars: 95 %) with the 68 and 95 % bands of the fitted curves.",
     "residuals": "Residuals in standard errors; shaded: two standard errors.",
     "predictive": "What the prior and the posterior predict of the measurements, 95 % bands.",
-    "forecasts": "Forecasts at conditions that were not measured: mean, 68 and 95 % bands of the posterior.",
+    "forecasts": "Forecasts at conditions that were not measured: median, 68 and 95 % bands of the posterior; dashed: "
+    "bounds of 95 % where nearly all is unseen.",
     "unknowns": "Samples of the unknown scalars within the bounds of their priors.",
 }
 #: forecasts that are drawn, in one figure
@@ -72,16 +75,27 @@ def draw_density(axes: Axes, one: Inference, size: float = 8) -> None:
     for level, alpha in ((0.95, 0.22), (0.68, 0.38)):
         axes.fill_between(e, *one.band(level), color=BLUE, alpha=alpha, lw=0, label=f"{100 * level:.0f} % band")
     axes.plot(e, one.density, color=BLUE, lw=1.6, label="mean")
+    for fill_style, what, places in (
+        ("full", "peak", [peak.energy for peak in peaks(one)]),
+        ("none", "maximum, not resolved", unresolved(one)),
+    ):
+        if places:
+            heights = np.interp(places, e, one.density)
+            axes.plot(places, heights, "v", color=BLUE, fillstyle=fill_style, ms=7, label=what)
     prior = one.prior_band(0.95)
     axes.plot(e, prior[1], color=GREY, lw=0.9, ls="--", label="prior, upper end of the 95 % band")
     for number, (name, fit) in enumerate(one.families.items()):
-        if len(density := np.asarray(fit.get("density", ()), dtype=float)) == e.size:
-            axes.plot(e, density, color=ORANGE, lw=1.0, ls=_LINES[number % len(_LINES)], label=plain(name))
+        if density := fit.get("density", ()):
+            axes.plot(
+                e[: len(density)], density, color=ORANGE, lw=1.0, ls=_LINES[number % len(_LINES)], label=plain(name)
+            )
     seen = one.visible if one.visible.any() else np.ones(e.size, dtype=bool)
     top = 1.6 * float(max(one.band(0.95)[1][seen].max(), one.density.max()))
-    axes.set_xlim(e[0], e[-1])
+    beyond = 0.4 if np.isfinite(low) else np.inf
+    axes.set_xlim(max(e[0], low - beyond), min(e[-1], high + beyond))
     axes.set_ylim(0, top or 1.0)
     axes.set(xlabel="forming barrier (eV)", ylabel="density (1/eV)")
+    axes.set_title(fill(density_text(one), 76), fontsize=size)
     legend(axes, fontsize=size, ncols=2)
 
 
@@ -93,7 +107,7 @@ def draw_data(axes: Axes, one: Inference, size: float = 8) -> None:
         times, fitted = one.hold_times[here][order], one.fitted[:, here][:, order]
         for level, alpha in ((0.95, 0.2), (0.68, 0.35)):
             axes.fill_between(times, *band(fitted, level), color=colour, alpha=alpha, lw=0)
-        axes.plot(times, fitted.mean(axis=0), color=colour, lw=1.0)
+        axes.plot(times, np.median(fitted, axis=0), color=colour, lw=1.0)
         label = plain(f"{about['name']}: {about['load']:g} nN, {about['temperature']:g} K")
         bars = NORMAL_LIMIT * one.errors[here]
         axes.errorbar(one.hold_times[here], one.values[here], bars, fmt="o", ms=3.2, lw=0.9, color=colour, label=label)
@@ -150,20 +164,21 @@ def draw_forecasts(axes: Axes, made: InferenceResult, size: float = 8) -> None:
     shown: Mapping[str, object] = dict(list(made.forecasts.items())[:MOST])
     for number, label in enumerate(shown):
         forecast, colour = made.forecasts[label], PALETTE[number % len(PALETTE)]
+        times, name = forecast.hold_times, plain(label + unseen_text(forecast))
+        low, high = forecast.band()
+        single = times.size == 1
+        if forecast.bounds_only:
+            style = {"marker": "_", "ms": 9, "lw": 0} if single else {"ls": "--", "lw": 1.0}
+            axes.plot(times, low, color=colour, label=name, **style)
+            axes.plot(times, high, color=colour, **style)
+            continue
         for level, alpha in ((0.95, 0.2), (0.68, 0.35)):
-            axes.fill_between(forecast.hold_times, *forecast.band(level), color=colour, alpha=alpha, lw=0)
-        single = {"marker": "o", "ms": 4} if forecast.hold_times.size == 1 else {}
+            axes.fill_between(times, *forecast.band(level), color=colour, alpha=alpha, lw=0)
         axes.plot(
-            forecast.hold_times,
-            forecast.friction_drop,
-            color=colour,
-            lw=1.3,
-            label=plain(label + unseen_text(forecast)),
-            **single,
+            times, forecast.median, color=colour, lw=1.3, label=name, **({"marker": "o", "ms": 4} if single else {})
         )
-        if forecast.hold_times.size == 1:
-            low, high = forecast.band()
-            axes.vlines(forecast.hold_times, low, high, color=colour, lw=1.2)
+        if single:
+            axes.vlines(times, low, high, color=colour, lw=1.2)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
     axes.set_ylim(bottom=0)
     legend(axes, fontsize=size, title="bands: 68 and 95 %", title_fontsize=size, alignment="left")

@@ -55,7 +55,7 @@ def inference_section(file: str | Path, key: str, name: str = "") -> tuple[Secti
         verdict = [f"{text[0].upper()}{text[1:]}."] if (text := words.family_verdict(one)) else []
         parts.append(Part("Families", paragraphs=verdict, tables=[Table(caption, columns, families, wide=True)]))
     if made.forecasts:
-        columns = ["forecast", "ΔF", "68 % (nN)", "95 % (nN)"]
+        columns = ["forecast", "ΔF, median", "68 % (nN)", "95 % (nN)"]
         found = [words.forecast_row(label, forecast) for label, forecast in made.forecasts.items()]
         parts.append(Part("Forecasts", tables=[Table("", columns, found, wide=True)]))
     if made.experiments:
@@ -106,8 +106,7 @@ def _pictures(made: InferenceResult, key: str) -> list[Picture]:
         found.append(Picture(markup(svg(figure, alt, f"{key}-{name}")), caption))
 
     low, high = one.visible_range
-    shape = words.density_text(one) if math.isfinite(low) else "nothing is visible"
-    alt = f"Density of barriers; visible from {low:.2f} to {high:.2f} eV: {shape}."
+    alt = f"Density of barriers; visible from {low:.2f} to {high:.2f} eV: {words.density_text(one)}."
     add("density", alt, lambda axes: draw.draw_density(axes, one, 6.5), 4.2)
     last = one.values[np.argmax(one.hold_times)]
     add("data", f"Measured friction drop, up to {last:.3g} nN.", lambda axes: draw.draw_data(axes, one, 7))
@@ -116,8 +115,9 @@ def _pictures(made: InferenceResult, key: str) -> list[Picture]:
     alt = "Bands of what prior and posterior predict of the measurements."
     add("predictive", alt, lambda axes: draw.draw_predictive(axes, one, 7))
     if made.forecasts:
-        texts = "; ".join(f"{label}: {forecast.friction_drop[-1]:.3g} nN" for label, forecast in made.forecasts.items())
-        add("forecasts", f"Forecasts, last hold time: {texts}.", lambda axes: draw.draw_forecasts(axes, made, 6.5))
+        rows = (words.forecast_row(label, forecast) for label, forecast in made.forecasts.items())
+        texts = "; ".join(f"{label}: {end if value == words.NONE else value}" for label, value, _, end in rows)
+        add("forecasts", f"Forecasts: {texts}.", lambda axes: draw.draw_forecasts(axes, made, 6.5))
     for name in one.scalars:
         paint = partial(draw.draw_scalar, one=one, name=name)
         add(f"unknowns-{name}", f"Histogram of the samples of {name}.", paint, 2.8)

@@ -13,7 +13,7 @@ from chemage.inference.forecast import Forecast
 from chemage.inference.forecasting import UNSEEN
 from chemage.inference.inference import Inference
 from chemage.inference.result import InferenceResult
-from chemage.inference.shape import peaks, rises, shares, trend, unseen_share
+from chemage.inference.shape import empty, peaks, rises, shares, three_shares, trend, unresolved
 
 #: unit of what may be unknown
 UNITS = {"bond_force": "nN", "activation_volume": "nm³", "attempt_frequency": "Hz"}
@@ -25,6 +25,8 @@ APART = 2.0
 SMOOTH = "density"
 #: planned measurements that are shown
 MOST_EXPERIMENTS = 5
+#: where nearly all is unseen, so that there is no value but bounds
+NONE = "-"
 Rows = list[tuple[str, str]]
 
 
@@ -80,27 +82,33 @@ def shape_rows(one: Inference) -> Rows:
     for part in shares(one):
         text = f"{_percent(part.mean, part.band)} of the sites"
         found.append((f"  {part.low:.3f} to {part.high:.3f} eV", text))
-    share, ends = unseen_share(one)
-    found.append((f"  above {high:.3f} eV", f"{_percent(share, ends)} of the sites: seen as not reacted"))
+    above = three_shares(one)[2]
+    found.append((f"  above {high:.3f} eV", f"{_percent(above.mean, above.band)} of the sites: seen as not reacted"))
     return found
 
 
 def density_text(one: Inference) -> str:
     """The peaks that the data support, or how the density runs."""
+    if not one.visible.any():
+        return "nothing is visible"
+    below, inside, above = (share.band[1] for share in three_shares(one))
+    if empty(one):
+        sides = [side for side, most in (("below", below), ("above", above)) if most > 0.01]
+        share = "0.1" if inside < 1e-3 else f"{100 * inside:.1f}"
+        return f"hardly any inside (at most {share} % of the sites); barriers lie {' and '.join(sides)}"
     there = peaks(one)
+    unsure = "".join(f"; the maximum at {energy:.3f} eV is not resolved" for energy in unresolved(one))
     places = [f"{peak.energy:.3f} eV ({peak.band[0]:.3f} to {peak.band[1]:.3f})" for peak in there]
     if places:
         ends = [end for end, up in zip(("lower", "upper"), rises(one), strict=True) if up]
         more = f"; rises again towards the {' and the '.join(ends)} end" if ends else ""
         if len(places) > 1:
-            return f"{len(places)} peaks: {', '.join(places[:-1])} and {places[-1]}{more}"
-        return f"one peak at {places[0]}{more}"
-    up = trend(one)
-    if up >= SURE:
-        return "no peak inside; rises towards the upper end of the visible energies"
-    if up <= 1 - SURE:
-        return "no peak inside; falls towards the upper end of the visible energies"
-    return "no peak that the data support: flat within the band"
+            return f"{len(places)} peaks: {', '.join(places[:-1])} and {places[-1]}{more}{unsure}"
+        return f"one peak at {places[0]}{more}{unsure}"
+    up, down = trend(one)
+    run = "rises" if up >= SURE else "falls" if down >= SURE else ""
+    towards = f"{run} towards the upper end of the visible energies" if run else "flat within the band"
+    return f"no peak {'that the data support' if unsure else 'inside'}; {towards}{unsure}"
 
 
 def scalar_rows(one: Inference) -> Rows:
@@ -145,19 +153,20 @@ def family_verdict(one: Inference) -> str:
 
 
 def forecast_row(label: str, one: Forecast) -> tuple[str, str, str, str]:
-    """(label, ΔF at the last hold time, its 68 and 95 % bands)."""
+    """(label, median of ΔF at the last hold time, its 68 and 95 % bands), or only bounds of 95 %."""
     low68, high68 = one.band(0.68)
     low95, high95 = one.band(0.95)
-    return (
-        f"{label} at {power_text(one.hold_times[-1])} s{unseen_text(one)}",
-        f"{one.friction_drop[-1]:.4g} nN",
-        f"{low68[-1]:.4g} to {high68[-1]:.4g}",
-        f"{low95[-1]:.4g} to {high95[-1]:.4g}",
-    )
+    name = f"{label} at {power_text(one.hold_times[-1])} s{unseen_text(one)}"
+    ends = f"{low95[-1]:.4g} to {high95[-1]:.4g}"
+    if one.bounds_only:
+        return name, NONE, NONE, ends
+    return name, f"{one.median[-1]:.4g} nN", f"{low68[-1]:.4g} to {high68[-1]:.4g}", ends
 
 
 def unseen_text(one: Forecast) -> str:
     """The largest share of a forecast that comes from energies which the data do not see, where it matters."""
+    if one.bounds_only:
+        return f" (up to {100 * one.unseen:.0f} % unseen: bounds only)"
     return f" (up to {100 * one.unseen:.0f} % unseen)" if one.unseen > UNSEEN else ""
 
 
@@ -206,6 +215,8 @@ def _several(values: list[float], unit: str) -> str:
 
 
 def _percent(mean: float, ends: tuple[float, float]) -> str:
+    if ends[1] < 5e-4:
+        return "less than 0.1 %"
     return f"{100 * mean:.1f} % ({100 * max(ends[0], 0):.1f} to {100 * ends[1]:.1f})"
 
 

@@ -7,7 +7,7 @@ import pytest
 from made_inference import made_forecast, made_inference
 
 from chemage.inference.result import InferenceResult
-from chemage.inference.shape import peaks, shares, unseen_share
+from chemage.inference.shape import peaks, shares, three_shares
 from chemage.reports import inference_text as words
 from chemage.reports.inference_figures import CAPTIONS, inference_figures
 
@@ -19,7 +19,68 @@ def test_one_two_and_no_peak_are_told_apart():
     assert [round(one.energy, 1) for one in peaks(made_inference((0.85, 1.1)))] == [0.8, 1.1]
     assert peaks(made_inference(())) == []
     assert "flat" in words.density_text(made_inference(()))
-    assert words.density_text(made_inference((1.4,))).startswith("no peak inside; rises")
+    assert words.density_text(made_inference((1.3,))).startswith("no peak inside; rises")
+
+
+def test_no_barriers_inside_are_neither_flat_nor_falling():
+    """Linear ageing: all samples are zero at all visible energies, and the barriers lie above."""
+    empty = made_inference((1.4,))
+    text = "hardly any inside (at most 0.1 % of the sites); barriers lie above"
+    zero = np.where(empty.visible, 0.0, empty.samples)
+    for one in (empty, empty.model_copy(update={"samples": zero})):
+        assert words.density_text(one) == text
+        assert "less than 0.1 % of the sites" in dict(words.shape_rows(one)).values()
+        assert text in inference_figures(InferenceResult(one))["density"].axes[0].get_title().replace("\n", " ")
+
+
+def test_a_maximum_of_the_curve_that_is_no_peak_is_named_and_marked():
+    """The curve of the figure is highest at 0.85 eV, inside the visible energies, in half of the samples."""
+    one = made_inference(())
+    bump = 2 * np.exp(-0.5 * ((one.energies - 0.85) / 0.03) ** 2)
+    samples = 0.6 * one.samples
+    samples[::2] += 0.6 * bump
+    one = one.model_copy(update={"samples": samples})
+    high = one.energies[np.argmax(one.density)]
+    assert peaks(one) == []
+    assert f"the maximum at {high:.3f} eV is not resolved" in words.density_text(one)
+    assert "no peak inside" not in words.density_text(one)
+    axes = inference_figures(InferenceResult(one))["density"].axes[0]
+    (marks,) = [line for line in axes.get_lines() if line.get_label() == "maximum, not resolved"]
+    assert high in marks.get_xdata()
+
+
+def skew_forecast(**more):
+    """Most samples between 1157 and 1177 nN, one in six far below, as a forecast of the documentation."""
+    samples = np.linspace(1157, 1177, 300)[:, None]
+    samples[:45] = np.linspace(700, 1100, 45)[:, None]
+    return made_forecast().model_copy(update={"hold_times": np.array([1e6]), "samples": samples, **more})
+
+
+def test_a_forecast_is_shown_by_its_median_which_lies_in_its_bands():
+    one = skew_forecast()
+    low, high = one.band(0.68)
+    assert one.friction_drop[0] < low[0] < one.median[0] < high[0]
+    median = f"{one.median[0]:.4g} nN"
+    assert words.forecast_row("a", one)[1] == median
+    assert median in repr(one)
+    made = InferenceResult(made_inference(), {"a": one})
+    (summary,) = made.summary()["forecasts"]
+    assert summary["median"] == one.median.tolist()
+    assert summary["friction_drop"] == one.friction_drop.tolist()
+    (line,) = [line for line in inference_figures(made)["forecasts"].axes[0].get_lines() if line.get_label() == "a"]
+    assert line.get_ydata() == pytest.approx(one.median)
+
+
+def test_where_nearly_all_is_unseen_only_bounds_are_shown():
+    one = skew_forecast(unseen=0.97)
+    name, value, inner, outer = words.forecast_row("a", one)
+    assert "97 % unseen: bounds only" in name
+    assert (value, inner) == ("-", "-")
+    assert f"{one.median[0]:.4g}" not in outer + repr(one)
+    axes = inference_figures(InferenceResult(made_inference(), {"a": one}))["forecasts"].axes[0]
+    drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()])
+    assert one.median[0] not in drawn
+    assert {float(end[0]) for end in one.band(0.95)} <= {*drawn.tolist()}
 
 
 def test_a_rise_towards_an_end_is_named():
@@ -43,7 +104,7 @@ def test_shares_are_integrals_of_the_density():
     inside = (one.energies >= low) & (one.energies <= high)
     whole = np.trapezoid(one.density[inside], one.energies[inside])
     assert sum(part.mean for part in found) == pytest.approx(whole, rel=1e-9)
-    assert unseen_share(one)[0] == pytest.approx(
+    assert three_shares(one)[2].mean == pytest.approx(
         1 - np.trapezoid(one.density[one.energies <= high], one.energies[one.energies <= high]), abs=1e-9
     )
 
