@@ -32,6 +32,7 @@ ROOMS = (
     "friction",
     "ageing",
     "experiments",
+    "studies",
     "ensembles",
     "inference",
     "store",
