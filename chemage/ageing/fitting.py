@@ -266,9 +266,8 @@ def fit_aging(
     bootstrap
         None: Student's intervals, see :mod:`chemage.ageing.intervals`. Otherwise what is resampled: ``"residuals"`` of
         measurements, at the same hold times; ``"pairs"``, whole rows of measurements, where the scatter depends on time
-        in a way the errors do not state; ``"replicas"``, whole replicas of a simulated result. Percentile intervals of
-        the bootstrap are too narrow for fewer than about ten replicas or rows. No interval includes the scatter between
-        surfaces.
+        in a way the errors do not state; ``"replicas"``, whole replicas of a simulated result. Its intervals are too
+        narrow for fewer than about ten replicas or rows. No interval includes the scatter between surfaces.
     samples, confidence, seed
         Bootstrap samples, coverage of the intervals, and the seed of the bootstrap.
 
@@ -286,19 +285,16 @@ def fit_aging(
     t, curves = data.hold_times[use], given.curves[:, use]
     weight = _weights(given, use)
     estimate = _estimate(model, t, curves, weight, scatter=not given.simulated)
+    slopes = cutoffs = UNKNOWN
     if bootstrap is not None:
         options = {"confidence": confidence, "samples": samples, "seed": seed}
         slopes, cutoffs = bootstrapped(bootstrap, model, t, curves, weight, estimate.fitted, **options)
-    elif given.simulated and len(curves) == 1:
-        slopes = cutoffs = UNKNOWN
-    else:
-        slope, error, log_cutoff = estimate.slope, estimate.slope_error, estimate.log_cutoff
-        slopes, cutoffs = student(model, t, curves, weight, slope, error, log_cutoff, confidence)
-    reason = _no_cutoff(estimate.log_cutoff, slopes, data.hold_times)
+    elif not given.simulated or len(curves) > 1:
+        numbers = estimate.slope, estimate.slope_error, estimate.log_cutoff
+        slopes, cutoffs = student(model, t, curves, weight, *numbers, confidence)
+    unit, reason = given.scale, _no_cutoff(estimate.log_cutoff, slopes, data.hold_times)
     cutoff = math.nan if reason else _time(estimate.log_cutoff)
-    unit = given.scale
-    # the curves of a simulated result are ΔF whatever is fitted
-    forces = given.simulated or given.quantity == "friction_drop"
+    forces = given.simulated or given.quantity == "friction_drop"  # curves of a simulated result are ΔF
     return Fit(
         model=model,
         quantity=given.quantity,

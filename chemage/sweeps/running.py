@@ -298,26 +298,22 @@ def sweep(
     accuracy
         Each point is a mean over random surfaces to this accuracy, such as ``{"beta": "2 %"}``, as for
         :func:`chemage.ensemble`; in place of ``[accuracy]`` of the scene.
-    executor, workers, threads
-        Where to compute, the number of concurrent points, and the threads of each; default: ``serial``, one point
-        after the other, and for means threads of this process, a surface in each; see
-        :func:`chemage.studies.executors.opening.open_pool`. Results do not depend on them.
+    executor, workers, threads, patience
+        Where to compute, the number of concurrent points, the threads of each, and how long to wait where no worker of
+        Dask runs, or for other shares; see :func:`chemage.studies.executors.opening.open_pool`. Default: ``serial``,
+        and for means ``threads``. Results do not depend on them.
     changes
         Dotted path -> value: changes to the scene before it is swept.
     progress
         Receives a :class:`~chemage.sweeps.progress.SweepProgress` several times a second; True shows it on stderr.
     confirm
-        Receives a sentence if there are very many points or little free disk space, and returns whether to continue;
-        True confirms always.
+        Receives a question about very many points or little free disk space, and returns the answer; True: always.
     force
         Replace the results in ``out`` and compute all points.
     points
         Compute a part of the points only, while other processes may compute others into the same folder: ``"3/16"``,
-        the third of sixteen shares; ``"3,7,12-20"``, numbers of points, the first is 0; ``"auto"``, the share of this
-        task of a job array. No tables are written; see :func:`chemage.collect_sweep`.
-    patience
-        Longest time to wait while a Dask cluster has no worker: s, or text with a unit such as ``"10 min"``; default:
-        120 s for a cluster started on this machine, no limit for any other, whose jobs may be queued.
+        the third of sixteen shares; ``"3,7,12-20"``, numbers of points; ``"auto"``, the share of this task of a job
+        array. No tables are written; see :func:`chemage.collect_sweep`.
 
     Returns
     -------
@@ -329,8 +325,7 @@ def sweep(
     SceneError
         A point is not valid; all points are validated before the first is computed.
     InputError
-        The sweep needs confirmation; ``executor``, ``workers``, ``threads`` or ``points`` is not valid; or a component
-        was registered by hand in a place that worker processes cannot import.
+        The sweep needs confirmation; an argument is not valid; or workers cannot import a component.
     StoreError
         ``out`` holds something else, or cannot be written.
     ExecutorError
@@ -353,8 +348,7 @@ def sweep(
         _check_folder(folder, found, force)
         _check_room(found, folder.path, confirmed)
         pool = partial(open_pool, executor, workers, threads, patience)
-        limit = None if patience is None else seconds(patience)
-        _compute(stack, folder, found, selection, force, pool, partial(_watched, report, begin), limit)
+        _compute(stack, folder, found, selection, force, pool, partial(_watched, report, begin), patience)
     return SweepResult(folder.path)
 
 
@@ -366,7 +360,7 @@ def _compute(
     force: bool,
     pool: Callable[[], AbstractContextManager[Pool]],
     watch: Callable[[Points], Callable[[Runner], None] | None],
-    patience: float | None,
+    patience: float | str | None,
 ) -> None:
     """Compute what is missing in the folder, with a pool that is opened only if something is, and write the tables of
     a whole sweep."""
@@ -375,7 +369,9 @@ def _compute(
     chosen = None if selection is None else _chosen(selection, folder, found)
     part = None
     if found.means and selection is not None and selection.share is not None:
-        part = Part(*selection.share, Folder(folder.path / SAMPLES), patience or PATIENCE)
+        part = Part(
+            *selection.share, Folder(folder.path / SAMPLES), PATIENCE if patience is None else seconds(patience)
+        )
     opened = None
     # raises before anything is written if the workers cannot be started
     if force or stale or _design(folder, found, chosen).left:

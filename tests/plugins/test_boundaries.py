@@ -370,8 +370,9 @@ SAYS = {
     ("chemage/reports/figures.py", "text"): "an argument",
     ("chemage/reports/figures.py", "pressures"): "the name of that figure",
     ("chemage/reports/page.py", "pressures"): "the caption of that figure",
-    ("chemage/sweeps/shares.py", "auto"): "the share that a job array names, and no engine",
+    ("chemage/studies/selection.py", "auto"): "the share that a job array names, and no engine",
     ("chemage/sweeps/running.py", "auto"): "the same",
+    ("chemage/ensembles/running.py", "auto"): "the same",
 }
 
 

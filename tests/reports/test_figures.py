@@ -275,7 +275,7 @@ def test_the_line_and_the_range_of_a_fit_are_those_of_the_hold_times_there_are(r
     doubt = "β rests on 3 hold times over 1 decade; take at least six over two decades"
     assert doubt in few.notes
     assert not any("rests on" in note for note in result.notes)
-    (fitted,) = [line for line in run_figures.friction_figure(few).axes[-1].lines if "β" in str(line.get_label())]
+    (fitted,) = [line for line in run_figures.friction_figure(few).axes[0].lines if "β" in str(line.get_label())]
     assert (min(fitted.get_xdata()), max(fitted.get_xdata())) == pytest.approx((10.0, 100.0))
     assert fitted.get_label().endswith(f"(fitted line, 10–100 s)\n{doubt.partition(';')[0]}")
     assert few.summary()["fit_range"] == pytest.approx([10.0, 100.0])
