@@ -7,7 +7,7 @@ contacts are simulated side by side, apart from each other. Constants were chose
 seed ``TUNING``; those of ``VALIDATION`` were used for nothing.
 
 ``python tests/benchmarks/closure_errors.py FILE`` appends a line per scene to FILE, and resumes an interrupted run;
-``--table`` prints the coverage. Another method is measured by its own function beside :func:`closure`.
+``--table`` prints the coverage. Another method is measured by its own function beside ``closure``.
 """
 
 from __future__ import annotations

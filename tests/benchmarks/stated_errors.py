@@ -64,7 +64,7 @@ def silica(interaction: float = 0.0) -> ca.Chemistry:
 
 
 def bonds(pressure: np.ndarray) -> np.ndarray:
-    """Expected bonds of independent sites of :func:`silica` under ``pressure`` (GPa), (m,)."""
+    """Expected bonds of independent sites of that chemistry under ``pressure`` (GPa), (m,)."""
     barrier = 0.75 + 0.55 * (np.arange(4000) + 0.5) / 4000
     nodes = np.linspace(0.0, float(pressure.max()), 40)
     lowered = np.maximum(barrier - 0.0064 * ca.EV_PER_GPA_NM3 * nodes[:, None], 0.0)

@@ -173,7 +173,7 @@ def test_words_for_sweeps_are_refused_for_one_point(command, scene):
     scene.write_text(SCENE.partition("[sweep]")[0])
     outcome = command("run", scene, "--executor", "processes")
     assert outcome.status == 2
-    assert "--executor is for sweeps, and" in outcome.err
+    assert "--executor is for sweeps and for means over surfaces" in outcome.err
 
 
 def test_another_sweep_is_not_overwritten_without_force(command, scene):

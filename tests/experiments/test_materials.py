@@ -30,7 +30,7 @@ def rough():
 def bare(rough):
     """The same scene, in which all that a material can give is left to the material."""
     data = {name: part for name, part in rough.items() if name not in CHEMISTRY}
-    return {**ca.override(data, {"contact.modulus": None}), "material": "silica"}
+    return {**ca.override(data, {"contact.modulus": None}), "title": rough["title"], "material": "silica"}
 
 
 def test_a_material_gives_what_the_scene_does_not_say(rough, bare):
