@@ -4,7 +4,7 @@ Tips and rough surfaces of random size, slope, Hurst exponent, spectrum and load
 temperature. The truth is the kinetics of every site with the exact engine ``next-reaction``, beside the same sites
 without interaction with the same barriers and noise, whose bonds are known by quadrature (a control variate); small
 contacts are simulated side by side, apart from each other. Constants were chosen on other contacts and on scenes of
-seed ``TUNING``; those of ``VALIDATION`` were used for nothing.
+the seeds ``TUNING``; those of ``VALIDATION`` were used for nothing.
 
 ``python tests/benchmarks/closure_errors.py FILE`` appends a line per scene to FILE, and resumes an interrupted run;
 ``--table`` prints the coverage. Another method is measured by its own function beside ``closure``.
@@ -27,7 +27,7 @@ from chemage import random
 from chemage.ageing.members import beta_errors
 from chemage_ageing._independent import bonded_share
 
-TUNING, VALIDATION = 1000, 2000
+TUNING, VALIDATION = (1000, 2000), 3000
 TIMES = 10.0 ** np.arange(-4, 6)
 #: hold times of β
 WINDOW = slice(5, 9)
