@@ -292,9 +292,10 @@ def _end_aside(
 
 @hot
 def _flickers(chain: Chain, span: Float) -> bool:
-    """Whether a site changes its state far more often than anything around it, and often within ``span`` seconds."""
-    slower = min(chain.here, chain.there)
-    return FLICKER * max(chain.around_here, chain.around_there) <= slower and span * slower >= FLICKER
+    """Whether a site changes its state far more often than anything happens around it, and often within ``span``
+    seconds; what is fast around one of its states does not count where it leaves that state faster still."""
+    rarely = FLICKER * chain.around_here <= chain.here and FLICKER * chain.around_there <= chain.there
+    return rarely and span * min(chain.here, chain.there) >= FLICKER
 
 
 # -- patches -------------------------------------------------------------------------------------------------------

@@ -217,7 +217,7 @@ def test_run_warns_of_what_the_plan_says(small):
 def test_heights_of_a_file_in_metres(tmp_path):
     """Heights of nanometres written in metres, on pixels in nm; and micrometres taken for nanometres."""
     heights = ca.load_scene(PATCH, {"surface.pixels": 64, "surface.zeta": 8}).surface.make(1).heights
-    for factor, implied in ((1e-9, "imply an rms slope of 9.7e-11"), (1e3, "imply an rms slope of 97 on")):
+    for factor, implied in ((1e-9, "imply an rms slope of 1e-10"), (1e3, "imply an rms slope of 1e+02 on")):
         np.save(tmp_path / "heights.npy", heights * factor)
         surface = {"kind": "from-file", "path": str(tmp_path / "heights.npy"), "pixel_size": 0.4518}
         assert sum(implied in note for note in planned(PATCH, {"surface": surface}).notes) == 1
