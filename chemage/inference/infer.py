@@ -290,10 +290,9 @@ def _above(model: Model, problem: Problem, found: Samples, high: float) -> list[
     above = parts * (model.grid.nodes > high)
     whole = above.sum(axis=1)
     share = float((whole / np.maximum(parts.sum(axis=1), 1e-300)).mean())
-    if share < MAINLY:
+    if share < MAINLY or not whole.all():
         return []
-    some = whole > 0
-    low, top = band((above[some] @ model.grid.nodes / whole[some])[:, None], 0.95)
+    low, top = band((above @ model.grid.nodes / whole)[:, None], 0.95)
     text = (
         f"barriers lie above the visible energies: {100 * share:.0f} % of the friction at "
         f"{model.hold_times[last]:.3g} s comes from sites above {high:.3f} eV, on average at {low[0]:.2f} to "

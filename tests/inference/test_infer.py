@@ -291,14 +291,14 @@ def outside(peak, times, asked, seed):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("times", "peaks", "asked"),
+    ("times", "peaks", "asked", "least"),
     [
-        (np.linspace(0.005, 0.09, 10), np.linspace(0.82, 1.06, 8), np.array([1e2, 1e5])),
-        (np.logspace(-2, 2, 13), np.linspace(1.04, 1.18, 8), np.array([1e5, 1e7])),
+        (np.linspace(0.005, 0.09, 10), np.linspace(0.82, 1.06, 8), np.array([1e2, 1e5]), 6),
+        (np.logspace(-2, 2, 13), np.linspace(1.04, 1.18, 8), np.array([1e5, 1e7]), 7),
     ],
     ids=("90 ms", "100 s"),
 )
-def test_forecasts_hold_narrow_peaks_above_what_linear_ageing_sees(times, peaks, asked):
+def test_forecasts_hold_narrow_peaks_above_what_linear_ageing_sees(times, peaks, asked, least):
     """90 % bands after points from 5 to 90 ms, or from 0.01 to 100 s; what all sites give is known within 0.1 %."""
     held = []
     for number, peak in enumerate(peaks):
@@ -311,7 +311,7 @@ def test_forecasts_hold_narrow_peaks_above_what_linear_ageing_sees(times, peaks,
         begin = "less than one bond of " if few else "barriers lie above the visible energies: "
         assert any(note.startswith(begin) for note in found.notes)
         assert not any("nothing is claimed" in note for note in found.notes)
-    assert (np.sum(held, axis=0) >= 6).all()
+    assert (np.sum(held, axis=0) >= least).all()
 
 
 @pytest.mark.long
