@@ -302,6 +302,22 @@ def _above(model: Model, problem: Problem, found: Samples, high: float) -> list[
     return [text]
 
 
+def _hardly_any(model: Model) -> list[str]:
+    """A note if less than one bond has formed in every contact."""
+    one = model.chemistry.bond_force * model.chemistry.front_factor
+    if model.values.max() >= one:
+        return []
+    last = int(np.argmax(model.hold_times))
+    number = int(model.which[last])
+    made, load = model.condition(model.middle, number), model.keys[number][0]
+    text = (
+        f"less than one bond of {made.sites:.0f} sites has formed by {model.hold_times[last]:.3g} s: the data hardly "
+        "say more than that barriers lie above; bands of forecasts where these react are those of the prior, and only "
+        f"bounds are sure, from none to all sites (0 to {made.scale:.4g} nN under {load:g} nN)"
+    )
+    return [text]
+
+
 def _notes(
     model: Model,
     problem: Problem,
@@ -311,7 +327,8 @@ def _notes(
     diagnostics: Mapping[str, Any],
     chi2: float,
 ) -> list[str]:
-    notes = []
+    few = _hardly_any(model)
+    notes = [*few]
     if not visible.any():
         notes.append("the data tell nothing: at no energy is the band narrower than that of the prior")
     else:
@@ -321,7 +338,7 @@ def _notes(
             f"energies from {seen[0]:.3f} to {seen[-1]:.3f} eV are visible; outside, the density is that of the prior, "
             "but for how many sites lie there and for what the first and last hold times still tell of them"
         )
-        notes += _above(model, problem, found, float(seen[-1]))
+        notes += [] if few else _above(model, problem, found, float(seen[-1]))
         if hidden.any():
             at = model.grid.nodes[hidden]
             notes.append(

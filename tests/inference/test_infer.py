@@ -290,18 +290,51 @@ def outside(peak, times, asked, seed):
 
 
 @pytest.mark.long
-def test_forecasts_hold_narrow_peaks_above_what_linear_ageing_sees():
-    """90 % bands at 100 s and 10⁵ s after ten points from 5 to 90 ms; what all sites give is known within 0.1 %."""
-    times, asked = np.linspace(0.005, 0.09, 10), np.array([1e2, 1e5])
+@pytest.mark.parametrize(
+    ("times", "peaks", "asked", "least"),
+    [
+        (np.linspace(0.005, 0.09, 10), np.linspace(0.82, 1.06, 8), np.array([1e2, 1e5]), 6),
+        (np.logspace(-2, 2, 13), np.linspace(1.04, 1.18, 8), np.array([1e5, 1e7]), 7),
+    ],
+    ids=("90 ms", "100 s"),
+)
+def test_forecasts_hold_narrow_peaks_above_what_linear_ageing_sees(times, peaks, asked, least):
+    """90 % bands after points from 5 to 90 ms, or from 0.01 to 100 s; what all sites give is known within 0.1 %."""
     held = []
-    for number, peak in enumerate(np.linspace(0.82, 1.06, 8)):
+    for number, peak in enumerate(peaks):
         found, forecast, truth = outside(float(peak), times, asked, 40 + number)
         low, high = forecast.band(0.9)
         held.append((truth >= 0.999 * low) & (truth <= 1.001 * high + 1.6))
         assert forecast.bounds_only
-        assert any(note.startswith("barriers lie above the visible energies: ") for note in found.notes)
+        chemistry = found.scene.chemistry
+        few = found.values.max() < chemistry.bond_force * chemistry.front_factor
+        begin = "less than one bond of " if few else "barriers lie above the visible energies: "
+        assert any(note.startswith(begin) for note in found.notes)
         assert not any("nothing is claimed" in note for note in found.notes)
-    assert (np.sum(held, axis=0) >= 6).all()
+    assert (np.sum(held, axis=0) >= least).all()
+
+
+@pytest.mark.long
+def test_without_any_bond_a_note_says_that_forecasts_are_bounds_from_none_to_all_sites():
+    """Nothing was measured by 90 ms (± 0.1 nN)."""
+    data, _ = ca.scene_data("silica-linear-tip")
+    made = ca.parse_scene(ca.override(data, {"observe": [], "interaction": None}))
+    nothing = ca.MeasuredCurve(
+        load=made.load,
+        temperature=300.0,
+        hold_times=np.linspace(0.005, 0.09, 10),
+        values=np.zeros(10),
+        errors=np.full(10, 0.1),
+    )
+    found = ca.infer(nothing, made, families=(), samples=400, seed=1)
+    (note,) = [note for note in found.notes if note.startswith("less than one bond of ")]
+    assert "by 0.09 s" in note
+    assert "from none to all sites (0 to 1620 nN under " in note
+    forecast = found.forecast(hold_times=np.array([1e5]))
+    assert forecast.bounds_only
+    low, high = forecast.band(0.9)
+    assert low[0] < 0.02 * 1620
+    assert high[0] > 0.5 * 1620
 
 
 @pytest.mark.long
