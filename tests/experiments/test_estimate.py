@@ -122,7 +122,7 @@ def test_events_are_estimated_at_every_temperature(small, temperature, stop):
 
 
 def test_what_takes_hours_is_said():
-    hot = {"hold.temperature": 400.0, "hold.stop": 1e7}
+    hot = {"hold.temperature": 400.0, "hold.stop": 3e7}
     (note,) = [note for note in plan(load_scene("silica-rough", hot)).notes if "this will take about" in note]
     assert "days on" in note
     few = {**hot, "engine": {"kind": "next-reaction", "superbasins": True}}
