@@ -133,7 +133,7 @@ def sketched(cheapest: Computation) -> Computation | None:
 
 def estimated(scene: Scene, factor: int) -> Computation:
     """The computation of ``scene``, whose pixels are ``factor`` times larger, with estimated costs."""
-    known = cost(scene)
+    known = cost(scene, here=False)  # they decide what is computed, which must be the same on every machine
     contact, replica = known.contact_cpu_seconds, known.kinetics_cpu_seconds
     if known.kinetics_range is not None:
         replica = math.sqrt(known.kinetics_range[0] * known.kinetics_range[1])

@@ -99,10 +99,11 @@ def _time(seconds: float) -> str:
     return in_hours(seconds) if seconds >= 120 else f"{seconds:.0f} s" if seconds >= 10 else f"{seconds:.2g} s"
 
 
-def cost(scene: Scene) -> Cost:
+def cost(scene: Scene, *, here: bool = True) -> Cost:
     """The one estimate of what ``scene`` costs, from what its components state; single scenes and sweeps use it.
 
-    Seconds are those of this machine, see :func:`chemage.foundation.processor.slowness`.
+    Seconds are those of this machine (:func:`chemage.foundation.processor.slowness`), or with ``here`` False those of
+    the machine on which components were calibrated.
 
     Raises
     ------
@@ -110,7 +111,7 @@ def cost(scene: Scene) -> Cost:
         A surface file cannot be read.
     """
     with scene.in_use():
-        found, factor = _cost(scene), slowness()
+        found, factor = _cost(scene), slowness() if here else 1.0
     contact, kinetics, both = found.contact_cpu_seconds, found.kinetics_cpu_seconds, found.kinetics_range
     return replace(
         found,

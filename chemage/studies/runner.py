@@ -13,7 +13,7 @@ from itertools import pairwise
 from chemage.foundation.errors import ExecutorError, WorkerLost
 from chemage.foundation.memory import capacity
 from chemage.studies.by_hand import Known
-from chemage.studies.executors.pool import Pool
+from chemage.studies.executors.pool import RETRIES, Pool
 from chemage.studies.folder import RESUME
 from chemage.studies.tasks import Answer, Outcome, Place, Task, compute, failure
 
@@ -36,6 +36,8 @@ class Piece:
     weight: float
     #: whether nothing else runs at the same time, so that a worker that dies must have died of this piece
     alone: bool = False
+    #: how often a worker died of it while nothing else ran
+    deaths: int = 0
 
 
 class Runner:
@@ -187,7 +189,8 @@ class Runner:
         try:
             answer = future.result()
         except WorkerLost as error:
-            if not piece.alone:
+            piece.deaths += piece.alone
+            if piece.deaths <= (RETRIES if piece.alone else 0):
                 self._suspects.append(piece)  # perhaps it only ran beside the piece that killed the worker
                 return
             answer = self._lost(piece, error)

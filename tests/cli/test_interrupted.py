@@ -141,15 +141,15 @@ def test_ctrl_c_while_drawing_keeps_the_result_and_says_so(command, small, monke
 def test_sigterm_as_of_a_scheduler_says_what_ctrl_c_says_and_exits_143(small):
     slow = """
 import time
-from chemage.ensembles import sampling
-inner, calls = sampling.compute, []
-def compute(*given):
+from chemage.studies import tasks
+inner, calls = tasks.run, []
+def compute(*given, **more):
     calls.append(given)
     if len(calls) > 7:
         print("begun", file=sys.stderr, flush=True)
         time.sleep(600)
-    return inner(*given)
-sampling.compute = compute
+    return inner(*given, **more)
+tasks.run = compute
 """
     process = start("import sys" + slow, small.parent, more=("--surfaces", "40", "--threads", "1"))
     wait_for(process, "begun")
@@ -263,14 +263,14 @@ def test_a_disk_that_fills_up_while_writing_leaves_nothing_half_written(small, t
 
 @pytest.mark.long
 def test_a_disk_that_fills_up_while_drawing_keeps_the_result(command, small, monkeypatch):
-    from matplotlib.figure import Figure
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     def full(self, target, **_):
         Path(target).write_bytes(b"half")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as disk:
-        disk.setattr(Figure, "savefig", full)
+        disk.setattr(FigureCanvasAgg, "print_png", full)
         done = command("run", small)
     assert done.status == 2
     assert "No space left on device" in done.err

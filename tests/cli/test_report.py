@@ -66,7 +66,7 @@ def test_the_page_works_in_a_browser_at_every_width_and_in_the_dark(page, browse
         assert tags[:2] == ["H1", "H2"]
         titles = [text for _, text in seen["headings"]]
         assert "Comparison" in titles
-        assert f"at40: {TITLE}" in titles
+        assert "at40: small: self-affine at 40 nN" in titles
         assert "References" in titles
         for text in ("Chemistry: the same in all results.", "40 nN", "80 nN", "afm", "log10(1 + t/t_c)"):
             assert text in seen["text"], text

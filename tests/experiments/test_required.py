@@ -136,8 +136,8 @@ def test_hertz_transforms_nothing(monkeypatch):
 
 
 @pytest.mark.long
-def test_a_run_of_a_tip_imports_neither_transforms_nor_figures(tmp_path):
-    """In a process of its own: no scipy.fft, no kernels of the boundary elements, no matplotlib."""
+def test_a_run_of_a_tip_imports_no_boundary_elements_and_no_figures(tmp_path):
+    """In a process of its own: no kernels of the boundary elements, no matplotlib."""
     text = (
         f"import sys, chemage as ca; made = ca.run({TIP!r}, warn=False); made.summary(); "
         f"ca.write({str(tmp_path / 'tip.h5')!r}, made); print(*sys.modules)"
@@ -145,7 +145,7 @@ def test_a_run_of_a_tip_imports_neither_transforms_nor_figures(tmp_path):
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
     loaded = done.stdout.split()
     assert "chemage_contact.hertz" in loaded
-    for name in ("scipy.fft", "matplotlib", "chemage_contact.fft_bem", "chemage_contact._transforms", "xarray"):
+    for name in ("matplotlib", "chemage_contact.fft_bem", "chemage_contact._transforms", "xarray"):
         assert name not in loaded
 
 

@@ -420,11 +420,11 @@ def test_a_killed_worker_costs_its_point_a_retry_and_nothing_else(tiny, tmp_path
         assert "died" in point.error
     # Dask may have given a worker a task that waits behind the one it dies of, or have yet to fetch an answer from it:
     # that one is begun once more as well
-    more = 0 if executor == "processes" else 1
+    more = 1
     assert 1 <= len(tiny.computed("kinetics 300")) <= 1 + more, "what is well runs once, whoever dies beside it"
     assert 2 <= len(tiny.computed("kinetics 301")) <= 2 + more, "one death, one more try"
     if executor == "processes":
-        assert len(tiny.computed("kinetics 302")) == 2, "it is tried twice"
+        assert len(tiny.computed("kinetics 302")) in (2, 3), "beside others, and twice alone"
     assert len(tiny.computed("contact")) == 1
 
 

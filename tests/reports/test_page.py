@@ -196,7 +196,7 @@ def test_measurements_are_fitted_and_shown(files, tmp_path):
     table.write_text(f"hold_time (s), friction_coefficient_drop\n{rows}", encoding="utf-8")
     text = Page(html(files[:1], measured=[table])).text
     assert "Measurements" in text
-    assert "Δμ = β log10(1 + t/t_c), 6 points, all hold times" in text
+    assert "Δμ = β log10(1 + t/t_c), 6 points" in text
     assert "2.00000 [2.00000, 2.00000]" in text
 
 
