@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +19,6 @@ from chemage.experiments.limits import in_hours
 from chemage.experiments.scene import Scene
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
-from chemage.foundation.warned import PlanWarning
 
 
 @dataclass(frozen=True)
@@ -253,9 +251,7 @@ def plan(scene: Scene) -> EnsemblePlan:
     """
     with scene.in_use():
         one = estimate.plan(scene)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PlanWarning)  # the plan has them as notes
-            sampler = Sampler(scene)
+        sampler = Sampler(scene, warn=False)  # the plan has the doubts as notes
         request = sampler.request
         found = tuple(request.computations())
         first, seconds, replicas = found[0], [found[0].seconds], 1

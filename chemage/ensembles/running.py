@@ -153,12 +153,13 @@ class Sampler:
         patience: float | str | None = None,
         points: str | None = None,
         measured: TradeMap | None = None,
+        warn: bool = True,
     ) -> None:
         with scene.in_use():
             self.request = Request.of(scene, measured)
             known = cost(scene)
             check_limits(scene, known)
-            for doubt in doubts(scene, known):
+            for doubt in doubts(scene, known) if warn else ():
                 if doubt.kind != "long":  # how long an ensemble takes is another question
                     warnings.warn(doubt.text, PlanWarning, stacklevel=3)
             self.store = Store(None if samples is None else Path(samples), scene)
@@ -191,9 +192,9 @@ class Sampler:
         """
         self._progress = progress or _silent
         known = for_workers(self._executor, registered_classes(self.scene.components()))
-        with self.scene.in_use(), ExitStack() as stack:
+        with ExitStack() as stack:
             stack.enter_context(threads_restored())
-            stack.callback(self.store.close)
+            stack.callback(self.store.close, shared=self._part is not None)
             pool = stack.enter_context(open_pool(*self._where(), self._patience))
             try:
                 carry_out(self, Runner(pool, self.store.place, known), self._part)
@@ -236,6 +237,10 @@ class Sampler:
         InputError
             What is asked cannot be reached.
         """
+        with self.scene.in_use():
+            return self._needed()
+
+    def _needed(self) -> list[Task]:
         if self._rule is None:
             self._measure_barriers()
             self._routes = self.possible_routes()
@@ -262,9 +267,10 @@ class Sampler:
     def ensemble(self) -> Ensemble:
         """The result, when nothing more is asked."""
         assert self._state is not None
-        if self.request.surfaces is not None:
-            return self._made(self._state, "the number of surfaces that was asked for")
-        return self._made(self._state, self._ending(self._state))
+        counted = self.request.surfaces is not None
+        with self.scene.in_use():
+            stopped = "the number of surfaces that was asked for" if counted else self._ending(self._state)
+            return self._made(self._state, stopped)
 
     def _steps(self) -> Generator[stages.Need, None, stages.State]:
         """The rule, which stops where samples have to be taken."""

@@ -14,6 +14,7 @@ from chemage.ensembles.computations import Computation, Sample
 from chemage.ensembles.quantities import Quantities
 from chemage.experiments.provenance import versions
 from chemage.experiments.scene import Scene
+from chemage.foundation.errors import ExecutorError
 from chemage.plugins.sources import changed
 from chemage.studies.tasks import Outcome, Place, Task, forget
 
@@ -67,18 +68,31 @@ class Store:
         return Sample.of(Outcome(content=content))
 
     def sample(self, task: Task, outcome: Outcome) -> Sample:
-        """The sample that a task gave, which may be in the folder only."""
+        """The sample that a task gave, which may be in the folder only.
+
+        Raises
+        ------
+        ExecutorError
+            Another version of chemage has computed it.
+        """
         if outcome.error is not None:
             raise outcome.error
         if outcome.run is None and outcome.content is None:
             assert self.place is not None
             outcome = Outcome(content=self.place.folder.read_point(task.key))
+        if outcome.content is not None:
+            version = outcome.content["summary"]["versions"]["chemage"]
+            if version != self._versions["chemage"]:
+                raise ExecutorError(
+                    f"a worker has chemage {version}, but the mean is run by {self._versions['chemage']}"
+                )
         return Sample.of(outcome)
 
-    def close(self) -> None:
-        """Free what this process has in memory, and remove what is needed while samples are written."""
+    def close(self, *, shared: bool) -> None:
+        """Free what this process has in memory; unless other processes use the folder, remove what is needed while
+        samples are written."""
         forget("" if self.place is None else self.place.path)
-        if self.place is not None:
+        if self.place is not None and not shared:
             shutil.rmtree(self.place.folder.path / ".parts", ignore_errors=True)
 
 

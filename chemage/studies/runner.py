@@ -14,7 +14,7 @@ from chemage.foundation.errors import ExecutorError, WorkerLost
 from chemage.foundation.memory import capacity
 from chemage.studies.by_hand import Known
 from chemage.studies.executors.pool import RETRIES, Pool
-from chemage.studies.folder import RESUME
+from chemage.studies.folder import RESUME, Folder
 from chemage.studies.tasks import Answer, Outcome, Place, Task, compute, failure
 
 #: called in this thread with each task as it ends
@@ -68,6 +68,11 @@ class Runner:
         self._clock = _Clock()
         there = capacity() if pool.here else None
         self._memory = math.inf if there is None else there - PROGRAM
+
+    @property
+    def _whole(self) -> Folder | None:
+        """The folder, if contacts and failures are kept there as well."""
+        return self._place.folder if self._place is not None and self._place.contacts else None
 
     @property
     def unsolved(self) -> int:
@@ -129,9 +134,9 @@ class Runner:
 
     def _divide_contact(self, ageings: list[list[Task]]) -> None:
         first = ageings[0][0]
-        keeps = self._place is not None and self._place.contacts
-        there = keeps and self._place is not None and self._place.folder.has_contact(first.contact)
-        if not keeps:
+        folder = self._whole
+        there = folder is not None and folder.has_contact(first.contact)
+        if folder is None:
             ageings = self._joined(ageings)
         pieces = [Piece(tasks, False, _seconds(tasks)) for tasks in ageings]
         if there:
@@ -218,8 +223,7 @@ class Runner:
 
     def _lost(self, piece: Piece, error: WorkerLost) -> Answer:
         """What is known of tasks whose worker died each time."""
-        folder = None if self._place is None else self._place.folder
-        there = folder is not None and folder.has_contact(piece.tasks[0].contact)
+        there = self._whole is not None and self._whole.has_contact(piece.tasks[0].contact)
         outcome = Outcome(error=error, stage="ageing" if there or not piece.solves else "contact")
         for task in piece.tasks:
             self._record(task, outcome)
@@ -227,9 +231,8 @@ class Runner:
 
     def _record(self, task: Task, outcome: Outcome) -> None:
         """Write that a task failed, which no worker could."""
-        if self._place is not None and self._place.contacts and outcome.error is not None:
-            content = failure(task.number, task.changes, outcome.stage, outcome.error)
-            self._place.folder.write_point(task.key, content)
+        if self._whole is not None and outcome.error is not None:
+            self._whole.write_point(task.key, failure(task.number, task.changes, outcome.stage, outcome.error))
 
 
 def _seconds(tasks: Sequence[Task]) -> float:

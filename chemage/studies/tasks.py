@@ -210,8 +210,10 @@ class _Worker:
     """Computes tasks one after the other, and keeps what the next may need."""
 
     def __init__(self, place: Place | None, threads: int, remote: bool) -> None:
-        self._place, self._threads, self._remote = place, threads, remote
+        self._threads, self._remote = threads, remote
         self._folder = None if place is None else place.folder
+        #: where contacts and failures are kept as well
+        self._whole = self._folder if place is not None and place.contacts else None
         self._owner = _owner("", "") if place is None else _owner(place.path, place.digest)
         #: the ageing that was computed last, and what came of it
         self._ageing, self._run, self._error = "", None, None
@@ -249,15 +251,16 @@ class _Worker:
 
     def _contact(self, task: Task) -> ContactSolution:
         """The contact of a task: that in the folder, or a new one, which is then kept there."""
-        if self._folder is None or self._place is None or not self._place.contacts:
+        folder = self._whole
+        if folder is None:
             return self._solution(task)
-        if (stored := self._folder.intact_contact(task.contact)) is not None:
+        if (stored := folder.intact_contact(task.contact)) is not None:
             return stored
         content = to_npz(self._solution(task))
-        mine = self._folder.write_contact(task.contact, content)
+        mine = folder.write_contact(task.contact, content)
         # tasks always use the stored contact, so that an interruption or another process does not change them
-        stored = None if mine else self._folder.intact_contact(task.contact)
-        return stored or from_npz(ContactSolution, content, self._folder.contact(task.contact))
+        stored = None if mine else folder.intact_contact(task.contact)
+        return stored or from_npz(ContactSolution, content, folder.contact(task.contact))
 
     def _solution(self, task: Task) -> ContactSolution:
         # the name contains the study: in another one other plugins may change the surface of the same options
@@ -269,8 +272,8 @@ class _Worker:
             return solve_contact(scene.solver, surface, scene.load)
 
     def _failed(self, task: Task, error: BaseException) -> Outcome:
-        if self._folder is not None and self._place is not None and self._place.contacts:
-            self._folder.write_point(task.key, failure(task.number, task.changes, self._stage, error))
+        if self._whole is not None:
+            self._whole.write_point(task.key, failure(task.number, task.changes, self._stage, error))
         return Outcome(error=_sendable(error) if self._remote else error, stage=self._stage)
 
 

@@ -53,7 +53,7 @@ class Means(Points):
         for key in self._left:
             point = self._same[key][0]
             try:
-                self._means[key] = Sampler(self._found.grid.scene(point), samples=self.place.path)
+                self._means[key] = Sampler(self._found.grid.scene(point), samples=self.place.path, warn=False)
             except ChemageError as error:
                 self._end(key, error)
         self._left = []

@@ -364,7 +364,6 @@ def _compute(
 ) -> None:
     """Compute what is missing in the folder, with a pool that is opened only if something is, and write the tables of
     a whole sweep."""
-    stack.callback(forget, str(folder.path))
     stale = Outdated() if force else _outdated(folder, found, whole=selection is None)
     chosen = None if selection is None else _chosen(selection, folder, found)
     part = None
@@ -378,12 +377,13 @@ def _compute(
         opened = stack.enter_context(pool())
     points = _begin(stack, folder, found, selection, stale, force)
     points.warn_of_damage()
+    stack.callback(forget, points.place.path)
     if points.left:
         runner = Runner(opened or stack.enter_context(pool()), points.place, found.known, watch(points))
         carry_out(points, runner, part)
     if selection is None:
         SweepResult(folder.path).write_tables()
-        for name in (".parts", PLACE):
+        for name in (".parts", f"{SAMPLES}/.parts", PLACE):
             shutil.rmtree(folder.path / name, ignore_errors=True)
 
 

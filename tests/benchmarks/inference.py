@@ -370,6 +370,14 @@ OUTSIDE: dict[str, tuple[np.ndarray, tuple[float, float], tuple[float, float], n
 }
 
 
+def noisy(scene: Any, times: np.ndarray, values: np.ndarray, rng: np.random.Generator) -> ca.MeasuredCurve:
+    """A curve at 300 K with errors in proportion to its ``values``."""
+    scattered = values * (1 + NOISE * rng.standard_normal(times.size))
+    return ca.MeasuredCurve(
+        load=scene.load, temperature=300.0, hold_times=times, values=scattered, errors=NOISE * values
+    )
+
+
 def closed_form(scene: ca.Scene, weights: np.ndarray, energies: np.ndarray, times: np.ndarray) -> np.ndarray:
     """ΔF (nN) of independent sites at 300 K: every site is bonded with a/(a + b) (1 − exp(−(a + b) t))."""
     chemistry, kt = scene.chemistry, ca.units.KB * 300.0
@@ -403,13 +411,7 @@ def outside(kept: Kept, first: int, cases: int) -> None:
                 beside, width = rng.uniform(other[0] or at, other[1]), rng.uniform(0.01, 0.04, 2)
                 weights = share * _normal(energies, at, width[0]) + (1 - share) * _normal(energies, beside, width[1])
                 truth, values = (closed_form(scene, weights, energies, one) for one in (asked, times))
-                curve = ca.MeasuredCurve(
-                    load=scene.load,
-                    temperature=300.0,
-                    hold_times=times,
-                    values=values * (1 + NOISE * rng.standard_normal(times.size)),
-                    errors=NOISE * values,
-                )
+                curve = noisy(scene, times, values, rng)
                 found = ca.infer(curve, scene, seed=seed, families=())
                 made = found.forecast(hold_times=asked, samples=1000)
                 low, high = made.band(0.9)
@@ -439,13 +441,7 @@ def linear(kept: Kept, first: int) -> None:
     def one(values: np.ndarray, hold: np.ndarray, seed: int = first) -> dict[str, Any]:
         rng = np.random.default_rng([seed, 4])
         scene = scene_of("silica-linear-tip", TRUTHS["uniform"], 0.0)
-        curve = ca.MeasuredCurve(
-            load=scene.load,
-            temperature=300.0,
-            hold_times=hold,
-            values=values * (1 + NOISE * rng.standard_normal(hold.size)),
-            errors=NOISE * values,
-        )
+        curve = noisy(scene, hold, values, rng)
         found = ca.infer(curve, scene, seed=seed)
         seen, density = found.visible, found.density
         # the peak of linear ageing is at the end of what is seen, or above it

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError, SceneError, StoreError
+from chemage.studies import tasks
 
 SCENE = """
 name = "means"
@@ -122,6 +124,20 @@ def test_what_cannot_be_reached_fails_at_its_point(file, tmp_path):
     assert result.states() == ["failed", "done"]
     assert "InputError" in result[0].error
     assert "its mean is 0 within its interval" in result[0].error
+
+
+def test_samples_of_another_version_end_the_mean(file, tmp_path, monkeypatch):
+    """As of a worker on another machine."""
+    inner = tasks.content_of
+
+    def other(made, *more):
+        return inner(replace(made, versions={**made.versions, "chemage": "0.0.1"}), *more)
+
+    monkeypatch.setattr(tasks, "content_of", other)
+    result = ca.sweep(file, tmp_path / "out")
+    assert result.states() == ["failed"] * 2
+    assert "a worker has chemage 0.0.1, but the mean is run by" in result[0].error
+    assert not list((tmp_path / "out").rglob(".parts"))
 
 
 def test_a_budget_is_refused(file, tmp_path):
