@@ -18,6 +18,7 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import FIT_WINDOW, UNIT, Fit, fit_aging
+from chemage.ageing.hold_times import within
 from chemage.ageing.intervals import UNKNOWN, Interval
 from chemage.ageing.models import solve
 from chemage.foundation.errors import InputError
@@ -435,7 +436,7 @@ def _of_cutoff(
     kelvins, logs, left_out = [], [], []
     for result, fit in zip(results, fits, strict=True):
         one = _curve(result, "friction_drop")  # of which the cut-off time is that of Δμ
-        use = (one.times >= window[0] * (1 - 1e-9)) & (one.times <= window[1] * (1 + 1e-9))
+        use = within(one.times, window)
         if fit is None or not (math.isfinite(fit.cutoff_time) and fit.cutoff_time > 0):
             continue
         kelvins.append(one.temperature)

@@ -20,6 +20,7 @@ from typing import Literal, Protocol, get_args
 
 import numpy as np
 
+from chemage.ageing.hold_times import within
 from chemage.ageing.intervals import UNKNOWN, Bootstrap, Interval, bootstrapped, student
 from chemage.ageing.models import Model, above_rounding, basis, basis_slope, bounds, solve
 from chemage.foundation.errors import InputError
@@ -394,8 +395,7 @@ SIMULATED = 2
 def _inside(times: np.ndarray, limits: tuple[float, float] | None, model: Model, *, least: int) -> np.ndarray:
     """(m,) bool: the hold times that are fitted."""
     low, high = limits or (0.0, math.inf)
-    # a hold time given as 10.000000000000002 belongs to the window that starts at 10
-    use = (times >= low * (1 - 1e-9)) & (times <= high * (1 + 1e-9)) & ((times > 0) | (model == "curve"))
+    use = within(times, (low, high)) & ((times > 0) | (model == "curve"))
     if (count := np.unique(times[use]).size) < least:
         raise InputError.of(
             "fit window",

@@ -1,4 +1,4 @@
-"""Hold times, evenly spaced in log t."""
+"""Hold times: evenly spaced in log t, and those that lie in a window."""
 
 from __future__ import annotations
 
@@ -40,3 +40,8 @@ def hold_times(start: QuantityLike, stop: QuantityLike, per_decade: int = 4) -> 
         times = np.append(times, high)
     times[-1] = high
     return times
+
+
+def within(times: np.ndarray, window: tuple[float, float]) -> np.ndarray:
+    """(m,) bool: which ``times`` (m,) lie in a window, s; one given as 10.000000000000002 belongs to that from 10."""
+    return (times >= window[0] * (1 - 1e-9)) & (times <= window[1] * (1 + 1e-9))

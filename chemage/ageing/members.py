@@ -10,6 +10,7 @@ import numpy as np
 
 from chemage.ageing.age import age
 from chemage.ageing.aging import Aging, fit_or_reason
+from chemage.ageing.hold_times import within
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
 from chemage.foundation.errors import InputError
@@ -72,7 +73,7 @@ def barriers_error(aging: Aging | None, window: tuple[float, float]) -> float | 
         own = aging.fit(*window).beta
     except InputError:
         return None
-    inside = (aging.hold_times >= window[0] * (1 - 1e-9)) & (aging.hold_times <= window[1] * (1 + 1e-9))
+    inside = within(aging.hold_times, window)
     drops = (aging.member_ratios * aging.mean_friction_coefficient_drop)[:, inside]
     if not np.isfinite(drops).all() or own == 0:
         return None
@@ -93,7 +94,7 @@ def beta_errors(aging: Aging | None, window: tuple[float, float]) -> dict[str, f
     if fit is None or fit.beta == 0:
         return {}
     times, drop = aging.hold_times, aging.mean_friction_coefficient_drop
-    inside = (times >= window[0] * (1 - 1e-9)) & (times <= window[1] * (1 + 1e-9)) & (times > 0)
+    inside = within(times, window) & (times > 0)
     decades = np.log10(times[inside])
     weights = np.abs(decades - decades.mean()) / (np.var(decades) * decades.size)
     return {

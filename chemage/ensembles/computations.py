@@ -11,7 +11,7 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.contacts.theories import ContactTheory
-from chemage.experiments.estimate import cost
+from chemage.experiments import estimate
 from chemage.experiments.run import run
 from chemage.experiments.scene import Scene
 from chemage.experiments.variants import coarser
@@ -54,6 +54,9 @@ class Computation:
     errors: np.ndarray | None = field(default=None, compare=False)
     #: whether the grid is all that was changed
     grid_only: bool = True
+    #: whether its seconds were measured; else they are those of the machine on which components were calibrated, since
+    #: they decide what is computed, which must be the same on every machine
+    timed: bool = False
 
     @property
     def replicas(self) -> int:
@@ -73,6 +76,16 @@ class Computation:
         if self.scene.ages:
             words += f", {self.replicas} replica{'s' if self.replicas > 1 else ''}"
         return words if self.grid_only else f"{words} ({self.settings})"
+
+    @property
+    def scale(self) -> float:
+        """CPU seconds on this machine over those that are stated."""
+        return 1.0 if self.timed else estimate.slowness()
+
+    def here(self) -> Computation:
+        """The same with the seconds of this machine."""
+        contact, replica = self.contact_seconds * self.scale, self.replica_seconds * self.scale
+        return replace(self, contact_seconds=contact, replica_seconds=replica, timed=True)
 
     def with_replicas(self, replicas: int) -> Computation:
         """The same with another number of replicas."""
@@ -133,7 +146,7 @@ def sketched(cheapest: Computation) -> Computation | None:
 
 def estimated(scene: Scene, factor: int) -> Computation:
     """The computation of ``scene``, whose pixels are ``factor`` times larger, with estimated costs."""
-    known = cost(scene, here=False)  # they decide what is computed, which must be the same on every machine
+    known = estimate.cost(scene, here=False)
     contact, replica = known.contact_cpu_seconds, known.kinetics_cpu_seconds
     if known.kinetics_range is not None:
         replica = math.sqrt(known.kinetics_range[0] * known.kinetics_range[1])

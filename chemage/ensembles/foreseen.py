@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -147,6 +147,16 @@ class Foreseen:
     reason: str = ""
     #: samples of the control
     sketches: int = 0
+
+    def scaled(self, factor: float) -> Foreseen:
+        """The same where everything takes ``factor`` times as long."""
+        low, high = self.cpu_range
+        return replace(
+            self,
+            cpu_seconds=self.cpu_seconds * factor,
+            cpu_range=(low * factor, high * factor),
+            wall_seconds=self.wall_seconds * factor,
+        )
 
 
 def foreseen(

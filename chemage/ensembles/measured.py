@@ -69,6 +69,7 @@ def _computation(
         settings="" if point.own else point.words,
         errors=_errors(point, quantities) if errors else None,
         grid_only=set(point.choices) <= {GRID},
+        timed=True,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from chemage.ensembles import stages
@@ -151,7 +151,7 @@ class EnsemblePlan:
         """The control, and how many samples of it are expected; None where it is not expected to pay."""
         count = 0 if self.foreseen is None else self.foreseen.sketches
         made = sketched(self.computations[0]) if count else None
-        return None if made is None else (made, count)
+        return None if made is None else (made.here(), count)
 
     def not_computed(self) -> list[str]:
         """What an ensemble leaves out of a run of its scene, and why, in words."""
@@ -253,20 +253,24 @@ def plan(scene: Scene) -> EnsemblePlan:
         one = estimate.plan(scene)
         sampler = Sampler(scene, warn=False)  # the plan has the doubts as notes
         request = sampler.request
-        found = tuple(request.computations())
-        first, seconds, replicas = found[0], [found[0].seconds], 1
+        first, *_ = stated = request.computations()
+        found = tuple(one.here() for one in stated)
+        seconds, replicas = [found[0].seconds], 1
         if len(found) > 1:
             replicas = replicas_of_difference(found[-1], found[0])
             seconds.append(sum(part.with_replicas(replicas).seconds for part in (found[0], found[-1])))
         known = estimate.cost(scene)
         expected = scatters(request, known, one.numbers)
         seen, reason = _foreseen(sampler, known, expected, first)
+        seen = None if seen is None else seen.scaled(first.scale)
     return EnsemblePlan(one, request, found, tuple(seconds), replicas, expected, seen, reason)
 
 
 def _foreseen(sampler: Sampler, known: Cost, expected: Scatters, first: Computation) -> tuple[Foreseen | None, str]:
-    """What the rule is expected to do, and how that is known; ``first`` is the cheapest computation."""
-    request, workers = sampler.request, available()
+    """What the rule is expected to do, and how that is known; ``first`` is the cheapest computation, in whose seconds
+    all times are."""
+    asked, workers = sampler.request, available()
+    request = asked if asked.budget is None else replace(asked, budget=asked.budget / first.scale)
     seconds, replicas = first.seconds, first.replicas
     if request.surfaces is not None:
         return _counted(request, expected, seconds, replicas), "as asked for"

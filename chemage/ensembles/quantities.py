@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from chemage.ageing.fitting import few_hold_times
+from chemage.ageing.hold_times import within
 from chemage.ageing.models import above_rounding
 from chemage.ensembles.computations import Sample
 from chemage.experiments.scene import Scene
@@ -41,9 +42,7 @@ class Quantities:
     @property
     def fitted(self) -> np.ndarray:
         """(m,) bool: hold times of the fit."""
-        low, high = self.window
-        times = self.hold_times
-        return (times >= low * (1 - 1e-9)) & (times <= high * (1 + 1e-9)) & (times > 0)
+        return within(self.hold_times, self.window) & (self.hold_times > 0)
 
     @property
     def span(self) -> tuple[float, float]:

@@ -460,7 +460,8 @@ class Sampler:
                 f"{names}: errors that no number of {asked.counted} makes smaller are larger ({so_far}); "
                 "ask for a wider interval"
             )
-        seconds = sum(count * one.level.cost for count, one in zip(error.needed, state.sampled, strict=True))
+        scale = _of(state.sampled[0].level).parts[0].computation.scale
+        seconds = scale * sum(count * one.level.cost for count, one in zip(error.needed, state.sampled, strict=True))
         return needing(names, max(error.needed), seconds, asked, f" ({so_far})")
 
     # -- the result ---------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import numpy as np
 
 from chemage.ageing.elasticity import NOTED
 from chemage.ageing.fitting import why_not_fitted
+from chemage.ageing.hold_times import within
 from chemage.experiments.cost import Cost
 from chemage.experiments.limits import check_parts, long_run
 from chemage.experiments.scene import Scene
@@ -160,8 +161,7 @@ def _times(scene: Scene, known: Cost) -> Iterator[Doubt]:
     if reason := why_not_fitted(hold.hold_times, (scene.fit.start, scene.fit.stop)):
         yield Doubt("fit", f"beta will not be fitted: {reason}")
         return
-    times = hold.hold_times
-    inside = (times >= scene.fit.start * (1 - 1e-9)) & (times <= scene.fit.stop * (1 + 1e-9))
+    inside = within(hold.hold_times, (scene.fit.start, scene.fit.stop))
     if np.count_nonzero(inside) < 3:
         yield Doubt(
             "fit", f"only {np.count_nonzero(inside)} hold times lie in the fit window; beta will be poor or absent"

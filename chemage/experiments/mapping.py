@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from chemage.ageing.aging import Aging
+from chemage.ageing.hold_times import within
 from chemage.ageing.models import above_rounding
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
@@ -282,8 +283,7 @@ class Mapper:
         return above_rounding(curves @ x / (x @ x), x, curves) / self.scene.load
 
     def _fitted(self, times: np.ndarray) -> np.ndarray:
-        fit = self.scene.fit
-        return (times >= fit.start * (1 - 1e-9)) & (times <= fit.stop * (1 + 1e-9)) & (times > 0)
+        return within(times, (self.scene.fit.start, self.scene.fit.stop)) & (times > 0)
 
     # -- the rounds ---------------------------------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from chemage.ageing.derived import CURVES
 from chemage.ageing.fitting import FIT_WINDOW, few_hold_times
+from chemage.ageing.hold_times import within
 from chemage.foundation.errors import InputError, UnitError
 from chemage.foundation.messages import nearest
 from chemage.foundation.statistics import crossed_half_width, student_limit
@@ -90,8 +91,7 @@ class SweepData:
         times = self.table.hold_times
         if times.ndim > 1 or not np.isfinite(self.variables["beta"][1]).any() or self._window is None:
             return ""
-        low, high = self._window
-        used = times[(times >= low * (1 - 1e-9)) & (times <= high * (1 + 1e-9)) & (times > 0)]
+        used = times[within(times, self._window) & (times > 0)]
         return few_hold_times(used.size, (float(used.min()), float(used.max()))) if used.size > 1 else ""
 
     def axis(self, name: str, option: str) -> str:
