@@ -9,11 +9,9 @@ from __future__ import annotations
 from typing import Any
 
 from chemage.foundation import kernel_cache
-from chemage.foundation.moved import install
 from chemage.foundation.names import HOME, MODULES
 from chemage.foundation.version import __version__ as __version__
 
-install()
 kernel_cache.provide()
 
 __all__ = ["__version__", *sorted(HOME), *sorted(MODULES)]  # pyright: ignore[reportUnsupportedDunderAll]

@@ -82,7 +82,7 @@ def quick_figures(request):
         if not any(mark.name == "drawn" for mark in (marks if isinstance(marks, list) else [marks])):
             from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-            from chemage.reports.figures import panels
+            from chemage.results.figures import panels
 
             patch.setattr(ConstrainedLayoutEngine, "execute", lambda self, figure: None)
             patch.setitem(panels.__kwdefaults__, "dpi", 40)
@@ -93,7 +93,7 @@ def quick_figures(request):
 def no_speed():
     """Estimates are those of the reference machine: no test depends on the speed of this one."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("chemage.experiments.estimate.slowness", lambda: 1.0)
+        patch.setattr("chemage.scene.estimate.slowness", lambda: 1.0)
         yield
 
 
@@ -101,7 +101,7 @@ def no_speed():
 def without_preparation():
     """Methods of ageing that make a table first, which takes seconds, are no part of maps of speed and accuracy."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("chemage.experiments.choices.PREPARATION", 0.0)
+        patch.setattr("chemage.studies.trade.choices.PREPARATION", 0.0)
         yield
 
 

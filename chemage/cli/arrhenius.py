@@ -12,7 +12,7 @@ from chemage.cli import terminal
 from chemage.cli.options import FIGURES, ForceOpt, JsonOpt, changed_fields, check_ending
 
 if TYPE_CHECKING:
-    from chemage.ageing.arrhenius import Arrhenius
+    from chemage.studies.arrhenius import Arrhenius
 
 
 def arrhenius(
@@ -59,8 +59,8 @@ def arrhenius(
     """
     from chemage.foundation.errors import InputError
     from chemage.foundation.files import fresh_file, preflight
-    from chemage.reports.arrhenius import arrhenius as summarise
-    from chemage.reports.arrhenius import figure
+    from chemage.results.arrhenius import arrhenius as summarise
+    from chemage.results.arrhenius import figure
 
     limits = tuple(window.split()) if window is not None else None
     if limits is not None and len(limits) != 2:
@@ -87,7 +87,7 @@ def arrhenius(
 
 
 def _print(found: Arrhenius) -> None:
-    from chemage.reports.arrhenius import rows
+    from chemage.results.arrhenius import rows
 
     by_temperature, by_level = rows(found)
     columns = ("T (K)", "β per decade", "b per e-fold", "β/T (1/K)", "cut-off time")

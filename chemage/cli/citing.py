@@ -12,9 +12,9 @@ import typer
 from chemage.cli.options import user_error
 
 if TYPE_CHECKING:
-    from chemage.experiments.citations import Reference
     from chemage.foundation.components import Component
-    from chemage.sweeps.grid import Grid
+    from chemage.scene.citations import Reference
+    from chemage.studies.sweeps.grid import Grid
 
 
 def cite(
@@ -25,7 +25,7 @@ def cite(
 
     These are chemage, the paper of its model, and the publications of the components that were used.
     """
-    from chemage.experiments.citations import bibtex, text
+    from chemage.scene.citations import bibtex, text
 
     if fmt not in ("bibtex", "text"):
         raise user_error(f"--format {fmt}: choose bibtex or text")
@@ -34,13 +34,13 @@ def cite(
 
 
 def _references(what: str) -> list[Reference]:
-    from chemage.experiments.citations import references
-    from chemage.experiments.scene import parse_scene
-    from chemage.experiments.scene_files import scene_data
     from chemage.plugins import registry
-    from chemage.store.results import read
-    from chemage.sweeps.grid import Grid
-    from chemage.sweeps.result import load_sweep
+    from chemage.results.files import read
+    from chemage.scene.citations import references
+    from chemage.scene.scene import parse_scene
+    from chemage.scene.scene_files import scene_data
+    from chemage.studies.sweeps.grid import Grid
+    from chemage.studies.sweeps.result import load_sweep
 
     path = Path(what)
     if path.is_dir():
@@ -55,7 +55,7 @@ def _references(what: str) -> list[Reference]:
 
 
 def _of_components(components: Iterable[Component], version: str | None = None) -> list[Reference]:
-    from chemage.experiments.citations import references
+    from chemage.scene.citations import references
 
     known = list(components)
     texts = [text for one in known for text in one.cite]
@@ -81,11 +81,11 @@ def _of_grid(grid: Grid) -> Iterator[Component]:
 def _of_result(thing: Any) -> tuple[list[str], list[Component], str]:
     """Texts, components and the version of chemage of what a result file holds."""
     from chemage.ageing.aging import Aging
-    from chemage.ensembles.ensemble import Ensemble
-    from chemage.experiments.run import Run
-    from chemage.experiments.sections import components_of
     from chemage.foundation.version import __version__
     from chemage.inference.inference import Inference
+    from chemage.scene.run import Run
+    from chemage.scene.sections import components_of
+    from chemage.studies.ensembles.ensemble import Ensemble
     from chemage.surfaces.surface import Surface
 
     if isinstance(thing, Ensemble | Inference):

@@ -14,8 +14,8 @@ from chemage.foundation import compiling
 from chemage.foundation.progress import progress_bars, reported
 
 if TYPE_CHECKING:
-    from chemage.ensembles.ensemble import Ensemble
-    from chemage.experiments.scene import Scene
+    from chemage.scene.scene import Scene
+    from chemage.studies.ensembles.ensemble import Ensemble
 
 
 def samples_of(path: Path) -> Path:
@@ -38,12 +38,12 @@ def run(
     points: str | None = None,
 ) -> None:
     """Sample the ensemble that a scene asks for, write it to ``path`` and print it."""
-    from chemage.ensembles.running import CORRECTING, SAMPLING, SKETCHING, Sampler
-    from chemage.experiments.warm_up import compiled_ahead
     from chemage.foundation.files import preflight
     from chemage.foundation.text import jsonable
-    from chemage.reports import ensemble_figure
-    from chemage.store.results import write
+    from chemage.results import ensemble_figure
+    from chemage.results.files import write
+    from chemage.scene.warm_up import compiled_ahead
+    from chemage.studies.ensembles.running import CORRECTING, SAMPLING, SKETCHING, Sampler
 
     folder = samples_of(path)
     preflight(path, force=force)
@@ -84,7 +84,7 @@ def run(
 
 def show(made: Ensemble) -> None:
     """Print the estimates with their intervals, and the parts of the error."""
-    from chemage.reports.ensemble_text import TITLE, rows
+    from chemage.results.ensemble_text import TITLE, rows
 
     terminal.show_pairs(f"{made.title}: {TITLE}", rows(made))
     for note in made.notes:

@@ -38,8 +38,8 @@ from chemage.foundation import compiling
 from chemage.foundation.progress import loaded, loading, progress_bars, reported, watching
 
 if TYPE_CHECKING:
-    from chemage.experiments.run import Run
-    from chemage.experiments.scene import Scene
+    from chemage.scene.run import Run
+    from chemage.scene.scene import Scene
 
 
 def run(
@@ -94,7 +94,7 @@ def run(
     request = requested_fields(accuracy, budget, surfaces, measured)
     values = changed_fields(changes, replicas, seed) | request
     with compiling.begun_early(scene, values, threads) as early:
-        from chemage.experiments.scene_files import is_sweep, load_scene
+        from chemage.scene.scene_files import is_sweep, load_scene
 
         if is_sweep(scene):
             from chemage.cli import sweeps
@@ -153,12 +153,12 @@ def _run_one(
     force: bool,
 ) -> None:
     from chemage.ageing.age import replica_word
-    from chemage.experiments import run as experiments
-    from chemage.experiments.estimate import plan
-    from chemage.experiments.warm_up import compiled_ahead
     from chemage.foundation.files import preflight
-    from chemage.reports import run_figures
-    from chemage.store.results import write
+    from chemage.results import run_figures
+    from chemage.results.files import write
+    from chemage.scene import run as experiments
+    from chemage.scene.estimate import plan
+    from chemage.scene.warm_up import compiled_ahead
 
     result = _without_figures(one, path) if figures and not force else None
     if result is None:
@@ -188,10 +188,10 @@ def _run_one(
 
 def _without_figures(one: Scene, path: Path) -> Run | None:
     """The result of this very scene, of a run that was interrupted while its figures were drawn."""
-    from chemage.experiments.provenance import versions
-    from chemage.experiments.run import Run
     from chemage.foundation.errors import ChemageError
-    from chemage.store.results import read
+    from chemage.results.files import read
+    from chemage.scene.provenance import versions
+    from chemage.scene.run import Run
 
     if not path.is_file() or figures_of(path).exists():
         return None
@@ -239,7 +239,7 @@ def sweep(
     rerun the same command to resume.
     """
     from chemage.cli import sweeps
-    from chemage.experiments.scene_files import is_sweep
+    from chemage.scene.scene_files import is_sweep
 
     if collect is not None:
         given = {"SCENE": scene, "--out": out, "--points": points, "--set": changes, "--executor": executor}
@@ -283,9 +283,9 @@ def check(
 
     All points of a sweep are validated; nothing is computed.
     """
-    from chemage.experiments.estimate import plan
-    from chemage.experiments.scene_files import is_sweep, load_scene
     from chemage.foundation.text import jsonable
+    from chemage.scene.estimate import plan
+    from chemage.scene.scene_files import is_sweep, load_scene
 
     request = requested_fields(accuracy, budget, surfaces, measured)
     if is_sweep(scene):
@@ -296,7 +296,7 @@ def check(
         raise user_error(f"--shares is for sweeps, and {scene} has no [sweep]")
     one = load_scene(scene, changed_fields(changes) | request)
     if one.is_ensemble:
-        from chemage.ensembles.planning import plan as ensemble_plan
+        from chemage.studies.ensembles.planning import plan as ensemble_plan
 
         made: Any = ensemble_plan(one)
     else:
@@ -329,7 +329,7 @@ def schema() -> None:
 
     Editors check scenes with it. It includes the options of all installed components.
     """
-    from chemage.experiments.schema import scene_schema
+    from chemage.scene.schema import scene_schema
 
     print(json.dumps(scene_schema(), indent=2))
 
@@ -358,11 +358,11 @@ def init(
 
     The file is a copy of an installed scene, with comments, and NAME as its name.
     """
-    from chemage.experiments.scene import file_name
-    from chemage.experiments.scene_files import installed_text, named
     from chemage.foundation.files import fresh_file
     from chemage.foundation.messages import nearest
     from chemage.plugins import registry
+    from chemage.scene.scene import file_name
+    from chemage.scene.scene_files import installed_text, named
 
     file = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
     if name.suffix not in ("", ".toml") and not name.suffix[1:].isdigit():  # tip-0.5 has no ending

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from chemage.cli.options import user_error
 
 if TYPE_CHECKING:
-    from chemage.experiments.scene import Scene
+    from chemage.scene.scene import Scene
 
 
 def figures_of(path: Path) -> Path:

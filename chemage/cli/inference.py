@@ -34,11 +34,11 @@ from chemage.foundation.progress import loading, progress_bars, reported
 
 if TYPE_CHECKING:
     from chemage.cli.infer_words import Asked
-    from chemage.experiments.scene import Scene
     from chemage.inference.curves import MeasuredCurve
     from chemage.inference.inference import Inference
     from chemage.inference.result import InferenceResult
     from chemage.inference.unexplained import UnexplainedError
+    from chemage.scene.scene import Scene
 
 #: width of the tables
 _WIDTH = 80
@@ -71,9 +71,9 @@ def infer(
     """
     loading("loading chemage")
     from chemage.cli import infer_words
-    from chemage.experiments.scene_files import load_scene
     from chemage.foundation.files import preflight
     from chemage.inference.unexplained import UnexplainedError
+    from chemage.scene.scene_files import load_scene
 
     path = out or Path(f"{measured[0].stem}-inferred.h5")
     if out is not None:
@@ -140,8 +140,8 @@ def _computed(
 ) -> tuple[InferenceResult, list[Path]]:
     """Infer, forecast, rank, write and draw."""
     from chemage.inference import infer as inferring
-    from chemage.reports import inference_figures
-    from chemage.store.inferences import write_inference
+    from chemage.results import inference_figures
+    from chemage.results.inference_files import write_inference
 
     pictures: list[Path] = []
     with progress_bars({"families": "fits"}, alive=True) as report:
@@ -174,7 +174,7 @@ def _asked_of(inference: Inference, asked: Asked, report: Any) -> InferenceResul
 
 def show(made: InferenceResult) -> None:
     """Print the density with its bands, the scores of families, forecasts, and the best next measurements."""
-    from chemage.reports import inference_text as words
+    from chemage.results import inference_text as words
 
     terminal.show_pairs(f"{words.title(made)}; bands hold 95 %", words.rows(made), _WIDTH)
     if families := words.family_rows(made.inference):

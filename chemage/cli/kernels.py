@@ -17,7 +17,7 @@ from chemage.cli.options import JsonOpt
 from chemage.foundation.progress import loading, progress_bars
 
 if TYPE_CHECKING:
-    from chemage.experiments.scene import Scene
+    from chemage.scene.scene import Scene
 
 #: points of a sweep that are looked at
 MOST_POINTS = 1000
@@ -38,10 +38,10 @@ def warmup(
     first run compiles them. Prints where they are kept, which NUMBA_CACHE_DIR decides.
     """
     loading("loading chemage")
-    from chemage.experiments.warm_up import form, warm_up
     from chemage.foundation import compiling, kernel_cache
     from chemage.foundation.processor import processor
     from chemage.plugins import registry
+    from chemage.scene.warm_up import form, warm_up
 
     begin = time.perf_counter()
     failed: dict[str, str] = {}
@@ -92,12 +92,12 @@ def warmup(
 
 def _forms(name: str) -> Iterator[Scene]:
     """A scene, or the points of a sweep."""
-    from chemage.experiments.scene_files import is_sweep, load_scene
+    from chemage.scene.scene_files import is_sweep, load_scene
 
     if not is_sweep(name):
         yield load_scene(name)
         return
-    from chemage.sweeps.running import read_grid
+    from chemage.studies.sweeps.running import read_grid
 
     grid = read_grid(name)
     for point in range(min(grid.size, MOST_POINTS)):

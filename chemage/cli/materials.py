@@ -23,8 +23,8 @@ def materials(
     Each value is shown with its source and how it is known: measured, calculated, calibrated or estimated. A scene
     names a material with material = "NAME", which fills what the scene does not say.
     """
-    from chemage.experiments.materials import material
     from chemage.plugins import registry
+    from chemage.scene.materials import material
 
     if as_toml and (name is None or as_json):
         raise user_error("--toml: give the name of a material, and no --json")

@@ -98,9 +98,9 @@ def plugins_show(
     Prints what a component computes, its options with units and defaults, and its references; of a plugin, its hooks
     and the options that a scene sets in [plugins.NAME].
     """
-    from chemage.experiments.schema import options_of
     from chemage.foundation.messages import nearest
     from chemage.plugins import registry
+    from chemage.scene.schema import options_of
 
     plugins = registry.current()
     roles = [name for name in plugins.roles if kind in plugins.kinds(name) and role in (None, name)]
@@ -146,7 +146,7 @@ def plugins_show(
 
 def _about_plugin(plugins: Registry, record: PluginRecord) -> dict[str, Any]:
     """What ``plugins show`` prints of a plugin, in the form of a component."""
-    from chemage.experiments.schema import options_of
+    from chemage.scene.schema import options_of
 
     cls: Any = plugins.options_class(record.name) if record.options else None
     module = plugins.implementation(record.name)
@@ -218,8 +218,8 @@ def plugins_check() -> None:
     Notes say which plugins answer the same stage or read the same files and which of them comes first, and which are
     slow to import. The exit status is 1 if there are problems.
     """
-    from chemage.experiments.materials import material_problems
     from chemage.plugins import registry
+    from chemage.scene.materials import material_problems
     from chemage.surfaces.reading import shared_endings
 
     plugins = registry.current()

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from chemage.ageing.aging import Aging
     from chemage.contacts.solution import ContactSolution
     from chemage.contacts.statistics import ContactStatistics
-    from chemage.experiments.run import Run
-    from chemage.reports.comparison.comparison import Comparison
+    from chemage.results.comparison.comparison import Comparison
+    from chemage.scene.run import Run
 
 
 def show(file: ResultArg, as_json: JsonOpt = False) -> None:
@@ -38,17 +38,17 @@ def show(file: ResultArg, as_json: JsonOpt = False) -> None:
         return
     from chemage.ageing.aging import Aging
     from chemage.ageing.elasticity import elastic_measures
-    from chemage.ensembles.ensemble import Ensemble
-    from chemage.experiments.run import Run, bond_errors
     from chemage.foundation.approximations import in_words
     from chemage.foundation.text import jsonable
     from chemage.inference.inference import Inference
-    from chemage.store.results import read
+    from chemage.results.files import read
+    from chemage.scene.run import Run, bond_errors
+    from chemage.studies.ensembles.ensemble import Ensemble
 
     thing = read(file)
     if isinstance(thing, Inference):
         from chemage.cli import inference
-        from chemage.store.inferences import read_inference
+        from chemage.results.inference_files import read_inference
 
         if as_json:
             print(json.dumps(read_inference(file).summary()))
@@ -162,12 +162,12 @@ def plot(
 
 def _plotted(file: Path, out: Path | None, fmt: str, force: bool) -> list[Path]:
     """Draw the figures of a result file."""
-    from chemage.ensembles.ensemble import Ensemble
-    from chemage.experiments.run import Run
     from chemage.inference.inference import Inference
-    from chemage.reports import ensemble_figure, inference_figures, run_figures
-    from chemage.store.inferences import read_inference
-    from chemage.store.results import read
+    from chemage.results import ensemble_figure, inference_figures, run_figures
+    from chemage.results.files import read
+    from chemage.results.inference_files import read_inference
+    from chemage.scene.run import Run
+    from chemage.studies.ensembles.ensemble import Ensemble
 
     thing, folder = read(file), out or file.with_name(f"{file.stem}-figures")
     if isinstance(thing, Inference):
@@ -182,8 +182,8 @@ def _plotted(file: Path, out: Path | None, fmt: str, force: bool) -> list[Path]:
 
 
 def _plot_window(file: Path, window: str, out: Path | None, fmt: str, force: bool) -> None:
-    from chemage.reports.figures import save_figures
-    from chemage.reports.window_figure import window_figure
+    from chemage.results.figures import save_figures
+    from chemage.results.window_figure import window_figure
 
     with progress_bars() as report, reported(report, "drawing"):
         made = {"window": window_figure(file, window)}
@@ -196,8 +196,8 @@ def print_run(result: Run) -> None:
     """Print the main numbers of a run."""
     from chemage.ageing.elasticity import elastic_rows
     from chemage.contacts.loads import force_text
-    from chemage.experiments.scene import heading
     from chemage.foundation.text import mean_text, percent
+    from chemage.scene.scene import heading
 
     contact, aging, fit = result.contact, result.aging, result.fit()
     rows: list[tuple[str, str]] = [
@@ -322,8 +322,8 @@ def compare(
 
     Results of single asperities and of rough contacts can be compared.
     """
-    from chemage.reports import comparison
-    from chemage.reports.figures import save_figures
+    from chemage.results import comparison
+    from chemage.results.figures import save_figures
 
     if as_json and as_csv:
         raise user_error("--json and --csv: choose one")
@@ -361,7 +361,7 @@ def report(
 
     One file with figures, tables, scenes, provenance and references, which needs no network.
     """
-    from chemage.reports.page import write_report
+    from chemage.results.page import write_report
 
     if out not in files:  # which is refused for that reason
         check_ending(out, PAGES, "a report")

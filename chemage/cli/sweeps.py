@@ -18,14 +18,14 @@ from chemage.foundation.logs import LOGGER
 from chemage.foundation.printable import printable
 from chemage.foundation.text import jsonable
 from chemage.studies.selection import Selection, in_ranges
-from chemage.sweeps.collecting import collect_sweep
-from chemage.sweeps.grid import Survey, shown
-from chemage.sweeps.means import expected_seconds
-from chemage.sweeps.progress import Report, SweepProgress, show_progress
-from chemage.sweeps.result import SweepResult, load_sweep
-from chemage.sweeps.running import read_grid, room_for, survey_of, sweep
-from chemage.sweeps.shares import ShareCost, agreed_points, shares_cost
-from chemage.sweeps.views import SweepData, swept_rows
+from chemage.studies.sweeps.collecting import collect_sweep
+from chemage.studies.sweeps.grid import Survey, shown
+from chemage.studies.sweeps.means import expected_seconds
+from chemage.studies.sweeps.progress import Report, SweepProgress, show_progress
+from chemage.studies.sweeps.result import SweepResult, load_sweep
+from chemage.studies.sweeps.running import read_grid, room_for, survey_of, sweep
+from chemage.studies.sweeps.shares import ShareCost, agreed_points, shares_cost
+from chemage.studies.sweeps.views import SweepData, swept_rows
 
 #: the table of results and the list of failures are printed up to this many points
 _LISTED = 24
@@ -299,8 +299,8 @@ def plot(
 ) -> None:
     """Draw the results of a sweep."""
     from chemage.foundation.progress import progress_bars, reported
-    from chemage.reports.figures import save_figures
-    from chemage.reports.sweep_figures import sweep_figures
+    from chemage.results.figures import save_figures
+    from chemage.results.sweep_figures import sweep_figures
 
     fixed: dict[str, str] = {}
     for text in where:

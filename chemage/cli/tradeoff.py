@@ -15,8 +15,8 @@ from chemage.cli.options import FIGURES, ForceOpt, JsonOpt, SceneArg, SetOpt, ch
 from chemage.foundation.progress import progress_bars
 
 if TYPE_CHECKING:
-    from chemage.experiments.trade_map import Point, TradeMap
-    from chemage.experiments.tradeoff import Tradeoff
+    from chemage.studies.trade.trade_map import Point, TradeMap
+    from chemage.studies.trade.tradeoff import Tradeoff
 
 #: width of the tables, and of their first column at least
 WIDTH, _FIRST = 80, 22
@@ -64,11 +64,11 @@ def tradeoff(
     Settings, and combinations of those that pay, are computed on several surfaces and compared with a reference. The
     result is a table of CPU times and errors, and the cheapest settings within 10, 3, 1 and 0.3 % for each observable.
     """
-    from chemage.experiments.scene_files import load_scene
-    from chemage.experiments.settings import planned
-    from chemage.experiments.tradeoff import tradeoff as measure
     from chemage.foundation.files import fresh_file, preflight
-    from chemage.reports import tradeoff_figure
+    from chemage.results import tradeoff_figure
+    from chemage.scene.scene_files import load_scene
+    from chemage.studies.trade.settings import planned
+    from chemage.studies.trade.tradeoff import tradeoff as measure
 
     files = out or []
     for file in files:
@@ -106,8 +106,8 @@ def tradeoff(
 
 def show(found: Tradeoff, *, details: bool = False) -> None:
     """Print the tables of a map, the cheapest settings and the notes."""
-    from chemage.experiments.trade_map import words
     from chemage.foundation.text import percent
+    from chemage.studies.trade.trade_map import words
 
     made = found.map
     assert made is not None
@@ -136,7 +136,7 @@ def show(found: Tradeoff, *, details: bool = False) -> None:
 
 def _tables(made: TradeMap) -> list[tuple[str, list[str]]]:
     """Titles and columns: of the ageing four observables at most, and of the contact."""
-    from chemage.experiments.trade_map import of_ageing
+    from chemage.studies.trade.trade_map import of_ageing
 
     ageing = [name for name in made.observables if of_ageing(name)]
     drops = [name for name in ageing if name != "beta"]
@@ -149,7 +149,7 @@ def _tables(made: TradeMap) -> list[tuple[str, list[str]]]:
 
 
 def _show_points(made: TradeMap, title: str, columns: list[str]) -> None:
-    from chemage.experiments.trade_map import words
+    from chemage.studies.trade.trade_map import words
 
     names = [_SHORT.get(name, words(name)) for name in columns]
     table = terminal.table(title, ("settings", "CPU (s)", *names))
@@ -168,7 +168,7 @@ def _show_points(made: TradeMap, title: str, columns: list[str]) -> None:
 
 def _short_knobs(made: TradeMap) -> dict[str, str]:
     """What is chosen -> the last part of its name where this is the only one with it, else the whole name."""
-    from chemage.experiments.choices import AGEING, GRID
+    from chemage.studies.trade.choices import AGEING, GRID
 
     knobs = {knob for one in made.points for knob in one.choices}
     last = [knob.rpartition(".")[2] for knob in knobs]

@@ -29,7 +29,7 @@ def begin(scene: str | Mapping[str, Any], changes: Mapping[str, Any] | None, thr
     ``threads`` 1, or one processor."""
     if min(threads or available(), available()) < 2:
         return {}
-    call = "chemage.experiments.warm_up:compile_stage"
+    call = "chemage.scene.warm_up:compile_stage"
     started = {stage: background.start(call, stage, scene, changes) for stage in STAGES}
     return {stage: process for stage, process in started.items() if process is not None}
 

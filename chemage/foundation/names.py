@@ -6,7 +6,7 @@ from __future__ import annotations
 NAMES = {
     "ageing.age": "age",
     "ageing.aging": "Aging",
-    "ageing.arrhenius": "ActivationEnergy Arrhenius",
+    "studies.arrhenius": "ActivationEnergy Arrhenius",
     "ageing.fitting": "FIT_WINDOW Fit fit_aging",
     "ageing.hold_times": "hold_times",
     "ageing.measurements": "Measurements read_measurements",
@@ -21,13 +21,13 @@ NAMES = {
     "contacts.statistics": "ContactStatistics",
     "contacts.theories": "ContactTheory",
     "contacts.stage": "contact solve_contact",
-    "ensembles.ensemble": "Ensemble ErrorPart Estimate",
-    "ensembles.running": "ensemble",
-    "experiments.materials": "Material MaterialValue material",
-    "experiments.provenance": "versions",
-    "experiments.run": "Run run",
-    "experiments.scene": "Scene parse_scene",
-    "experiments.scene_files": "load_scene override scene_data",
+    "studies.ensembles.ensemble": "Ensemble ErrorPart Estimate",
+    "studies.ensembles.running": "ensemble",
+    "scene.materials": "Material MaterialValue material",
+    "scene.provenance": "versions",
+    "scene.run": "Run run",
+    "scene.scene": "Scene parse_scene",
+    "scene.scene_files": "load_scene override scene_data",
     "foundation.checks": "Seed check_times checked_count checked_seed checked_states force temperature_value",
     "foundation.components": "Component",
     "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PluginError "
@@ -60,11 +60,11 @@ NAMES = {
     "plugins.options": "PluginOptions",
     "plugins.registry": "fromdict register unregister",
     "plugins.settings": "plugin_options prefer_plugins",
-    "reports.arrhenius": "arrhenius",
-    "reports.comparison.comparison": "compare_files",
-    "reports.page": "write_report",
-    "store.maps": "open_maps",
-    "store.results": "read write",
+    "results.arrhenius": "arrhenius",
+    "results.comparison.comparison": "compare_files",
+    "results.page": "write_report",
+    "results.maps": "open_maps",
+    "results.files": "read write",
     "surfaces.height_map": "HeightMap",
     "surfaces.measures": "Roughness",
     "surfaces.reading": "Reader reader_for",
@@ -72,16 +72,16 @@ NAMES = {
     "surfaces.scatter": "Scatter",
     "surfaces.stage": "make_surface surface",
     "surfaces.surface": "Surface",
-    "sweeps.collecting": "Collected collect_sweep",
-    "sweeps.result": "Point SweepResult load_sweep",
-    "sweeps.running": "sweep",
+    "studies.sweeps.collecting": "Collected collect_sweep",
+    "studies.sweeps.result": "Point SweepResult load_sweep",
+    "studies.sweeps.running": "sweep",
 }
 #: public name -> the module it is in
 HOME = {name: module for module, names in NAMES.items() for name in names.split()}
 #: role -> the function that makes a component of it, where a module has the name of the role
 FACTORIES = {"ageing": "ageing_method"}
 #: the module that draws results in notebooks
-PICTURES = "reports.pictures"
+PICTURES = "results.pictures"
 #: public modules -> their full name
 MODULES = {
     "options": "cli.options",
@@ -91,7 +91,7 @@ MODULES = {
     "tables": "foundation.tables",
     "text": "foundation.text",
     "errors": "foundation.errors",
-    "figures": "reports.figures",
+    "figures": "results.figures",
     "random": "foundation.random",
     "registry": "plugins.registry",
     "roughness": "surfaces.roughness",

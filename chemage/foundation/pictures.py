@@ -13,7 +13,7 @@ from chemage.foundation.names import PICTURES
 
 
 def draw(thing: Any, *arguments: Any, **options: Any) -> Any:
-    """Draw ``thing`` by the function of :mod:`chemage.reports.pictures` for its class."""
+    """Draw ``thing`` by the function of :mod:`chemage.results.pictures` for its class."""
     return import_module(f"chemage.{PICTURES}").draw(thing, *arguments, **options)
 
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from chemage.experiments.scene import Scene
 from chemage.inference.curves import MeasuredCurve
 from chemage.inference.forward import Condition, Contacts, largest_lowering, make_condition
 from chemage.inference.kernel import EnergyGrid, energy_grid
 from chemage.inference.unknowns import Unknowns
 from chemage.lattices.chemistry import Chemistry
+from chemage.scene.scene import Scene
 
 #: error of the forward model, of the largest value of a curve: the density is piecewise linear, the truth is not
 MODEL_ERROR = 1e-3

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.hold_times import hold_times as spaced
-from chemage.experiments.scene import Scene
 from chemage.foundation.checks import check_times, force, temperature_value
 from chemage.foundation.errors import InputError
 from chemage.foundation.messages import nearest
@@ -17,6 +16,7 @@ from chemage.inference.forecast import Forecast
 from chemage.inference.forward import Condition, Contacts, check_scene, largest_lowering, make_condition
 from chemage.inference.kernel import EnergyGrid, averaging
 from chemage.lattices.chemistry import Chemistry
+from chemage.scene.scene import Scene
 
 #: share of a prediction from energies which the data do not see above which a note says so
 UNSEEN = 0.05

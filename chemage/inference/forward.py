@@ -20,7 +20,6 @@ from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
 from chemage.contacts.statistics import ContactStatistics
 from chemage.contacts.theories import ContactTheory
-from chemage.experiments.scene import Scene
 from chemage.foundation import random
 from chemage.foundation.errors import InputError
 from chemage.foundation.threads import available, in_order
@@ -32,6 +31,7 @@ from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.stage import build_lattice
 from chemage.lattices.statistics import contact_statistics
+from chemage.scene.scene import Scene
 from chemage.surfaces.stage import make_surface
 
 #: sites of the contact that stand for all in the mean field

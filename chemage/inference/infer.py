@@ -10,9 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from chemage.experiments.provenance import versions
-from chemage.experiments.scene import Scene, parse_scene
-from chemage.experiments.scene_files import load_scene
 from chemage.foundation.checks import checked_count, checked_seed
 from chemage.foundation.errors import InputError, shown
 from chemage.foundation.progress import Report
@@ -30,6 +27,9 @@ from chemage.inference.problem import Problem
 from chemage.inference.rounds import estimated, linear_problem, sampled
 from chemage.inference.sampling import Samples
 from chemage.inference.unknowns import UNITS, Unknowns, unknowns_of
+from chemage.scene.provenance import versions
+from chemage.scene.scene import Scene, parse_scene
+from chemage.scene.scene_files import load_scene
 
 #: parametric families with which the smooth density is compared
 FAMILIES = ("uniform", "triangle", "gaussian", "piecewise")

@@ -10,8 +10,6 @@ from typing import Any, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage.experiments.scene import Scene, parse_scene
-from chemage.experiments.scene_files import load_scene
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Doubles, Flags, Indices, Named, Plain, Record
@@ -19,6 +17,8 @@ from chemage.foundation.units import QuantityLike
 from chemage.inference.curves import MeasuredCurve
 from chemage.inference.forecast import Forecast, band
 from chemage.inference.forecasting import Forecaster, forecast_of, ranked
+from chemage.scene.scene import Scene, parse_scene
+from chemage.scene.scene_files import load_scene
 
 
 class Inference(Record):

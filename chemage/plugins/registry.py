@@ -62,8 +62,8 @@ ROOMS = (
     "chemage.kinetics.hooks",
     "chemage.friction.hooks",
     "chemage.ageing.hooks",
-    "chemage.experiments.hooks",
-    "chemage.reports.hooks",
+    "chemage.scene.hooks",
+    "chemage.results.hooks",
     "chemage.cli.hooks",
 )
 #: time of import from which a module is called slow, s

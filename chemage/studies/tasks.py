@@ -20,13 +20,13 @@ from chemage.ageing.elasticity import compared_again
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
 from chemage.contacts.theories import ContactTheory
-from chemage.experiments.run import Run, run, run_keys
-from chemage.experiments.scene import Scene
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.codec import from_npz, to_json, to_npz
 from chemage.foundation.errors import ChemageError, ExecutorError, StoreError
 from chemage.foundation.version import __version__
 from chemage.plugins import registry
+from chemage.scene.run import Run, run, run_keys
+from chemage.scene.scene import Scene
 from chemage.studies.by_hand import Known, learn
 from chemage.studies.folder import CannotWrite, Folder, process_name
 from chemage.surfaces.stage import make_surface

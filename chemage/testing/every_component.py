@@ -9,10 +9,10 @@ from collections.abc import Callable, Mapping
 from itertools import product
 from typing import Any
 
-from chemage.experiments.citations import bibtex_problem
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.plugins import registry
+from chemage.scene.citations import bibtex_problem
 from chemage.testing.checks import check_of, options_of, other_values, refuses, require, require_plain
 
 

@@ -13,7 +13,7 @@ from chemage.ageing.plotted import Maps, PlottedResult
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
 from chemage.lattices.chemistry import Chemistry
-from chemage.reports.figures import CORE
+from chemage.results.figures import CORE
 from chemage.surfaces.surface import Surface
 from chemage.testing.checks import check_of, require
 from chemage.testing.replicas import Even

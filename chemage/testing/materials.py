@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from chemage.experiments.materials import material_problems
+from chemage.scene.materials import material_problems
 from chemage.testing.checks import CheckFailed
 
 

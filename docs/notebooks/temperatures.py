@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 import chemage as ca
-from chemage.reports.arrhenius import figure
+from chemage.results.arrhenius import figure
 
 folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
 os.chdir(folder.name)  # leave out these two lines to keep the files

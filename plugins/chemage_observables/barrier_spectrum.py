@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from chemage import BondHistory, Chemistry, ContactSolution, Energy, Observable, Observed, Output, ReactionLattice
 from chemage.foundation.text import power_text
-from chemage.reports.figures import BLUE, GREEN, GREY, ORANGE
+from chemage.results.figures import BLUE, GREEN, GREY, ORANGE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

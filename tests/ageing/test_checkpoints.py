@@ -40,7 +40,7 @@ def test_what_is_there_is_not_computed_again(small: ca.Scene, tmp_path: Path, mo
         raise AssertionError("computed again")
 
     monkeypatch.setattr(checkpoints, "run_kinetics", refuse)
-    monkeypatch.setattr("chemage.experiments.run.solve_contact", refuse)
+    monkeypatch.setattr("chemage.scene.run.solve_contact", refuse)
     ca.run(small, checkpoints=tmp_path / "kept")
 
 

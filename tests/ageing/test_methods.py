@@ -11,7 +11,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError, PluginError, SceneError, parse_scene
-from chemage.reports.comparison import compare_files
+from chemage.results.comparison import compare_files
 
 TIMES = np.array([1.0, 10.0, 100.0, 1000.0])
 

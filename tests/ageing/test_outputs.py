@@ -14,8 +14,8 @@ import pytest
 import chemage as ca
 from chemage import InputError, Output, PluginError, SceneError, parse_scene
 from chemage.foundation.codec import from_json, from_npz, to_json, to_npz
-from chemage.reports import page
-from chemage.reports.comparison import compare_files
+from chemage.results import page
+from chemage.results.comparison import compare_files
 
 
 class Slip(ca.Observable):

@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 from unseen_scenes import unseen
 
-from chemage.ensembles.computations import computations, compute
-from chemage.ensembles.goals import Request, with_request
+from chemage.studies.ensembles.computations import computations, compute
+from chemage.studies.ensembles.goals import Request, with_request
 
 SURFACES, REPLICAS = 6, 6
 

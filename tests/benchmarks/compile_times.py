@@ -21,7 +21,7 @@ TABLE = """
 import sys, time
 import chemage as ca
 from numba.core import event
-from chemage.experiments.warm_up import warm_up_ageing, warm_up_contact
+from chemage.scene.warm_up import warm_up_ageing, warm_up_contact
 stack, rows = [], []
 class Clock(event.Listener):
     def on_start(self, event):

@@ -9,7 +9,7 @@ Memory is that of the process, whose libraries and kernels are loaded before.
 
 With ``--differences``, β is computed on the own and on the coarsest grid of scenes 0 to 27, six surfaces of each with
 ten replicas: the standard deviation of the relative difference between surfaces is ``DIFFERENCE`` of
-``chemage.ensembles.computations``.
+``chemage.studies.ensembles.computations``.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from estimates import peak, warm_up
 from unseen_scenes import unseen
 
 import chemage as ca
-from chemage.ensembles.computations import DIFFERENCE_REPLICAS, computations, compute
-from chemage.ensembles.goals import with_request
-from chemage.ensembles.planning import plan
-from chemage.ensembles.quantities import Quantities
-from chemage.ensembles.sampling import seed_of
+from chemage.studies.ensembles.computations import DIFFERENCE_REPLICAS, computations, compute
+from chemage.studies.ensembles.goals import with_request
+from chemage.studies.ensembles.planning import plan
+from chemage.studies.ensembles.quantities import Quantities
+from chemage.studies.ensembles.sampling import seed_of
 
 BUNDLED = ("silica-patch", "silica-rough")
 UNSEEN = range(1000, 1010)

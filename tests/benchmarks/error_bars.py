@@ -24,18 +24,18 @@ import numpy as np
 from scipy import stats
 
 import chemage as ca
-from chemage.ageing.arrhenius import activation_energies
 from chemage.ageing.intervals import Interval
 from chemage.ageing.measured import Measured
 from chemage.ageing.outputs import Output
 from chemage.ageing.paired import paired_difference
-from chemage.ensembles.allocation import Spread, half_width, spread_of
-from chemage.ensembles.control import regressed
-from chemage.ensembles.running import ensemble
-from chemage.experiments.extrapolation import vanishing_pixels
-from chemage.experiments.tradeoff import NORMAL_LIMIT
 from chemage.foundation.statistics import crossed_half_width
 from chemage.foundation.units import KB
+from chemage.scene.extrapolation import vanishing_pixels
+from chemage.studies.arrhenius import activation_energies
+from chemage.studies.ensembles.allocation import Spread, half_width, spread_of
+from chemage.studies.ensembles.control import regressed
+from chemage.studies.ensembles.running import ensemble
+from chemage.studies.trade.tradeoff import NORMAL_LIMIT
 from chemage_ageing import _table
 from chemage_ageing._independent import bonded_share
 from chemage_studies.density.fit import EQUAL, METHOD, PUBLISHED, ROUNDING, Errors

@@ -82,7 +82,7 @@ def measure(pixels: int) -> dict[str, Any]:
         enter("writing")
         chemage.write(path, run)
         enter("drawing")
-        from chemage.reports import run_figures
+        from chemage.results import run_figures
 
         run_figures.save(run, Path(folder) / "figures")
         enter("a part of the file")

@@ -30,9 +30,9 @@ from scipy import stats
 from unseen_scenes import unseen
 
 import chemage as ca
-from chemage.ensembles.computations import computations, compute
-from chemage.ensembles.goals import with_request
-from chemage.ensembles.running import Sampler
+from chemage.studies.ensembles.computations import computations, compute
+from chemage.studies.ensembles.goals import with_request
+from chemage.studies.ensembles.running import Sampler
 
 ASKED = (0.05, 0.02, 0.01)
 SURFACES, REPLICAS = 6, 10

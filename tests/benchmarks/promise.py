@@ -19,9 +19,9 @@ from pathlib import Path
 
 from unseen_scenes import unseen
 
-from chemage.ensembles.goals import with_request
-from chemage.ensembles.running import Sampler
 from chemage.foundation.errors import ChemageError
+from chemage.studies.ensembles.goals import with_request
+from chemage.studies.ensembles.running import Sampler
 
 ASKED = (0.05, 0.02, 0.01)
 REFERENCE = 0.007

@@ -4,7 +4,7 @@
 
 For each scene with a sketch, β of one replica on the coarsest grid and the area of the contact of the sketch on 24
 surfaces. The correlation is that with what β has in common on a surface: the variance between replicas, from three
-on each surface, is taken off. The median is ``CORRELATION`` of ``chemage.ensembles.foreseen``.
+on each surface, is taken off. The median is ``CORRELATION`` of ``chemage.studies.ensembles.foreseen``.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import time
 import numpy as np
 from unseen_scenes import unseen
 
-from chemage.ensembles.computations import computations, compute, sketched
-from chemage.ensembles.goals import Request, with_request
+from chemage.studies.ensembles.computations import computations, compute, sketched
+from chemage.studies.ensembles.goals import Request, with_request
 
 SURFACES, REPLICAS = 24, 3
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import chemage
 from chemage import registry
-from chemage.sweeps.running import read_grid, survey_of
+from chemage.studies.sweeps.running import read_grid, survey_of
 
 SCENE = {
     "name": "tiny",

@@ -16,7 +16,7 @@ import pytest
 import chemage
 from chemage import StoreError
 from chemage.foundation import files
-from chemage.reports import run_figures
+from chemage.results import run_figures
 
 #: this run says on stderr what it is writing, and waits to be stopped at a certain moment
 SLOW_WRITES = """
@@ -230,7 +230,7 @@ def tiny_disk(tmp_path):
 
 def test_a_full_disk_is_seen_before_anything_is_computed(command, small, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: shutil._ntuple_diskusage(1000, 1000, 0))
-    monkeypatch.setattr("chemage.experiments.run.make_surface", lambda *_: pytest.fail("computing began"))
+    monkeypatch.setattr("chemage.scene.run.make_surface", lambda *_: pytest.fail("computing began"))
     done = command("run", small)
     assert done.status == 2
     assert re.search(r"small\.h5 needs .* MB, but \. has 0 MB left", done.err)
@@ -281,7 +281,7 @@ def test_a_disk_that_fills_up_while_drawing_keeps_the_result(command, small, mon
     assert "the result itself is in small.h5" in done.err
     assert chemage.read("small.h5").aging.replicas == 3
     assert names(small.parent) == ["small.h5", "small.toml"]
-    monkeypatch.setattr("chemage.experiments.run.solve_contact", lambda *_: pytest.fail("computed again"))
+    monkeypatch.setattr("chemage.scene.run.solve_contact", lambda *_: pytest.fail("computed again"))
     done = command("run", small)
     assert "small.h5 is complete; only its figures are drawn" in done.err
     assert sorted(Path("small-figures").iterdir())
@@ -296,7 +296,7 @@ def test_figures_are_drawn_only_for_a_result_of_this_very_scene(command, small):
 
 
 def test_a_read_only_folder_is_seen_before_anything_is_computed(command, small, monkeypatch):
-    monkeypatch.setattr("chemage.experiments.run.make_surface", lambda *_: pytest.fail("computing began"))
+    monkeypatch.setattr("chemage.scene.run.make_surface", lambda *_: pytest.fail("computing began"))
     if os.getuid():
         small.parent.chmod(0o555)
     else:  # root may write anywhere but on a read-only file system

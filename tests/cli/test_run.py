@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage.experiments import run as experiment
 from chemage.foundation.progress import progress_bars
+from chemage.scene import run as experiment
 
 KEYS = {
     *("area_fraction", "kappa", "mean_contact_pressure", "patches", "perimeter_to_area", "sites", "hold_times"),

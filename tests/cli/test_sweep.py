@@ -14,9 +14,9 @@ import time
 import pytest
 
 import chemage
-from chemage.experiments.estimate import REPLICA_SECONDS
 from chemage.foundation.text import plus_minus
-from chemage.sweeps import running as sweeps
+from chemage.scene.estimate import REPLICA_SECONDS
+from chemage.studies.sweeps import running as sweeps
 
 SCENE = """
 name = "study"
@@ -236,7 +236,7 @@ def test_ctrl_c_keeps_what_is_finished(scene, tiny, executor, command):
 
 
 def test_without_a_terminal_a_line_tells_how_far_it_is(scene, monkeypatch, capsys):
-    from chemage.sweeps.progress import show_progress
+    from chemage.studies.sweeps.progress import show_progress
 
     slow(scene, 0.15)
     with show_progress(seconds=0.1) as tell:
@@ -273,7 +273,9 @@ def on_a_terminal(words, answer=""):
 @pytest.mark.parametrize(("answer", "status"), [("n\n", 2), ("y\n", 0)])
 def test_a_terminal_is_asked_and_then_shows_bars(scene, answer, status):
     slow(scene, 0.1)
-    limit = "from chemage.cli.app import main; from chemage.sweeps import running; running.MANY_POINTS = 5; main()"
+    limit = (
+        "from chemage.cli.app import main; from chemage.studies.sweeps import running; running.MANY_POINTS = 5; main()"
+    )
     words = [sys.executable, "-c", limit, "run", str(scene)]
     code, seen = on_a_terminal(words, answer)
     assert "the sweep has 6 points (2 x 3); continue? [y/N]" in seen

@@ -12,7 +12,7 @@ import pytest
 
 from chemage import parse_scene, scene_data
 from chemage.cli import app as command_line
-from chemage.experiments.scene import SECTIONS
+from chemage.scene.scene import SECTIONS
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

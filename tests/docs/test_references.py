@@ -13,17 +13,14 @@ from pathlib import Path
 import pytest
 
 from chemage.foundation import names
-from chemage.foundation.moved import MOVED
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("chemage", "plugins", "tests", "docs")
 SOURCES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
 TEXTS = [ROOT / "README.md", ROOT / "pyproject.toml", *(ROOT / "docs").rglob("*.md"), *(ROOT / "chemage").rglob("*.in")]
-OF_0_1 = {f"chemage.{name}" for name in MOVED}
 #: references that need not exist: file -> references
 ABSENT = {
-    "docs/changelog.md": OF_0_1,
-    "docs/plugins.md": {*OF_0_1, "tests/test_weibull.py"},  # of the reader's plugin
+    "docs/plugins.md": {"tests/test_weibull.py"},  # of the reader's plugin
     "docs/tutorial_hooks.md": {"tests/test_hardness.py"},
     "tests/foundation/test_random.py": {"tests/kat_vectors"},  # of Random123
 }

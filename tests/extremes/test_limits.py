@@ -10,9 +10,9 @@ import pytest
 
 import chemage as ca
 from chemage import InputError
-from chemage.experiments.limits import LongRunWarning
 from chemage.foundation import memory
 from chemage.foundation.threads import in_order
+from chemage.scene.limits import LongRunWarning
 
 #: changes to a small scene that no run survives, and what the message says
 BAD_SCENES = [

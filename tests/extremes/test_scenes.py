@@ -10,7 +10,7 @@ import pytest
 
 import chemage
 from chemage import load_scene, parse_scene
-from chemage.reports import run_figures
+from chemage.results import run_figures
 
 pytestmark = pytest.mark.drawn
 #: drawing takes most of the time: without it every case is quick, with it long

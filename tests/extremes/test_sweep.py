@@ -20,10 +20,10 @@ import pytest
 import chemage
 from chemage import DamagedError, ExecutorError, InputError, SceneError, StoreError
 from chemage.studies.folder import CannotWrite
+from chemage.studies.sweeps import running as sweeps
+from chemage.studies.sweeps.grid import Grid
+from chemage.studies.sweeps.running import SweepWarning
 from chemage.studies.tasks import Place
-from chemage.sweeps import running as sweeps
-from chemage.sweeps.grid import Grid
-from chemage.sweeps.running import SweepWarning
 
 AXES = """
 [sweep]
@@ -312,7 +312,7 @@ def test_one_sweep_at_a_time_in_a_folder(tiny, tmp_path):
 SCRIPT = """
 import sys, tomllib
 import chemage
-from chemage.sweeps import running as sweeps
+from chemage.studies.sweeps import running as sweeps
 chemage.sweep({scene!r}, {out!r}, executor={executor!r}, workers={workers}, threads=1)
 """
 
@@ -408,7 +408,7 @@ DEATHS = """
 """
 
 
-# for Dask, tests/sweeps/test_executors.py shows what the death of a worker costs
+# for Dask, tests/studies/sweeps/test_executors.py shows what the death of a worker costs
 @pytest.mark.long
 @pytest.mark.parametrize("executor", ["processes", "dask"])
 def test_a_killed_worker_costs_its_point_a_retry_and_nothing_else(tiny, tmp_path, executor):

@@ -12,7 +12,7 @@ import pytest
 import chemage as ca
 from chemage import InputError, PluginError, SceneError, parse_scene
 from chemage.ageing import checkpoints
-from chemage.reports.comparison import compare_files
+from chemage.results.comparison import compare_files
 
 KT = ca.KB * 300.0
 EV_PER_NM = 0.1602176634  # nN

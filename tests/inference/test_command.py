@@ -12,7 +12,7 @@ from made_inference import made_forecast, made_inference
 import chemage as ca
 from chemage.inference import infer as inferring
 from chemage.inference.result import InferenceResult
-from chemage.store.inferences import read_inference, write_inference
+from chemage.results.inference_files import read_inference, write_inference
 
 SCENE = """
 name = "bare-tip"
@@ -192,7 +192,7 @@ def test_interrupted_leaves_nothing(command, folder, monkeypatch):
 
 
 def test_interrupted_drawing_keeps_the_result(command, folder, made_up, monkeypatch):
-    from chemage.reports import inference_figures
+    from chemage.results import inference_figures
 
     def draw(*_):
         raise KeyboardInterrupt

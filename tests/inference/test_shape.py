@@ -8,8 +8,8 @@ from made_inference import made_forecast, made_inference
 
 from chemage.inference.result import InferenceResult
 from chemage.inference.shape import peaks, shares, three_shares
-from chemage.reports import inference_text as words
-from chemage.reports.inference_figures import CAPTIONS, inference_figures
+from chemage.results import inference_text as words
+from chemage.results.inference_figures import CAPTIONS, inference_figures
 
 
 def test_one_two_and_no_peak_are_told_apart():

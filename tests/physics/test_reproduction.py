@@ -9,7 +9,7 @@ import pytest
 
 import chemage
 from chemage import InputError
-from chemage.sweeps.running import read_grid
+from chemage.studies.sweeps.running import read_grid
 from chemage_studies.reproduction import (
     calibration,
     claims,

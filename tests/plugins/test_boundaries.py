@@ -31,13 +31,10 @@ ROOMS = (
     "kinetics",
     "friction",
     "ageing",
-    "experiments",
+    "scene",
     "studies",
-    "ensembles",
     "inference",
-    "store",
-    "sweeps",
-    "reports",
+    "results",
     "scaffold",
     "testing",
     "cli",
@@ -361,18 +358,18 @@ SAYS = {
     ("chemage/cli/sweeps.py", "hdf5"): "the format of a sweep's table",
     ("chemage/lattices/lattice.py", "independent"): "of sites without neighbours",
     ("chemage/foundation/names.py", "text"): "the name of a module",
-    ("chemage/experiments/materials.py", "measured"): "how a value is known",
-    ("chemage/reports/inference_text.py", "measured"): "what was measured, in tables",
-    ("chemage/reports/inference_figures.py", "measured"): "what was measured, in legends",
+    ("chemage/scene/materials.py", "measured"): "how a value is known",
+    ("chemage/results/inference_text.py", "measured"): "what was measured, in tables",
+    ("chemage/results/inference_figures.py", "measured"): "what was measured, in legends",
     ("chemage/lattices/role.py", "uniform"): "an argument",
-    ("chemage/reports/comparison/figures.py", "pressures"): "the figure of the pressures in several contacts",
-    ("chemage/reports/figures.py", "auto"): "matplotlib's aspect",
-    ("chemage/reports/figures.py", "text"): "an argument",
-    ("chemage/reports/figures.py", "pressures"): "the name of that figure",
-    ("chemage/reports/page.py", "pressures"): "the caption of that figure",
+    ("chemage/results/comparison/figures.py", "pressures"): "the figure of the pressures in several contacts",
+    ("chemage/results/figures.py", "auto"): "matplotlib's aspect",
+    ("chemage/results/figures.py", "text"): "an argument",
+    ("chemage/results/figures.py", "pressures"): "the name of that figure",
+    ("chemage/results/page.py", "pressures"): "the caption of that figure",
     ("chemage/studies/selection.py", "auto"): "the share that a job array names, and no engine",
-    ("chemage/sweeps/running.py", "auto"): "the same",
-    ("chemage/ensembles/running.py", "auto"): "the same",
+    ("chemage/studies/sweeps/running.py", "auto"): "the same",
+    ("chemage/studies/ensembles/running.py", "auto"): "the same",
 }
 
 
@@ -400,7 +397,7 @@ def outputs_and_figures(examples) -> set[str]:
 
 
 def test_figures_of_chemage_itself_are_not_those_of_plugins(examples):
-    from chemage.reports.figures import CORE
+    from chemage.results.figures import CORE
 
     assert "barriers" in outputs_and_figures(examples)
     # "pressures" is also an output of an observable, which is no figure

@@ -13,7 +13,7 @@ import pytest
 import chemage
 from chemage import InputError, SceneError, parse_scene, registry
 from chemage.ageing.checkpoints import CheckpointWarning
-from chemage.experiments.schema import scene_schema
+from chemage.scene.schema import scene_schema
 
 CAP = '''
 """Caps the pressure."""

@@ -76,7 +76,7 @@ def test_both_ways_give_the_same_surface(rival, tmp_path):
 
 
 def test_there_is_one_look_up():
-    from chemage.store import results
+    from chemage.results import files as results
 
     assert results.reader_for is chemage_surfaces.from_file.reader_for is reader_for
 

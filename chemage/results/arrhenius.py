@@ -1,0 +1,195 @@
+"""Activation energies of a temperature sweep: its results collected, and the figure."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from chemage.ageing.aging import Aging
+from chemage.ageing.fitting import FIT_WINDOW
+from chemage.foundation.errors import InputError, StoreError
+from chemage.foundation.units import KB
+from chemage.results.figures import BLACK, PALETTE, panels, plain
+from chemage.results.files import read
+from chemage.scene.run import Run
+from chemage.studies.arrhenius import SYMBOLS, Arrhenius, Level, activation_energies
+from chemage.studies.sweeps.grid import shown
+from chemage.studies.sweeps.result import Point, SweepResult, load_sweep
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_TEMPERATURE = "hold.temperature"
+#: sections whose fields may vary with the temperature: they change the hold times, not what ages
+_MAY_VARY = ("hold.start", "hold.stop", "hold.times", "hold.per_decade", "hold.replicas", "fit.start", "fit.stop")
+
+
+def arrhenius(
+    results: SweepResult | str | os.PathLike[str] | Iterable[Any],
+    levels: float | str | Sequence[float | str] | None = None,
+    *,
+    quantity: Level | None = None,
+    window: tuple[float | str, float | str] | None = None,
+    where: Mapping[str, Any] | None = None,
+    confidence: float = 0.95,
+) -> Arrhenius:
+    """Apparent activation energies of ageing from results at three temperatures or more.
+
+    Parameters
+    ----------
+    results
+        A sweep over ``hold.temperature``, its folder, or runs, ageing curves, points of sweeps or result files, one for
+        each temperature. Points of a sweep that are not done are left out, with a note.
+    levels, quantity, confidence
+        See :func:`chemage.studies.arrhenius.activation_energies`: levels of Δμ (default), ΔF (nN) or bonds per site, at
+        which times are compared; default: five levels that are reached at as many temperatures as possible.
+    window
+        First and last hold time of the line whose β and cut-off time are listed; default: the fit window of the scene.
+    where
+        The points of a sweep with more axes than the temperature that are used: dotted path -> value.
+
+    Raises
+    ------
+    InputError
+        Fewer than three temperatures, results that differ in more than temperature, or a level that is not reached.
+    StoreError
+        A file cannot be read.
+    """
+    found, notes, limits = _collected(results, where)
+    made = activation_energies(
+        found, levels, quantity=quantity, window=window or limits or FIT_WINDOW, confidence=confidence
+    )
+    if not notes:
+        return made
+    return Arrhenius(made.quantity, made.temperatures, made.fits, made.energies, (*notes, *made.notes), made.confidence)
+
+
+def _collected(
+    results: Any, where: Mapping[str, Any] | None
+) -> tuple[list[Aging], list[str], tuple[float, float] | None]:
+    """The ageing curves, notes, and the fit window of the first."""
+    if isinstance(results, str | os.PathLike):
+        results = load_sweep(Path(results)) if Path(results).is_dir() else [results]
+    if isinstance(results, SweepResult):
+        return _of_sweep(results, where)
+    if where:
+        raise InputError("where: chooses points of a sweep; give a sweep or its folder")
+    if isinstance(results, Run | Aging | Point) or not isinstance(results, Iterable):
+        results = [results]
+    agings, windows = [], []
+    for one in results:
+        thing = read(one, maps=False) if isinstance(one, str | os.PathLike) else one
+        if isinstance(thing, Point):
+            agings.append(thing.aging())
+            fit = thing.scene().fit
+            windows.append((fit.start, fit.stop))
+            continue
+        aging = thing.aging if isinstance(thing, Run) else thing
+        if not isinstance(aging, Aging):
+            name = thing.name if isinstance(thing, Run) else type(thing).__name__
+            raise InputError(f"results: {name} has no ageing curve; give runs or ageing curves at several temperatures")
+        agings.append(aging)
+        windows += [thing.window] if isinstance(thing, Run) else []
+    return agings, [], windows[0] if windows else None
+
+
+def _of_sweep(
+    result: SweepResult, where: Mapping[str, Any] | None
+) -> tuple[list[Aging], list[str], tuple[float, float] | None]:
+    if _TEMPERATURE not in result.swept:
+        raise InputError(f"{result.folder}: {_TEMPERATURE} is not swept; swept are {', '.join(result.swept)}")
+    points = result.where(where) if where else list(result)
+    if not points:
+        chosen = ", ".join(f"{path} = {shown(value)}" for path, value in (where or {}).items())
+        raise InputError(f"{result.folder}: no point has {chosen}")
+    others = [path for path in result.swept if path not in (_TEMPERATURE, *_MAY_VARY) and path not in (where or {})]
+    for path in others:
+        values = list(dict.fromkeys(shown(point.values[path]) for point in points))
+        if len(values) > 1:
+            raise InputError(
+                f"{result.folder}: {path} is swept as well as the temperature ({', '.join(values[:6])}); choose one "
+                f"of its values: where {path} = {values[0]}"
+            )
+    done = [point for point in points if point.status == "done"]
+    missing = len(points) - len(done)
+    notes = [f"{missing} of {len(points)} points are not done and left out"] if missing else []
+    if not done:
+        raise StoreError(f"{result.folder}: none of {len(points)} points is done; run the sweep first")
+    fit = done[0].scene().fit
+    return [point.aging() for point in done], notes, (fit.start, fit.stop)
+
+
+def rows(found: Arrhenius) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]]:
+    """Two tables as text: at each temperature β and the cut-off time; for each level the activation energy."""
+    by_temperature = []
+    for kelvin, fit in zip(found.temperatures, found.fits, strict=True):
+        ratio = f"{fit.beta / kelvin:.4g}" if fit is not None else "-"
+        texts = (fit.beta_text(), fit.b_text(), ratio, fit.cutoff_text()) if fit is not None else ("-",) * 4
+        by_temperature.append((f"{kelvin:g}", *texts))
+    by_level = []
+    for one in found.energies:
+        kelvins = f"{one.temperatures[0]:g} to {one.temperatures[-1]:g}"
+        by_level.append(
+            (
+                found.label(one),
+                one.energy_text(),
+                one.prefactor_text(),
+                f"{one.rms_residual:.2g}",
+                f"{one.temperatures.size} ({kelvins})",
+            )
+        )
+    return by_temperature, by_level
+
+
+def figure(found: Arrhenius) -> Figure:
+    """Draw the times of each level against 1/T with their lines, and the activation energy against the level."""
+    levels = [one for one in found.energies if one.level is not None]
+    drawn, (left, *right) = panels(9.6 if levels else 5.0, 3.9, 2 if levels else 1)
+    sure = f"{100 * found.confidence:g} % intervals"
+    for number, one in enumerate(found.energies):
+        colour = BLACK if one.level is None else PALETTE[number % len(PALETTE)]
+        x = 1e3 / one.temperatures
+        half = np.nan_to_num(one.log_time_half_widths)
+        lower, upper = one.times * -np.expm1(-half), one.times * np.expm1(half)
+        marker = "s" if one.level is None else "o"
+        left.errorbar(x, one.times, yerr=[lower, upper], fmt=marker, ms=4, capsize=2, lw=1, color=colour)
+        line = np.linspace(x.min(), x.max(), 50)
+        label = plain(f"{found.label(one)}: {one.energy:.3g} eV")
+        left.plot(line, one(1e3 / line), color=colour, lw=1.2, ls="--" if one.level is None else "-", label=label)
+    left.set(yscale="log", xlabel="1000 K / T", ylabel="hold time (s)")
+    if found.energies:
+        left.legend(
+            frameon=False, fontsize=7, title=f"bars: {sure}; activation energy at", title_fontsize=7, loc="upper left"
+        )
+        # room for the legend above the lines
+        low, high = left.get_ylim()
+        part = min(0.6, 0.05 * (len(found.energies) + 1) + 0.02)
+        left.set_ylim(low, high * (high / low) ** (part / (1 - part)))
+        _kelvins(left, found.temperatures)
+    for axes in right:
+        energies = np.array([one.energy for one in levels])
+        ends = np.array([[one.energy_interval.low, one.energy_interval.high] for one in levels])
+        bars = np.nan_to_num(np.abs(ends - energies[:, None])).T
+        values = [one.level or 0.0 for one in levels]
+        axes.errorbar(values, energies, yerr=bars, fmt="o-", ms=4, capsize=3, lw=1, color=PALETTE[0])
+        unit = f" ({found.unit})" if found.unit else ""
+        axes.set(xlabel=f"{SYMBOLS[found.quantity]}{unit}", ylabel="activation energy (eV)")
+        axes.set_title(f"bars: {sure}", fontsize=7)
+        span = max(float(np.ptp(ends[np.isfinite(ends)])) if np.isfinite(ends).any() else 0.0, KB * 300)
+        axes.set_ylim(energies.mean() - span, energies.mean() + span)
+    return drawn
+
+
+def _kelvins(axes: Axes, temperatures: np.ndarray) -> None:
+    """Write the temperatures along the upper edge."""
+    upper = axes.secondary_xaxis("top")
+    step = max(1, math.ceil(temperatures.size / 7))
+    chosen = temperatures[::step]
+    upper.set_xticks(1e3 / chosen, [f"{kelvin:g}" for kelvin in chosen])
+    upper.set_xlabel("T (K)")

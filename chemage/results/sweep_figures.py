@@ -1,0 +1,240 @@
+"""Figures of a sweep: lines with error bands over one axis, or a heat map over two."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from chemage.foundation.errors import InputError
+from chemage.results.figures import BLUE, PALETTE, panels, plain
+from chemage.studies.sweeps.result import SweepResult
+from chemage.studies.sweeps.views import HOLD_TIME, Quantity, SweepData, View
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: more lines are drawn as a heat map
+MOST_LINES = 8
+#: an axis whose values span more decades is logarithmic
+LOG_DECADES = 1.5
+#: result -> its label, without the unit
+_LABELS = {
+    "beta": "β per decade",
+    "friction_drop": "friction drop ΔF",
+    "friction_coefficient_drop": "friction coefficient drop Δμ",
+    "cutoff_time": "cut-off time",
+    "area_fraction": "contact area A/A$_0$",
+    HOLD_TIME: "hold time",
+}
+_GREY = "#DDDDDD"
+
+
+def sweep_figures(
+    result: SweepResult,
+    *,
+    x: str | None = None,
+    lines: str | None = None,
+    y: Sequence[str] = (),
+    where: Mapping[str, str] | None = None,
+    heat: bool = False,
+) -> dict[str, Figure]:
+    """Draw the results of a sweep: name of the figure -> figure.
+
+    Parameters
+    ----------
+    result
+        The sweep, complete or not.
+    x, lines
+        Axes, by the name of their field or its path, or ``"hold_time"`` for ``x``. Default: the numeric axis with most
+        values, and the next one. Axes of seeds are averaged over.
+    y
+        Results, a panel each. Default: β and ΔF at the last hold time; without ageing, the contact area.
+    where
+        Axis -> its value, for further axes; default: the value in the middle.
+    heat
+        Draw a heat map over ``x`` and ``lines``; default: where there would be more than 8 lines.
+
+    Without any choice, a second figure shows Δμ against hold time.
+
+    Raises
+    ------
+    InputError
+        An axis, a value or a result does not exist, or no point is done.
+    """
+    data = SweepData(result)
+    if "done" not in data.table.status:
+        raise InputError(f"{result.folder}: no point is done; there is nothing to draw")
+    view = data.view(x, lines, where)
+    chosen = list(y) or (["friction_coefficient_drop"] if view.x == HOLD_TIME else data.usual())
+    made = dict([_figure(data, view, chosen, heat)])
+    is_default = not (x or lines or y or where or heat)
+    if is_default and view.x != HOLD_TIME and data.usual()[0] == "beta" and data.table.hold_times.ndim == 1:
+        along = data.view(HOLD_TIME, view.x if data.dimensions[data.axis(view.x, "--x")].size <= MOST_LINES else None)
+        made |= dict([_figure(data, along, ["friction_coefficient_drop"], False)])
+    return made
+
+
+def _figure(data: SweepData, view: View, names: Sequence[str], heat: bool) -> tuple[str, Figure]:
+    found = [data.quantity(name, view) for name in names]
+    number = found[0].mean.shape[0]
+    as_map = heat or number > MOST_LINES
+    if as_map and view.lines is None:
+        raise InputError("--heat: a heat map needs two axes; this sweep has one, or choose --lines")
+    if as_map and view.lines and not (data.is_number(view.lines) and (view.x == HOLD_TIME or data.is_number(view.x))):
+        if heat:
+            raise InputError(f"--heat: {view.x} and {view.lines} must have numbers as values")
+        as_map = False
+    legend = 0.0 if as_map or view.lines is None else 1.6
+    figure, axes = panels(4.9 * len(found) + legend, 4.1, len(found))
+    for one, panel in zip(found, axes, strict=True):
+        (_draw_heat if as_map else _draw_lines)(panel, data, view, one)
+    if legend:
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(
+            handles, labels, title=plain(_axis_label(data, view.lines or "")), loc="outside right center", frameon=False
+        )
+    title = textwrap.fill(_title(data, view, found, bands=not as_map), int(12 * figure.get_figwidth()))
+    figure.suptitle(title, fontsize=9.5, parse_math=False)
+    to = "-and-" if as_map else "-by-"
+    return f"{'-'.join(names)}-against-{view.x}{to + view.lines if view.lines else ''}", figure
+
+
+def _title(data: SweepData, view: View, found: Sequence[Quantity], *, bands: bool) -> str:
+    """What the figure shows beside its axes: fixed values, the meaning of the band, points that are missing."""
+    parts = [data.text(dim, place) for dim, place in view.fixed.items()]
+    with_errors = bands and any(np.isfinite(one.low).any() for one in found)
+    if view.averaged:
+        count = int(np.prod([data.dimensions[dim].size for dim in view.averaged]))
+        parts.append(f"mean over {count} seeds" + (", band: its 95 % interval" if with_errors else ""))
+    elif with_errors:
+        parts.append("band: 95 % interval over replicas")
+    if any(one.name.partition("_")[0] in ("beta", "b", "cutoff") for one in found) and data.doubt:
+        parts.append(data.doubt)
+    status = data.table.status
+    if rest := len(status) - status.count("done"):
+        parts.append(f"{rest} of {len(status)} points are not done")
+    if any(data.table.approximate):
+        parts.append("approximate")
+    return f"{data.name}: {'; '.join(parts)}" if parts else data.name
+
+
+def _axis_label(data: SweepData, name: str) -> str:
+    return _with_unit(_LABELS.get(name) or plain(name.replace("_", " ")), data.unit(name))
+
+
+def _label(data: SweepData, one: Quantity) -> str:
+    meaning = one.meaning if one.name.startswith("observable.") else one.name.replace("_", " ")
+    label = _LABELS.get(one.name) or plain(meaning)
+    times = data.table.hold_times
+    if one.at_last:
+        last = times[np.isfinite(times)].max() if times.ndim == 1 and times.size else None
+        label += " at the last hold time" if last is None else f" at {last:g} s"
+    return _with_unit(label, one.unit)
+
+
+def _with_unit(label: str, unit: str) -> str:
+    for written, symbol in (("nm2", "nm²"), ("**", "^"), ("angstrom^3", "Å³"), ("nm^2", "nm²")):
+        unit = unit.replace(written, symbol)
+    return f"{label} ({plain(unit)})" if unit else label
+
+
+def is_logarithmic(values: np.ndarray) -> bool:
+    """Whether positive values span more than 1.5 decades."""
+    known = values[np.isfinite(values)]
+    return bool(known.size > 1 and known.min() > 0 and np.log10(known.max()) - np.log10(known.min()) > LOG_DECADES)
+
+
+def _draw_lines(axes: Axes, data: SweepData, view: View, one: Quantity) -> None:
+    given = data.values(view.x)
+    is_number = view.x == HOLD_TIME or data.is_number(view.x)
+    x = np.asarray(given, dtype=np.float64) if is_number else np.arange(len(given), dtype=np.float64)
+    order = np.argsort(x, kind="stable")
+    if view.x == HOLD_TIME:
+        order = order[x[order] > 0]
+    colours = _colours(data, view, one.mean.shape[0])
+    for number, colour in enumerate(colours):
+        mean, low, high = (values[number][order] for values in (one.mean, one.low, one.high))
+        label = plain(data.value_text(view.lines, number)) if view.lines else None
+        marker = None if order.size > 20 else "o"
+        axes.plot(x[order], mean, color=colour, marker=marker, ms=3.5, lw=1.3, label=label, zorder=3)
+        band = np.isfinite(low) & np.isfinite(high)
+        axes.fill_between(x[order], low, high, where=band, color=colour, alpha=0.22, lw=0)
+    if is_number and x.size <= 10 and np.asarray(given).dtype.kind == "i" and not is_logarithmic(x):
+        axes.set_xticks(x, [f"{value:g}" for value in x])
+    elif is_number:
+        axes.set_xscale("log" if is_logarithmic(x[order]) else "linear")
+    else:
+        axes.set_xticks(x, [plain(str(value)) for value in given], rotation=30, ha="right")
+    if is_logarithmic(np.concatenate([one.mean, one.low, one.high])) and not _reaches_zero(one):
+        axes.set_yscale("log")
+    elif np.nanmin(one.mean, initial=0.0) >= 0:
+        axes.set_ylim(bottom=0)
+    axes.set(xlabel=_axis_label(data, view.x), ylabel=_label(data, one))
+    axes.grid(alpha=0.25, lw=0.6)
+
+
+def _reaches_zero(one: Quantity) -> bool:
+    """Whether a band, which a logarithmic axis would cut, reaches zero."""
+    return bool((one.low[np.isfinite(one.low)] <= 0).any())
+
+
+def _colours(data: SweepData, view: View, number: int) -> list[Any]:
+    """Colours of the lines: in the order of a scale for numbers, of the palette for other values."""
+    if number == 1:
+        return [BLUE]
+    if view.lines is None or not data.is_number(view.lines):
+        return [PALETTE[place % len(PALETTE)] for place in range(number)]
+    from matplotlib import colormaps
+
+    ranks = np.argsort(np.argsort(data.values(view.lines), kind="stable"), kind="stable")
+    return [colormaps["viridis"](0.92 * rank / (number - 1)) for rank in ranks]
+
+
+def _draw_heat(axes: Axes, data: SweepData, view: View, one: Quantity) -> None:
+    from matplotlib.colors import LogNorm
+
+    assert view.lines is not None
+    x = np.asarray(data.values(view.x), dtype=np.float64)
+    y = np.asarray(data.values(view.lines), dtype=np.float64)
+    columns, rows = np.argsort(x, kind="stable"), np.argsort(y, kind="stable")
+    if view.x == HOLD_TIME:
+        columns = columns[x[columns] > 0]
+    scales = ["log" if is_logarithmic(values) else "linear" for values in (x[columns], y[rows])]
+    values = np.ma.masked_invalid(one.mean[np.ix_(rows, columns)])
+    style: dict[str, Any] = {"norm": LogNorm()} if is_logarithmic(one.mean) else {}
+    axes.set_facecolor(_GREY)
+    image = axes.pcolormesh(
+        _edges(x[columns], scales[0]), _edges(y[rows], scales[1]), values, cmap="viridis", rasterized=True, **style
+    )
+    axes.set(xscale=scales[0], yscale=scales[1], xlabel=_axis_label(data, view.x), ylabel=_axis_label(data, view.lines))
+    _tick_values(axes.xaxis, x[columns], scales[0])
+    _tick_values(axes.yaxis, y[rows], scales[1])
+    axes.figure.colorbar(image, ax=axes).set_label(_label(data, one))
+    if values.mask.any():
+        axes.set_title("grey: not done, or not defined", fontsize=8.5)
+
+
+def _tick_values(axis: Any, values: np.ndarray, scale: str) -> None:
+    """Label the values of a short axis themselves."""
+    if values.size <= 10 and scale == "log":
+        from matplotlib.ticker import NullLocator
+
+        axis.set_minor_locator(NullLocator())
+        axis.set_ticks(values, [f"{value:g}" for value in values])
+    elif values.size <= 10:
+        axis.set_ticks(values, [f"{value:g}" for value in values])
+
+
+def _edges(values: np.ndarray, scale: str) -> np.ndarray:
+    """Edges of cells around sorted ``values``, half way between them."""
+    at = np.log(values) if scale == "log" else values
+    if at.size == 1:
+        edges = np.array([at[0] - 0.5, at[0] + 0.5])
+    else:
+        middle = 0.5 * (at[1:] + at[:-1])
+        edges = np.concatenate([[2 * at[0] - middle[0]], middle, [2 * at[-1] - middle[-1]]])
+    return np.exp(edges) if scale == "log" else edges

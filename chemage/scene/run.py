@@ -1,0 +1,429 @@
+"""One experiment from end to end: :func:`run` computes every stage of a scene, :class:`Run` is what comes of it."""
+
+from __future__ import annotations
+
+import json
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from chemage.ageing.age import age
+from chemage.ageing.aging import Aging, fit_or_reason
+from chemage.ageing.checkpoints import keep, resumed
+from chemage.ageing.derived import CURVES, FIT, curves, fit_numbers
+from chemage.ageing.elasticity import elastic_measures, elastic_notes
+from chemage.ageing.fitting import FIT_WINDOW, Fit
+from chemage.ageing.members import BARRIERS, barriers_error, beta_errors, with_members
+from chemage.contacts.solution import ContactSolution
+from chemage.contacts.stage import solve_contact
+from chemage.contacts.statistics import ContactStatistics
+from chemage.contacts.theories import ContactTheory
+from chemage.foundation import pictures
+from chemage.foundation.approximations import in_words, merged
+from chemage.foundation.datasets import EXTRA
+from chemage.foundation.errors import ChemageError, InputError, StoreError
+from chemage.foundation.optional import optional_module
+from chemage.foundation.progress import progress_bars
+from chemage.foundation.records import Record
+from chemage.foundation.text import jsonable
+from chemage.foundation.warned import PlanWarning
+from chemage.scene.doubts import doubts
+from chemage.scene.estimate import cost
+from chemage.scene.limits import LongRunWarning, check_limits
+from chemage.scene.provenance import versions
+from chemage.scene.scene import Scene, parse_scene, with_plugins
+from chemage.scene.scene_files import load_scene
+from chemage.scene.sections import scatter_of
+from chemage.surfaces.scatter import Scatter
+from chemage.surfaces.stage import make_surface
+from chemage.surfaces.surface import Surface
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.axes import Axes
+
+#: called with (stage, done, total); total is 0 where a stage does not report how far it is
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run. Everything needed to repeat it is in ``scene`` and ``versions``."""
+
+    scene: dict[str, Any]
+    contact: ContactSolution | ContactStatistics
+    surface: Surface | None = None
+    aging: Aging | None = None
+    #: wall seconds of each stage
+    timings: dict[str, float] = field(default_factory=dict)
+    #: of chemage, the plugins used, and the libraries below them
+    versions: dict[str, str] = field(default_factory=dict)
+    keys: dict[str, str] = field(default_factory=dict)
+    cite: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The scene's name."""
+        return str(self.scene.get("name", "scene"))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know of this result, in words."""
+        notes = [*self.contact.notes, *(self.aging.notes if self.aging is not None else ())]
+        notes += elastic_notes(self.aging)
+        if (fit := self.fit()) is not None and fit.doubt:
+            notes.append(fit.doubt)
+        if self.contact.area_fraction == 1 and not any(note.startswith("full contact") for note in notes):
+            notes.append(
+                "full contact: every pixel carries pressure, and more load adds pressure but no contact area; "
+                "an elastic model is of little use for a surface pressed flat"
+            )
+        return tuple(notes)
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """First and last hold time of the fit, s."""
+        fit = self.scene.get("fit", {})
+        return fit.get("start", FIT_WINDOW[0]), fit.get("stop", FIT_WINDOW[1])
+
+    @property
+    def plugins(self) -> dict[str, str]:
+        """Plugins that answered or changed a stage on the way to this result: name -> distribution and version."""
+        return {**self.contact.plugins, **(self.aging.plugins if self.aging is not None else {})}
+
+    @property
+    def approximate(self) -> str:
+        """What is approximate about this result, in words: the kinds and their declared errors; "" if nothing is."""
+        return in_words(merged(self.contact.approximate, self.aging.approximate if self.aging is not None else ()))
+
+    @property
+    def scatter(self) -> Scatter | None:
+        """How much β differs between surfaces of other seeds, where the maker of the surface says so; None without
+        ageing."""
+        return scatter_of(self.scene, self.aging, self.contact.summary()) if self.aging is not None else None
+
+    def fit(self) -> Fit | None:
+        """Line of Δμ against log t over the scene's fit window; None without ageing or without times in the window."""
+        return self._fitted()[0]
+
+    @property
+    def fit_reason(self) -> str:
+        """Why there is no fit, in words; "" where there is one, and without ageing."""
+        return self._fitted()[1]
+
+    @property
+    def barriers_error(self) -> float | None:
+        """Relative standard error of β that is due to the barriers, where members of their distribution were aged."""
+        return barriers_error(self.aging, self.window)
+
+    @property
+    def beta_errors(self) -> dict[str, float]:
+        """What an error of β beside the scatter of the replicas is due to -> relative standard error."""
+        barriers = self.barriers_error
+        known = {} if barriers is None else {BARRIERS: barriers}
+        return {**beta_errors(self.aging, self.window), **known}
+
+    def _fitted(self) -> tuple[Fit | None, str]:
+        return (None, "") if self.aging is None else fit_or_reason(self.aging, self.window)
+
+    def summary(self) -> dict[str, Any]:
+        """One JSON-able object with the numbers users compare; what does not exist is None, as is nan."""
+        contact, aging, scatter = self.contact, self.aging, self.scatter
+        fit, reason = self._fitted()
+        numbers: dict[str, Any] = {
+            "name": self.name,
+            "solver": self.scene["contact"]["kind"],
+            "engine": aging.engine if aging else None,
+            **({"ageing": aging.method} if aging and aging.method else {}),
+            "rupture": aging.rupture if aging else None,
+            **contact.summary(),
+            **_solve(contact),
+            "notes": list(self.notes),
+            "sites": float(aging.sites.mean()) if aging else _sites(contact),
+            "site_grid": aging.site_grid if aging else None,
+            "replicas": aging.replicas if aging else 0,
+            "events": (None if aging.events is None else int(aging.events.sum())) if aging else 0,
+            "common_random_numbers": aging.provenance.get("common") if aging else None,
+            "hold_times": aging.hold_times.tolist() if aging else [],
+            **(curves(aging) if aging else {name: [] for name in CURVES}),
+            **bond_errors(aging),
+            "observables": {name: one.summary() for name, one in aging.measured.items()} if aging else {},
+            **(fit_numbers(fit) if fit else dict.fromkeys(FIT)),
+            "fit_range": list(fit.span) if fit else None,
+            "beta_reason": reason or None,
+            "cutoff_reason": (fit.cutoff_reason or None) if fit else None,
+            "beta_scatter_between_surfaces": scatter.relative if scatter else None,
+            **({"beta_errors": errors} if (errors := self.beta_errors) else {}),
+            **elastic_measures(aging),
+            "timings": self.timings,
+            "versions": self.versions,
+            "plugins": self.plugins,
+            "keys": self.keys,
+            "cite": list(self.cite),
+            **({"approximate": self.approximate} if self.approximate else {}),
+        }
+        return jsonable(numbers)
+
+    def plot(self, *what: Literal["surface", "contact", "aging"]) -> tuple[Axes, ...]:
+        """Draw surface, contact and ageing side by side in a figure of pyplot, or only those named; return their axes.
+
+        Raises
+        ------
+        InputError
+            The run has no such part.
+        """
+        return pictures.draw(self, *what)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The arrays of surface, contact and ageing in one dataset, named as in the file. Needs xarray."""
+        there = {"surface": self.surface, "contact": self.contact, "aging": self.aging}
+        parts = {name: part.to_xarray() for name, part in there.items() if part is not None}
+        merged = optional_module("xarray", EXTRA).merge(parts.values(), combine_attrs="drop_conflicts", join="outer")
+        attributes = {f"{name}.{key}": value for name, part in parts.items() for key, value in part.attrs.items()}
+        merged.attrs = {"name": self.name, **attributes}
+        return merged
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """One row for each hold time, see :meth:`Aging.to_pandas`. Needs pandas.
+
+        Raises
+        ------
+        InputError
+            The run ends at the contact.
+        """
+        if self.aging is None:
+            raise InputError(
+                f"{self.name} ends at the contact, so that it has no hold times; use run.contact.to_pandas()"
+            )
+        return self.aging.to_pandas()
+
+    def _repr_html_(self) -> str:
+        return pictures.html(self)
+
+    def parts(self) -> dict[str, Record]:
+        """The objects to store, by group name."""
+        statistics = isinstance(self.contact, ContactStatistics)
+        contact = {"statistics" if statistics else "contact": self.contact}
+        found = {"surface": self.surface, **contact, "aging": self.aging}
+        return {name: part for name, part in found.items() if part is not None}
+
+    def attributes(self) -> dict[str, str]:
+        """The attributes of the root of the file."""
+        return {name: json.dumps(getattr(self, name)) for name in ("scene", "timings", "versions", "keys", "cite")}
+
+    @classmethod
+    def from_parts(cls, parts: Mapping[str, Any], attributes: Mapping[str, Any]) -> Run:
+        """The inverse of :meth:`parts` and :meth:`attributes`."""
+        missing = [name for name in ("scene", "timings", "versions", "keys", "cite") if name not in attributes]
+        contact = parts.get("contact") or parts.get("statistics")
+        if missing or contact is None:
+            raise StoreError(f"not a complete run: without {', '.join(missing) or 'a contact'}")
+        try:
+            fields = {name: json.loads(attributes[name]) for name in ("scene", "timings", "versions", "keys", "cite")}
+        except (ValueError, TypeError, RecursionError) as error:
+            raise StoreError(f"not a complete run: {error}") from error
+        if wrong := [name for name, value in fields.items() if not _is_sound(name, value)]:
+            raise StoreError(f"not a complete run: damaged {', '.join(wrong)}")
+        return cls(
+            contact=contact,
+            surface=parts.get("surface"),
+            aging=parts.get("aging"),
+            **{**fields, "cite": tuple(fields["cite"])},
+        )
+
+
+def _solve(contact: ContactSolution | ContactStatistics) -> dict[str, Any]:
+    """How the contact was solved; nothing of that where it was not."""
+    if isinstance(contact, ContactStatistics):
+        return {"converged": True, "residual": 0.0, "iterations": 0}
+    return {"converged": contact.converged, "residual": contact.residual, "iterations": contact.iterations}
+
+
+def _sites(contact: ContactSolution | ContactStatistics) -> float | None:
+    return None if isinstance(contact, ContactStatistics) else contact.sites.size
+
+
+def bond_errors(aging: Aging | None) -> dict[str, Any]:
+    """The errors of the mean beside the scatter of the replicas; empty where there are none."""
+    if aging is None or not aging.errors:
+        return {}
+    return {
+        "bond_errors": {name: error.tolist() for name, error in aging.errors.items()},
+        "bond_error_sources": aging.error_sources,
+    }
+
+
+def _is_sound(name: str, value: Any) -> bool:
+    """Whether an attribute of a stored run has the form that everything else relies on."""
+    if name == "cite":
+        return isinstance(value, list) and all(isinstance(text, str) for text in value)
+    if not isinstance(value, dict):
+        return False
+    if name == "scene":
+        sections = [value.get("surface"), value.get("contact")]
+        texts = [value.get("name", ""), value.get("title", "")]
+        texts += [section.get("kind") if isinstance(section, dict) else None for section in sections]
+        window = value.get("fit", {})
+        times = list(window.values()) if isinstance(window, dict) else [None]
+        return all(isinstance(text, str) for text in texts) and all(isinstance(time, int | float) for time in times)
+    kind = int | float if name == "timings" else str
+    return all(isinstance(item, kind) for item in value.values())
+
+
+def run(
+    scene: Scene | str | Path | Mapping[str, Any],
+    *,
+    progress: Progress | bool | None = None,
+    threads: int | None = None,
+    surface: Surface | None = None,
+    contact: ContactSolution | ContactStatistics | None = None,
+    checkpoints: Path | None = None,
+    warn: bool = True,
+    members: bool = True,
+) -> Run:
+    """Run a scene end to end: every stage that it contains.
+
+    ``scene`` is a :class:`Scene`, a scene file, the name of an installed scene, or scene data. ``progress`` is called
+    as stages advance, and True shows them on stderr; ``threads`` is how many replicas run at the same time. A
+    ``surface`` or ``contact`` already computed for this very scene (its stage key says so) can be passed in. What
+    ``chemage check`` warns of is emitted first, as :class:`PlanWarning`, unless ``warn`` is False. In the folder
+    ``checkpoints`` the contact and every replica are kept during the run; an interrupted run resumes from there, with
+    equal results. Where the forming barriers are known as an ensemble, its ``members`` are aged as well, for the error
+    of the barriers, unless this is False.
+    """
+    if not isinstance(scene, Scene):
+        scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
+    scene = scene.completed()
+    if scene.is_ensemble:
+        raise InputError(
+            f"scene {scene.name!r} asks for a mean over surfaces ([ensemble] or [accuracy]); use chemage.ensemble, or "
+            "leave these sections out for a run of one surface"
+        )
+    with ExitStack() as stack:
+        stack.enter_context(scene.in_use())
+        known = cost(scene)
+        check_limits(scene, known)
+        for doubt in doubts(scene, known) if warn else ():
+            category = LongRunWarning if doubt.kind == "long" else PlanWarning
+            warnings.warn(doubt.text, category, stacklevel=2)
+        report = stack.enter_context(progress_bars()) if progress is True else (progress or None)
+        return _run(scene, report, threads, surface, contact, checkpoints, members)
+
+
+def _run(
+    scene: Scene,
+    progress: Progress | None,
+    threads: int | None,
+    surface: Surface | None,
+    contact: ContactSolution | ContactStatistics | None,
+    checkpoints: Path | None,
+    members: bool,
+) -> Run:
+    report = progress or (lambda stage, done, total: None)
+    timings: dict[str, float] = {}
+    if contact is None and isinstance(scene.contact, ContactTheory):
+        with _timed("contact", scene, timings, report):
+            contact = scene.contact.statistics(surface or scene.surface, scene.load, scene.surface_seed)
+    if contact is None:
+        if surface is None:
+            with _timed("surface", scene, timings, report):
+                surface = make_surface(scene.surface, scene.surface_seed)
+        with _timed("contact", scene, timings, report):
+            contact = _solved(scene, surface, checkpoints)
+    aging = None
+    if scene.ages:
+        with _timed("ageing", scene, timings, report):
+            aging = aged(scene, contact, threads=threads, progress=partial(report, "ageing"), checkpoints=checkpoints)
+    if members and aging is not None and scene.chemistry is not None and scene.chemistry.forming.members(1):
+        with _timed(BARRIERS, scene, timings, report):
+            aging = _with_members(scene, contact, aging, threads, partial(report, BARRIERS))
+    took_part = versions(scene, (contact, aging))
+    keys = run_keys(scene, contact, aging)
+    return Run(scene.todict(), contact, surface, aging, timings, took_part, keys, tuple(scene.cite()))
+
+
+def aged(scene: Scene, contact: ContactSolution | ContactStatistics, **changes: Any) -> Aging | None:
+    """The ageing of ``scene`` on ``contact``, with ``changes`` to the arguments of :func:`chemage.age`; None if the
+    scene stops at the contact."""
+    if not scene.ages:
+        return None
+    assert scene.chemistry is not None
+    with scene.in_use():
+        return age(contact, scene.chemistry, **(_ageing_arguments(scene) | changes))
+
+
+def _ageing_arguments(scene: Scene) -> dict[str, Any]:
+    assert scene.hold is not None
+    return {
+        "engine": scene.engine,
+        "hold_times": scene.hold.hold_times,
+        "temperature": scene.hold.temperature,
+        "replicas": scene.hold.replicas,
+        "seed": scene.hold.seed,
+        "common": scene.hold.common,
+        "method": scene.ageing,
+        "rupture": scene.rupture,
+        "observe": scene.observe,
+    }
+
+
+def _with_members(
+    scene: Scene,
+    contact: ContactSolution | ContactStatistics,
+    aging: Aging,
+    threads: int | None,
+    progress: Callable[[int, int], None],
+) -> Aging:
+    """The ageing with the error of its barriers."""
+    assert scene.chemistry is not None
+    how = _ageing_arguments(scene) | {"threads": threads, "progress": progress}
+    with scene.in_use():
+        return with_members(aging, contact, scene.chemistry, **how)
+
+
+def run_keys(scene: Scene, contact: ContactSolution | ContactStatistics, aging: Aging | None) -> dict[str, str]:
+    """The keys of the stages of a finished run, in which the plugins that took part enter."""
+    made = contact.provenance.get("surface")
+    plugins = {"surface": made.get("plugins", {}) if isinstance(made, Mapping) else {}, "contact": contact.plugins}
+    plugins["aging"] = plugins["result"] = contact.plugins if aging is None else aging.plugins
+    return with_plugins(scene.keys(), plugins)
+
+
+@contextmanager
+def _timed(stage: str, scene: Scene, timings: dict[str, float], report: Progress) -> Iterator[None]:
+    """Report the begin and end of a stage, note its wall seconds, and name it in errors."""
+    report(stage, 0, 0)
+    begin = time.perf_counter()
+    try:
+        yield
+    except ChemageError as error:
+        error.add_note(f"in the stage {stage!r} of scene {scene.name!r}")
+        raise
+    timings[stage] = time.perf_counter() - begin
+    report(stage, 1, 1)
+
+
+def _solved(scene: Scene, surface: Surface, checkpoints: Path | None) -> ContactSolution:
+    if checkpoints is None:
+        return solve_contact(scene.solver, surface, scene.load)
+    try:
+        checkpoints.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"cannot make the folder {checkpoints}: {error.strerror}") from error
+    path, key = checkpoints / "contact.h5", scene.keys()["contact"]
+    other = f"{checkpoints} holds checkpoints of another scene; choose another folder"
+    hooks = ("chemage_solve_contact",)
+    call = {"solver": scene.solver, "surface": surface, "load": scene.load, "start": None}
+    solution = resumed(
+        path, "contact", ContactSolution, key, other, run=key, before=surface.plugins, hooks=hooks, **call
+    )
+    if solution is None:
+        solution = solve_contact(scene.solver, surface, scene.load)
+        keep(path, "contact", solution, key, run=key, before=surface.plugins, hooks=hooks)
+    return solution

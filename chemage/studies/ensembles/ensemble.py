@@ -1,0 +1,409 @@
+"""The result of an ensemble: means over random surfaces with intervals, and what their errors are due to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from pydantic import model_validator
+
+from chemage.ageing.fitting import why_not_fitted
+from chemage.foundation import pictures
+from chemage.foundation.approximations import in_words
+from chemage.foundation.datasets import dataset, frame
+from chemage.foundation.records import Doubles, Named, Number, Plain, Record
+from chemage.scene.scene import heading
+from chemage.studies.ensembles.allocation import Spread, half_width, spread_of
+from chemage.studies.ensembles.control import regressed
+from chemage.studies.ensembles.quantities import CURVES, Quantities
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.axes import Axes
+
+#: confidence of every interval
+CONFIDENCE = 0.95
+#: name of an error -> what it is due to, in words
+SOURCES = {
+    "surfaces": "scatter between surfaces",
+    "replicas": "scatter between replicas on one surface",
+    "surfaces and replicas": "scatter between surfaces, each with its own replica",
+    "discretisation": "grid of the contact",
+    "settings": "settings other than those of the scene",
+    "approximation": "approximate methods",
+    "barriers": "distributions of barriers that the same data allow",
+}
+
+
+@dataclass(frozen=True)
+class ErrorPart:
+    """One part of the error of an estimate."""
+
+    #: standard error, in the unit of the estimate; nan where it is not known
+    size: float
+    #: how it is known, in words
+    how: str
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean over surfaces, with its 95 % interval and the parts of its error."""
+
+    value: float
+    #: half the width of the interval; nan where a part of the error is not known
+    half_width: float
+    errors: Mapping[str, ErrorPart] = field(default_factory=dict)
+
+    @property
+    def stderr(self) -> float:
+        """The standard error: that of all parts together."""
+        return math.hypot(*(part.size for part in self.errors.values()))
+
+    @property
+    def relative(self) -> float:
+        """Half the width of the interval over the magnitude of the mean."""
+        return self.half_width / abs(self.value) if self.value else math.nan
+
+
+class Ensemble(Record):
+    """Samples of a scene on many surfaces, and the means over all surfaces that they give.
+
+    The mean is a sum over levels: of the cheapest computation over many surfaces, and of the difference between a
+    better and a cheaper one over few. Where a control was used, the first level is regressed on it
+    (:mod:`chemage.studies.ensembles.control`).
+    """
+
+    arrays = {"hold_times": (("hold_time",), "s", "time since the contact was made")}
+    stored_names = {"hold_times": "hold_time"}
+
+    hold_times: Doubles
+    """(m,) s"""
+    load: Number
+    """nN"""
+    window: tuple[float, float]
+    """hold times of the fit of β, s"""
+    measures: tuple[str, ...] = ()
+    """measures of the contact, in the order of the columns"""
+    levels: tuple[Plain, ...]
+    """of each level: ``words``, ``replicas``, ``samples``, ``cpu_seconds`` (of a sample, as estimated before),
+    ``variance_of`` (samples in the variance of the interval), ``freedom`` (its degrees of freedom), ``random`` (another
+    surface for each sample) and ``seeds`` (those of surface and hold of the first samples); the last may be a
+    ``control``"""
+    rows: Named
+    """number of a level -> (samples, quantities): β per decade if it can be fitted, ΔF in nN at each hold time,
+    measures of the contact; of a control (samples, 1): the area fraction of the contact of a sketch, of the surfaces of
+    the first level and of more"""
+    within: Named = {}
+    """"variance" (quantities,) between replicas on one surface, where some samples have several"""
+    known: Named = {}
+    """name of an error -> (quantities,) relative standard errors known before; nan: not known"""
+    known_how: dict[str, str] = {}
+    """the same names -> how they are known, in words"""
+    goals: dict[str, float] = {}
+    """what was asked: quantity -> relative half width"""
+    stopped: str = ""
+    """why sampling ended, in words"""
+    notes: tuple[str, ...] = ()
+    provenance: Plain = {}
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len(self.levels) != len(self.rows) or not self.levels:
+            raise ValueError(f"rows: {len(self.rows)} levels of samples, but {len(self.levels)} are described")
+        for number in range(len(self.levels)):
+            rows, last = self.rows.get(str(number)), number == len(self.levels) - 1
+            count = 1 if number and last and self.controlled else self.quantities.count
+            if rows is None or rows.ndim != 2 or rows.shape[1] != count or len(rows) < 2:
+                raise ValueError(f"rows: level {number} must have two samples at least, {count} numbers")
+        if self.controlled and len(self.rows[str(len(self.levels) - 1)]) < len(self.rows["0"]):
+            raise ValueError("rows: the control has fewer samples than the first level")
+        return self
+
+    def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
+        """See :meth:`Record.declared`."""
+        field_name, _, key = name.partition("/")
+        if field_name == "rows":
+            if self.controlled and key == str(len(self.levels) - 1):
+                return (f"sample_{key}", "control"), "1", "area fraction of the contact of a sketch"
+            return (f"sample_{key}", "quantity"), "", "β per decade, friction drop (nN), measures of the contact"
+        if field_name in ("within", "known"):
+            return ("quantity",), "", ""
+        return super().declared(name)
+
+    @property
+    def quantities(self) -> Quantities:
+        """What the columns of the rows are."""
+        return Quantities(self.hold_times, self.load, self.window, self.measures)
+
+    @property
+    def surfaces(self) -> int:
+        """Surfaces of the first level."""
+        return len(self.rows["0"])
+
+    @cached_property
+    def _spreads(self) -> list[Spread]:
+        found = []
+        for number, (level, rows) in enumerate(zip(self.levels, self._terms, strict=True)):
+            chosen = int(level.get("variance_of", len(rows)))
+            freedom = int(level.get("freedom", chosen - 1))
+            found.append(spread_of(rows, chosen, freedom, self.controlled and not number))
+        return found
+
+    @property
+    def controlled(self) -> bool:
+        """Whether the last level is a control."""
+        return len(self.levels) > 1 and bool(self.levels[-1].get("control", False))
+
+    @cached_property
+    def mean(self) -> np.ndarray:
+        """(quantities,) the estimates of all quantities."""
+        return np.sum([rows.mean(axis=0) for rows in self._terms], axis=0)
+
+    @cached_property
+    def _terms(self) -> list[np.ndarray]:
+        """(samples, quantities) of each level: independent samples, whose means add up to the mean."""
+        rows = [self.rows[str(number)] for number in range(len(self.levels))]
+        return regressed(rows) if self.controlled else rows
+
+    @cached_property
+    def half_widths(self) -> np.ndarray:
+        """(quantities,) half the widths of their 95 % intervals."""
+        counts = [len(rows) for rows in self._terms]
+        known = [np.abs(self.mean) * relative for relative in self.known.values()]
+        total = np.sqrt(np.sum([one**2 for one in known], axis=0)) if known else np.zeros(self.quantities.count)
+        return half_width(self._spreads, counts, total, CONFIDENCE)
+
+    def estimate(self, name: str, time: float | None = None) -> Estimate:
+        """The mean of a quantity over surfaces; of a curve at a hold time (s), by default the last.
+
+        Raises
+        ------
+        InputError
+            There is no such quantity, or no such hold time.
+        """
+        return self._estimate(
+            self.quantities.column(name, time), 1 / self.load if name.endswith("coefficient_drop") else 1
+        )
+
+    def _estimate(self, column: int, scale: float) -> Estimate:
+        parts = {name: ErrorPart(scale * part.size, part.how) for name, part in self._parts(column).items()}
+        return Estimate(float(self.mean[column]) * scale, float(self.half_widths[column]) * scale, parts)
+
+    def _parts(self, column: int) -> dict[str, ErrorPart]:
+        """The parts of the error of a column: standard errors."""
+        spreads, rows, parts = self._spreads, self._terms, {}
+        first, count = float(spreads[0].variance[column]), len(rows[0])
+        # of the mean of the control
+        more = float(spreads[-1].variance[column]) / len(rows[-1]) if self.controlled else 0.0
+        replicas = max(1, int(self.levels[0].get("replicas", 1)))
+        how = f"measured here, {count} surfaces" if self.random else f"measured here, {count * replicas} replicas"
+        if self.controlled:
+            how += f" and the area of sketches of {len(rows[-1])}"
+        if not self.random:
+            parts["replicas"] = ErrorPart(math.sqrt(first / count), how + " on this one surface")
+        elif column >= self._curve.stop:  # the contact is the same for all replicas
+            parts["surfaces"] = ErrorPart(math.sqrt(first / count + more), how)
+        elif "variance" in self.within:
+            inside = float(self.within["variance"][column]) / replicas
+            parts["surfaces"] = ErrorPart(math.sqrt(max(0.0, first - inside) / count + more), how)
+            on_each = f"measured here, {replicas} on each surface" if replicas > 1 else "measured here, on few surfaces"
+            parts["replicas"] = ErrorPart(math.sqrt(min(inside, first) / count), on_each)
+        else:
+            parts["surfaces and replicas"] = ErrorPart(math.sqrt(first / count + more), how)
+        for number in range(1, len(rows) - self.controlled):
+            size = math.sqrt(float(spreads[number].variance[column]) / len(rows[number]))
+            parts["discretisation"] = ErrorPart(
+                size, f"measured here: corrected by {len(rows[number])} surfaces computed both ways"
+            )
+        for name, relative in self.known.items():
+            size = abs(float(self.mean[column])) * float(relative[column])
+            parts[name] = ErrorPart(size, self.known_how.get(name, ""))
+        return parts
+
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return str(self.provenance.get("scene", {}).get("name", "ensemble"))
+
+    @property
+    def title(self) -> str:
+        """Title of the scene, or its name with its main values."""
+        return heading(self.provenance.get("scene", {}), self.name)
+
+    @property
+    def random(self) -> bool:
+        """Whether the mean is over surfaces, and not over replicas on one surface."""
+        return bool(self.levels[0].get("random", True))
+
+    @property
+    def b(self) -> Estimate:
+        """b = β/ln 10, per e-fold of the hold time."""
+        beta = self.estimate("beta")
+        parts = {name: ErrorPart(part.size / math.log(10), part.how) for name, part in beta.errors.items()}
+        return Estimate(beta.value / math.log(10), beta.half_width / math.log(10), parts)
+
+    @property
+    def friction_drop(self) -> np.ndarray:
+        """ΔF, mean over surfaces, nN, (m,)."""
+        return self.mean[self._curve]
+
+    @property
+    def single_friction_drops(self) -> np.ndarray:
+        """ΔF of each sample of the first level, nN, (samples, m)."""
+        return self.rows["0"][:, self._curve]
+
+    @property
+    def friction_drop_half_width(self) -> np.ndarray:
+        """Half the width of its 95 % interval, nN, (m,)."""
+        return self.half_widths[self._curve]
+
+    @property
+    def _curve(self) -> slice:
+        first = int(self.quantities.has_beta)
+        return slice(first, first + self.hold_times.size)
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of β between the samples of the first level over its mean; nan without β."""
+        if not self.quantities.has_beta or not self.mean[0]:
+            return math.nan
+        return float(self.rows["0"][:, 0].std(ddof=1) / abs(self.mean[0]))
+
+    def plot(self, ax: Axes | None = None, *, singles: bool = True, color: str | None = None, label: str = "") -> Axes:
+        """Draw Δμ (without load ΔF) against hold time into ``ax`` or a figure of pyplot, and return the axes.
+
+        The mean with its 95 % interval as a band, and the line of β. Without ageing the parts of the error are drawn.
+
+        Parameters
+        ----------
+        singles
+            Whether the curves of single surfaces are drawn, too.
+        color, label
+            Of the mean; without a label it is said what the mean is over.
+
+        Raises
+        ------
+        InputError
+            matplotlib is missing.
+        """
+        return pictures.draw(self, ax, singles=singles, color=color, label=label)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The arrays with the names, dimensions and units of the file, and the mean curves of friction with half the
+        widths of their 95 % intervals and the parts of their errors (standard errors). Needs xarray."""
+        units = {"friction_drop": "nN"}
+        derived = {
+            name: (
+                ("hold_time",),
+                values,
+                {"units": units.get(name.partition(".")[0].removesuffix("_half_width"), "1")},
+            )
+            for name, values in self._curves().items()
+        }
+        return dataset(self, derived)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """One row for each hold time (s): means of ΔF (nN) and Δμ, half the widths of their 95 % intervals
+        (``_half_width``), and the parts of their errors by name (``friction_drop.surfaces``: standard errors). Without
+        hold times one row for each measure of the contact. Needs pandas."""
+        attributes = {"surfaces": self.surfaces if self.random else 1, "load": self.load}
+        if not self.hold_times.size:
+            found = {name: self.estimate(name) for name in self.measures}
+            parts = dict.fromkeys(part for one in found.values() for part in one.errors)
+            columns = {
+                "measure": np.array(list(found)),
+                "value": np.array([one.value for one in found.values()]),
+                "half_width": np.array([one.half_width for one in found.values()]),
+            }
+            for part in parts:
+                none = ErrorPart(math.nan, "")
+                columns[f"error.{part}"] = np.array([one.errors.get(part, none).size for one in found.values()])
+            return frame(columns, "measure", attributes)
+        return frame({"hold_time": self.hold_times, **self._curves()}, "hold_time", attributes)
+
+    def _curves(self) -> dict[str, np.ndarray]:
+        """Columns of the curves of friction: name -> (m,)."""
+        columns: dict[str, np.ndarray] = {}
+        for name in (curve for curve in CURVES if curve in self.quantities.names):
+            found = [self.estimate(name, float(time)) for time in self.hold_times]
+            columns[name] = np.array([one.value for one in found])
+            columns[f"{name}_half_width"] = np.array([one.half_width for one in found])
+            for part in found[0].errors:
+                columns[f"{name}.{part}"] = np.array([one.errors[part].size for one in found])
+        return columns
+
+    def _repr_html_(self) -> str:
+        return pictures.html(self)
+
+    def summary(self) -> dict[str, Any]:
+        """One JSON-able object with the estimates, their intervals and the parts of their errors; β, the curves and the
+        measures of the contact also by the names, and in the places, that they have in :meth:`Run.summary`."""
+        names = [name for name in self.quantities.names if not name.endswith("_drop")]
+        found: dict[str, Any] = {name: _plain(self.estimate(name)) for name in names}
+        for name in self.quantities.names:
+            if name.endswith("_drop"):
+                scale = 1 / self.load if name.endswith("coefficient_drop") else 1.0
+                found[name] = [
+                    {"hold_time": float(time), **_plain(self._estimate(self._curve.start + k, scale))}
+                    for k, time in enumerate(self.hold_times)
+                ]
+        if self.quantities.has_beta:
+            found["b"] = _plain(self.b)
+        approximate = in_words(self.approximate)
+        return {
+            "name": self.name,
+            "surfaces": self.surfaces if self.random else 1,
+            "replicas": int(self.levels[0].get("replicas", 1)),
+            "load": self.load,
+            **{name: self.estimate(name).value for name in self.measures},
+            "hold_times": self.hold_times.tolist(),
+            **self._as_of_a_run(),
+            "levels": [dict(level) for level in self.levels],
+            "goals": self.goals,
+            "stopped": self.stopped,
+            "notes": list(self.notes),
+            "quantities": found,
+            "versions": self.provenance.get("versions", {}),
+            "plugins": self.plugins,
+            "cite": self.provenance.get("cite", []),
+            **({"approximate": approximate} if approximate else {}),
+        }
+
+    def _as_of_a_run(self) -> dict[str, Any]:
+        """The curves, β and b by the names that they have for a run."""
+        parts, fitted = ("", "stderr", "half_width"), self.quantities.has_beta
+        found: dict[str, Any] = {}
+        for name in CURVES:
+            known = name in self.quantities.names
+            estimates = [self.estimate(name, float(time)) for time in self.hold_times] if known else []
+            for part in parts:
+                column = [getattr(one, part or "value") for one in estimates]
+                found[f"{name}_{part}".rstrip("_")] = column if known else [math.nan] * self.hold_times.size
+        for name in ("beta", "b"):
+            estimate = (self.estimate("beta") if name == "beta" else self.b) if fitted else None
+            for part in parts:
+                found[f"{name}_{part}".rstrip("_")] = None if estimate is None else getattr(estimate, part or "value")
+        why = why_not_fitted(self.hold_times, self.window) if self.hold_times.size and not fitted else ""
+        found["fit_range"] = list(self.quantities.span) if fitted else None
+        return found | {"beta_reason": why or None, "beta_scatter_between_surfaces": self.scatter}
+
+    def __repr__(self) -> str:
+        if not self.quantities.has_beta:
+            return f"<Ensemble of {self.surfaces} samples>"
+        beta = self.estimate("beta")
+        return f"<Ensemble of {self.surfaces} samples, beta {beta.value:.4g} ± {beta.half_width:.2g}>"
+
+    __str__ = __repr__
+
+
+def _plain(one: Estimate) -> dict[str, Any]:
+    return {
+        "value": one.value,
+        "half_width": one.half_width,
+        "errors": {name: {"standard_error": part.size, "known": part.how} for name, part in one.errors.items()},
+    }

@@ -1,0 +1,224 @@
+"""What is asked of an ensemble: how many surfaces, or how accurate, or how long."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from chemage.contacts.solution import MEASURES
+from chemage.contacts.theories import ContactTheory
+from chemage.foundation.checks import checked_count
+from chemage.foundation.errors import ChemageError, InputError
+from chemage.foundation.threads import available
+from chemage.foundation.units import convert
+from chemage.scene import asked
+from chemage.scene.estimate import cost
+from chemage.scene.scene import Scene
+from chemage.scene.variants import is_random
+from chemage.studies.ensembles import measured, stages
+from chemage.studies.ensembles.allocation import limit
+from chemage.studies.ensembles.computations import DIFFERENCE, Computation, computations, replicas_of_difference
+from chemage.studies.ensembles.quantities import Quantities
+from chemage.studies.trade.trade_map import TradeMap
+
+#: scatter of a quantity between surfaces that is expected where nothing is known, over the mean
+SCATTER = 0.05
+
+
+@dataclass(frozen=True)
+class Goal:
+    """One quantity, and the relative half width of its 95 % interval that is asked for."""
+
+    #: as it was written, such as ``friction_coefficient_drop@1e3 s``
+    name: str
+    #: number of its column among the :class:`Quantities`
+    column: int
+    accuracy: float
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a scene asks of its ensemble, as far as it can be validated before anything is computed."""
+
+    scene: Scene
+    #: whether another seed gives another surface; else the mean is over replicas on the one surface
+    random: bool
+    quantities: Quantities
+    goals: list[Goal]
+    #: None: as many as the goals or the budget decide
+    surfaces: int | None
+    #: wall time, s
+    budget: float | None
+    #: surfaces that are allowed
+    most: int
+    #: measured costs and errors of settings
+    map: TradeMap | None = None
+
+    @classmethod
+    def of(cls, scene: Scene, measurements: TradeMap | None = None) -> Request:
+        """The request in the sections ``[ensemble]`` and ``[accuracy]`` of a scene; ``measurements`` in place of the
+        map that these name.
+
+        Raises
+        ------
+        InputError
+            The request contradicts itself or the scene.
+        """
+        options = scene.ensemble or asked.EnsembleOptions()
+        surfaces = None if options.surfaces is None else checked_count("surfaces", options.surfaces, least=2)
+        if surfaces is not None and (scene.accuracy or options.budget is not None):
+            raise InputError(
+                "surfaces, accuracy: give the number of surfaces, or the accuracy (or budget) that decides it"
+            )
+        if surfaces is None and not scene.accuracy and options.budget is None:
+            raise InputError("surfaces: give how many, or an accuracy, or a budget")
+        if isinstance(scene.contact, ContactTheory):
+            raise InputError(
+                f"contact {scene.contact.kind!r} is a theory of the mean; it has no surfaces to average over"
+            )
+        random = is_random(scene)
+        if surfaces is not None and not random:
+            raise InputError.of(
+                "surfaces", surfaces, "but this surface is the same at every seed", "use replicas, or an accuracy"
+            )
+        quantities = Quantities.of(scene, tuple(MEASURES))
+        found = goals(scene.accuracy, quantities)
+        if scene.load == 0 and found:
+            raise InputError(f"accuracy.{found[0].name}: the load is 0, so that its mean is 0; ask at a load")
+        if measurements is None and options.map is not None:
+            measurements = TradeMap.read(options.map)
+        if measurements is not None:
+            if surfaces is not None:
+                raise InputError(
+                    "map: a number of surfaces is computed as the scene is written; leave the map out, or ask for an "
+                    "accuracy or a budget"
+                )
+            measurements.check(scene, options.map or "the map")
+        return cls(scene, random, quantities, found, surfaces, options.budget, options.most, measurements)
+
+    @property
+    def counted(self) -> str:
+        """What is counted: ``surfaces``, or ``replicas`` on the one surface."""
+        return "surfaces" if self.random else "replicas"
+
+    def computations(self) -> list[Computation]:
+        """The computations that may be used, the cheapest first."""
+        if self.map is not None:
+            goals = [(goal.column, goal.accuracy) for goal in self.goals] or [(0, 0.0)]
+            budget = math.inf if self.budget is None else self.budget * available()
+            wanted = measured.Wanted(goals, budget)
+            if chosen := measured.computations(self.map, self.scene, self.quantities, wanted):
+                return chosen
+        found = computations(self.scene)
+        if not self.random or self.surfaces is not None:
+            found = found[-1:]
+        elif self.goals:
+            found = found[self._beginning(found) :]
+        if self.surfaces is not None and self.scene.hold is not None:
+            found = [found[0].with_replicas(self.scene.hold.replicas)]
+        return found
+
+    def _beginning(self, found: list[Computation]) -> int:
+        """The grid to begin with, which is expected to lead to the goals at the lowest cost: the coarsest one where
+        many surfaces are needed, a finer one where its error leaves too little of the interval to few surfaces."""
+        known, sure = cost(self.scene), limit(math.inf)
+        means = {} if known.area_fraction is None else {"area_fraction": known.area_fraction}
+        scatter = self.scene.surface.scatter(means)
+        spread = SCATTER if scatter is None or not scatter.relative else scatter.relative
+        accuracy = min(goal.accuracy for goal in self.goals)
+        names = {"beta" if goal.column == 0 and self.quantities.has_beta else "friction_drop" for goal in self.goals}
+
+        def seconds(one: Computation) -> float:
+            errors = self.scene.surface.coarser_errors(one.factor, means) if one.factor > 1 else dict.fromkeys(names, 0)
+            error = max(errors.get(name, math.inf) for name in names)
+            left = (accuracy / sure) ** 2
+            alone = math.inf
+            if error**2 < left:
+                alone = max(stages.FIRST, spread**2 / (left - error**2)) * one.seconds
+            own = found[-1].with_replicas(replicas_of_difference(found[-1], one))
+            both = own.seconds + one.with_replicas(own.replicas).seconds
+            corrections = max(stages.FIRST_DIFFERENCES, DIFFERENCE**2 / left) * both
+            return min(alone, max(stages.FIRST, spread**2 / left) * one.seconds + corrections)
+
+        return min(range(len(found)), key=lambda number: seconds(found[number]))
+
+    def accuracy(self) -> np.ndarray:
+        """(quantities,) the relative half widths that are asked for; inf where none is, 0 for the first quantity if it
+        is to be as accurate as the time allows."""
+        found = wanted(self.goals, self.quantities.count)
+        if not self.goals:
+            found[0] = 0.0
+        return found
+
+
+def with_request(
+    scene: Scene,
+    *,
+    surfaces: int | None = None,
+    accuracy: Mapping[str, Any] | None = None,
+    budget: float | str | None = None,
+    most: int | None = None,
+    map: str | Path | None = None,
+) -> Scene:
+    """``scene`` with these in place of its own sections: a number of surfaces takes the place of an accuracy and a
+    budget, and each of these that of a number of surfaces.
+
+    Raises
+    ------
+    InputError
+        A value is not valid, or they contradict each other.
+    """
+    options: dict[str, Any] = (scene.ensemble or asked.EnsembleOptions()).model_dump()
+    goals = dict(scene.accuracy)
+    if surfaces is not None:
+        if accuracy or budget is not None:
+            raise InputError(
+                "surfaces, accuracy: give the number of surfaces, or the accuracy (or budget) that decides it"
+            )
+        none: dict[str, Any] = {"budget": None, "map": None}
+        options, goals = options | none | {"surfaces": checked_count("surfaces", surfaces, least=2)}, {}
+    if accuracy:
+        options["surfaces"], goals = None, asked.accuracies(accuracy)
+    if budget is not None:
+        options |= {"surfaces": None, "budget": asked.budget(budget)}
+    if map is not None:
+        options["map"] = str(map)
+    if most is not None:
+        options["most"] = checked_count("most", most, least=asked.LEAST)
+    wish = asked.EnsembleOptions(**options)
+    nothing = scene.ensemble is None and wish == asked.EnsembleOptions()
+    return scene.model_copy(update={"ensemble": None if nothing else wish, "accuracy": goals})
+
+
+def goals(accuracy: Mapping[str, Any], quantities: Quantities) -> list[Goal]:
+    """The goals that a mapping of names to accuracies states.
+
+    Raises
+    ------
+    InputError
+        A quantity that the scene does not have, an accuracy that is none, or a time that is no hold time.
+    """
+    return [Goal(name, column_of(name, quantities), value) for name, value in asked.accuracies(accuracy).items()]
+
+
+def column_of(text: str, quantities: Quantities) -> int:
+    """The column of a quantity written as ``name`` or ``name@time``."""
+    name, at, time = text.partition("@")
+    try:
+        when = convert(time.strip(), "s") if at else None
+    except ChemageError as error:
+        raise InputError(f"accuracy.{text}: {error}") from None
+    return quantities.column(name.strip(), when)
+
+
+def wanted(found: list[Goal], count: int) -> np.ndarray:
+    """(count,) the accuracy of each column; inf where none is asked."""
+    made = np.full(count, np.inf)
+    for goal in found:
+        made[goal.column] = min(made[goal.column], goal.accuracy)
+    return made

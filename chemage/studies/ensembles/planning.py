@@ -1,0 +1,315 @@
+"""What an ensemble will do and cost, estimated before anything is computed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from chemage.foundation.text import percent
+from chemage.foundation.threads import available
+from chemage.scene import estimate
+from chemage.scene.cost import Cost
+from chemage.scene.limits import in_hours
+from chemage.scene.scene import Scene
+from chemage.studies.ensembles import stages
+from chemage.studies.ensembles.allocation import limit
+from chemage.studies.ensembles.computations import PROGRAM, Computation, fitting, replicas_of_difference, sketched
+from chemage.studies.ensembles.foreseen import Foreseen, Scatters, foreseen, is_about_zero, scatters
+from chemage.studies.ensembles.goals import Request
+from chemage.studies.ensembles.running import Sampler, needing
+
+
+@dataclass(frozen=True)
+class EnsemblePlan:
+    """What is asked, the computations that may be used, and what they cost."""
+
+    #: of one surface, as the scene is written
+    one: estimate.Plan
+    request: Request
+    #: the cheapest first
+    computations: tuple[Computation, ...]
+    #: CPU seconds of a sample of the first level, and of a correction to it where there may be one
+    seconds: tuple[float, ...]
+    #: replicas of each sample of a correction
+    replicas_of_corrections: int
+    #: scatter that is expected
+    scatters: Scatters
+    #: what the rule is expected to do; None: not known before the first samples are computed
+    foreseen: Foreseen | None
+    #: how that is known, in words
+    reason: str
+
+    @property
+    def expected(self) -> int | None:
+        """Surfaces (or replicas) that are expected; None: not known before the first are computed."""
+        return None if self.foreseen is None else self.foreseen.samples[0]
+
+    @property
+    def cpu_seconds(self) -> float | None:
+        """CPU seconds of all levels; None where the number of samples is not known."""
+        return None if self.foreseen is None else self.foreseen.cpu_seconds
+
+    @property
+    def memory(self) -> float | None:
+        """Bytes, with as many surfaces at the same time as there are processors; None where it is not known."""
+        used = [self.computations[0]]
+        if self.foreseen is None or (len(self.foreseen.samples) > 1 and self.foreseen.samples[1]):
+            used.append(self.computations[-1])
+        sizes = [None if one.bytes is None else one.bytes * self._at_once(one) for one in used]
+        if any(size is None for size in sizes):
+            return None
+        return PROGRAM + max(size for size in sizes if size is not None)
+
+    def _at_once(self, computation: Computation) -> int:
+        """Surfaces that are computed at the same time."""
+        return fitting(computation, min(available(), self.expected or available()))
+
+    @property
+    def notes(self) -> list[str]:
+        """What to know before it runs, in words."""
+        found = [note for note in self.one.notes if note not in self._about_length]
+        asked, budget = self.request, self.request.budget
+        first = stages.FIRST * self.seconds[0] / available()
+        if budget is not None and first > budget:
+            found.append(
+                f"the first {stages.FIRST} {asked.counted}, without which there is no interval, take about "
+                f"{_seconds(first)}, which is longer than the budget of {budget:g} s"
+            )
+        seen = self.foreseen
+        if seen is not None and asked.goals and seen.reason and seen.reached < 0.5:
+            found.append(self._unreached(seen))
+        return found
+
+    @property
+    def _about_length(self) -> list[str]:
+        """Notes on how long one run of the scene would take, which is another question."""
+        return [note for note in self.one.notes if note.startswith("this will take ")]
+
+    def _unreached(self, seen: Foreseen) -> str:
+        asked = self.request
+        names = ", ".join(f"accuracy.{goal.name} = {100 * goal.accuracy:g} %" for goal in asked.goals)
+        if seen.reason == "most":
+            return needing(names, max(seen.samples), seen.cpu_seconds, asked)
+        if seen.reason == "time":
+            reached = ", ".join(f"{name} ± {percent(half)}" for name, half in seen.intervals.items())
+            return f"{names}: the time will be over before; {reached} is expected then"
+        if seen.reason == "zero":
+            return (
+                f"{names}: its mean is expected to be 0 within its interval, {self.reason}; ask at other hold times, "
+                "or another temperature"
+            )
+        return f"{names}: errors that no number of {asked.counted} makes smaller are larger; ask for a wider interval"
+
+    def todict(self) -> dict[str, Any]:
+        """One JSON-able object."""
+        seen = self.foreseen
+        return {
+            **self.one.todict(),
+            "notes": self.notes,
+            "ensemble": {
+                "surfaces": self.request.surfaces,
+                "accuracy": {goal.name: goal.accuracy for goal in self.request.goals},
+                "budget": self.request.budget,
+                "most": self.request.most,
+                "random": self.request.random,
+                "computations": [
+                    {"words": one.words, "cpu_seconds": one.seconds, "factor": one.factor} for one in self.computations
+                ],
+                "levels": [
+                    {"words": words, "samples": count, "replicas": replicas, "cpu_seconds": seconds}
+                    for words, count, replicas, seconds in self._levels()
+                ],
+                "sketches": None if self.sketch is None else self.sketch[1],
+                "expected_samples": self.expected,
+                "expected_samples_range": None if seen is None else list(seen.range),
+                "expected_samples_reason": self.reason,
+                "expected_intervals": None if seen is None else seen.intervals,
+                "cpu_seconds": self.cpu_seconds,
+                "cpu_seconds_range": None if seen is None else list(seen.cpu_range),
+                "wall_seconds": None if seen is None else seen.wall_seconds,
+                "memory": self.memory,
+                "not_computed": self.not_computed(),
+            },
+        }
+
+    def _levels(self) -> list[tuple[str, int, int, float]]:
+        """(what is computed, samples, replicas, CPU seconds of a sample) of each level that is expected."""
+        if self.foreseen is None:
+            return []
+        first, last = self.computations[0], self.computations[-1]
+        levels = [(first.words, self.foreseen.samples[0], first.replicas, self.seconds[0])]
+        if len(self.foreseen.samples) > 1 and self.foreseen.samples[1]:
+            made = [one.with_replicas(self.replicas_of_corrections) for one in (last, first)]
+            words = " minus ".join(one.words for one in made)
+            levels.append((words, self.foreseen.samples[1], made[0].replicas, self.seconds[1]))
+        return levels
+
+    @property
+    def sketch(self) -> tuple[Computation, int] | None:
+        """The control, and how many samples of it are expected; None where it is not expected to pay."""
+        count = 0 if self.foreseen is None else self.foreseen.sketches
+        made = sketched(self.computations[0]) if count else None
+        return None if made is None else (made.here(), count)
+
+    def not_computed(self) -> list[str]:
+        """What an ensemble leaves out of a run of its scene, and why, in words."""
+        asked, first, found = self.request, self.computations[0], []
+        scene, own = asked.scene, self.computations[-1]
+        if first.factor > 1:
+            share = 100 * first.seconds / own.seconds
+            corrected = len(self._levels()) > 1
+            why = "corrected on some surfaces" if corrected else "within the error that is stated for it"
+            found.append(f"the contact grid of the scene on every surface: a coarser one costs {share:.2g} %, {why}")
+        written = scene.hold.replicas if scene.hold is not None and scene.ages else 1
+        if asked.random and first.replicas < written:
+            found.append(
+                f"{written} replicas on each surface: with the scatter between surfaces, one on each of more "
+                "surfaces says more"
+            )
+        if scene.observe:
+            kinds = ", ".join(one.kind for one in scene.observe)
+            found.append(f"observables ({kinds}): an ensemble averages friction and measures of the contact")
+        found.append("maps of heights and pressure are not kept: no mean over surfaces needs them")
+        return found
+
+    def rows(self) -> list[tuple[str, str]]:
+        """(name, text) lines for a table."""
+        asked, seen = self.request, self.foreseen
+        # what one surface costs is in the rows of the computations
+        left_out = ("expected cost", "result file", "expected memory")
+        rows = [row for row in self.one.rows() if row[0] not in left_out]
+        if asked.surfaces is None and asked.scene.hold is not None:  # replicas are chosen, too
+            rows = [(name, text.replace(f", {asked.scene.hold.replicas} replicas", "")) for name, text in rows]
+        over = "random surfaces" if asked.random else "replicas on the one surface, which is the same at every seed"
+        rows.append(("mean", f"over {over}"))
+        if asked.surfaces is not None:
+            rows.append(("asked for", f"{asked.surfaces} {asked.counted}"))
+        wanted = [f"{goal.name} ± {100 * goal.accuracy:.3g} %" for goal in asked.goals]
+        if asked.budget is not None:
+            wanted.append(f"{asked.budget:g} s of wall time" + (", whichever comes first" if asked.goals else ""))
+        if wanted:
+            rows.append(("asked for", ", ".join(wanted)))
+        rows += self._computation_rows()
+        if seen is None:
+            rows.append((f"number of {asked.counted}", f"decided after the first {stages.FIRST}: {self.reason}"))
+        else:
+            spread = f" ({seen.range[0]} to {seen.range[1]})" if seen.range[0] < seen.range[1] else ""
+            rows.append((f"number of {asked.counted}", f"{seen.samples[0]}{spread}, {self.reason}"))
+            if seen.intervals:
+                texts = [f"{name} ± {percent(half)}" for name, half in seen.intervals.items()]
+                rows.append(("expected interval", ", ".join(texts)))
+            rows.append(("expected cost", _cost(seen)))
+        if self.memory is not None:
+            at_once = self._at_once(self.computations[0])
+            rows.append(("expected memory", f"about {self.memory / 1e9:.2g} GB, {at_once} at the same time"))
+        return rows + [("not computed", text) for text in self.not_computed()]
+
+    def _computation_rows(self) -> list[tuple[str, str]]:
+        names = ["computation" if len(self.computations) == 1 else "cheapest computation"]
+        names += ["computation that may correct it"] * (len(self.computations) - 1)
+        used = [self.computations[0], *([self.computations[-1]] if len(self.computations) > 1 else [])]
+        rows = [
+            (name, f"{one.words}, about {_seconds(one.seconds)} of CPU time each")
+            for name, one in zip(names, used, strict=False)
+        ]
+        if self.sketch is not None:
+            made, count = self.sketch
+            grid = made.words.partition(",")[0]
+            text = f"the area of the contact of {count} surfaces on {grid}, {_seconds(made.seconds)} of CPU time each"
+            rows.append(("control", text))
+        levels = self._levels()
+        if len(levels) > 1:
+            words, count, _, seconds = levels[1]
+            rows.append(("corrections", f"{count} of {words}, {_seconds(count * seconds)} CPU"))
+        elif self.foreseen is not None and len(self.seconds) > 1:
+            rows.append(("corrections", "none expected: the stated error of the coarse grid is small enough"))
+        elif len(self.seconds) > 1:
+            first = stages.FIRST_DIFFERENCES * self.seconds[1]
+            rows.append(("corrections", f"where they pay: {stages.FIRST_DIFFERENCES} first, {_seconds(first)} CPU"))
+        return rows
+
+
+def _cost(seen: Foreseen) -> str:
+    low, high = seen.cpu_range
+    spread = f" ({_seconds(low)} to {_seconds(high)})" if high > 1.3 * low else ""
+    return f"about {_seconds(seen.cpu_seconds)} of CPU time{spread}, {_seconds(seen.wall_seconds)} on this machine"
+
+
+def _seconds(seconds: float) -> str:
+    return in_hours(seconds) if seconds >= 120 else f"{seconds:.2g} s"
+
+
+def plan(scene: Scene) -> EnsemblePlan:
+    """Foresee the ensemble that ``scene`` asks for.
+
+    Raises
+    ------
+    InputError
+        The request contradicts itself or the scene, or one surface needs more memory than this machine has.
+    """
+    with scene.in_use():
+        one = estimate.plan(scene)
+        sampler = Sampler(scene, warn=False)  # the plan has the doubts as notes
+        request = sampler.request
+        first, *_ = stated = request.computations()
+        found = tuple(one.here() for one in stated)
+        seconds, replicas = [found[0].seconds], 1
+        if len(found) > 1:
+            replicas = replicas_of_difference(found[-1], found[0])
+            seconds.append(sum(part.with_replicas(replicas).seconds for part in (found[0], found[-1])))
+        known = estimate.cost(scene)
+        expected = scatters(request, known, one.numbers)
+        seen, reason = _foreseen(sampler, known, expected, first)
+        seen = None if seen is None else seen.scaled(first.scale)
+    return EnsemblePlan(one, request, found, tuple(seconds), replicas, expected, seen, reason)
+
+
+def _foreseen(sampler: Sampler, known: Cost, expected: Scatters, first: Computation) -> tuple[Foreseen | None, str]:
+    """What the rule is expected to do, and how that is known; ``first`` is the cheapest computation, in whose seconds
+    all times are."""
+    asked, workers = sampler.request, available()
+    request = asked if asked.budget is None else replace(asked, budget=asked.budget / first.scale)
+    seconds, replicas = first.seconds, first.replicas
+    if request.surfaces is not None:
+        return _counted(request, expected, seconds, replicas), "as asked for"
+    means: Mapping[str, float] = {} if known.area_fraction is None else {"area_fraction": known.area_fraction}
+    seen = foreseen(request, sampler.possible_routes(), expected, means, fitting(first, workers))
+    if seen is not None:
+        return seen, _why(request, expected, replicas)
+    if request.budget is not None and not request.goals:
+        count = max(stages.FIRST, int(workers * request.budget / seconds))
+        wall = count * seconds / workers
+        total = count * seconds
+        made = Foreseen((count,), (count, count), total, (total, total), wall)
+        return made, "as many as the time allows"
+    over = "surfaces" if request.random else "replicas"
+    return None, f"the scatter between {over} is not known before" + (f": {expected.source}" if expected.source else "")
+
+
+def _counted(request: Request, expected: Scatters, seconds: float, replicas: int) -> Foreseen:
+    """Of a number of surfaces that is given."""
+    count = request.surfaces or 1
+    column = 0
+    scatter = float(expected.sample(replicas)[column])
+    intervals = {}
+    if math.isfinite(scatter) and not is_about_zero(scatter):
+        intervals[request.quantities.names[0]] = limit(count - 1) * scatter / math.sqrt(count)
+    total = count * seconds
+    return Foreseen((count,), (count, count), total, (total, total), total / min(available(), count), intervals)
+
+
+def _why(request: Request, expected: Scatters, replicas: int) -> str:
+    """How the expected number is known, in words."""
+    scatter = expected.sample(replicas)
+    goals = {goal.column: goal.name for goal in request.goals} or {0: request.quantities.names[0]}
+    column, name = max(goals.items(), key=lambda item: scatter[item[0]])
+    if is_about_zero(scatter[column]):
+        until = name.partition("@")[2] or f"{request.quantities.hold_times[-1]:g} s"
+        when = "between {:g} and {:g} s".format(*request.quantities.window) if name == "beta" else f"until {until}"
+        text = f"since hardly a bond is expected to form {when}, so that {name} is about 0"
+        return f"as many as the time allows, {text}" if request.budget is not None and not request.goals else text
+    relative = float(scatter[column])
+    by = f": {expected.source}" if expected.source else ", as of sites that react independently"
+    return f"from a scatter of {name} of {percent(relative)}{by}"

@@ -1,0 +1,543 @@
+"""From a scene to its mean over surfaces: as many as are asked for, or as an accuracy or a time needs."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Generator, Mapping
+from concurrent.futures import Executor
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from chemage.ageing.members import BARRIERS
+from chemage.foundation.approximations import merged
+from chemage.foundation.errors import InputError
+from chemage.foundation.progress import Report
+from chemage.foundation.text import percent
+from chemage.foundation.threads import available
+from chemage.foundation.threads import restored as threads_restored
+from chemage.foundation.warned import PlanWarning
+from chemage.scene.doubts import doubts
+from chemage.scene.estimate import cost
+from chemage.scene.limits import check_limits, in_hours
+from chemage.scene.provenance import versions
+from chemage.scene.scene import Scene, parse_scene
+from chemage.scene.scene_files import load_scene
+from chemage.studies.by_hand import for_workers, registered_classes
+from chemage.studies.design import PATIENCE, Part, carry_out
+from chemage.studies.ensembles import stages
+from chemage.studies.ensembles.allocation import MOST
+from chemage.studies.ensembles.barriers import barriers_error
+from chemage.studies.ensembles.computations import Computation, fitting, replicas_of_difference, sketched
+from chemage.studies.ensembles.ensemble import Ensemble
+from chemage.studies.ensembles.goals import Goal, Request, with_request
+from chemage.studies.ensembles.measured import own_error
+from chemage.studies.ensembles.quantities import Quantities
+from chemage.studies.ensembles.sampling import Control, Difference, Parts, Samples, Single, Store, Taken, within
+from chemage.studies.executors.clusters import seconds
+from chemage.studies.executors.opening import open_pool
+from chemage.studies.runner import Runner
+from chemage.studies.selection import Selection
+from chemage.studies.tasks import Outcome, Task
+from chemage.studies.trade.trade_map import TradeMap
+
+#: seconds between two intervals that are shown
+PERIOD = 0.25
+#: stages that are reported: of the first level, of corrections, and of the control
+SAMPLING, CORRECTING, SKETCHING = "sampling", "correcting", "sketching"
+#: notes of every ensemble, and of one whose surface is the same at every seed
+OWN_ERRORS = "the errors of the scene's own contact grid, tolerance and precision are not in the interval"
+ONE_SURFACE = "the surface is the same at every seed: the interval is about disorder and noise alone"
+
+
+def ensemble(
+    scene: Scene | str | Path | Mapping[str, Any],
+    *,
+    surfaces: int | None = None,
+    accuracy: Mapping[str, Any] | None = None,
+    budget: float | str | None = None,
+    most: int | None = None,
+    measured: str | Path | TradeMap | None = None,
+    samples: str | Path | None = None,
+    executor: str | Executor = "threads",
+    workers: int | None = None,
+    threads: int | None = None,
+    patience: float | str | None = None,
+    points: str | None = None,
+    progress: Report | None = None,
+) -> Ensemble:
+    """The mean of a scene over random surfaces, each with its own disorder.
+
+    Where the seed does not change the surface (a tip, a measured one), the mean is over replicas on it.
+
+    Parameters
+    ----------
+    scene
+        A :class:`Scene`, a scene file, the name of an installed scene, or scene data.
+    surfaces
+        How many surfaces, computed as the scene is written; in place of an ``accuracy`` and ``budget`` of the scene.
+        What is not given here is as the scene says in ``[ensemble]`` and ``[accuracy]``.
+    accuracy
+        Quantity -> relative half width of its 95 % interval, such as ``{"beta": "2 %", "friction_coefficient_drop@1e3
+        s": 0.05}``. The cheapest computations that reach it are chosen: grids, surfaces and replicas.
+    budget
+        Wall time, s or with a unit; the interval is as narrow as it allows. With ``accuracy``: whichever comes first.
+    most
+        Surfaces that are allowed; default: as the scene says, or 10,000.
+    measured
+        The map of this scene, or its file (``chemage tradeoff SCENE -o FILE``): the settings are chosen by costs and
+        errors that were measured, and no longer by estimates.
+    samples
+        Folder in which samples are kept, and from which they are taken; default: none are kept.
+    executor, workers, threads, patience
+        Where to compute, the number of surfaces at the same time, and the threads of each, as for
+        :func:`chemage.sweep`; default: as many threads of this process as there are processors, a surface in each.
+        Results do not depend on them.
+    points
+        Compute a share of the samples while other processes compute the others into the same folder ``samples``:
+        ``"3/16"``, or ``"auto"``, the share of this task of a job array. Each of them waits for the others, at most
+        ``patience`` without a new sample, and returns the same mean.
+    progress
+        Called as samples are taken, with stage, number, expected total, and the interval so far.
+
+    Raises
+    ------
+    InputError
+        What is asked for contradicts itself, or cannot be reached.
+    """
+    if not isinstance(scene, Scene):
+        scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
+    request: dict[str, Any] = {"surfaces": surfaces, "accuracy": accuracy, "budget": budget, "most": most}
+    given = measured if isinstance(measured, TradeMap) else None
+    made = with_request(scene.completed(), **request, map=None if isinstance(measured, TradeMap) else measured)
+    where: dict[str, Any] = {"executor": executor, "workers": workers, "threads": threads, "patience": patience}
+    where["points"] = points
+    return Sampler(made, samples=samples, measured=given, **where).run(progress)
+
+
+def needing(names: str, count: int, seconds: float, asked: Request, so_far: str = "") -> str:
+    """What to say where more surfaces would be needed than are allowed; ``seconds`` of CPU time."""
+    about = f"about {round(count, 2 - len(str(count))):,}" if count < MOST else f"more than {MOST:,}"
+    time_text = in_hours(seconds) if seconds >= 120 else f"{seconds:.2g} s"
+    return (
+        f"{names}: would need {about} {asked.counted} ({time_text} of CPU time), and {asked.most:,} are allowed"
+        f"{so_far}; ask for a wider interval, or allow more with [ensemble] most"
+    )
+
+
+def _silent(stage: str, done: int, total: int, note: str = "") -> None:
+    pass
+
+
+def _of(level: stages.Level) -> Parts:
+    """A level of an ensemble as what it is made of."""
+    assert isinstance(level, Parts)
+    return level
+
+
+class Sampler:
+    """Takes the samples of one ensemble, as a design of a study."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        samples: str | Path | None = None,
+        executor: str | Executor = "threads",
+        workers: int | None = None,
+        threads: int | None = None,
+        patience: float | str | None = None,
+        points: str | None = None,
+        measured: TradeMap | None = None,
+        warn: bool = True,
+    ) -> None:
+        with scene.in_use():
+            self.request = Request.of(scene, measured)
+            known = cost(scene)
+            check_limits(scene, known)
+            for doubt in doubts(scene, known) if warn else ():
+                if doubt.kind != "long":  # how long an ensemble takes is another question
+                    warnings.warn(doubt.text, PlanWarning, stacklevel=3)
+            self.store = Store(None if samples is None else Path(samples), scene)
+        self.scene = scene
+        self._executor, self._workers, self._threads, self._patience = executor, workers, threads, patience
+        self._part = None if points is None else self._part_of(points)
+        self._progress: Report = _silent
+        self._routes: list[stages.Route] = []
+        self._rule: Generator[stages.Need, None, stages.State] | None = None
+        self._state: stages.State | None = None
+        #: key of a task that was asked for -> the samples that it belongs to
+        self._waiting: dict[str, tuple[Samples, Task]] = {}
+        #: (quantities,) relative standard errors of the barriers, and how they are known; measured when sampling begins
+        self._barriers, self._barriers_how = np.zeros(self.request.quantities.count), ""
+        #: the state after the last stage, and the counts that are aimed at
+        self._aimed: tuple[stages.State, list[int]] | None = None
+        self._shown = (-math.inf, "")
+
+    @property
+    def _quantities(self) -> Quantities:
+        return self.request.quantities
+
+    def run(self, progress: Report | None = None) -> Ensemble:
+        """Sample until the request is fulfilled, and call ``progress`` as samples are taken.
+
+        Raises
+        ------
+        InputError
+            It cannot be fulfilled.
+        """
+        self._progress = progress or _silent
+        known = for_workers(self._executor, registered_classes(self.scene.components()))
+        with ExitStack() as stack:
+            stack.enter_context(threads_restored())
+            stack.callback(self.store.close, shared=self._part is not None)
+            pool = stack.enter_context(open_pool(*self._where(), self._patience))
+            try:
+                carry_out(self, Runner(pool, self.store.place, known), self._part)
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt(self._so_far()) from None
+            return self.ensemble()
+
+    def _part_of(self, points: str) -> Part:
+        share = Selection.read(points).share
+        if share is None:
+            raise InputError.of("points", points, "a mean is no sweep", "give a share, such as 3/16 or auto")
+        if self.request.budget is not None:
+            raise InputError.of("points", points, "a wall time cannot be shared", "ask for an accuracy")
+        if self.store.place is None:
+            raise InputError.of("points", points, "shares meet in the folder of the samples", "name it: samples=...")
+        patience = PATIENCE if self._patience is None else seconds(self._patience)
+        return Part(*share, self.store.place.folder, patience)
+
+    @property
+    def writes(self) -> bool:
+        """Whether this process writes the result, and not another share."""
+        return self._part is None or self._part.share == 1
+
+    def _where(self) -> tuple[str | Executor, int | None, int | None]:
+        """Executor, workers and threads of each; threads of this process are a surface each, if memory allows two."""
+        if self._executor != "threads" or self._workers is not None:
+            return self._executor, self._workers, self._threads
+        threads = self._threads or available()
+        if fitting(self.request.computations()[0], threads) > 1:
+            return self._executor, threads, 1
+        return "serial", None, threads
+
+    # -- as a design, see :class:`chemage.studies.design.Design` ------------------------------------------------------
+
+    def ask(self) -> list[Task]:
+        """The tasks of the samples that are needed now.
+
+        Raises
+        ------
+        InputError
+            What is asked cannot be reached.
+        """
+        with self.scene.in_use():
+            return self._needed()
+
+    def _needed(self) -> list[Task]:
+        if self._rule is None:
+            self._measure_barriers()
+            self._routes = self.possible_routes()
+            self._rule = self._steps()
+        while True:
+            try:
+                level, count = next(self._rule)
+            except StopIteration as end:
+                self._state = end.value
+                return []
+            except stages.Unreachable as error:
+                raise InputError(self._explained(error)) from None
+            self._waiting = {}
+            for part in _of(level).parts:
+                self._waiting |= {task.key: (part, task) for task in part.missing(count)}
+            if self._waiting:
+                return [task for _, task in self._waiting.values()]
+
+    def tell(self, task: Task, outcome: Outcome) -> None:
+        """Receive a sample."""
+        part, _ = self._waiting[task.key]
+        part.receive(task.number, self.store.sample(task, outcome))
+
+    def ensemble(self) -> Ensemble:
+        """The result, when nothing more is asked."""
+        assert self._state is not None
+        counted = self.request.surfaces is not None
+        with self.scene.in_use():
+            stopped = "the number of surfaces that was asked for" if counted else self._ending(self._state)
+            return self._made(self._state, stopped)
+
+    def _steps(self) -> Generator[stages.Need, None, stages.State]:
+        """The rule, which stops where samples have to be taken."""
+        asked = self.request
+        if asked.surfaces is not None:
+            counted = stages.Sampled(self._routes[0].levels[0])
+            yield counted.level, asked.surfaces
+            counted.upto(asked.surfaces)
+            return stages.State(self._routes[0], [counted], np.zeros(self._quantities.count, dtype=bool))
+        clock = stages.Clock(asked.budget if asked.budget is not None else math.inf)
+        return (
+            yield from stages.steps(self._routes, asked.accuracy(), most=asked.most, clock=clock, watch=self._watch)
+        )
+
+    def _ending(self, state: stages.State) -> str:
+        """Why sampling ended, in words."""
+        if state.reached(self.request.accuracy()):
+            return "the accuracy was reached"
+        if self.request.budget is None:
+            half = state.half_width()
+            equal = ", ".join(goal.name for goal in self.request.goals if math.isnan(half[goal.column]))
+            return f"{equal}: all samples are equal, so that nothing is known of their scatter"
+        if max(state.counts) >= self.request.most:
+            return f"the {self.request.counted} are as many as are allowed"
+        return "the time was over"
+
+    def possible_routes(self) -> list[stages.Route]:
+        """Ways to the answer, the one without corrections first."""
+        found = self.request.computations()
+        base = np.hypot(self._approximation(), self._barriers)
+        coarse, fine = found[0], found[-1]
+        single = Single(self._samples(coarse, 0), self._quantities)
+        sketch = sketched(coarse) if self.request.random and self.request.surfaces is None else None
+        control = None if sketch is None else Control(self._samples(sketch, 0, self._sketched))
+        if len(found) == 1 or (coarse.errors is not None and not coarse.errors.any()):
+            return [stages.Route("own grid", (single,), lambda mean: base, control)]
+        replicas = replicas_of_difference(fine, coarse)
+        level = [self._samples(one.with_replicas(replicas), 1) for one in (fine, coarse)]
+        difference = Difference(level[0], level[1], self._quantities)
+        corrected = stages.Route("corrected", (single, difference), lambda mean: base, control)
+
+        def before(mean: np.ndarray) -> np.ndarray:
+            return np.sqrt(base**2 + self._coarsening(coarse, mean) ** 2)
+
+        return [stages.Route("not corrected", (single,), before, control), corrected]
+
+    def _samples(self, computation: Computation, level: int, taken: Taken | None = None) -> Samples:
+        return Samples(
+            computation,
+            level=level,
+            varied=self.request.random,
+            store=self.store,
+            taken=taken or self._taken,
+        )
+
+    # -- errors that are known before ---------------------------------------------------------------------------------
+
+    def _measure_barriers(self) -> None:
+        """Age members of the distribution of barriers on the first surface, where it has some."""
+        cheapest = self.request.computations()[0]
+        self._barriers, self._barriers_how = barriers_error(
+            cheapest,
+            self._samples(cheapest, 0).seeds(0),
+            self._quantities,
+            self._threads,
+            lambda done, total: self._progress(BARRIERS, done, total),
+        )
+
+    def _coarsening(self, computation: Computation, mean: np.ndarray) -> np.ndarray:
+        """(quantities,) relative standard errors of a coarse grid, as far as the maker of the surface knows them; or of
+        other settings, as the map has them."""
+        if computation.errors is not None:
+            return computation.errors
+        names = self._quantities.measures
+        measures = dict(zip(names, mean[len(mean) - len(names) :].tolist(), strict=True))
+        return self._columns(self.scene.surface.coarser_errors(computation.factor, measures))
+
+    def _approximation(self) -> np.ndarray:
+        """(quantities,) relative standard errors that approximate components of the scene declare."""
+        total = np.zeros(self._quantities.count)
+        for component in self.scene.components():
+            method = component is self.scene.ageing
+            if component.exact or (method and self.scene.ageing is not None and self.scene.ageing.replicates):
+                continue
+            declared = component.declared_error
+            errors = self._columns({} if declared is None else {"friction_drop": declared})
+            if component is not self.scene.surface and component is not self.scene.contact:
+                errors[errors.size - len(self._quantities.measures) :] = 0.0  # the contact is solved before
+            total += errors**2
+        return np.sqrt(total)
+
+    def _columns(self, known: Mapping[str, float]) -> np.ndarray:
+        """Errors by name as one number for each quantity; nan where nothing is known."""
+        found = np.full(self._quantities.count, np.nan)
+        first = int(self._quantities.has_beta)
+        if first and "beta" in known:
+            found[0] = known["beta"]
+        if "friction_drop" in known:
+            found[first : first + self._quantities.hold_times.size] = known["friction_drop"]
+        return found
+
+    # -- progress and messages ----------------------------------------------------------------------------------------
+
+    def _watch(self, state: stages.State, aimed: list[int]) -> None:
+        self._aimed = (state, aimed)
+
+    def _taken(self, samples: Samples) -> None:
+        """Report one more sample."""
+        if samples.level and samples is not _of(self._routes[-1].levels[-1]).parts[0]:
+            return  # the coarse part of a difference
+        done = len(samples.samples)
+        total = max(done, self._total(samples.level))
+        now = time.monotonic()
+        if now - self._shown[0] > PERIOD:
+            self._shown = (now, self._interval())
+        if done < total:  # more may be needed: the end is reported when it is certain
+            self._progress(CORRECTING if samples.level else SAMPLING, done, total, self._shown[1])
+
+    def _sketched(self, samples: Samples) -> None:
+        """Report one more sample of the control."""
+        done, aimed = len(samples.samples), self._aimed
+        total = aimed[1][-1] if aimed is not None and aimed[0].controlled else done
+        if done < total:
+            self._progress(SKETCHING, done, total, self._shown[1])
+
+    def _total(self, level: int) -> int:
+        """How many samples of a level are expected."""
+        if self.request.surfaces is not None:
+            return self.request.surfaces
+        if self._aimed is not None and level < len(self._aimed[1]):
+            return self._aimed[1][level]
+        return stages.FIRST_DIFFERENCES if level else stages.FIRST
+
+    def _interval(self) -> str:
+        """The interval of what is asked from the samples so far, in words; "" where there are too few."""
+        route = self._aimed[0].route if self._aimed is not None else self._routes[0]
+        levels = self._aimed[0].sampled if self._aimed is not None else []
+        looks = 0 if self.request.surfaces is not None else stages.LOOKS
+        found = [
+            stages.Sampled(level, _of(level).so_far(), looks=looks)
+            for level in ([one.level for one in levels] or route.levels)
+        ]
+        if min(one.count for one in found) < 2:
+            return ""
+        if len(found) > len(route.levels):  # a sample may be there before its control
+            pairs = min(found[0].count, found[-1].count)
+            found[0].values = found[0].values[:pairs]
+        state = stages.State(route, found, np.zeros(self._quantities.count, dtype=bool))
+        return self._in_words(state.mean, state.half_width())
+
+    def _in_words(self, mean: np.ndarray, half: np.ndarray) -> str:
+        shown = self.request.goals or [Goal(self._quantities.names[0], 0, 0.0)]
+        parts = []
+        for goal in shown:
+            reached = half[goal.column] / abs(mean[goal.column]) if mean[goal.column] else math.nan
+            if math.isfinite(reached):
+                goal_text = f" of {100 * goal.accuracy:.3g} %" if goal.accuracy else ""
+                parts.append(f"{goal.name} ± {percent(reached)}{goal_text}")
+        return ", ".join(parts)
+
+    def _so_far(self) -> str:
+        """What an interrupted ensemble leaves, in words."""
+        route = self._aimed[0].route if self._aimed is not None else self._routes[0]
+        counts = " and ".join(str(len(_of(level).so_far())) for level in route.levels)
+        kept = ""
+        if self.store.path is not None:
+            kept = f", kept in {self.store.path}; the same command takes them up and goes on"
+        return f"so far {self._interval() or 'too few for an interval,'} from {counts} samples{kept}"
+
+    def _explained(self, error: stages.Unreachable) -> str:
+        state, asked = error.state, self.request
+        names = ", ".join(f"accuracy.{goal.name} = {100 * goal.accuracy:g} %" for goal in asked.goals)
+        words = self._in_words(state.mean, state.half_width())
+        so_far = f"{words or 'no interval'} from {state.sampled[0].count} samples"
+        if error.reason == "zero":
+            return f"{names}: its mean is 0 within its interval ({so_far}), so that no relative accuracy can be reached"
+        if error.reason == "unknown":
+            undefined = [goal.name for goal in asked.goals if math.isnan(state.mean[goal.column])]
+            if undefined:
+                return f"accuracy.{undefined[0]}: some contacts of this scene do not have this quantity; leave it out"
+            return (
+                f"{names}: an approximate part of the scene does not say how large its error of this quantity is; "
+                "leave the part out, or ask for the friction drop"
+            )
+        if error.reason == "known" or error.needed is None:
+            return (
+                f"{names}: errors that no number of {asked.counted} makes smaller are larger ({so_far}); "
+                "ask for a wider interval"
+            )
+        scale = _of(state.sampled[0].level).parts[0].computation.scale
+        seconds = scale * sum(count * one.level.cost for count, one in zip(error.needed, state.sampled, strict=True))
+        return needing(names, max(error.needed), seconds, asked, f" ({so_far})")
+
+    # -- the result ---------------------------------------------------------------------------------------------------
+
+    def _made(self, state: stages.State, stopped: str) -> Ensemble:
+        interval = self._in_words(state.mean, state.half_width())
+        names = [SAMPLING, *[CORRECTING] * (len(state.route.levels) - 1), *[SKETCHING] * state.controlled]
+        for name, one in zip(names, state.sampled, strict=True):
+            self._progress(name, one.count, one.count, interval)
+        levels, rows, inside = [], {}, None
+        for number, one in enumerate(state.sampled):
+            parts = _of(one.level).parts
+            levels.append(self._described(one, parts))
+            rows[str(number)] = np.array(one.values)
+            if names[number] == SKETCHING:
+                levels[-1]["control"] = True
+            else:
+                inside = within(parts, self._quantities) or inside
+        known, how = {}, {}
+        approximation = self._approximation()
+        if not np.all(approximation == 0):
+            known["approximation"], how["approximation"] = approximation, "declared by the approximate parts"
+        if self._barriers_how:
+            known[BARRIERS], how[BARRIERS] = self._barriers, self._barriers_how
+        if state.route.name == "not corrected":
+            part = _of(state.sampled[0].level).parts[0].computation
+            name = "discretisation" if part.grid_only else "settings"
+            known[name] = self._coarsening(part, state.mean)
+            how[name] = f"measured before on other surfaces, pixels {part.factor} times larger"
+            if part.errors is not None:
+                how[name] = f"measured for the map: {part.settings}"
+        return Ensemble(
+            hold_times=self._quantities.hold_times,
+            load=self._quantities.load,
+            window=self._quantities.window,
+            measures=self._quantities.measures,
+            levels=tuple(levels),
+            rows=rows,
+            within={} if inside is None else {"variance": inside[0]},
+            known=known,
+            known_how=how,
+            goals={goal.name: goal.accuracy for goal in self.request.goals},
+            stopped=stopped,
+            notes=self._notes(),
+            provenance=self._provenance(state),
+        )
+
+    def _notes(self) -> tuple[str, ...]:
+        notes = (OWN_ERRORS,) if self.request.random else (ONE_SURFACE, OWN_ERRORS)
+        if doubt := self._quantities.doubt:
+            notes = (*notes, doubt)
+        if self.request.map is None or not (text := own_error(self.request.map, self._quantities)):
+            return notes
+        return (*notes, text)
+
+    def _provenance(self, state: stages.State) -> dict[str, Any]:
+        samples = [one for level in state.sampled for part in _of(level.level).parts for one in part.samples]
+        plugins = {name: source for one in samples for name, source in one.plugins.items()}
+        approximate = merged(*(one.approximate for one in samples))
+        return {
+            "scene": self.scene.todict(),
+            "versions": {**versions(self.scene), **plugins},
+            "cite": list(self.scene.cite()),
+            **({"plugins": plugins} if plugins else {}),
+            **({"approximate": approximate} if approximate else {}),
+        }
+
+    def _described(self, one: stages.Sampled, parts: tuple[Samples, ...]) -> dict[str, Any]:
+        """A level as it is in the record."""
+        return {
+            "words": " minus ".join(part.computation.words for part in parts),
+            "replicas": parts[0].computation.replicas,
+            "samples": one.count,
+            "cpu_seconds": one.level.cost,
+            "variance_of": one.frozen or one.count,
+            "freedom": one.freedom,
+            "random": self.request.random,
+            "seeds": [list(parts[0].seeds(k)) for k in range(min(one.count, 10))],
+        }

@@ -1,0 +1,465 @@
+"""The points of a sweep: reads ``[sweep]`` and validates every point before the first is computed.
+
+Every entry of ``[sweep]`` is one axis of a grid; the entries of a ``[[sweep.zip]]`` vary together and form one axis.
+The last axis varies fastest. A value replaces the value of the scene at that path: a number, a string with its unit, a
+whole section given as an inline table, or ``false`` for a section to be left out.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from chemage.contacts.loads import nominal_pressure
+from chemage.contacts.theories import ContactTheory, no_map
+from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
+from chemage.foundation.hashes import content_hash
+from chemage.foundation.messages import nearest
+from chemage.foundation.units import unit_of
+from chemage.plugins.sources import implementing, stage_hooks
+from chemage.scene.doubts import doubts
+from chemage.scene.estimate import cost
+from chemage.scene.limits import check_limits
+from chemage.scene.materials import SECTIONS as FILLED
+from chemage.scene.scene import REQUIRED, SECTIONS, Scene, parse_scene
+from chemage.scene.scene_files import override
+from chemage.studies.by_hand import Known, registered_classes
+from chemage.studies.tasks import Task
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Fields that vary together, and their values."""
+
+    #: dotted paths into the scene
+    paths: tuple[str, ...]
+    #: for each position on the axis one value per path
+    values: tuple[tuple[Any, ...], ...]
+
+    @property
+    def name(self) -> str:
+        """The paths, joined."""
+        return " & ".join(self.paths)
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A scene and the axes along which it varies."""
+
+    base: dict[str, Any]
+    axes: tuple[Axis, ...]
+    source: str = "the scene"
+
+    @classmethod
+    def read(cls, data: Mapping[str, Any], source: str = "the scene") -> Grid:
+        """Read the grid from scene data with ``[sweep]``.
+
+        Raises
+        ------
+        SceneError
+            ``[sweep]`` is not valid; the message lists all its errors.
+        """
+        base = {name: section for name, section in data.items() if name != "sweep"}
+        problems: list[tuple[str, str]] = []
+        axes = _axes(data.get("sweep", {}), problems)
+        seen: set[str] = set()
+        for path in (path for axis in axes for path in axis.paths):
+            if path in seen:
+                problems.append((f"sweep.{path}", "is swept twice; keep one of the two"))
+            seen.add(path)
+        if not axes and not problems:
+            problems.append(("sweep", 'names no field; give lists, such as "surface.rms_slope" = [0.05, 0.1]'))
+        if problems:
+            raise SceneError(source, problems)
+        return cls(base, tuple(axes), source)
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return math.prod(len(axis) for axis in self.axes)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of positions on each axis."""
+        return tuple(len(axis) for axis in self.axes)
+
+    @property
+    def product(self) -> str:
+        """The shape as text, such as ``2 x 3``."""
+        return " x ".join(str(length) for length in self.shape)
+
+    def positions(self, point: int) -> tuple[int, ...]:
+        """The position of ``point`` on each axis."""
+        places = []
+        for axis in reversed(self.axes):
+            point, place = divmod(point, len(axis))
+            places.append(place)
+        return tuple(reversed(places))
+
+    def changes(self, point: int) -> dict[str, Any]:
+        """The changes of ``point`` to the base: dotted path -> value."""
+        return {
+            path: value
+            for axis, place in zip(self.axes, self.positions(point), strict=True)
+            for path, value in zip(axis.paths, axis.values[place], strict=True)
+        }
+
+    def data(self, point: int) -> dict[str, Any]:
+        """Scene data of ``point``."""
+        # a whole section is replaced before a field inside it is set
+        changes = dict(sorted(self.changes(point).items(), key=lambda item: item[0].count(".")))
+        # a material would fill what is removed here; there, a section that is false is left out
+        kept = FILLED if changes.get("material", self.base.get("material")) else ()
+        return override(
+            self.base,
+            {path: value if path in kept else _without_false(path, value) for path, value in changes.items()},
+        )
+
+    def scene(self, point: int) -> Scene:
+        """The validated scene of ``point``."""
+        return parse_scene(self.data(point), self.source)
+
+    def todict(self) -> dict[str, Any]:
+        """Plain JSON values, from which :meth:`fromdict` makes an equal grid."""
+        axes = [{"paths": list(axis.paths), "values": [list(values) for values in axis.values]} for axis in self.axes]
+        return {"base": self.base, "axes": axes, "source": self.source}
+
+    @classmethod
+    def fromdict(cls, fields: Mapping[str, Any]) -> Grid:
+        """The inverse of :meth:`todict`."""
+        axes = tuple(
+            Axis(tuple(one["paths"]), tuple(tuple(values) for values in one["values"])) for one in fields["axes"]
+        )
+        return cls(dict(fields["base"]), axes, fields["source"])
+
+
+def _axes(sweep: Any, problems: list[tuple[str, str]]) -> list[Axis]:
+    if not isinstance(sweep, Mapping):
+        problems.append(("sweep", f"{sweep!r} is not a section; write [sweep] with one list per line"))
+        return []
+    axes = [Axis((path,), tuple((value,) for value in values)) for path, values in _lines(sweep, "sweep", problems)]
+    zips = sweep.get("zip", [])
+    if not isinstance(zips, list) or not all(isinstance(one, Mapping) for one in zips):
+        problems.append(("sweep.zip", "write each group of lines that vary together as [[sweep.zip]], in two brackets"))
+        return axes
+    for number, group in enumerate(zips):
+        where = f"sweep.zip.{number}"
+        lines = _lines(group, where, problems)
+        lengths = {path: len(values) for path, values in lines}
+        if len(set(lengths.values())) > 1:
+            each = ", ".join(f"{path} has {length}" for path, length in lengths.items())
+            problems.append((where, f"lines that vary together must have equal length: {each}"))
+        elif lines:
+            axes.append(Axis(tuple(lengths), tuple(zip(*(values for _, values in lines), strict=True))))
+        elif not group:
+            problems.append((where, "names no field"))
+    return axes
+
+
+def _lines(table: Mapping[str, Any], where: str, problems: list[tuple[str, str]]) -> list[tuple[str, list[Any]]]:
+    """Find (path, values) of every list in ``table``, nested or dotted."""
+    lines: list[tuple[str, list[Any]]] = []
+
+    def visit(part: Mapping[str, Any], parents: tuple[str, ...]) -> None:
+        for name, value in part.items():
+            path = ".".join((*parents, name))
+            if path == "zip" and where == "sweep":
+                continue
+            if isinstance(value, Mapping):
+                visit(value, (*parents, name))
+            elif not isinstance(value, list):
+                problems.append((f"{where}.{path}", f"{value!r} is one value; give a list, such as [{value!r}]"))
+            elif not value:
+                problems.append((f"{where}.{path}", "is an empty list; an axis needs at least one value"))
+            elif (wrong := _wrong_path(path)) is not None:
+                problems.append((f"{where}.{path}", wrong))
+            elif path == "contact.load" and len({nominal_pressure(one) is None for one in value}) > 1:
+                problems.append((f"{where}.{path}", "give all loads as forces, or all as nominal pressures"))
+            else:
+                lines.append((path, value))
+
+    visit(table, ())
+    return lines
+
+
+def _wrong_path(path: str) -> str | None:
+    root, _, rest = path.partition(".")
+    known = [name for name in SECTIONS if name != "sweep"]
+    if root not in known:
+        return f"no such section{nearest(root, known)}; the sections are {', '.join(known)}"
+    if rest and ("" in rest.split(".") or root in ("name", "title", "material")):
+        return "no such field"
+    return None
+
+
+def _without_false(path: str, value: Any) -> Any:
+    return None if value is False and path in SECTIONS and path not in REQUIRED else value
+
+
+# -- validation of all points -----------------------------------------------------------------------------------------
+
+
+@dataclass
+class Contact:
+    """A contact to solve, which several points may share."""
+
+    key: str
+    surface: str
+    #: a point that uses it
+    point: int
+    cpu_seconds: float | None
+    bytes: float
+
+
+@dataclass
+class Survey:
+    """All points of a grid, validated: the contacts they share, and estimates of their cost."""
+
+    grid: Grid
+    #: for each point its key, the key of its ageing, and the number of its contact
+    keys: list[str] = field(default_factory=list)
+    agings: list[str] = field(default_factory=list)
+    contact_of: list[int] = field(default_factory=list)
+    contacts: list[Contact] = field(default_factory=list)
+    #: CPU time of each point without its contact, s; None where its engine gives no estimate
+    cpu_seconds: list[float | None] = field(default_factory=list)
+    #: size of the point files
+    bytes: float = 0.0
+    #: largest memory of one task, bytes; None if unknown
+    memory: float | None = 0.0
+    #: for each axis, position and path the validated value, in internal units
+    resolved: list[list[list[Any]]] = field(default_factory=list)
+    units: dict[str, str] = field(default_factory=dict)
+    #: plugins that implement hooks of the stages: name -> source
+    hooks: dict[str, str] = field(default_factory=dict)
+    #: classes of components that are registered by hand, and what workers must know of them
+    classes: set[type] = field(default_factory=set)
+    known: Known = ()
+    #: whether every point is a mean over surfaces
+    means: bool = False
+    digest: str = ""
+    #: what to warn of: kind -> (text of the first point that it concerns, this point, number of points)
+    doubts: dict[str, tuple[str, int, int]] = field(default_factory=dict)
+
+    def task(self, point: int) -> Task:
+        """The task of a point."""
+        contact, seconds = self.contacts[self.contact_of[point]], self.cpu_seconds[point]
+        return Task(
+            key=self.keys[point],
+            ageing=self.agings[point],
+            contact=contact.key,
+            surface=contact.surface,
+            source=partial(self.grid.scene, point),
+            number=point,
+            changes=self.grid.changes(point),
+            contact_seconds=math.nan if contact.cpu_seconds is None else contact.cpu_seconds,
+            ageing_seconds=math.nan if seconds is None else seconds,
+            bytes=self.memory or 0.0,
+        )
+
+    def warnings(self) -> list[str]:
+        """What to warn of, one sentence for each kind, with the points that it concerns."""
+        found = []
+        for text, first, count in self.doubts.values():
+            others = f" and similar at {count - 1} more of {self.grid.size}" if count > 1 else f" of {self.grid.size}"
+            found.append(f"{text} [at point {first}{others}]" if self.grid.size > 1 else text)
+        return found
+
+    @property
+    def surfaces(self) -> int:
+        """Number of different surfaces."""
+        return len({contact.surface for contact in self.contacts})
+
+    @property
+    def total_cpu_seconds(self) -> float | None:
+        """CPU time of all contacts and kinetics, s; None if a component gives no estimate."""
+        distinct = dict(zip(self.agings, self.cpu_seconds, strict=True)).values()
+        costs = [contact.cpu_seconds for contact in self.contacts] + list(distinct)
+        return None if any(cost is None for cost in costs) else float(sum(cost for cost in costs if cost is not None))
+
+    @property
+    def total_bytes(self) -> float:
+        """Size of the folder."""
+        return self.bytes + sum(contact.bytes for contact in self.contacts)
+
+
+def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Survey:
+    """Validate every point of ``grid``; ``progress`` receives (points validated, number of points).
+
+    Raises
+    ------
+    SceneError
+        Points are not valid; for each error the message names the path, the first point, and the values of that point.
+    """
+    result = Survey(grid, hooks=implementing(*stage_hooks()))
+    result.resolved = [[[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes]
+    known: dict[str, int] = {}
+    wrong: dict[tuple[str, str], list[int]] = {}
+    unresolved = [set(range(len(axis))) for axis in grid.axes]
+    for point in range(grid.size):
+        try:
+            scene = grid.scene(point)
+        except PluginError:
+            raise
+        except ChemageError as error:
+            for problem in getattr(error, "problems", None) or [("", str(error))]:
+                first = wrong.setdefault(problem, [point, 0])
+                first[1] += 1
+            continue
+        finally:
+            if progress is not None:
+                progress(point + 1, grid.size)
+        if wrong:
+            continue
+        try:
+            _add(result, point, scene, known)
+        except InputError as error:
+            error.add_note(f"at point {point} of {grid.source}")
+            raise
+        for axis, place in enumerate(grid.positions(point)):
+            if place in unresolved[axis]:
+                unresolved[axis].discard(place)
+                _resolve(result, axis, place, scene)
+    if wrong:
+        raise SceneError(grid.source, [_located(grid, problem, *where) for problem, where in wrong.items()])
+    digest = hashlib.blake2b(json.dumps([[axis.paths for axis in grid.axes], []]).encode(), digest_size=16)
+    for key in result.keys:
+        digest.update(key.encode())
+    result.digest = digest.hexdigest()
+    return result
+
+
+def mean_key(scene: Scene) -> str:
+    """Content hash of everything on which the mean of a scene over surfaces depends.
+
+    Raises
+    ------
+    InputError
+        It asks for as much as a wall time allows.
+    """
+    wish = scene.ensemble
+    if wish is not None and wish.budget is not None:
+        raise InputError(
+            "ensemble.budget: a wall time is for one mean, and the points of a sweep are computed together; ask each "
+            "point for an accuracy, or for a number of surfaces"
+        )
+    options = None if wish is None else wish.model_dump(mode="json")
+    return content_hash([scene.task_keys()["result"], options, dict(scene.accuracy)])
+
+
+def _located(grid: Grid, problem: tuple[str, str], point: int, count: int) -> tuple[str, str]:
+    path, message = problem
+    values = ", ".join(f"{name} = {shown(value)}" for name, value in grid.changes(point).items())
+    others = f" and at {count - 1} more of {grid.size}" if count > 1 else ""
+    return path, f"{message} [at point {point}: {values}{others}]"
+
+
+def shown(value: Any) -> str:
+    """Format a swept value as one line of text."""
+    if isinstance(value, Mapping):
+        rest = {name: item for name, item in value.items() if name != "kind"}
+        return " ".join([str(value.get("kind", "")), *(f"{name}={shown(item)}" for name, item in rest.items())]).strip()
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _add(result: Survey, point: int, scene: Scene, known: dict[str, int]) -> None:
+    if isinstance(scene.contact, ContactTheory):
+        raise InputError(no_map(scene.contact, "a sweep has no contact to store; run each scene by itself"))
+    keys, costs = scene.task_keys(), cost(scene)
+    if point and scene.is_ensemble != result.means:
+        raise InputError("accuracy, ensemble: some points are means over surfaces and others are not; make two sweeps")
+    if result.means or scene.is_ensemble:
+        result.means = True
+        keys["result"] = mean_key(scene)
+    result.classes |= registered_classes(scene.components())
+    check_limits(scene, costs)
+    for doubt in doubts(scene, costs):
+        text, first, count = result.doubts.get(doubt.kind, (doubt.text, point, 0))
+        result.doubts[doubt.kind] = text, first, count + 1
+    result.keys.append(keys["result"])
+    result.agings.append(keys["aging"])
+    if keys["contact"] not in known:
+        known[keys["contact"]] = len(result.contacts)
+        result.contacts.append(
+            Contact(keys["contact"], keys["surface"], point, costs.contact_cpu_seconds, 3000 + costs.contact_file)
+        )
+        _note_memory(result, costs.contact_bytes)
+    result.contact_of.append(known[keys["contact"]])
+    result.cpu_seconds.append(costs.kinetics_cpu_seconds)
+    result.bytes += 5000
+    if scene.hold is not None:
+        result.bytes += scene.hold.hold_times.size * (90 + 11 * scene.hold.replicas)
+        _note_memory(result, costs.replica_bytes)
+
+
+def _note_memory(result: Survey, size: float | None) -> None:
+    if size is None:
+        result.memory = None
+    elif result.memory is not None:
+        result.memory = max(result.memory, size)
+
+
+def _resolve(result: Survey, axis: int, place: int, scene: Scene) -> None:
+    """Record the validated values of one position: "20 uN" is 20000.0 nN."""
+    data = scene.todict()
+    for number, path in enumerate(result.grid.axes[axis].paths):
+        given = result.grid.axes[axis].values[place][number]
+        if path == "contact.load" and (pressure := nominal_pressure(given)) is not None:
+            # the force differs where the size of the surface is swept as well
+            result.resolved[axis][place][number], result.units[path] = pressure, "GPa"
+            continue
+        value: Any = data
+        for name in path.split("."):
+            value = value.get(name) if isinstance(value, Mapping) else None
+        if isinstance(given, Mapping) or value is None or isinstance(value, Mapping | list):
+            value = given
+        result.resolved[axis][place][number] = value
+        if path not in result.units:
+            result.units[path] = _unit(path, scene)
+
+
+def _unit(path: str, scene: Scene) -> str:
+    section, _, name = path.partition(".")
+    if path == "contact.load":
+        return "nN"
+    owner: Any = getattr(scene, section, None)
+    if section in ("forming", "breaking", "interaction") and scene.chemistry is not None:
+        owner = getattr(scene.chemistry, section)
+    if section == "plugins":
+        plugin, _, name = name.rpartition(".")
+        owner = scene.plugins.get(plugin)
+    info = type(owner).model_fields.get(name) if owner is not None else None
+    return unit_of(info) if info is not None else ""
+
+
+def order_of(contacts: list[Contact]) -> list[int]:
+    """Order the numbers of ``contacts`` so that those of one surface follow each other."""
+    first: dict[str, int] = {}
+    for number, contact in enumerate(contacts):
+        first.setdefault(contact.surface, number)
+    ranks = np.array([first[contact.surface] for contact in contacts], dtype=np.int64)
+    return [int(number) for number in np.argsort(ranks, kind="stable")]
+
+
+def check_base(data: Any, source: str) -> dict[str, Any]:
+    """Check that scene data are plain JSON values, and return them as such.
+
+    Raises
+    ------
+    InputError
+        They contain something else.
+    """
+    try:
+        return json.loads(json.dumps(data))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{source}: a scene may hold numbers, strings, lists and tables only: {error}") from None

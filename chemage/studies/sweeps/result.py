@@ -1,0 +1,371 @@
+"""The results of a sweep, read from its folder at any time."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from chemage.ageing.aging import Aging
+from chemage.contacts.solution import ContactSolution
+from chemage.foundation.codec import from_json
+from chemage.foundation.errors import InputError, StoreError
+from chemage.foundation.units import in_one_unit
+from chemage.scene.run import Run
+from chemage.scene.scene import Scene
+from chemage.studies.ensembles.ensemble import Ensemble
+from chemage.studies.folder import FORMAT, Folder, SweepWarning
+from chemage.studies.sweeps.grid import Axis, Grid, shown
+from chemage.studies.sweeps.table import Table, error_text
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+
+@dataclass(frozen=True)
+class Point:
+    """One point of a sweep, read from the folder when its results are used."""
+
+    result: SweepResult
+    index: int
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """The changes of this point to the scene: dotted path -> value, as written in ``[sweep]``."""
+        return self.result.grid.changes(self.index)
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The validated changes of this point: dotted path -> value, numbers in internal units."""
+        return {path: column[self.index] for path, column in self.result.swept.items()}
+
+    @property
+    def key(self) -> str:
+        """Content hash of everything on which the result depends."""
+        return self.result.keys[self.index]
+
+    @cached_property
+    def _content(self) -> dict[str, Any]:
+        return self.result.store.read_point(self.key)
+
+    @property
+    def status(self) -> str:
+        """``done``, ``failed``, ``missing`` or ``damaged``."""
+        return self._content["status"]
+
+    @property
+    def error(self) -> str:
+        """Stage, type and message of the error of a point that failed; empty otherwise."""
+        return error_text(self._content.get("error"))
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The summary of the run, see :meth:`chemage.Run.summary`.
+
+        Raises
+        ------
+        StoreError
+            The point failed or is missing.
+        """
+        if self.status != "done":
+            raise StoreError(
+                f"point {self.index} of {self.result.folder} is {self.status}{self.error and ': '}{self.error}"
+            )
+        return self._content["summary"]
+
+    def scene(self) -> Scene:
+        """The validated scene of this point."""
+        return self.result.grid.scene(self.index)
+
+    def ensemble(self) -> Ensemble:
+        """The mean over surfaces, where every point of the sweep is one.
+
+        Raises
+        ------
+        StoreError
+            The point failed or is missing, or it is one surface.
+        """
+        if self.status == "done" and "ensemble" not in self._content:
+            raise StoreError(f"point {self.index} of {self.result.folder} is one surface, and no mean; use run()")
+        self.summary  # noqa: B018
+        return from_json(Ensemble, self._content["ensemble"])
+
+    def aging(self) -> Aging:
+        """The ageing curve, with the bonds of every replica.
+
+        Raises
+        ------
+        StoreError
+            The point failed or is missing, or its scene stops at the contact.
+        """
+        self._require_one()
+        if not self.summary["hold_times"]:
+            raise StoreError(
+                f"point {self.index} of {self.result.folder} has no ageing: its scene stops at the contact"
+            )
+        return from_json(Aging, self._content["aging"])
+
+    def contact(self) -> ContactSolution:
+        """The contact of this point.
+
+        Raises
+        ------
+        StoreError
+            It is not in the folder, or it is damaged.
+        """
+        self._require_one()
+        found = self.result.store.read_contact(self.result.contact_key(self.index))
+        if found is None:
+            raise StoreError(f"the contact of point {self.index} is not in {self.result.folder}")
+        return found
+
+    def _require_one(self) -> None:
+        if self.result.means:
+            raise StoreError(f"point {self.index} of {self.result.folder} is a mean over surfaces; use ensemble()")
+
+    def run(self) -> Run:
+        """This point as a run, without its surface.
+
+        Raises
+        ------
+        StoreError
+            The point failed or is missing, or its contact is not in the folder.
+        """
+        scene, summary = self.scene(), self.summary
+        return Run(
+            scene.todict(),
+            self.contact(),
+            aging=self.aging() if summary["hold_times"] else None,
+            timings=summary["timings"],
+            versions=summary["versions"],
+            keys=summary["keys"],
+            cite=tuple(summary["cite"]),
+        )
+
+    def __repr__(self) -> str:
+        return f"<Point {self.index}: {', '.join(f'{path} = {shown(value)}' for path, value in self.changes.items())}>"
+
+
+def _no_counts() -> dict[str, int]:
+    return {"points": 0, "done": 0, "failed": 0, "missing": 0, "damaged": 0}
+
+
+class SweepResult:
+    """The results of a sweep, complete or not: a sequence of :class:`Point`."""
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        self.store = Folder(self.folder)
+        self._manifest = self.store.read_manifest()
+        self.grid = Grid.fromdict(self._manifest["grid"])
+        self.keys: list[str] = self._manifest["keys"]
+
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return str(self.grid.base.get("name", "scene"))
+
+    @property
+    def digest(self) -> str:
+        """Content hash of the whole sweep."""
+        return self._manifest["digest"]
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """The versions of chemage and its plugins that made the folder."""
+        return self._manifest["versions"]
+
+    @property
+    def means(self) -> bool:
+        """Whether every point is a mean over surfaces, see :meth:`Point.ensemble`."""
+        return bool(self._manifest.get("means", False))
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """The axes of the grid; the last varies fastest."""
+        return self.grid.axes
+
+    @cached_property
+    def swept(self) -> dict[str, list[Any]]:
+        """The swept fields: dotted path -> validated value at every point, numbers in internal units."""
+        resolved = self._manifest["resolved"]
+        columns: dict[str, list[Any]] = {path: [] for axis in self.axes for path in axis.paths}
+        for point in range(len(self)):
+            for axis, place in enumerate(self.grid.positions(point)):
+                for path, value in zip(self.axes[axis].paths, resolved[axis][place], strict=True):
+                    columns[path].append(value)
+        return columns
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The units of :attr:`swept`: dotted path -> unit, empty for numbers without a unit."""
+        return self._manifest["units"]
+
+    @cached_property
+    def written(self) -> dict[str, tuple[list[float], str]]:
+        """Those of :attr:`swept` that were all written in one unit: dotted path -> numbers at the points, unit."""
+        found = {}
+        for number, axis in enumerate(self.axes):
+            for place, path in enumerate(axis.paths):
+                if self.units.get(path) and (one := in_one_unit([values[place] for values in axis.values])) is not None:
+                    at_points = [one[0][self.grid.positions(point)[number]] for point in range(len(self))]
+                    found[path] = at_points, one[1]
+        return found
+
+    def contact_key(self, point: int) -> str:
+        """Content hash of the contact of ``point``."""
+        return self._manifest["contacts"][self._manifest["contact_of"][point]]
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def __getitem__(self, index: int) -> Point:
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"point {index} of a sweep of {len(self)}")
+        return Point(self, index % len(self))
+
+    def __iter__(self) -> Iterator[Point]:
+        return (Point(self, index) for index in range(len(self)))
+
+    def where(self, values: Mapping[str, Any]) -> list[Point]:
+        """Find the points with the given values: dotted path -> value, as written in ``[sweep]`` or as validated.
+
+        Raises
+        ------
+        InputError
+            A path is not swept.
+        """
+        for path in values:
+            if path not in self.swept:
+                raise InputError.of(path, values[path], f"is not swept; swept are {', '.join(self.swept)}")
+        return [
+            point
+            for point in self
+            if all(
+                value == point.values[path] or (path in point.changes and value == point.changes[path])
+                for path, value in values.items()
+            )
+        ]
+
+    def states(self) -> list[str]:
+        """The present state of each point: ``done``, ``failed``, ``missing`` or ``damaged``."""
+        known: dict[str, str] = {}
+        for key in self.keys:
+            if key not in known:
+                known[key] = self.store.state(key)
+        return [known[key] for key in self.keys]
+
+    @property
+    def failed(self) -> list[Point]:
+        """The points that failed."""
+        return [self[index] for index, state in enumerate(self.states()) if state == "failed"]
+
+    def table(self) -> Table:
+        """The table of all points, as they are in the folder at present."""
+        points = (self.store.read_point(key) for key in self.keys)
+        return Table.collect(self.swept, self.units, points, self.axes)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """A data frame with one row per point: status, swept fields, results.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        return self.table().to_pandas()
+
+    def to_xarray(self) -> xarray.Dataset:
+        """A dataset with one dimension for each axis, named after its field (``load``, ``surface_seed``).
+
+        Lines that vary together share a dimension. Numbers of a point (``beta``, ``area_fraction``) have these
+        dimensions; curves (``friction_drop``) have ``hold_time`` as well, and ``bonds`` also ``replica``. Every
+        variable has ``units`` and ``long_name``. Of a point that is not done, ``status`` says why, numbers are nan and
+        bonds -1.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        return self.table().to_xarray()
+
+    def write_tables(self) -> tuple[Path, Path]:
+        """Write ``results.csv`` and ``results.h5`` into the folder."""
+        table = self.table()
+        if len(table.processors) > 1:
+            warnings.warn(
+                f"{self.folder}: points were computed on unlike processors ({'; '.join(table.processors)}); "
+                "equal contacts can differ in the last digits of their pressures",
+                SweepWarning,
+                stacklevel=2,
+            )
+        names = self.folder / "results.csv", self.folder / "results.h5"
+        table.write_csv(names[0])
+        made = self._manifest["versions"]
+        table.write_hdf5(
+            names[1],
+            {
+                "chemage": made["chemage"],
+                "chemage_sweep": FORMAT,
+                "Conventions": "CF-1.8",
+                "sweep": json.dumps(self.grid.todict()),
+                "digest": self.digest,
+                "versions": json.dumps(made),
+            },
+        )
+        return names
+
+    def status(self) -> dict[str, Any]:
+        """Count the points by state, in total and for each value of each axis, and list failures."""
+        states = self.states()
+        counts = [[_no_counts() for _ in axis.values] for axis in self.axes]
+        total = _no_counts()
+        for point, state in enumerate(states):
+            rows = [axis[place] for axis, place in zip(counts, self.grid.positions(point), strict=True)]
+            for row in (total, *rows):
+                row["points"] += 1
+                row[state] += 1
+        axes = [
+            {
+                "axis": axis.name,
+                "rows": [
+                    {"values": dict(zip(axis.paths, values, strict=True)), **row}
+                    for values, row in zip(axis.values, found, strict=True)
+                ],
+            }
+            for axis, found in zip(self.axes, counts, strict=True)
+        ]
+        contacts: list[str] = [] if self.means else self._manifest["contacts"]
+        return {
+            "name": self.name,
+            "folder": str(self.folder),
+            **total,
+            "contacts": len(contacts),
+            "contacts_done": sum(self.store.contact(key).exists() for key in contacts),
+            "axes": axes,
+            "failures": [
+                {"point": index, "changes": self[index].changes, "error": self[index].error}
+                for index, state in enumerate(states)
+                if state == "failed"
+            ],
+        }
+
+    def __repr__(self) -> str:
+        return f"<SweepResult {self.folder}: {len(self)} points, {self.grid.product}>"
+
+
+def load_sweep(folder: str | Path) -> SweepResult:
+    """Read the results of the sweep in ``folder``, complete or not.
+
+    Raises
+    ------
+    StoreError
+        It is not the folder of a sweep, or a newer version of chemage wrote it.
+    """
+    return SweepResult(folder)

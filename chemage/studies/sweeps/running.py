@@ -1,0 +1,438 @@
+"""Computing a sweep: validates every point, then distributes contacts and points as independent tasks.
+
+A point is submitted as soon as its contact is solved. Completed contacts and points are skipped.
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from chemage.foundation.errors import (
+    DamagedError,
+    InputError,
+    SceneError,
+    StoreError,
+)
+from chemage.foundation.memory import readable
+from chemage.foundation.threads import restored as threads_restored
+from chemage.foundation.units import in_words
+from chemage.foundation.version import __version__
+from chemage.foundation.warned import PlanWarning
+from chemage.plugins.settings import completed
+from chemage.scene.provenance import versions
+from chemage.scene.scene import Scene
+from chemage.scene.scene_files import located, override, scene_data
+from chemage.studies.by_hand import for_workers
+from chemage.studies.design import PATIENCE, Part, carry_out
+from chemage.studies.executors.clusters import seconds
+from chemage.studies.executors.opening import open_pool
+from chemage.studies.executors.pool import Pool
+from chemage.studies.folder import FORMAT, Folder, SweepWarning
+from chemage.studies.manifest import refuse_links
+from chemage.studies.runner import Runner
+from chemage.studies.selection import Selection
+from chemage.studies.sweeps.freshness import Outdated, outdated
+from chemage.studies.sweeps.grid import Grid, Survey, check_base, survey
+from chemage.studies.sweeps.means import SAMPLES, Means
+from chemage.studies.sweeps.points import Points
+from chemage.studies.sweeps.progress import Report, SweepProgress, reporting
+from chemage.studies.sweeps.result import SweepResult
+from chemage.studies.sweeps.shares import PLACE, agree, points_of
+from chemage.studies.tasks import forget
+
+#: sweeps of more points need confirmation before they are validated
+MANY_POINTS = 100_000
+#: fraction of the free disk space that results may fill without confirmation
+DISK_SHARE = 0.9
+
+
+#: receives a description of what needs confirmation, and returns whether the sweep may continue
+Confirm = Callable[[str], bool]
+
+
+# -- before the first task --------------------------------------------------------------------------------------------
+
+
+def read_grid(
+    scene: Scene | str | Path | Mapping[str, Any],
+    changes: Mapping[str, Any] | None = None,
+    axes: Mapping[str, Any] | None = None,
+) -> Grid:
+    """Read the grid of a scene, a scene file, an installed scene, or scene data, with dotted-path ``changes`` to the
+    base; ``axes`` are in place of ``[sweep]``.
+
+    Raises
+    ------
+    SceneError
+        ``[sweep]`` is missing or not valid.
+    """
+    given = scene.completed().todict() if isinstance(scene, Scene) else scene
+    data, source = (dict(given), "the scene") if isinstance(given, Mapping) else scene_data(given)
+    data = completed(in_words(override(data, changes or {})))
+    if axes is not None:
+        data["sweep"] = in_words({path: _listed(values) for path, values in axes.items()})
+    if "sweep" not in data:
+        raise SceneError(source, [("sweep", "is missing: this scene is one point; use chemage.run, or give axes")])
+    return Grid.read(check_base(located(data, Path.cwd()), source), source)
+
+
+def _listed(values: Any) -> Any:
+    """Values of an axis as a list of plain ones, from an array of numpy or pint as well."""
+    return values.tolist() if isinstance(values, np.ndarray) else list(values) if isinstance(values, tuple) else values
+
+
+def survey_of(grid: Grid, *, progress: Report | None = None, confirm: Confirm | None = None) -> Survey:
+    """Validate every point; more than ``MANY_POINTS`` points only if ``confirm`` returns True.
+
+    Raises
+    ------
+    SceneError
+        A point is not valid.
+    InputError
+        There are too many points, and ``confirm`` did not return True.
+    """
+    begin = time.perf_counter()
+    if grid.size > MANY_POINTS:
+        _require_confirmation(f"the sweep has {grid.size} points ({grid.product})", confirm)
+    last = begin
+
+    def report(validated: int, total: int) -> None:
+        nonlocal last
+        now = time.perf_counter()
+        if progress is not None and (now > last + 0.2 or validated == total):
+            last = now
+            left = (now - begin) * (total - validated) / validated
+            progress(SweepProgress("validating", total, validated, 0, 0, 0, 1, now - begin, left))
+
+    return survey(grid, report)
+
+
+def _require_confirmation(what: str, confirm: Confirm | None) -> None:
+    if confirm is None or not confirm(what):
+        raise InputError(f"{what}; nothing was computed. Reduce the sweep, or confirm it (--yes, or confirm=True)")
+
+
+def room_for(path: Path) -> int:
+    """Free disk space where ``path`` is or will be, bytes."""
+    place = path.absolute()
+    while not place.exists():
+        place = place.parent
+    return shutil.disk_usage(place).free
+
+
+def _check_room(found: Survey, path: Path, confirm: Confirm | None) -> None:
+    """Ask for confirmation where the disk may be too small; warn of what is doubtful about the points."""
+    need, room = found.total_bytes, room_for(path)
+    if need > DISK_SHARE * room:
+        _require_confirmation(
+            f"the {found.grid.size} points and {len(found.contacts)} contacts may need {readable(need)}, but "
+            f"{path.absolute().parent} has {readable(room)} left",
+            confirm,
+        )
+    _warn(found)
+
+
+def _warn(found: Survey) -> None:
+    """Warn of what is doubtful about the points, of each kind of doubt once."""
+    for text in found.warnings():
+        warnings.warn(text, PlanWarning, stacklevel=4)
+
+
+def _check_folder(folder: Folder, found: Survey, force: bool) -> None:
+    """Refuse a folder that is not of a sweep, or of another sweep unless that is to be replaced."""
+    path = folder.path
+    if path.exists() and not path.is_dir():
+        raise StoreError(f"{path} is a file; a sweep is computed into a folder")
+    refuse_links(path)
+    # what another process makes before the manifest
+    begun = {".lock", ".parts", PLACE}
+    if not path.exists() or {one.name for one in path.iterdir()} <= begun:
+        return
+    if not folder.manifest.exists():
+        raise StoreError(f"{path} is not empty and holds no sweep; choose another folder")
+    if force:
+        return
+    there = _manifest_of(folder, found)
+    if there["digest"] != found.digest:
+        raise StoreError(f"{path} holds another sweep ({_difference(there, found)}); choose another folder")
+    now, then = versions(), there["versions"]
+    changed = [f"{name} {then[name]} -> {now[name]}" for name in now if name in then and then[name] != now[name]]
+    if changed:
+        warnings.warn(
+            f"{path} was begun with other versions ({', '.join(changed)}); it will hold points of both",
+            SweepWarning,
+            stacklevel=3,
+        )
+
+
+def _manifest_of(folder: Folder, found: Survey) -> Mapping[str, Any]:
+    """The manifest; one that is damaged is made anew, if the folder holds points of this sweep."""
+    try:
+        return folder.read_manifest()
+    except DamagedError as error:
+        if not any(folder.point(key).exists() for key in found.keys):
+            raise
+        warnings.warn(f"{error}; it is written again", SweepWarning, stacklevel=4)
+        return _manifest(found)
+
+
+def _difference(there: Mapping[str, Any], found: Survey) -> str:
+    old = Grid.fromdict(there["grid"])
+    if [axis.paths for axis in old.axes] != [axis.paths for axis in found.grid.axes]:
+        return f"over {', '.join(axis.name for axis in old.axes)}"
+    if old.shape != found.grid.shape:
+        return f"{old.product} points instead of {found.grid.product}"
+    different = sum(a != b for a, b in zip(there["keys"], found.keys, strict=True))
+    return f"{different} of its {len(found.keys)} points differ"
+
+
+def _outdated(folder: Folder, found: Survey, *, whole: bool) -> Outdated:
+    if not folder.manifest.exists():
+        return Outdated()
+    try:
+        there = folder.read_manifest()
+    except DamagedError:
+        there = {}
+    stale = outdated(folder, found, there)
+    if stale and not whole:
+        raise StoreError(
+            f"{folder.path}: {stale.describe()}; one process must do so: rerun the command without --points, or choose "
+            "another folder"
+        )
+    if stale:
+        warnings.warn(f"{folder.path}: {stale.describe()}", SweepWarning, stacklevel=3)
+    return stale
+
+
+def _describe(folder: Folder, found: Survey) -> None:
+    """Write the manifest, or note in it which plugins were asked about all that is complete."""
+    try:
+        there = folder.read_manifest() if folder.manifest.exists() else None
+    except DamagedError:
+        there = None
+    if there is None:
+        folder.write_manifest(_manifest(found))
+    elif there.get("asked", {}) != found.hooks:
+        folder.write_manifest({**there, "asked": found.hooks})
+
+
+def _describe_first(folder: Folder, found: Survey) -> None:
+    """Write the manifest unless another process has, whose manifest must be of this sweep."""
+    folder.write_manifest(_manifest(found), first=True)
+    try:
+        there = folder.read_manifest()
+    except DamagedError:
+        folder.write_manifest(_manifest(found))
+        return
+    if there["digest"] != found.digest:
+        raise StoreError(f"{folder.path} holds another sweep ({_difference(there, found)}); choose another folder")
+    if (version := there["versions"]["chemage"]) != __version__:
+        raise StoreError(
+            f"{folder.path} was begun by chemage {version}, and this is {__version__}; compute all shares with one "
+            "version, or finish it with one process (without --points)"
+        )
+
+
+def _clear(folder: Folder) -> None:
+    """Remove the files of a sweep only; the manifest last, so that the folder stays recognisable as that of a sweep."""
+    for name in ("points", "contacts", SAMPLES, ".parts"):
+        shutil.rmtree(folder.path / name, ignore_errors=True)
+    for name in ("results.csv", "results.h5", "sweep.json"):
+        (folder.path / name).unlink(missing_ok=True)
+
+
+def _manifest(found: Survey) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "digest": found.digest,
+        "versions": versions(found.grid.scene(0)),
+        "asked": found.hooks,
+        "grid": found.grid.todict(),
+        "resolved": found.resolved,
+        "units": found.units,
+        "contacts": [contact.key for contact in found.contacts],
+        "contact_of": found.contact_of,
+        "keys": found.keys,
+        **({"means": True} if found.means else {}),
+    }
+
+
+# -- the sweep --------------------------------------------------------------------------------------------------------
+
+
+def sweep(
+    scene: Scene | str | Path | Mapping[str, Any],
+    out: str | Path,
+    *,
+    axes: Mapping[str, Any] | None = None,
+    accuracy: Mapping[str, Any] | None = None,
+    executor: str | Executor | None = None,
+    workers: int | None = None,
+    threads: int | None = None,
+    changes: Mapping[str, Any] | None = None,
+    progress: Report | bool | None = None,
+    confirm: Confirm | bool = False,
+    force: bool = False,
+    points: str | None = None,
+    patience: float | str | None = None,
+) -> SweepResult:
+    """Compute every point of a scene with ``[sweep]`` into the folder ``out``; completed points are skipped.
+
+    Parameters
+    ----------
+    scene, axes
+        A scene file, the name of an installed scene, scene data (a mapping), or a :class:`chemage.Scene`; dotted path
+        -> values in place of its ``[sweep]``, such as ``{"contact.load": ["1 uN", "2 uN"]}``.
+    out
+        A new folder, or the folder of this sweep, which then resumes.
+    accuracy
+        Each point is a mean over random surfaces to this accuracy, such as ``{"beta": "2 %"}``, as for
+        :func:`chemage.ensemble`; in place of ``[accuracy]`` of the scene.
+    executor, workers, threads, patience
+        Where to compute, the number of concurrent points, the threads of each, and how long to wait where no worker of
+        Dask runs, or for other shares; see :func:`chemage.studies.executors.opening.open_pool`. Default: ``serial``,
+        and for means ``threads``. Results do not depend on them.
+    changes
+        Dotted path -> value: changes to the scene before it is swept.
+    progress
+        Receives a ``SweepProgress`` several times a second; True shows it on stderr.
+    confirm
+        Receives a question about very many points or little free disk space, and returns the answer; True: always.
+    force
+        Replace the results in ``out`` and compute all points.
+    points
+        Compute a part of the points only, while other processes may compute others into the same folder: ``"3/16"``,
+        the third of sixteen shares; ``"3,7,12-20"``, numbers of points; ``"auto"``, the share of this task of a job
+        array. No tables are written; see :func:`chemage.collect_sweep`.
+
+    Returns
+    -------
+    SweepResult
+        All points; those that failed are in ``SweepResult.failed`` and are tried again by the next call.
+
+    Raises
+    ------
+    SceneError
+        A point is not valid; all points are validated before the first is computed.
+    InputError
+        The sweep needs confirmation; an argument is not valid; or workers cannot import a component.
+    StoreError
+        ``out`` holds something else, or cannot be written.
+    ExecutorError
+        The workers cannot be started, or have ended.
+    """
+    begin = time.perf_counter()
+    if accuracy is not None:
+        changes = {**(changes or {}), "accuracy": dict(accuracy), "ensemble.surfaces": None}
+    selection = None if points is None else Selection.read(points)
+    if selection is not None and force:
+        raise InputError("a part of the points cannot replace a sweep: give force (--force) without points (--points)")
+    confirmed = (lambda text: True) if confirm is True else (confirm or None)
+    with ExitStack() as stack:
+        report = stack.enter_context(reporting(progress))
+        stack.enter_context(threads_restored())  # tasks that run in this process set their own
+        found = survey_of(read_grid(scene, changes, axes), progress=report, confirm=confirmed)
+        executor = executor or ("threads" if found.means else "serial")
+        found.known = for_workers(executor, found.classes)
+        folder = Folder(Path(out).absolute())
+        _check_folder(folder, found, force)
+        _check_room(found, folder.path, confirmed)
+        pool = partial(open_pool, executor, workers, threads, patience)
+        _compute(stack, folder, found, selection, force, pool, partial(_watched, report, begin), patience)
+    return SweepResult(folder.path)
+
+
+def _compute(
+    stack: ExitStack,
+    folder: Folder,
+    found: Survey,
+    selection: Selection | None,
+    force: bool,
+    pool: Callable[[], AbstractContextManager[Pool]],
+    watch: Callable[[Points], Callable[[Runner], None] | None],
+    patience: float | str | None,
+) -> None:
+    """Compute what is missing in the folder, with a pool that is opened only if something is, and write the tables of
+    a whole sweep."""
+    stale = Outdated() if force else _outdated(folder, found, whole=selection is None)
+    chosen = None if selection is None else _chosen(selection, folder, found)
+    part = None
+    if found.means and selection is not None and selection.share is not None:
+        part = Part(
+            *selection.share, Folder(folder.path / SAMPLES), PATIENCE if patience is None else seconds(patience)
+        )
+    opened = None
+    # raises before anything is written if the workers cannot be started
+    if force or stale or _design(folder, found, chosen).left:
+        opened = stack.enter_context(pool())
+    points = _begin(stack, folder, found, selection, stale, force)
+    points.warn_of_damage()
+    stack.callback(forget, points.place.path)
+    if points.left:
+        runner = Runner(opened or stack.enter_context(pool()), points.place, found.known, watch(points))
+        carry_out(points, runner, part)
+    if selection is None:
+        SweepResult(folder.path).write_tables()
+        for name in (".parts", f"{SAMPLES}/.parts", PLACE):
+            shutil.rmtree(folder.path / name, ignore_errors=True)
+
+
+def _begin(
+    stack: ExitStack, folder: Folder, found: Survey, selection: Selection | None, stale: Outdated, force: bool
+) -> Points:
+    """Make the folder, and lock it against other calls unless both compute parts of the points."""
+    _make(folder.path)
+    stack.enter_context(folder.locked(shared=selection is not None))
+    if selection is not None:
+        folder.make_parts()
+        _describe_first(folder, found)
+        if selection.share is not None and not found.means:
+            agree(folder, found, selection.share[1])
+        return _design(folder, found, _chosen(selection, folder, found))
+    if force:
+        _clear(folder)
+    folder.clear_parts()
+    stale.remove(folder)
+    _describe(folder, found)
+    return _design(folder, found)
+
+
+def _design(folder: Folder, found: Survey, chosen: Sequence[int] | None = None) -> Points:
+    return Means(folder, found, chosen) if found.means else Points(folder, found, chosen)
+
+
+def _chosen(selection: Selection, folder: Folder, found: Survey) -> Sequence[int]:
+    """The points that this process computes; of means all, of which each share computes a part of the samples."""
+    if found.means and selection.share is not None:
+        return range(len(found.keys))
+    return points_of(selection, folder, found)
+
+
+def _make(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"cannot make the folder {path}: {error.strerror}") from None
+
+
+def _watched(report: Report | None, begin: float, points: Points) -> Callable[[Runner], None] | None:
+    """What a runner calls while it computes ``points``, to ``report`` how far it is."""
+    if report is None:
+        return None
+
+    def watch(runner: Runner) -> None:
+        elapsed, solved = time.perf_counter() - begin, points.contacts - runner.unsolved
+        done = (len(points.points), points.done, len(points.failed), points.contacts, solved)
+        report(SweepProgress("computing", *done, runner.width, elapsed, runner.remaining(), points.samples))
+
+    return watch

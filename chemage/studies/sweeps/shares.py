@@ -1,0 +1,220 @@
+"""Shares of a sweep: which points one of several processes computes, such as the third of sixteen shares."""
+
+from __future__ import annotations
+
+import heapq
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from chemage.foundation.errors import DamagedError, InputError
+from chemage.foundation.seals import from_sealed_json, to_sealed_json
+from chemage.studies.folder import Folder
+from chemage.studies.selection import Selection, in_ranges
+from chemage.studies.sweeps.grid import Survey, order_of
+
+#: the folder of divisions within that of a sweep
+PLACE = ".shares"
+_FILE = re.compile(r"of-(\d{1,7})\.json")
+
+
+def points_of(selection: Selection, folder: Folder, found: Survey) -> list[int]:
+    """The numbers of the points of the sweep ``found`` that a process computes, ascending.
+
+    Raises
+    ------
+    InputError
+        The sweep has no such point.
+    """
+    share = selection.share
+    if share is None or read_partition(folder, share[1], found.digest, len(found.keys)) is not None:
+        return agreed_points(selection, folder, found.digest, len(found.keys))
+    return [point for point, of in enumerate(partition(found, share[1])) if of == share[0]]
+
+
+def agreed_points(selection: Selection, folder: Folder, digest: str, count: int) -> list[int]:
+    """The same of the sweep of ``count`` points that is in ``folder``.
+
+    Raises
+    ------
+    InputError
+        The sweep has no such point.
+    """
+    if selection.share is not None:
+        of = read_partition(folder, selection.share[1], digest, count) or ()
+        return [point for point, share in enumerate(of) if share == selection.share[0]]
+    last = max(last for _, last in selection.ranges)
+    if last >= count:
+        raise InputError(f"there is no point {last}: the sweep has points 0 to {count - 1}")
+    return sorted({point for first, last in selection.ranges for point in range(first, last + 1)})
+
+
+# -- division of all points --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Groups of points that one share computes together."""
+
+    cost: float
+    points: tuple[int, ...]
+
+
+def partition(found: Survey, count: int) -> list[int]:
+    """Divide the points of a sweep into shares of about equal CPU time.
+
+    Points with the same kinetics stay together, and points with one contact do unless shares become more equal if they
+    are divided. The longest pieces are dealt first, each to the share that has least. Where a component gives no
+    estimate, each contact and each point counts the same.
+
+    Parameters
+    ----------
+    found
+        The points.
+    count
+        Number of shares. With more shares than groups of points some shares are empty.
+
+    Returns
+    -------
+    list of int
+        For each point the number of its share, 1 to ``count``.
+    """
+    best: tuple[float, list[int]] = (math.inf, [])
+    for finer in (1, 2, 4):
+        longest, of = _dealt(_pieces(found, count * finer), count, len(found.keys))
+        if longest < 0.95 * best[0]:
+            best = longest, of
+    return best[1]
+
+
+def _dealt(pieces: Sequence[_Piece], count: int, points: int) -> tuple[float, list[int]]:
+    """Deal pieces to shares: the longest time of a share, s, and for each point its share."""
+    loads = [(0.0, share) for share in range(1, count + 1)]
+    of = [0] * points
+    for piece in sorted(pieces, key=lambda piece: -piece.cost):
+        load, share = loads[0]
+        for point in piece.points:
+            of[point] = share
+        heapq.heapreplace(loads, (load + piece.cost, share))
+    return max(loads)[0], of
+
+
+def costs(found: Survey) -> tuple[list[float], list[float]]:
+    """CPU time of each contact and of each point, s; 1 for all of them if one is not known."""
+    known = found.total_cpu_seconds is not None
+    contacts = [(contact.cpu_seconds or 0.0) + 1e-3 if known else 1.0 for contact in found.contacts]
+    points = [(cost or 0.0) + 1e-3 if known else 1.0 for cost in found.cpu_seconds]
+    return contacts, points
+
+
+def _pieces(found: Survey, count: int) -> list[_Piece]:
+    """Groups of points with one contact, none longer than a ``count``-th of all where it can be divided."""
+    of_contacts, of_points = costs(found)
+    groups: dict[int, dict[str, list[int]]] = {}
+    for point, contact in enumerate(found.contact_of):
+        groups.setdefault(contact, {}).setdefault(found.agings[point], []).append(point)
+    total = sum(of_contacts) + sum(of_points[points[0]] for each in groups.values() for points in each.values())
+    pieces = []
+    for contact in order_of(found.contacts):
+        each = list(groups[contact].values())
+        kinetics = [of_points[points[0]] for points in each]
+        parts = min(len(each), max(1, math.ceil((of_contacts[contact] + sum(kinetics)) * count / total - 1e-9)))
+        for part in range(parts):
+            chosen = range(part * len(each) // parts, (part + 1) * len(each) // parts)
+            # each process solves the contact, rather than wait for another one
+            cost = of_contacts[contact] + sum(kinetics[number] for number in chosen)
+            pieces.append(_Piece(cost, tuple(point for number in chosen for point in each[number])))
+    return pieces
+
+
+@dataclass(frozen=True)
+class ShareCost:
+    """The estimated cost of one share."""
+
+    points: int
+    #: contacts that the points need, which other shares may need as well
+    contacts: int
+    #: CPU time, s, if it solves all these contacts; None if a component gives no estimate
+    cpu_seconds: float | None
+
+
+def shares_cost(found: Survey, count: int) -> list[ShareCost]:
+    """The estimated cost of each of ``count`` shares."""
+    known = found.total_cpu_seconds is not None
+    of_contacts, of_points = costs(found)
+    points = [0] * count
+    needed: list[tuple[set[int], dict[str, float]]] = [(set(), {}) for _ in range(count)]
+    for point, share in enumerate(partition(found, count)):
+        points[share - 1] += 1
+        contacts, kinetics = needed[share - 1]
+        contacts.add(found.contact_of[point])
+        kinetics.setdefault(found.agings[point], of_points[point])
+    return [
+        ShareCost(
+            number,
+            len(contacts),
+            sum(of_contacts[contact] for contact in contacts) + sum(kinetics.values()) if known else None,
+        )
+        for number, (contacts, kinetics) in zip(points, needed, strict=True)
+    ]
+
+
+# -- the division that processes agreed on ----------------------------------------------------------------------------
+
+
+def _partition_file(folder: Folder, count: int) -> Path:
+    return folder.path / PLACE / f"of-{count}.json"
+
+
+def read_partition(folder: Folder, count: int, digest: str, points: int) -> list[int] | None:
+    """The division of the ``points`` points of a sweep into ``count`` shares, if it is in the folder."""
+    path = _partition_file(folder, count)
+    try:
+        content, sealed = from_sealed_json(path.read_bytes(), path)
+    except (OSError, DamagedError):
+        return None
+    of = content.get("shares")
+    if not (sealed and content.get("digest") == digest and isinstance(of, list) and len(of) == points):
+        return None
+    return of if all(type(share) is int and 1 <= share <= count for share in of) else None
+
+
+def agree(folder: Folder, found: Survey, count: int) -> None:
+    """Write a division of the points into ``count`` shares, unless another process has.
+
+    Estimates of cost may differ between machines; all processes use the division of the first one.
+    """
+
+    def there() -> bool:
+        return read_partition(folder, count, found.digest, len(found.keys)) is not None
+
+    if not there():
+        path = _partition_file(folder, count)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        content = to_sealed_json({"digest": found.digest, "shares": partition(found, count)})
+        if not folder.place_first(path, content) and not there():
+            folder.place(path, content)  # it was damaged, or that of a sweep that was replaced
+
+
+def agreed(folder: Folder) -> list[int]:
+    """The numbers of shares into which processes have divided this sweep."""
+    try:
+        names = [match for path in (folder.path / PLACE).iterdir() if (match := _FILE.fullmatch(path.name))]
+    except OSError:
+        return []
+    return sorted(int(match[1]) for match in names)
+
+
+def remedies(folder: Folder, points: Sequence[int], digest: str, count: int) -> list[str]:
+    """Selections of which each computes a part of ``points``, and the last all of them.
+
+    These are shares, if processes have divided this sweep of ``count`` points once; and numbers of points.
+    """
+    texts = [in_ranges(points)] if points else []
+    if len(divisions := agreed(folder)) == 1:
+        of = read_partition(folder, divisions[0], digest, count)
+        if of is not None:
+            texts = [f"{share}/{divisions[0]}" for share in sorted({of[point] for point in points})] + texts
+    return texts

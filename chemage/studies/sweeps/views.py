@@ -1,0 +1,412 @@
+"""Which axes of a sweep are drawn against each other, and the numbers of such a view: means over seeds, with errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from chemage.ageing.derived import CURVES
+from chemage.ageing.fitting import FIT_WINDOW, few_hold_times
+from chemage.ageing.hold_times import within
+from chemage.foundation.errors import InputError, UnitError
+from chemage.foundation.messages import nearest
+from chemage.foundation.statistics import crossed_half_width, student_limit
+from chemage.foundation.text import plus_minus
+from chemage.foundation.units import convert
+from chemage.studies.sweeps.dimensions import Dimension, is_seed, last_part
+from chemage.studies.sweeps.grid import Axis, shown
+from chemage.studies.sweeps.result import SweepResult
+from chemage.studies.sweeps.table import Table, value_of
+
+#: the axis along a curve
+HOLD_TIME = "hold_time"
+#: columns of the table of results: name -> heading
+_TABLE = {"area_fraction": "A/A0", "friction_coefficient_drop": "Δμ", "beta": "β"}
+#: what is drawn unless asked otherwise, as far as it is known
+_USUAL = ("beta", "friction_drop")
+_WITHOUT_AGEING = ("area_fraction",)
+
+
+@dataclass(frozen=True)
+class View:
+    """A choice of axes: ``x`` to the right, a line for each value of ``lines``, seeds averaged, others at one value."""
+
+    x: str
+    #: None: one line
+    lines: str | None
+    #: axes that are averaged over
+    averaged: tuple[str, ...]
+    #: axis -> position of the value that is shown
+    fixed: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One quantity of a view."""
+
+    name: str
+    #: "" for a pure number
+    unit: str
+    meaning: str
+    #: (lines, x), nan where no point is done
+    mean: np.ndarray
+    #: (lines, x) ends of the 95 % interval, nan where it is not known
+    low: np.ndarray
+    high: np.ndarray
+    #: whether the numbers are those at the last hold time of a curve
+    at_last: bool
+
+
+class SweepData:
+    """The table of a sweep as arrays with one dimension per axis."""
+
+    def __init__(self, result: SweepResult) -> None:
+        self.name = result.name
+        self.table: Table = result.table()
+        self.dimensions: dict[str, Dimension] = {one.name: one for one in self.table.dimensions}
+        self.shape = tuple(one.size for one in self.dimensions.values())
+        self.variables = self.table.variables()
+        #: coordinates that were written in one unit: name -> values along their dimension, unit
+        self._written: dict[str, tuple[np.ndarray, str]] = {}
+        for axis, one in enumerate(self.dimensions.values()):
+            first = tuple(slice(None) if place == axis else 0 for place in range(len(self.shape)))
+            for path, name in one.coordinates.items():
+                if path in result.written:
+                    numbers, unit = result.written[path]
+                    self._written[name] = np.array(numbers).reshape(self.shape)[first], unit
+        #: that of the fit, s; None where it is swept
+        self._window: tuple[float, float] | None = None
+        if not any(path.partition(".")[0] == "fit" for path in self.table.swept):
+            fit = result.grid.base.get("fit", {})
+            start, stop = fit.get("start", FIT_WINDOW[0]), fit.get("stop", FIT_WINDOW[1])
+            self._window = convert(start, "s"), convert(stop, "s")
+
+    @property
+    def doubt(self) -> str:
+        """That β of the points rests on too few hold times; "" where it does not, or the points differ in it."""
+        times = self.table.hold_times
+        if times.ndim > 1 or not np.isfinite(self.variables["beta"][1]).any() or self._window is None:
+            return ""
+        used = times[within(times, self._window) & (times > 0)]
+        return few_hold_times(used.size, (float(used.min()), float(used.max()))) if used.size > 1 else ""
+
+    def axis(self, name: str, option: str) -> str:
+        """The dimension called ``name``: its own name, that of a field along it, or the path of a field.
+
+        Raises
+        ------
+        InputError
+            There is none; the message lists the names.
+        """
+        for dim, one in self.dimensions.items():
+            if name == dim or name in one.coordinates or name in one.coordinates.values():
+                return dim
+        same = [dim for dim, one in self.dimensions.items() if name in map(last_part, one.coordinates)]
+        if len(same) == 1:
+            return same[0]
+        known = [*self.dimensions, HOLD_TIME]
+        raise InputError.of(
+            option, name, f"is no axis of this sweep{nearest(name, known)}", f"the axes are {', '.join(known)}"
+        )
+
+    def label(self, name: str, option: str) -> str:
+        """The name of the coordinate that ``name`` stands for."""
+        coordinates = self.dimensions[self.axis(name, option)].coordinates
+        if name in coordinates.values():
+            return name
+        return next((short for path, short in coordinates.items() if name in (path, last_part(path))), name)
+
+    def values(self, name: str) -> np.ndarray:
+        """The values of a coordinate along its dimension, in :meth:`unit`; hold times in s."""
+        if name in self._written:
+            return self._written[name][0]
+        return self.table.hold_times if name == HOLD_TIME else self.variables[name][1]
+
+    def unit(self, name: str) -> str:
+        """The unit of a variable, that in which its values were written if it is one; "" for a pure number."""
+        if name in self._written:
+            return self._written[name][1]
+        unit = "s" if name == HOLD_TIME else self.variables[name][2].get("units", "1")
+        return "" if unit == "1" else unit
+
+    def text(self, name: str, place: int) -> str:
+        """``name = value unit`` of one position on an axis."""
+        return f"{name} = {self.value_text(name, place)} {self.unit(name)}".rstrip()
+
+    def value_text(self, name: str, place: int) -> str:
+        """A value of a coordinate as text."""
+        value = self.values(name)[place]
+        return value if isinstance(value, str) else f"{value:.6g}"
+
+    def is_number(self, name: str) -> bool:
+        """Whether a coordinate has numbers."""
+        return self.values(name).dtype.kind in "fiu"
+
+    def is_seed(self, dim: str) -> bool:
+        """Whether the points along a dimension differ in nothing but seeds."""
+        return all(map(is_seed, self.dimensions[dim].coordinates))
+
+    @property
+    def names(self) -> list[str]:
+        """The names of all results that can be drawn."""
+        return [*self.table.scalars, *self.table.curves, *self.table.observed]
+
+    def usual(self) -> list[str]:
+        """What is drawn unless asked otherwise."""
+        known = [name for name in _USUAL if np.isfinite(self.variables[name][1]).any()]
+        return known or list(_WITHOUT_AGEING)
+
+    def view(self, x: str | None, lines: str | None, where: Mapping[str, str] | None = None) -> View:
+        """Choose the axes that were not given.
+
+        x is the numeric axis with most values, or else hold time; lines the next one. Axes of seeds are averaged over,
+        and of further axes the value in the middle is shown.
+
+        Raises
+        ------
+        InputError
+            An axis or a value does not exist.
+        """
+        fixed = {self.axis(name, "--where"): self._place(name, value) for name, value in (where or {}).items()}
+        given = {"--x": x, "--lines": lines}
+        asked = [self.axis(name, option) for option, name in given.items() if name and name != HOLD_TIME]
+        if len(set(asked)) < len(asked):
+            raise InputError.of("--lines", lines, "is the axis of --x", "choose another one")
+        if lines == HOLD_TIME:
+            raise InputError.of("--lines", lines, "can only be --x")
+        free = [dim for dim, one in self.dimensions.items() if one.size > 1 and dim not in {*asked, *fixed}]
+        seeds = [dim for dim in free if self.is_seed(dim)]
+        free = [dim for dim in free if dim not in seeds]
+        free.sort(key=lambda dim: (not self.is_number(dim), -self.dimensions[dim].size))
+        if x is None:
+            x = free.pop(0) if free else HOLD_TIME
+        if lines is None and free:
+            lines = free.pop(0)
+        used = {self.axis(name, "--x") for name in (x, lines) if name and name != HOLD_TIME}
+        rest = {dim: one.size // 2 for dim, one in self.dimensions.items() if dim not in {*used, *seeds}}
+        label = HOLD_TIME if x == HOLD_TIME else self.label(x, "--x")
+        return View(label, self.label(lines, "--lines") if lines else None, tuple(seeds), {**rest, **fixed})
+
+    def _place(self, name: str, value: str) -> int:
+        label = self.label(name, "--where")
+        values = list(self.values(label))
+        for place, one in enumerate(values):
+            if value == (one if isinstance(one, str) else f"{one:.6g}") or _is_number(value, one):
+                return place
+        unit = self.variables[label][2].get("units", "1")
+        for place, one in enumerate(self.variables[label][1]):  # in the unit inside, or with a unit
+            if _is_number(value, one) or _is_quantity(value, unit, one):
+                return place
+        known = ", ".join(self.value_text(label, place) for place in range(len(values)))
+        raise InputError.of(
+            f"--where {name}", value, f"is not swept; the values are {known} {self.unit(label)}".rstrip()
+        )
+
+    def quantity(self, name: str, view: View) -> Quantity:
+        """The numbers of ``name`` in ``view``.
+
+        Raises
+        ------
+        InputError
+            There is no such result, or it has no hold times and x is the hold time.
+        """
+        if name not in self.names:
+            known = ", ".join(self.names)
+            raise InputError.of(
+                "--y", name, f"is no result of this sweep{nearest(name, self.names)}", f"the results are {known}"
+            )
+        along = view.x == HOLD_TIME
+        is_curve = "hold_time" in self.variables[name][0]
+        if along and not is_curve:
+            raise InputError.of(
+                "--y", name, "is one number per point", f"with --x {HOLD_TIME} choose {', '.join(CURVES)}"
+            )
+        if along and self.table.hold_times.ndim > 1:
+            raise InputError.of("--x", HOLD_TIME, "points have different hold times", "choose another axis")
+        values = self._arranged(name, view)
+        mean, half = _mean(values, [self.dimensions[dim].size for dim in view.averaged])
+        low, high = mean - half, mean + half
+        if not view.averaged:
+            low, high = self._interval(name, view, mean)
+        meaning = self.variables[name][2]["long_name"]
+        return Quantity(name, self.unit(name), meaning, mean, low, high, is_curve and not along)
+
+    def _interval(self, name: str, view: View, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The ends of the interval over replicas, nan where a result has none."""
+        if f"{name}_half_width" in self.variables:
+            half = self._arranged(f"{name}_half_width", view)[0]
+            return mean - half, mean + half
+        if f"{name}_low" in self.variables:
+            return self._arranged(f"{name}_low", view)[0], self._arranged(f"{name}_high", view)[0]
+        return np.full(mean.shape, np.nan), np.full(mean.shape, np.nan)
+
+    def _arranged(self, name: str, view: View) -> np.ndarray:
+        """(seeds, lines, x) values of a result."""
+        dims, values, _ = self.variables[name]
+        values = np.asarray(values, dtype=np.float64)
+        axes = list(dims)
+        if "hold_time" in axes and view.x != HOLD_TIME:
+            values = self._last(name)
+            axes.remove("hold_time")
+        for dim, place in view.fixed.items():
+            values = np.take(values, place, axis=axes.index(dim))
+            axes.remove(dim)
+        x = HOLD_TIME if view.x == HOLD_TIME else self.axis(view.x, "--x")
+        lines = [self.axis(view.lines, "--lines")] if view.lines else []
+        order = [*view.averaged, *lines, x]
+        values = values.transpose([axes.index(dim) for dim in order])
+        return values.reshape(-1, values.shape[-2] if lines else 1, values.shape[-1])
+
+    def _last(self, name: str) -> np.ndarray:
+        """A curve, or its interval, at the last hold time at which the curve is known."""
+        values = {
+            key: np.asarray(one[1], np.float64) for key, one in self.variables.items() if key in (name, _bare(name))
+        }
+        return _last_known(values[name], value_of(name, values))
+
+    def records(self) -> list[dict[str, Any]]:
+        """One mapping per point: number, status, error, swept values by path, and the results."""
+        table, found = self.table, []
+        for row in range(table.points):
+            swept = {path: values[row] for path, values in table.swept.items()}
+            numbers = {name: values[row] for name, values in table.scalars.items()}
+            last = {
+                f"last_{name}": _last_known(values, value_of(name, table.curves))[row]
+                for name, values in table.curves.items()
+            }
+            found.append(
+                {
+                    "point": row,
+                    "status": table.status[row],
+                    "error": table.error[row],
+                    "swept": swept,
+                    **numbers,
+                    **last,
+                }
+            )
+        return found
+
+    def rows(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """Headings and lines of a table with β, Δμ and the contact area; one line for the mean over seeds."""
+        dims = [dim for dim in self.dimensions if not self.is_seed(dim)] or list(self.dimensions)
+        seeds = tuple(dim for dim in self.dimensions if dim not in dims)
+        names = [name for dim in dims for name in self._along(dim)]
+        columns = [name for name in _TABLE if np.isfinite(self.variables[name][1]).any()]
+        shape = [self.dimensions[dim].size for dim in dims]
+        done = self._flat(np.array([one == "done" for one in self.table.status]).reshape(self.shape), dims).sum(axis=0)
+        uneven = bool(seeds) and np.unique(done[done > 0]).size > 1
+        results = [self._column(name, dims, bool(seeds)) for name in columns]
+        lines = []
+        for number, place in enumerate(np.ndindex(*shape)):
+            if done[number] == 0:
+                continue
+            parts = [(name, at) for dim, at in zip(dims, place, strict=True) for name in self._along(dim)]
+            texts = [self.value_text(*part) for part in parts]
+            numbers = [_with_error(mean[number], half[number]) for mean, half in results]
+            lines.append((*texts, *([str(done[number])] if uneven else []), *numbers))
+        headings = [f"{name} ({unit})" if (unit := self.unit(name)) else name for name in names]
+        return (*headings, *(["seeds"] if uneven else []), *(_TABLE[name] for name in columns)), lines
+
+    def _along(self, dim: str) -> list[str]:
+        """The names of the coordinates along a dimension."""
+        return list(self.dimensions[dim].coordinates.values())
+
+    def _flat(self, values: np.ndarray, dims: Sequence[str]) -> np.ndarray:
+        """(seeds, rows) of (dimensions of the grid)."""
+        order = [list(self.dimensions).index(dim) for dim in dims]
+        rest = [axis for axis in range(len(self.shape)) if axis not in order]
+        rows = math.prod(self.shape[axis] for axis in order)
+        return values.transpose([*rest, *order]).reshape(-1, rows)
+
+    def _column(self, name: str, dims: Sequence[str], average: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Mean over seeds, or the number of each point, and half its 95 % interval, for each row."""
+
+        def last(one: str) -> np.ndarray:
+            along = "hold_time" in self.variables[one][0]
+            return self._flat(self._last(one) if along else np.asarray(self.variables[one][1], np.float64), dims)
+
+        values = last(name)
+        if average:
+            return _mean(values, [one.size for dim, one in self.dimensions.items() if dim not in dims])
+        half = last(f"{name}_half_width") if f"{name}_half_width" in self.variables else np.full(values.shape, np.nan)
+        return values[0], half[0]
+
+    def notes(self) -> list[str]:
+        """What to know of :meth:`rows`, in words."""
+        found = []
+        seeds = [one.size for dim, one in self.dimensions.items() if self.is_seed(dim)]
+        if seeds and len(seeds) < len(self.dimensions):
+            found.append(f"means over {math.prod(seeds)} seeds with 95 % intervals (Student's t)")
+        elif np.isfinite(self.variables["beta"][1]).any():
+            over = "of means over surfaces" if self.table.means else "over replicas"
+            found.append(f"95 % intervals {over}")
+        times = self.table.hold_times
+        if times.ndim == 1 and times.size and np.isfinite(times).any():
+            found.append(f"Δμ at the last hold time, {np.nanmax(times):g} s; β per decade of hold time")
+        found += [self.doubt] * bool(self.doubt)
+        if any(self.table.approximate):
+            found.append("approximate: " + "; ".join(dict.fromkeys(filter(None, self.table.approximate))))
+        return found
+
+
+def _mean(values: np.ndarray, seeds: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """The mean of the finite numbers along the first axis and half its 95 % interval; nan where they are not known.
+
+    ``seeds`` are the numbers of seeds along each of the dimensions that are joined in the first axis: points that share
+    the seed of a surface are not independent.
+    """
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.where(known, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
+        if sum(size > 1 for size in seeds) > 1:
+            return mean, crossed_half_width(values.reshape(*seeds, *values.shape[1:]), len(seeds))
+        error = np.sqrt((np.where(known, values - mean, 0.0) ** 2).sum(axis=0) / (count - 1) / count)
+    limits = np.array([student_limit(n - 1) if n > 1 else math.nan for n in range(values.shape[0] + 1)])
+    return mean, np.where(count > 1, error, np.nan) * limits[count]
+
+
+def _bare(name: str) -> str:
+    """The name of a curve, of that itself or of its interval."""
+    return name.removesuffix("_half_width")
+
+
+def _last_known(values: np.ndarray, like: np.ndarray) -> np.ndarray:
+    """``values`` at the last place along the last axis where ``like`` is finite, nan where there is none."""
+    if values.shape[-1] == 0:
+        return np.full(values.shape[:-1], np.nan)
+    known = np.isfinite(like)
+    last = values.shape[-1] - 1 - np.argmax(known[..., ::-1], axis=-1)
+    return np.take_along_axis(values, last[..., None], axis=-1)[..., 0]
+
+
+def _with_error(mean: float, half: float) -> str:
+    return plus_minus(mean, half) if math.isfinite(mean) else "-"
+
+
+def _is_number(text: str, value: Any) -> bool:
+    try:
+        return not isinstance(value, str) and math.isclose(float(text), float(value), rel_tol=1e-6)
+    except ValueError:
+        return False
+
+
+def _is_quantity(text: str, unit: str, value: Any) -> bool:
+    try:
+        return not isinstance(value, str) and unit != "1" and math.isclose(convert(text, unit), value, rel_tol=1e-6)
+    except UnitError:
+        return False
+
+
+def swept_rows(axes: Sequence[Axis]) -> list[tuple[str, str]]:
+    """What a sweep varies: the name of each axis, and its values."""
+    rows = []
+    for axis in axes:
+        values = ["; ".join(shown(value) for value in values) for values in axis.values]
+        few = values if len(values) <= 8 else [*values[:6], "...", values[-1]]
+        rows.append((axis.name, f"{len(axis)}: {', '.join(few)}"))
+    return rows

@@ -1,0 +1,1 @@
+"""Speed against accuracy: what each setting of a scene costs, and what it changes."""

@@ -1,0 +1,277 @@
+"""The choices between speed and accuracy that a scene has: values of options, grids, solvers, engines, methods of
+ageing; and the changes to the scene file that each of them is."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from chemage.ageing.methods import check_method
+from chemage.contacts.theories import ContactTheory
+from chemage.foundation.calls import call_with
+from chemage.foundation.components import Component
+from chemage.foundation.errors import ChemageError
+from chemage.plugins import registry
+from chemage.scene.estimate import cost
+from chemage.scene.scene import Scene
+from chemage.scene.sections import sections
+from chemage.scene.variants import coarser
+from chemage.studies.trade.settings import COARSER, Setting, settings, with_section
+
+#: names of what is chosen, besides the options of components
+GRID, SOLVER, ENGINE, AGEING = "grid of the contact", "contact", "engine", "ageing"
+#: what an ageing method may cost before it gives its first answer, CPU seconds
+PREPARATION = 10.0
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One value of one thing that can be chosen, other than that of the scene."""
+
+    #: what is chosen, such as ``contact.tolerance``; a combination has one choice of each
+    knob: str
+    label: str
+    apply: Callable[[Scene], Scene]
+    #: whether only the contact depends on it, or only the ageing
+    stage: str
+    #: declared not to change what is computed but for noise, as an exact engine
+    exact: bool = False
+
+    @property
+    def words(self) -> str:
+        """The choice in words."""
+        return f"{self.knob} {self.label}"
+
+
+#: a combination of choices, in the order in which they are applied
+Combination = tuple[Choice, ...]
+
+
+def applied(scene: Scene, combination: Combination) -> Scene:
+    """``scene`` with every choice.
+
+    Raises
+    ------
+    ChemageError
+        They do not go together.
+    """
+    for choice in sorted(combination, key=_order):
+        scene = choice.apply(scene)
+    return scene
+
+
+def _order(choice: Choice) -> int:
+    # a component is chosen before its options, and a grid made coarser from the surface that is chosen
+    return {SOLVER: 0, AGEING: 0, ENGINE: 0, GRID: 2}.get(choice.knob, 1)
+
+
+def go_together(combination: Combination) -> bool:
+    """Whether choices can be combined: one of each kind, and no options of a component that another one replaces."""
+    knobs = [choice.knob for choice in combination]
+    if len(set(knobs)) < len(knobs):
+        return False
+    for replaced in (SOLVER, ENGINE):
+        if replaced in knobs and any(knob.startswith(f"{replaced}.") for knob in knobs):
+            return False
+    method = next((choice for choice in combination if choice.knob == AGEING), None)
+    alone = method is not None and not method.label.startswith("every site")
+    return not (alone and any(knob == ENGINE or knob.startswith(("engine.", "ageing.")) for knob in knobs))
+
+
+def choices(scene: Scene, notes: list[str]) -> list[Choice]:
+    """Every choice that ``scene`` has besides its own values; what is not tried is noted in words."""
+    found = [choice for setting in settings(scene) for choice in _of_setting(scene, setting)]
+    found += _grids(scene)
+    found += _solvers(scene, notes)
+    if scene.ages:
+        found += _engines(scene, notes)
+        found += _methods(scene, notes)
+    return found
+
+
+def _of_setting(scene: Scene, setting: Setting) -> Iterator[Choice]:
+    """The values of an option, but that of the scene."""
+    own = sections(scene)[setting.section]
+    stage = "contact" if setting.section in ("surface", "contact") else "ageing"
+    if setting.section.startswith("observe") or (stage == "ageing" and not scene.ages):
+        return
+    for value in setting.values:
+        if value != setting.of(own):
+            yield of_value(setting, value, stage)
+
+
+def of_value(setting: Setting, value: Any, stage: str = "contact") -> Choice:
+    """One value of an option as a choice."""
+
+    def apply(scene: Scene) -> Scene:
+        return with_section(scene, setting.section, setting.turned(sections(scene)[setting.section], value))
+
+    return Choice(setting.name, str(value), apply, stage)
+
+
+def _grids(scene: Scene) -> Iterator[Choice]:
+    """Coarser grids of the contact, with the sites in place."""
+    for factor in COARSER:
+        if coarser(scene, factor) is not None:
+            yield grid(factor)
+
+
+def grid(factor: int) -> Choice:
+    """Pixels that are larger."""
+
+    def apply(scene: Scene) -> Scene:
+        found = coarser(scene, factor)
+        if found is None:
+            raise ChemageError("this surface has no coarser grid")
+        return found
+
+    return Choice(GRID, f"{factor} times coarser", apply, "contact")
+
+
+def _solvers(scene: Scene, notes: list[str]) -> Iterator[Choice]:
+    """Other contact solvers with the options that they share with that of the scene."""
+    own = scene.contact
+    for kind in registry.current().kinds("contact"):
+        if kind == own.kind:
+            continue
+        try:
+            cls = registry.current().component("contact", kind)
+            shared = {name: getattr(own, name) for name in own.model_fields_set if name in cls.model_fields}
+            other = registry.current().make("contact", kind, shared)
+            if isinstance(other, ContactTheory):
+                continue  # it has no map
+            other.check(scene.surface.expected(), scene.load)
+        except ChemageError as error:
+            notes.append(f"contact {kind}: not tried: {_first_sentence(error)}")
+            continue
+        yield Choice(SOLVER, kind, lambda scene, other=other: scene.model_copy(update={"contact": other}), "contact")
+
+
+def _engines(scene: Scene, notes: list[str]) -> Iterator[Choice]:
+    assert scene.engine is not None
+    for kind in registry.current().kinds("engine"):
+        if kind == scene.engine.kind:
+            continue
+        try:
+            other = registry.current().make("engine", kind, {})
+            other.check(scene.chemistry is not None and scene.chemistry.interaction is not None)
+        except ChemageError as error:
+            notes.append(f"engine {kind}: not tried: {_first_sentence(error)}")
+            continue
+        yield Choice(
+            ENGINE, kind, lambda scene, other=other: scene.model_copy(update={"engine": other}), "ageing", other.exact
+        )
+
+
+def _methods(scene: Scene, notes: list[str]) -> Iterator[Choice]:
+    """Other methods of ageing at each value of their options, and the kinetics of every site."""
+    if scene.ageing is not None:
+        yield Choice(
+            AGEING, "every site", lambda scene: scene.model_copy(update={"ageing": None}), "ageing", exact=True
+        )
+    for kind in registry.current().kinds("ageing"):
+        if scene.ageing is not None and kind == scene.ageing.kind:
+            continue
+        trade = registry.current().component("ageing", kind).trade
+        tried = [{name: value} for name, values in trade.items() for value in values] or [{}]
+        for options in tried:
+            label = ", ".join([kind, *(f"{name} {value}" for name, value in options.items())])
+            try:
+                method = registry.current().make("ageing", kind, options)
+                before = _prepared(scene, method)
+                if before > PREPARATION:
+                    notes.append(
+                        f"ageing {label}: not tried: it may need {before:.0f} CPU seconds before its first answer"
+                    )
+                    continue
+                if before > 0:
+                    notes.append(f"ageing {label}: up to {before:.2g} CPU seconds, needed once, are not in its times")
+            except ChemageError as error:
+                notes.append(f"ageing {label}: not tried: {_first_sentence(error)}")
+                continue
+            yield Choice(AGEING, label, lambda scene, method=method: _with_method(scene, method), "ageing")
+
+
+def _with_method(scene: Scene, method: Any) -> Scene:
+    observe = scene.observe if method.observes else ()
+    return scene.model_copy(update={"ageing": method, "observe": observe})
+
+
+def _prepared(scene: Scene, method: Any) -> float:
+    """CPU seconds that a method of ageing may need before its first answer, such as for a table.
+
+    Raises
+    ------
+    ChemageError
+        The method does not fit the scene.
+    """
+    assert scene.chemistry is not None
+    assert scene.engine is not None
+    check_method(method, scene.chemistry, scene.engine, scene.rupture, ())
+    if scene.site_grids:
+        method.check_sites(scene.site_grids[1], None)
+    known = cost(scene)
+    coupled = scene.chemistry.interaction is not None
+    replica = {"cpu_seconds": known.kinetics_cpu_seconds or 0.0}
+    seconds = call_with(method.expected, known.sites or 1.0, replica, 1, interacting=coupled)
+    return max(0.0, seconds.get("cpu_seconds_most", 0.0) - seconds.get("cpu_seconds_least", 0.0))
+
+
+def _first_sentence(error: Exception) -> str:
+    return str(error).splitlines()[0]
+
+
+# -- a choice as changes to the scene file -----------------------------------------------------------------------------
+
+
+def changes(own: Scene, other: Scene) -> dict[str, Any]:
+    """What has to be set in ``own`` for ``other``: dotted path -> plain value; a component of another kind as a
+    whole."""
+    found: dict[str, Any] = {}
+    before, after = _plain(own), _plain(other)
+    for name in {**before, **after}:
+        one, two = before.get(name), after.get(name)
+        if one == two:
+            continue
+        if isinstance(one, Mapping) and isinstance(two, Mapping) and one.get("kind") == two.get("kind"):
+            keys = {**one, **two}
+            found |= {f"{name}.{key}": two.get(key) for key in keys if one.get(key) != two.get(key)}
+        elif isinstance(two, Mapping) and name in _components(other):
+            besides = {"seed", "load"} & two.keys()
+            options = _components(other)[name].model_fields_set
+            found[name] = {key: value for key, value in two.items() if key in options | {"kind", *besides}}
+        else:
+            found[name] = [] if two is None and name == "observe" else two
+    return found
+
+
+def _plain(scene: Scene) -> dict[str, Any]:
+    return json.loads(json.dumps(scene.todict()))
+
+
+def _components(scene: Scene) -> dict[str, Component]:
+    return sections(scene)
+
+
+def pasted(changed: Mapping[str, Any]) -> str:
+    """The same as options of the command line: ``--set contact.tolerance=0.001``."""
+    return " ".join(f"--set {shlex.quote(f'{path}={_toml(value, top=True)}')}" for path, value in changed.items())
+
+
+def _toml(value: Any, *, top: bool = False) -> str:
+    """A value in TOML; a plain word at the ``top`` needs no quotes on the command line."""
+    if isinstance(value, str):
+        return value if top and _BARE_KEY.fullmatch(value) and not value[0].isdigit() else json.dumps(value)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping):
+        inner = (f"{key} = {_toml(one)}" for key, one in value.items() if one is not None)
+        return "{" + ", ".join(inner) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml(one) for one in value) + "]"
+    return repr(value)

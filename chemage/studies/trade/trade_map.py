@@ -1,0 +1,403 @@
+"""The map of speed against accuracy of a scene: what each setting and each combination of settings costs and how large
+its errors are, the cheapest ones, and the file in which this is kept."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from chemage.foundation.errors import DamagedError, InputError, StoreError
+from chemage.foundation.files import fresh_file
+from chemage.foundation.processor import processor
+from chemage.foundation.seals import from_sealed_json, to_sealed_json
+from chemage.foundation.statistics import student_limit
+from chemage.foundation.text import jsonable, percent, power_text
+from chemage.foundation.threads import processors
+from chemage.scene.provenance import versions
+from chemage.scene.scene import Scene
+from chemage.scene.variants import question
+from chemage.studies.trade.choices import pasted
+
+#: the accuracies for which the cheapest settings are named
+WITHIN = (0.1, 0.03, 0.01, 0.003)
+#: observables of the ageing; all others are of the contact alone
+BETA, DROP = "beta", "friction_drop"
+#: distance of the distribution of pressure from that of the reference over the mean pressure
+DISTRIBUTION = "pressure_distribution"
+#: measures of the contact that are shown
+SHOWN_MEASURES = ("corrected_area", DISTRIBUTION, "patches", "perimeter_to_area")
+#: observable -> what it is, in words
+WORDS = {
+    BETA: "β",
+    "corrected_area": "corrected contact area",
+    DISTRIBUTION: "distribution of pressure",
+    "patches": "number of patches",
+    "perimeter_to_area": "perimeter over area",
+}
+#: standard errors on either side that hold the truth in 95 % of cases
+LIMIT = 1.96
+#: replicas that are thought of
+MOST_REPLICAS = 100_000
+FORMAT = 1
+
+
+def words(observable: str) -> str:
+    """An observable in words."""
+    name, _, time = observable.partition("@")
+    if name == DROP:
+        return f"ΔF at {power_text(float(time.removesuffix(' s')))} s"
+    return WORDS.get(name, name.replace("_", " "))
+
+
+def of_ageing(observable: str) -> bool:
+    """Whether an observable depends on the ageing."""
+    return observable.partition("@")[0] in (BETA, DROP)
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """A mean paired difference from the reference, relative to the value of the reference."""
+
+    value: float
+    #: standard error; 0 where all differences are equal, nan where there is only one
+    stderr: float
+    #: its degrees of freedom
+    freedom: int
+
+    @property
+    def half_width(self) -> float:
+        """Half the width of the 95 % interval of the difference."""
+        if not self.stderr > 0:
+            return self.stderr
+        return self.stderr * student_limit(self.freedom)
+
+    @property
+    def bound(self) -> float:
+        """The error is at most so large, with 95 % confidence; nan where that is not known."""
+        return abs(self.value) + self.half_width
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the difference is larger than its own error."""
+        return abs(self.value) > self.half_width
+
+    @property
+    def size(self) -> float:
+        """The standard error that stands for this difference where it is not corrected."""
+        return math.hypot(self.value, self.half_width / LIMIT)
+
+
+@dataclass(frozen=True)
+class Point:
+    """One setting, or a combination of them, as it was measured."""
+
+    #: what is chosen -> value, without what is as in the scene
+    choices: dict[str, str]
+    #: the same as changes to the scene: dotted path -> value
+    changes: dict[str, Any]
+    #: CPU seconds of surface and contact, and of the ageing of all replicas, in each round
+    contact_seconds: list[float]
+    ageing_seconds: list[float]
+    #: observable -> (difference, standard error, degrees of freedom), see :class:`Deviation`
+    differences: dict[str, tuple[float, float, int]]
+    #: observable -> mean value over the rounds
+    values: dict[str, float]
+    #: observable of the ageing -> standard deviation between replicas over the mean
+    scatter: dict[str, float]
+    #: whether only the contact differs from that of the scene
+    contact_only: bool = True
+    #: whether each replica has a scatter of its own, and takes its own time
+    replicates: bool = True
+    #: declared not to change what is computed but for noise
+    exact: bool = False
+    own: bool = False
+    reference: bool = False
+    #: the observables on whose Pareto front this is
+    front: list[str] = field(default_factory=list)
+    remark: str = ""
+
+    @property
+    def words(self) -> str:
+        """The settings in words."""
+        if self.reference:
+            return "reference"
+        return ", ".join(f"{knob} {label}" for knob, label in self.choices.items()) or "as in the scene"
+
+    def deviation(self, observable: str) -> Deviation:
+        """The error of an observable."""
+        return Deviation(*self.differences.get(observable, (math.nan, math.nan, 0)))
+
+    def seconds(self, observable: str = BETA) -> float:
+        """Median CPU seconds of what an observable needs: of an observable of the contact, the contact alone."""
+        contact = statistics.median(self.contact_seconds)
+        return contact + (statistics.median(self.ageing_seconds) if of_ageing(observable) else 0.0)
+
+    def spread(self, observable: str = BETA) -> float:
+        """Half the range of the middle half of the repeated timings, CPU seconds."""
+        found = [
+            one + (two if of_ageing(observable) else 0.0)
+            for one, two in zip(self.contact_seconds, self.ageing_seconds, strict=True)
+        ]
+        low, high = np.percentile(found, [25, 75])
+        return 0.5 * float(high - low)
+
+
+@dataclass(frozen=True)
+class Cheapest:
+    """The cheapest settings within an accuracy."""
+
+    observable: str
+    within: float
+    #: None: none was found
+    point: Point | None
+    #: replicas that the accuracy needs; None where there are none, or their number does not matter
+    replicas: int | None = None
+    seconds: float = math.nan
+    #: relative, 95 %: of all, of the settings, and of the replicas
+    error: float = math.nan
+    settings_error: float = math.nan
+    replicas_error: float = 0.0
+    #: the smallest error of the settings that was found
+    best: float = math.nan
+
+    @property
+    def options(self) -> str:
+        """The settings as options of the command line; "" where the scene has them."""
+        if self.point is None:
+            return ""
+        more = {"hold.replicas": self.replicas} if self.replicas is not None else {}
+        return pasted({**self.point.changes, **more})
+
+    def text(self, wider: Sequence[float] = ()) -> str:
+        """What was found, in words; ``wider`` are accuracies for which it is the cheapest as well."""
+        within = " and ".join(
+            filter(None, [", ".join(f"{100 * one:.2g}" for one in wider), f"{100 * self.within:.2g}"])
+        )
+        if self.point is None:
+            known = f"; the best is known to {percent(self.best)}" if math.isfinite(self.best) else ""
+            if self.best < self.within:
+                known = f" with at most {MOST_REPLICAS:,} replicas"
+            return f"within {within} %: none found{known}"
+        parts = f"settings {percent(self.settings_error)}, replicas {percent(self.replicas_error)}"
+        error = f"error {percent(self.error)}" + (f" ({parts})" if self.replicas_error else "")
+        how = self.options or "as the scene is"
+        return f"within {within} %: {self.seconds:.2g} CPU s, {error}: {how}"
+
+    def todict(self) -> dict[str, Any]:
+        """One JSON-able object."""
+        return jsonable(
+            {
+                "observable": self.observable,
+                "within": self.within,
+                "found": self.point is not None,
+                "options": self.options,
+                "cpu_seconds": self.seconds,
+                "error": self.error,
+                "settings_error": self.settings_error,
+                "replicas_error": self.replicas_error,
+                "replicas": self.replicas,
+                "best": self.best,
+            }
+        )
+
+
+@dataclass
+class TradeMap:
+    """What was measured of the settings of a scene and of their combinations."""
+
+    #: the scene, see :meth:`Scene.todict`
+    scene: dict[str, Any]
+    #: content hash of what the scene asks, see :func:`chemage.scene.variants.question`
+    question: str
+    versions: dict[str, str]
+    machine: dict[str, Any]
+    #: repetitions, each on another surface where the surface is random
+    rounds: int
+    random: bool
+    replicas: int
+    #: observables that are shown
+    observables: list[str]
+    #: observable -> standard deviation between surfaces over the mean, with the settings of the scene
+    surface_scatter: dict[str, float] = field(default_factory=dict)
+    points: list[Point] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        """The name of the scene."""
+        return str(self.scene.get("name", "scene"))
+
+    @property
+    def own(self) -> Point | None:
+        """The settings of the scene."""
+        return next((point for point in self.points if point.own), None)
+
+    def of(self, observable: str) -> list[Point]:
+        """The points that can be compared at an observable: for one of the contact, those that differ there."""
+        found = [one for one in self.points if not one.reference and not math.isnan(one.deviation(observable).bound)]
+        return found if of_ageing(observable) else [one for one in found if one.contact_only]
+
+    def front(self, observable: str) -> list[Point]:
+        """The Pareto front, from fast to accurate: no other point is both faster and more accurate."""
+        return pareto(self.of(observable), lambda one: (one.seconds(observable), one.deviation(observable).bound))
+
+    def marked(self) -> TradeMap:
+        """The same with the front of every observable marked in the points."""
+        fronts = {name: {id(one) for one in self.front(name)} for name in self.observables}
+        points = []
+        for one in self.points:
+            on = [name for name in self.observables if id(one) in fronts[name]]
+            points.append(Point(**{**_shallow(one), "front": on}))
+        return TradeMap(**{**_shallow(self), "points": points})
+
+    def cheapest(self, observable: str, within: float) -> Cheapest:
+        """The settings that give an observable of one surface within an accuracy at the least cost, with as many
+        replicas as that needs."""
+        found: Cheapest | None = None
+        best = math.inf
+        for point in self.of(observable):
+            bound = point.deviation(observable).bound
+            best = min(best, bound)
+            if bound >= within:
+                continue
+            one = self._with_replicas(point, observable, within, bound)
+            if one is not None and (found is None or one.seconds < found.seconds):
+                found = one
+        return found or Cheapest(observable, within, None, best=best)
+
+    def _with_replicas(self, point: Point, observable: str, within: float, bound: float) -> Cheapest | None:
+        contact = statistics.median(point.contact_seconds)
+        if not of_ageing(observable):
+            return Cheapest(observable, within, point, None, contact, bound, bound)
+        ageing, scatter = statistics.median(point.ageing_seconds), point.scatter.get(observable, math.nan)
+        if not point.replicates:
+            return Cheapest(observable, within, point, None, contact + ageing, bound, bound)
+        if not math.isfinite(scatter):
+            return None
+        count = max(2, math.ceil((LIMIT * scatter) ** 2 / (within**2 - bound**2)))
+        if count > MOST_REPLICAS:
+            return None
+        noise = LIMIT * scatter / math.sqrt(count)
+        seconds = contact + ageing / self.replicas * count
+        return Cheapest(observable, within, point, count, seconds, math.hypot(bound, noise), bound, noise)
+
+    def sentences(self) -> dict[str, list[str]]:
+        """Observable -> the cheapest settings within each of the accuracies, in words."""
+        return {name: self._sentences([self.cheapest(name, within) for within in WITHIN]) for name in self.observables}
+
+    @staticmethod
+    def _sentences(found: list[Cheapest]) -> list[str]:
+        texts, wider = [], []
+        for one, following in zip(found, [*found[1:], None], strict=True):
+            same = following is not None and following.point is one.point and following.replicas == one.replicas
+            if same:
+                wider.append(one.within)
+                continue
+            texts.append(one.text(wider))
+            wider = []
+        return texts
+
+    def todict(self) -> dict[str, Any]:
+        """One JSON-able object."""
+        data = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "points"}
+        return jsonable({**data, "points": [asdict(one) for one in self.points]})
+
+    @classmethod
+    def fromdict(cls, data: Mapping[str, Any]) -> TradeMap:
+        """The inverse of :meth:`todict`."""
+        points = []
+        for one in data["points"]:
+            differences = {name: (_float(d), _float(s), int(n)) for name, (d, s, n) in one["differences"].items()}
+            numbers = {name: {key: _float(value) for key, value in one[name].items()} for name in ("values", "scatter")}
+            points.append(Point(**{**one, **numbers, "differences": differences}))
+        scatter = {name: _float(value) for name, value in data["surface_scatter"].items()}
+        return cls(**{**data, "surface_scatter": scatter, "points": points})
+
+    # -- the file -----------------------------------------------------------------------------------------------------
+
+    def write(self, path: str | Path, *, force: bool = False) -> None:
+        """Write this into a JSON file with a checksum.
+
+        Raises
+        ------
+        StoreError
+            It cannot be written, or exists and ``force`` is false.
+        """
+        with fresh_file(path, force=force) as part:
+            part.write_bytes(to_sealed_json({"trade_map": FORMAT, **self.todict()}, indent=1))
+
+    @classmethod
+    def read(cls, path: str | Path) -> TradeMap:
+        """Read what :meth:`write` wrote.
+
+        Raises
+        ------
+        StoreError
+            There is no such file, or it is no map.
+        DamagedError
+            It is not what was written.
+        """
+        try:
+            text = Path(path).read_bytes()
+        except OSError as error:
+            raise StoreError(f"cannot read the map {path}: {error.strerror}") from error
+        except ValueError as error:  # a null byte in the name
+            raise StoreError(f"cannot read the map {str(path)!r}: {error}") from error
+        content, sealed = from_sealed_json(text, Path(path))
+        if content.pop("trade_map", None) != FORMAT or not sealed:
+            raise StoreError(f"{path} is no map; `chemage tradeoff SCENE -o {path}` writes one")
+        try:
+            return cls.fromdict(content)
+        except (KeyError, TypeError, ValueError) as error:
+            raise DamagedError(f"{path} is damaged: {error}") from error
+
+    def check(self, scene: Scene, name: str = "map") -> None:
+        """Refuse to serve another scene, or other versions.
+
+        Raises
+        ------
+        InputError
+            With what differs.
+        """
+        again = f"measure it again: chemage tradeoff {scene.name} -o {name} --force"
+        if self.question != question(scene):
+            other = f" ({self.name})" if self.name != scene.name else ", which has changed since"
+            raise InputError(f"{name}: was measured on another scene{other}; {again}")
+        now = versions(scene)
+        changed = [
+            f"{key} {self.versions.get(key, 'none')} instead of {now.get(key, 'none')}"
+            for key in sorted({*now, *self.versions} - {"processor"})
+            if now.get(key) != self.versions.get(key)
+        ]
+        if changed:
+            raise InputError(f"{name}: was measured with other versions: {', '.join(changed)}; {again}")
+
+
+def _float(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _shallow(one: Any) -> dict[str, Any]:
+    return {item.name: getattr(one, item.name) for item in fields(one)}
+
+
+def pareto(points: Sequence[Any], of: Any) -> list[Any]:
+    """The points on the front, from fast to accurate; ``of`` gives (cost, error)."""
+    found, least = [], math.inf
+    for one in sorted(points, key=of):
+        error = of(one)[1]
+        if error < least:
+            found.append(one)
+            least = error
+    return found
+
+
+def machine() -> dict[str, Any]:
+    """The machine on which times are measured."""
+    return {"processor": processor(), "processors": processors()}

@@ -1,0 +1,335 @@
+"""Kernels are compiled once, before or while they are needed, and users see it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import chemage as ca
+from chemage.foundation import background, compiling, kernel_cache
+from chemage.scene import warm_up
+
+#: most kernels that a scene compiles in a fresh installation: fewer is better, more needs a reason
+MOST = {"silica-rough": 30, "silica-tip": 9}
+
+#: a scene that uses the kernels of silica-rough and takes a second
+SMALL = [
+    *("--set", "surface.pixels=256", "--set", "surface.zeta=16", "--set", "contact.load=4e2 nN"),
+    *("--set", "hold.replicas=2", "--set", "hold.stop=1 s", "--set", "fit.start=1 ms", "--set", "fit.stop=1 s"),
+    *("--set", "surface.eta=3"),
+]
+COUNT = """
+import json, sys
+from numba.core import event
+from chemage.foundation import background, compiling, kernel_cache
+with compiling.watched(lambda count: None, lambda count: None) as compiled:
+    {code}
+print(json.dumps(compiled.kernels))
+"""
+
+
+def python(code: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(folder), **environment},
+        cwd=folder.parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done
+
+
+def command(*words: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    return python(
+        f"import sys; sys.argv[1:] = {list(words)!r}; from chemage.cli.app import main; main()", folder, **environment
+    )
+
+
+def compiled(code: str, folder: Path, **environment: str) -> list[str]:
+    return json.loads(python(COUNT.format(code=code), folder, **environment).stdout.splitlines()[-1])
+
+
+def warmed(name: str) -> str:
+    return f"import chemage as ca; from chemage.scene.warm_up import warm_up; warm_up(ca.load_scene({name!r}))"
+
+
+RUN = """import chemage as ca
+    changes = {"surface.pixels": 256, "surface.zeta": 16, "contact.load": 400, "hold.replicas": 1, "hold.stop": 1.0}
+    ca.run(ca.load_scene("silica-rough", changes))"""
+
+
+@pytest.mark.long
+def test_the_command_compiles_few_kernels_and_all_that_runs_need(tmp_path):
+    folder = tmp_path / "kernels"
+    done = command("warmup", "silica-rough", "--json", folder=folder)
+    found = json.loads(done.stdout)
+    first = found["kernels"]
+    assert 0 < len(first) <= MOST["silica-rough"]
+    assert len(set(first)) >= len(first) - 6, "more kernels than these are compiled for two kinds of numbers"
+    assert found["folders"] == [str(folder)]
+    assert done.stderr.count("compiling kernels, once per installation") == 1
+    # not even what only a small grid needs besides
+    assert compiled(RUN, folder) == []
+    again = command("warmup", "silica-rough", folder=folder)
+    assert "all kernels are compiled already" in again.stdout
+    assert "compiling" not in again.stderr
+    results = results_of("silica-rough", folder, ("2", "1"), SMALL)
+    assert not any(says for says, _ in results)
+    assert results[0] == results[1], "the number of threads does not change the bytes"
+
+
+@pytest.mark.long
+def test_the_first_run_says_that_it_compiles_and_gives_the_bytes_of_later_ones(tmp_path):
+    folder = tmp_path / "kernels"
+    results = results_of("silica-tip", folder, ("2", "1"), [])
+    assert [says for says, _ in results] == [True, False]
+    assert results[0][1] == results[1][1]
+    assert 0 < len(list(folder.rglob("*.nbc"))) <= MOST["silica-tip"]
+    assert compiled(warmed("silica-tip"), folder) == [], "warm-up compiles nothing that a run does without"
+
+
+def results_of(scene, folder, threads, options):
+    """(whether it says that it compiles, what it writes) of a run of the scene with each number of threads."""
+    results = []
+    for number, count in enumerate(threads):
+        words = ["run", scene, "--no-figures", "--json", "--out", str(folder.parent / f"{number}.h5"), *options]
+        done = command(*words, folder=folder, CHEMAGE_THREADS=count)
+        found = json.loads(done.stdout)
+        for name in ("timings", "file", "versions"):
+            found.pop(name)
+        results.append(("compiling kernels, once per installation" in done.stderr, found))
+    return results
+
+
+@pytest.mark.parametrize("options", [{}, {"precision": "single"}, {"precision": "double"}, {"boundary": "free"}])
+@pytest.mark.parametrize("pixels", [128, 130, 63])
+def test_the_contact_calls_no_kernel_that_warm_up_leaves_out(monkeypatch, pixels, options):
+    from chemage_contact import _warm_up
+    from chemage_contact._team import Team
+
+    solver = ca.contact("fft-bem", modulus=35.3, **options)
+    maker = ca.surface("self-affine", pixels=pixels, pixel_size=0.5, rms_slope=0.1, hurst=0.8, zeta=8)
+
+    def signature(kernel, args):
+        import numba
+
+        return kernel.__name__, tuple(str(numba.typeof(value)) for value in args)
+
+    ahead, used = set(), set()
+    body_calls = _warm_up._calls
+
+    def recorded(*args):
+        for kernel, given in body_calls(*args):
+            ahead.add(signature(kernel, (0, 0, *given)))
+            yield kernel, given
+
+    monkeypatch.setattr(_warm_up, "_calls", recorded)
+    solver.warm_up(maker.expected(), 100.0)
+    real = Team.run
+
+    def watched(self, kernel, share, *args):
+        if hasattr(kernel, "py_func"):  # compiled
+            used.add(signature(kernel, (0, 0, *args)))
+        return real(self, kernel, share, *args)
+
+    monkeypatch.setattr(Team, "run", watched)
+    solver.solve(maker.make(seed=1), 100.0)
+    assert used
+    assert used - ahead == set()
+
+
+def scene(name: str = "silica-tip") -> ca.Scene:
+    return ca.load_scene(name)
+
+
+def test_one_thread_starts_no_process(monkeypatch):
+    monkeypatch.setenv("CHEMAGE_THREADS", "1")
+    monkeypatch.setattr(background, "start", lambda *_: pytest.fail("a process was started"))
+    with a_kernel_is_compiled(), warm_up.compiled_ahead(scene("silica-rough"), lambda *_, **__: None):
+        pass
+
+
+class a_kernel_is_compiled:
+    """A block at whose begin ``watched`` says that a kernel is compiled."""
+
+    def __enter__(self):
+        from contextlib import contextmanager
+
+        @contextmanager
+        def one(begin, end):
+            begin(0)
+            end(1)
+            yield compiling.Compiled()
+
+        self.patch = pytest.MonkeyPatch()
+        self.patch.setattr(compiling, "watched", one)
+
+    def __exit__(self, *_):
+        self.patch.undo()
+
+
+def test_a_process_that_cannot_be_started_fails_no_run(monkeypatch):
+    monkeypatch.setenv("CHEMAGE_THREADS", "2")
+
+    def broken(*_, **__):
+        raise OSError("no more processes")
+
+    monkeypatch.setattr(subprocess, "Popen", broken)
+    said = []
+    with (
+        a_kernel_is_compiled(),
+        warm_up.compiled_ahead(scene("silica-rough"), lambda *words, **_: said.append(words)) as report,
+    ):
+        report("surface", 0, 0)
+    assert said[0][:3] == ("compiling", 0, 0)
+    assert ("surface", 0, 0, "") in said
+
+
+def test_the_process_that_compiles_ahead_ends_with_the_block_and_gets_the_scene(monkeypatch):
+    monkeypatch.setenv("CHEMAGE_THREADS", "2")
+    # it waits for what it is told, as one that compiles would
+    monkeypatch.setattr(background, "_BOOT", "import sys; sys.stdin.buffer.read()")
+    started, asked = [], []
+    real = background.start
+
+    def kept(function, stage, data, changes):
+        assert function == "chemage.scene.warm_up:compile_stage"
+        assert ca.parse_scene(data).name == "silica-rough"
+        asked.append(stage)
+        started.append(real(function, stage, data, changes))
+        return started[-1]
+
+    monkeypatch.setattr(background, "start", kept)
+    with a_kernel_is_compiled(), warm_up.compiled_ahead(scene("silica-rough"), lambda *_, **__: None):
+        assert asked == ["ageing", "contact"]
+        assert [one.poll() for one in started] == [None, None]
+    assert None not in [one.poll() for one in started]
+
+
+def test_a_background_process_calls_what_it_is_given(tmp_path):
+    process = background.start("os:mkdir", str(tmp_path / "made"))
+    process.wait(60)
+    assert (tmp_path / "made").is_dir()
+    background.end([process])
+    process = background.start("os:no_such_function")
+    assert process.wait(60) == 0
+    background.end([process])
+
+
+def test_early_only_where_nothing_is_compiled(tmp_path, monkeypatch):
+    started = []
+    monkeypatch.setenv("CHEMAGE_THREADS", "4")
+    monkeypatch.setattr(background, "start", lambda *args: started.append(args))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    with compiling.begun_early("silica-tip", {"hold.replicas": 2}, None):
+        assert [stage for _, stage, *_ in started] == ["ageing", "contact"]
+    started.clear()
+    (tmp_path / "foundation_1").mkdir()
+    (tmp_path / "foundation_1" / "random._fill-1.py311.nbi").touch()
+    assert not kernel_cache.empty()
+    with compiling.begun_early("silica-tip", {}, None) as begun:
+        assert not begun
+    assert started == []
+
+
+class Slow:
+    """A process that is at work until somebody waits for it."""
+
+    waited: float | None = None
+
+    def poll(self):
+        return None
+
+    def wait(self, timeout):
+        self.waited = timeout
+        raise subprocess.TimeoutExpired("it", timeout)
+
+
+def test_the_ageing_waits_for_the_process_that_compiles_it_but_not_for_ever():
+    said, slow = [], Slow()
+    with warm_up.compiled_ahead(scene(), lambda *words, **_: said.append(words), early={"ageing": slow}) as report:
+        report("contact", 0, 0)
+        assert slow.waited is None
+        report("ageing", 0, 0)
+    assert slow.waited == compiling.PATIENCE
+    assert [words[0] for words in said] == ["contact", "compiling", "compiling", "ageing"]
+
+
+def test_nothing_compiled_starts_nothing_and_says_nothing(monkeypatch):
+    monkeypatch.setattr(background, "start", lambda *_: pytest.fail("a process was started"))
+    said = []
+    with warm_up.compiled_ahead(scene(), lambda *words, **_: said.append(words)):
+        np.zeros(3)
+    assert said == []
+
+
+@pytest.fixture
+def registered():
+    """Registers an engine until the end of the test."""
+    classes = []
+
+    def add(cls):
+        classes.append(cls)
+        return ca.register(cls)
+
+    yield add
+    for cls in classes:
+        ca.unregister(cls)
+
+
+def test_an_engine_of_another_package_is_warmed_up_on_a_lattice_like_that_of_the_run(registered):
+    seen = []
+
+    class Mine(ca.Engine):
+        """An engine."""
+
+        kind = "mine"
+
+        def _run(self, lattice, hold_times, temperature, seed, start):
+            seen.append((lattice, list(hold_times), temperature))
+            raise RuntimeError("it would compile here")
+
+    registered(Mine)
+    one = ca.load_scene("silica-tip", {"engine": {"kind": "mine"}})
+    with pytest.raises(RuntimeError, match="compile here"):
+        warm_up.warm_up_ageing(one)
+    lattice, times, temperature = seen[0]
+    assert lattice.interacting
+    assert lattice.breaking is not None
+    assert 0 < lattice.sites.size < 1000
+    assert (times, temperature) == ([0.0], one.hold.temperature)
+    with pytest.raises(RuntimeError, match="compile here"):
+        warm_up.compile_stage("ageing", one.todict(), None)  # as in the second process
+
+
+@pytest.mark.parametrize("density", [4.9, "pixel", 100.0, 0.05])
+@pytest.mark.parametrize("pixel_size", [0.02, 0.4518, 20.0])
+def test_there_are_sites_on_the_small_contact(density, pixel_size):
+    changes = {"chemistry.site_density": density, "surface.pixel_size": pixel_size}
+    lattice = ca.build_lattice((one := ca.load_scene("silica-tip", changes)).chemistry, warm_up._small_contact(one))
+    assert 4 <= lattice.sites.size < 200_000
+
+
+def test_scenes_that_differ_in_numbers_have_one_form():
+    cold, dense = ({"hold.temperature": 250.0}, {"chemistry.site_density": "pixel"})
+    assert warm_up.form(scene()) == warm_up.form(ca.load_scene("silica-tip", cold))
+    assert warm_up.form(scene()) != warm_up.form(ca.load_scene("silica-tip", dense))
+    assert warm_up.form(scene()) != warm_up.form(ca.load_scene("silica-tip", {"engine.kind": "bkl"}))
+
+
+def test_the_folder_of_a_kernel_is_known():
+    from chemage_contact import _kernels
+
+    class Begun:
+        data = {"dispatcher": _kernels.scale}
+
+    assert re.search("chemage_contact", compiling._folder(Begun()))
