@@ -6,7 +6,7 @@ Four kinds of fenced block are replaced:
 - ``components``: roles. Each becomes the list of installed components of that role, with a table of their options;
   ``plugin``, the list of plugins with options.
 - ``commands``: commands of ``chemage``. Each becomes its help text and a table of its options.
-- ``checks``: roles, and ``component`` for what holds for all. Each becomes the table of its checks in ``chemage.testing``.
+- ``checks``: roles, and ``component`` for what holds for all. Each becomes the table of its checks.
 
 What is installed but named in no block is appended to its page, so that nothing goes missing.
 """
@@ -66,6 +66,13 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     if further := [word for word in known if word not in named]:
         page += "\n".join([f"\n## Further {language}\n", *(entry(word) for word in further)])
     return page
+
+
+def on_post_build(config: Any, **_: Any) -> None:
+    """Write a page for each old name, which leads to the page that has its content now."""
+    for old, new in config.extra["redirects"].items():
+        page = f'<!doctype html><meta http-equiv="refresh" content="0; url={new}"><a href="{new}">{new}</a>\n'
+        (Path(config.site_dir) / f"{old}.html").write_text(page, encoding="utf-8")
 
 
 def on_page_content(html: str, **_: Any) -> str:
