@@ -50,7 +50,7 @@ def diagonal(axes: Any, low: float, high: float, factor: float) -> None:
     axes.loglog(ends, ends, color="0.5", lw=1)
 
 
-@drawn(11, panels=3)
+@drawn(9.5, panels=3)
 def contact_benchmark(*panels: Any) -> None:
     """Error of the pressure against CPU time, one panel per grid, on the reference surface."""
     cases = json.loads((DATA / "contact_benchmark.json").read_text(encoding="utf-8"))
