@@ -1,11 +1,12 @@
 """Fill the reference pages when the site is built: a hook of MkDocs, named in mkdocs.yml.
 
-Three kinds of fenced block are replaced:
+Four kinds of fenced block are replaced:
 
 - ``names``: public names of ``chemage``. Each becomes an entry made from its docstring, wherever the object is defined.
 - ``components``: roles. Each becomes the list of installed components of that role, with a table of their options;
   ``plugin``, the list of plugins with options.
 - ``commands``: commands of ``chemage``. Each becomes its help text and a table of its options.
+- ``checks``: roles, and ``component`` for what holds for all. Each becomes the table of its checks.
 
 What is installed but named in no block is appended to its page, so that nothing goes missing.
 """
@@ -27,11 +28,12 @@ from typer.testing import CliRunner
 import chemage
 from chemage.cli import app as command_line
 from chemage.foundation.names import HOME
+from chemage.testing.checks import CHECKS, Check
 
 sys.path.insert(0, str(Path(__file__).parent))
 from notebooks import markdown
 
-BLOCK = re.compile(r"^```(names|components|commands)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^```(names|components|commands|checks)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 #: a letter with a subscript, and a power, as the pages write them in plain text
 SYMBOL = re.compile(r"(?<!\w)([^\W\d_]'?)_((?:rms|intrinsic|form|break|in|[NLrsBbcnpi])(?:,i)?)(?!\w)")
 POWER = re.compile(r"\^\(([^()]*)\)")
@@ -64,6 +66,13 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     if further := [word for word in known if word not in named]:
         page += "\n".join([f"\n## Further {language}\n", *(entry(word) for word in further)])
     return page
+
+
+def on_post_build(config: Any, **_: Any) -> None:
+    """Write a page for each old name, which leads to the page that has its content now."""
+    for old, new in config.extra["redirects"].items():
+        page = f'<!doctype html><meta http-equiv="refresh" content="0; url={new}"><a href="{new}">{new}</a>\n'
+        (Path(config.site_dir) / f"{old}.html").write_text(page, encoding="utf-8")
 
 
 def on_page_content(html: str, **_: Any) -> str:
@@ -220,6 +229,26 @@ def _command(path: str, command: Any) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+# -- checks -----------------------------------------------------------------------------------------------------------
+
+
+def checks() -> tuple[list[str], Callable[[str], str]]:
+    """The roles, and the Markdown of the checks of one."""
+
+    def role(name: str) -> str:
+        functions = CHECKS["" if name == "component" else name]
+        rows = []
+        for function in functions:
+            check = Check(function.__name__.lstrip("_"), function, {})
+            needs = getattr(function, "needs", ())
+            also = f" Needs {' and '.join(f'`{need}=`' for need in needs)}." if needs else ""
+            rows.append((f"`{check.name}`", plain(check.requirement) + also))
+        title = "Every component" if name == "component" else f"Role `{name}`"
+        return f"## {title}\n\n{table(('check', 'requirement'), rows)}\n"
+
+    return ["component", *chemage.registry.current().roles], role
+
+
 # -- shared -----------------------------------------------------------------------------------------------------------
 
 
@@ -239,4 +268,5 @@ SOURCES: dict[str, Callable[[], tuple[list[str], Callable[[str], str]]]] = {
     "names": names,
     "components": components,
     "commands": commands,
+    "checks": checks,
 }

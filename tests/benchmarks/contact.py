@@ -2,13 +2,13 @@
 
     python tests/benchmarks/contact.py                       # 512² and 1024², only fft-bem: about a minute
     python tests/benchmarks/contact.py --peers               # and the other codes, if installed: half an hour
-    python tests/benchmarks/contact.py --peers --grids 512 1024 2500 --write docs
+    python tests/benchmarks/contact.py --peers --grids 512 1024 2500 --write docs/data
 
 Every solve runs in a process of its own on one thread, after a small solve that compiles the kernels. Errors are
 relative L2 errors of the pressure against a double-precision solution at a tolerance of 1e-10. The codes measure
 convergence differently, so the speed-up compares another code at its tolerance 1e-6 with fft-bem at the loosest
 tolerance whose measured error is no larger.
-Completed cases in FOLDER/benchmarks_contact.json (``--write FOLDER``) are skipped.
+Completed cases in FOLDER/contact_benchmark.json (``--write FOLDER``) are skipped.
 ``--peer-python`` is an interpreter in which the other codes are installed (pip install tamaas ContactMechanics).
 """
 
@@ -246,33 +246,6 @@ def table(results: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def plot(results: list[dict[str, Any]], path: Path) -> None:
-    """Error against CPU time, one panel per grid, for the reference surface."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    shown = [r for r in results if "ours" in r and (r["hurst"], r["zeta"]) == (0.8, 150) and r["area"] < 1]
-    grids = sorted({r["grid"] for r in shown})
-    figure, axes = plt.subplots(1, len(grids), figsize=(4.2 * len(grids), 3.8), squeeze=False, layout="constrained")
-    for axis, grid in zip(axes[0], grids, strict=True):
-        for k, case in enumerate(r for r in shown if r["grid"] == grid):
-            label = f"{case['pressure'] * 1e3:g} MPa, A/A0 = {case['area']:.2g}"
-            points = [o for o in case["ours"] if o.get("precision") == "mixed" and "failed" not in o]
-            axis.loglog(
-                [o["cpu"] for o in points], [o["error"] for o in points], "o-", color=f"C{k}", ms=4, label=label
-            )
-            for peer, marker in zip(case["peers"], ("s", "^"), strict=False):
-                if "failed" not in peer:
-                    axis.loglog(peer["cpu"], peer["error"], marker, color=f"C{k}", ms=8, mfc="none")
-        axis.set(xlabel="CPU time (s)", title=f"{grid}²")
-        axis.legend(fontsize=7)
-    axes[0][0].set_ylabel("relative error of the pressure")
-    figure.suptitle("circles: fft-bem (mixed), squares: Tamaas, triangles: ContactMechanics", fontsize=9)
-    figure.savefig(path, dpi=130)
-
-
 def machine() -> str:
     """Processor and cores, for the table's caption."""
     model = platform.processor() or platform.machine()
@@ -293,14 +266,14 @@ def main() -> None:
     )
     parser.add_argument("--loads", type=float, nargs="+", help="only these mean pressures, in GPa")
     parser.add_argument("--limit", type=float, default=1200.0, help="largest wall time of one solve in seconds")
-    parser.add_argument("--write", type=Path, help="folder for benchmarks_contact.md, .json and .png")
+    parser.add_argument("--write", type=Path, help="folder for contact_benchmark.json, such as docs/data")
     parser.add_argument("--worker", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.worker:
         worker(json.loads(arguments.worker))
         return
     peers = [] if arguments.peers is None else (arguments.peers or list(PEERS))
-    kept = arguments.write / "benchmarks_contact.json" if arguments.write else None
+    kept = arguments.write / "contact_benchmark.json" if arguments.write else None
     results = json.loads(kept.read_text()) if kept and kept.exists() else []
     known = [{name: r[name] for name in CASE} for r in results]
     with tempfile.TemporaryDirectory() as folder:
@@ -313,13 +286,7 @@ def main() -> None:
             results.sort(key=lambda r: [r["grid"], -r["hurst"], -r["zeta"], r["pressure"]])
             if kept:
                 kept.write_text(json.dumps(results, indent=1))
-    print(table(results))
-    if arguments.write:
-        text = (
-            f"# Contact solver benchmark\n\n{machine()}. Made by `tests/benchmarks/contact.py`.\n\n{table(results)}\n"
-        )
-        (arguments.write / "benchmarks_contact.md").write_text(text)
-        plot(results, arguments.write / "benchmarks_contact.png")
+    print(f"{machine()}\n\n{table(results)}")
 
 
 if __name__ == "__main__":

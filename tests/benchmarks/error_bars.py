@@ -5,7 +5,7 @@
 
 Every case knows the truth in closed form, or from a pool of surfaces hundreds of times larger than a trial. It is
 repeated in blocks with seeds of their own; finished blocks are kept in FOLDER/error_bars.jsonl, so that the same
-command resumes an interrupted one. The table is that of docs/coverage.md.
+command resumes an interrupted one. The table is docs/data/error_bars.csv.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """How often the printed 95 % intervals hold the truth, and whether replicas of one seed are independent.
 
-``python tests/benchmarks/interval_coverage.py [TRIALS]`` prints the tables of docs/comparing.md and docs/kinetics.md.
+``python tests/benchmarks/interval_coverage.py [TRIALS]`` prints the tables
+``interval_coverage.csv`` and ``kinetics_correlation.csv`` of docs/data.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import shlex
 import tomllib
@@ -18,6 +19,9 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 #: the tutorial's plugin is built and installed by a test of its own
 TUTORIAL = ROOT / "docs" / "plugins.md"
+
+
+LINK = r"\]\((?![a-z]+:)([^)\s]+)[^)]*\)"
 
 
 class Block(NamedTuple):
@@ -100,8 +104,8 @@ def test_scenes_are_valid(block):
 
 
 def command_lines():
-    """Every ``chemage …`` of a shell block, as words."""
-    found = []
+    """Every ``chemage …`` of a shell block: where it is -> its words."""
+    found = {}
     for page in PAGES:
         for block in blocks(page):
             if block.language not in ("sh", "bash", "console", "sh-session", "shell"):
@@ -110,22 +114,31 @@ def command_lines():
                 for part in re.split(r"&&|\|", line):
                     words = shlex.split(part.removeprefix("$ "), comments=True)
                     if words and Path(words[0]).name == "chemage":
-                        found.append(pytest.param(words[1:], id=f"{page.name}:{number}: {' '.join(words)}"))
+                        found[f"{page.name}:{number}: {' '.join(words)}"] = words[1:]
     return found
 
 
-@pytest.mark.parametrize("words", command_lines())
-def test_commands_and_options_exist(words):
+def wrong_in(words):
+    """The names in a command line that chemage does not have."""
     command = command_line._all_commands()
     if words and words[0].startswith("-"):
-        return
+        return set()
     while hasattr(command, "commands"):
         name, *words = words
-        assert name in command.commands, f"there is no command {name}"
+        if name not in command.commands:
+            return {name}
         command = command.commands[name]
     known = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
     used = {word.partition("=")[0] for word in words if re.match(r"--?[a-zA-Z]", word)}
-    assert used <= known | {"--help", "-h"}, f"no such option: {used - known}"
+    return used - known - {"--help", "-h"}
+
+
+def test_commands_and_options_exist():
+    lines = command_lines()
+    assert len(lines) > 50
+    assert not {where: wrong for where, words in lines.items() if (wrong := wrong_in(words))}
+    assert wrong_in(["runn", "silica-tip"]) == {"runn"}
+    assert wrong_in(["run", "silica-tip", "--looad"]) == {"--looad"}
 
 
 def anchors(page):
@@ -135,22 +148,22 @@ def anchors(page):
     return {re.sub(r"[^\w\- ]", "", title.replace("`", "").lower()).replace(" ", "-") for title in titles}
 
 
-LINKS = [
-    pytest.param(page, target, id=f"{page.name}: {target}")
-    for page in PAGES
-    for target in dict.fromkeys(re.findall(r"\]\(([^)\s]+)[^)]*\)", page.read_text(encoding="utf-8")))
-    if not re.match(r"[a-z]+:", target)
-]
-
-
-@pytest.mark.parametrize(("page", "target"), LINKS)
-def test_links_lead_somewhere(page, target):
+def dead_end(page, target):
+    """Why a link leads nowhere, or an empty text."""
     path, _, anchor = target.partition("#")
     goal = (page.parent / path).resolve() if path else page
-    assert goal.exists(), f"{page.name} links to {target}"
-    assert goal.is_relative_to(ROOT), f"{page.name} links out of the project"
-    if anchor:
-        assert anchor in anchors(goal), f"{goal.name} has no heading for #{anchor}"
+    if not goal.exists() or not goal.is_relative_to(ROOT):
+        return "no such file in the project"
+    return f"no heading for #{anchor}" if anchor and anchor not in anchors(goal) else ""
+
+
+def test_links_lead_somewhere():
+    links = [(page, target) for page in PAGES for target in re.findall(LINK, page.read_text(encoding="utf-8"))]
+    assert len(links) > 200
+    dead = [f"{page.name}: {target}: {why}" for page, target in links if (why := dead_end(page, target))]
+    assert not dead, "\n".join(dead)
+    assert dead_end(ROOT / "README.md", "docs/gone.md")
+    assert dead_end(ROOT / "README.md", "docs/index.md#gone")
 
 
 def test_every_page_is_in_the_index():
@@ -166,9 +179,21 @@ def test_figures_are_not_orphans():
     assert not orphans
 
 
-def test_the_page_of_checks_lists_every_check_as_its_docstring_says(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
-    import checks
+def test_every_table_of_measurements_is_linked_and_says_where_it_is_from():
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    for path in [*(ROOT / "docs" / "data").iterdir()]:
+        assert f"data/{path.name}" in text, f"no page links to {path.name}"
+        if path.suffix == ".csv" and path.name != "tip.csv":  # an example of input
+            _, made, _, *rows = path.read_text(encoding="utf-8").splitlines()
+            assert re.match(r"# made by: (python tests/benchmarks/|chemage )", made), path.name
+            assert len({len(row) for row in csv.reader(rows)}) == 1, f"{path.name} is no table"
+            assert all(word == "python" or (ROOT / word).exists() for word in made.split()[3:5] if "/" in word)
 
-    assert checks.PAGE.read_text(encoding="utf-8") == checks.text(), "run python docs/site/checks.py"
-    assert all("| `" in line for line in checks.text().splitlines() if line.startswith("| `"))
+
+def test_old_names_of_pages_lead_to_pages():
+    yml = (ROOT / "docs" / "site" / "mkdocs.yml").read_text(encoding="utf-8")
+    moved = re.findall(r"^    (\w+): (\S+)\.html(#\S+)?$", yml, re.MULTILINE)
+    assert len(moved) >= 6
+    for old, page, anchor in moved:
+        assert not (ROOT / "docs" / f"{old}.md").exists()
+        assert not dead_end(ROOT / "docs" / "index.md", f"{page}.md{anchor}"), old

@@ -16,6 +16,9 @@ import chemage as ca
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 NAMES = [name for name in ca.__all__ if not name.startswith("__")]
+SITE = runpy.run_path(str(DOCS / "site" / "generate.py"))
+#: the public names that the reference can show, and what shows one
+KNOWN, ENTRY = SITE["names"]()
 
 
 def text(name):
@@ -38,41 +41,46 @@ def test_every_public_name_is_in_the_reference_once():
     assert sorted(words("reference.md", "names")) == sorted(NAMES)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_every_public_name_has_an_entry_that_says_something(name):
-    known, entry = runpy.run_path(str(DOCS / "site" / "generate.py"))["names"]()
-    assert name in known
-    thing = getattr(ca, name)
-    if not (inspect.isclass(thing) or inspect.isfunction(thing)):  # the entry itself holds the text
-        heading, *text = entry(name).strip().splitlines()
-        assert heading.startswith((f"### `{name}`", f"### `chemage.{name}`"))
-        assert len("".join(text)) > 20, f"chemage.{name} is not described"
-        return
-    assert inspect.getdoc(thing), f"chemage.{name} has no docstring"
-    if not inspect.isclass(thing):
-        return
-    for member, value in vars(thing).items():
-        if not member.startswith("_") and (inspect.isfunction(value) or isinstance(value, property)):
-            assert inspect.getdoc(value), f"chemage.{name}.{member} has no docstring"
+def undescribed(name):
+    """What of a public name has no text: the name itself, or members of a class."""
+    value = getattr(ca, name)
+    if not (inspect.isclass(value) or inspect.isfunction(value)):  # the entry itself holds the text
+        heading, *entry = ENTRY(name).strip().splitlines()
+        shown = heading.startswith((f"### `{name}`", f"### `chemage.{name}`")) and len("".join(entry)) > 20
+        return [] if shown else [name]
+    members = vars(value).items() if inspect.isclass(value) else ()
+    public = [
+        (f"{name}.{member}", inner)
+        for member, inner in members
+        if not member.startswith("_") and (inspect.isfunction(inner) or isinstance(inner, property))
+    ]
+    return [path for path, inner in [(name, value), *public] if not inspect.getdoc(inner)]
+
+
+def test_every_public_name_has_an_entry_that_says_something():
+    assert sorted(KNOWN) == sorted(NAMES)
+    assert not [path for name in NAMES for path in undescribed(name)]
 
 
 def test_every_role_is_in_the_catalogue():
     assert words("components.md", "components") == [*ca.registry.current().roles, "plugin"]
 
 
-@pytest.mark.parametrize("page", ["reference.md", "components.md", "commands.md"])
+def test_every_role_is_on_the_page_of_checks():
+    assert words("checks.md", "checks") == ["component", *ca.registry.current().roles]
+
+
+@pytest.mark.parametrize("page", ["reference.md", "components.md", "commands.md", "checks.md"])
 def test_the_generated_pages_can_be_filled(page):
-    site = runpy.run_path(str(DOCS / "site" / "generate.py"))
-    filled = site["on_page_markdown"](text(page))
+    filled = SITE["on_page_markdown"](text(page))
     assert len(filled) > 2 * len(text(page))
     assert "## Further" not in filled  # nothing is installed that the page does not place
-    assert not re.search(r"^```(names|components|commands)$", filled, re.MULTILINE)
+    assert not re.search(r"^```(names|components|commands|checks)$", filled, re.MULTILINE)
 
 
 def test_every_option_in_the_catalogue_has_a_meaning():
-    site = runpy.run_path(str(DOCS / "site" / "generate.py"))
     rows = re.findall(
-        r"^\| `(\w+)` \| (.*?) \| (.*?) \| (.*) \|$", site["on_page_markdown"](text("components.md")), re.M
+        r"^\| `(\w+)` \| (.*?) \| (.*?) \| (.*) \|$", SITE["on_page_markdown"](text("components.md")), re.M
     )
     assert len(rows) > 40
     assert not [name for name, _, _, meaning in rows if not meaning.strip()]

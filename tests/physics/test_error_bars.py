@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 import error_bars
 
-#: what docs/coverage.md says holds the truth less often
+#: what docs/how_accurate.md says holds the truth less often
 NARROW = ("skewed", "exponential", "bootstrap")
 #: of cases that take longer
 TRIALS = {"paired": 24, "replicas": 100, "arrhenius": 100}
