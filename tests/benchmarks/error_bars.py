@@ -38,8 +38,8 @@ from chemage.studies.ensembles.running import ensemble
 from chemage.studies.trade.tradeoff import NORMAL_LIMIT
 from chemage_ageing import _table
 from chemage_ageing._independent import bonded_share
-from chemage_studies.density.fit import EQUAL, METHOD, PUBLISHED, ROUNDING, Errors
-from chemage_studies.reproduction.points import mean
+from chemage_li2018.density_fit import EQUAL, METHOD, PUBLISHED, ROUNDING, Errors
+from chemage_li2018.sweeps import mean
 from chemage_surfaces import fit_roughness
 
 #: trials of a block

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import chemage as ca
-from chemage_studies.reproduction.published import TABLE_1
+from chemage_li2018.published import TABLE_1
 
 LOADS = (5e3, 50e3, 500e3)
 SLOPE, PIXELS, PIXEL = 0.1, 1250, 0.9036

@@ -7,11 +7,12 @@ import pytest
 
 import chemage as ca
 from chemage_barriers import parse_columns
+from chemage_li2018 import density_fit as fit
+from chemage_li2018 import density_page
+from chemage_li2018.density import OTHER, QUICK, TRIANGLE
+from chemage_li2018.density_fit import FAMILIES, LOWER, UPPER
+from chemage_li2018.density_rates import SLOPES, TIMES, VOLUMES, Rates, logarithms, slope_of
 from chemage_silica import MDSilica
-from chemage_studies.density import command, fit, table
-from chemage_studies.density.families import FAMILIES, LOWER, UPPER
-from chemage_studies.density.rates import SLOPES, TIMES, VOLUMES, Rates, logarithms, slope_of
-from chemage_studies.density.study import OTHER, QUICK, TRIANGLE
 
 
 def rates(folder, stages=None):
@@ -95,7 +96,7 @@ def test_a_line_has_its_slope():
 
 @pytest.mark.long
 def test_the_study_writes_its_page_and_a_table_that_md_silica_can_read(tmp_path):
-    paths = command.write(tmp_path / "study", quick=True)
+    paths = density_page.write_study(tmp_path / "study", quick=True)
     assert all(path.stat().st_size > 0 for path in paths)
     page = paths[0].read_text(encoding="utf-8")
     assert all(family.name in page for family in FAMILIES)
@@ -108,11 +109,11 @@ def test_the_shipped_table_has_the_header_of_the_study():
     from importlib import resources
 
     text = resources.files("chemage_silica").joinpath("md_silica_barriers.csv").read_text(encoding="utf-8")
-    assert text.startswith(table.HEADER.format(count=MDSilica.MEMBERS))
+    assert text.startswith(density_page.HEADER.format(count=MDSilica.MEMBERS))
 
 
 def test_an_unknown_study_is_refused():
-    from chemage_studies.command import study
+    from chemage_li2018.command import study
 
     with pytest.raises(ca.InputError, match="no study 'densty'"):
         study("densty")

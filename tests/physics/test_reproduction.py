@@ -10,23 +10,22 @@ import pytest
 import chemage
 from chemage import InputError
 from chemage.studies.sweeps.running import read_grid
-from chemage_studies.reproduction import (
-    calibration,
-    claims,
+from chemage_li2018 import (
     command,
+    comparisons,
     estimates,
     figures_supplement,
-    pages,
     patches,
     published,
-    studies,
+    reproduction_page,
+    sweeps,
 )
-from chemage_studies.reproduction.points import SLOPE, Mean, Point, mean, studies_of
-from chemage_studies.reproduction.published import Published
-from chemage_studies.reproduction.verdicts import Claim, Line
+from chemage_li2018.comparisons import Claim, Line, lines
+from chemage_li2018.published import Published
+from chemage_li2018.sweeps import SLOPE, Mean, Point, mean, studies_of
 
 PIXELS = 320
-SEED = studies.SURFACE_SEEDS[0]
+SEED = sweeps.SURFACE_SEEDS[0]
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +33,7 @@ def coarse(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, chemage.
     """Every target of one coarse surface, with few replicas."""
     folder = tmp_path_factory.mktemp("reproduction")
     made = {}
-    for base, data in studies.scenes(list(studies.TARGETS), (SEED,), PIXELS).items():
+    for base, data in sweeps.scenes(list(sweeps.TARGETS), (SEED,), PIXELS).items():
         columns = data["sweep"]["zip"][0]
         columns["hold.replicas"] = [min(count, 4) for count in columns["hold.replicas"]]
         if base != "rough":  # warm contacts form and break bonds without end
@@ -51,18 +50,18 @@ def points(coarse: tuple[dict[str, chemage.SweepResult], Path], *targets: str) -
 
 def test_every_target_of_the_paper_is_there():
     """Figures 1 to 6, Table 1, κ, the supplement and the text; studies of our own have names of their own."""
-    assert {*(f"fig{number}" for number in range(1, 7)), "table1", "kappa"} <= set(studies.TARGETS)
-    assert {"maps", "areas", "barriers", "estimates"} <= set(studies.TARGETS)
-    assert {"interaction", "temperature", "tips"} <= set(studies.TARGETS)
-    assert set(figures_supplement.DRAW) == set(pages.CAPTIONS)
-    assert set(studies.TARGETS) - set(figures_supplement.DRAW) <= {"estimates", "calibration"}
+    assert {*(f"fig{number}" for number in range(1, 7)), "table1", "kappa"} <= set(sweeps.TARGETS)
+    assert {"maps", "areas", "barriers", "estimates"} <= set(sweeps.TARGETS)
+    assert {"interaction", "temperature", "tips"} <= set(sweeps.TARGETS)
+    assert set(figures_supplement.DRAW) == set(reproduction_page.CAPTIONS)
+    assert set(sweeps.TARGETS) - set(figures_supplement.DRAW) <= {"estimates", "calibration"}
 
 
 @pytest.mark.long
 def test_every_target_is_drawn_and_written(coarse: tuple[dict[str, chemage.SweepResult], Path]):
     results, folder = coarse
     assert not any(result.failed for result in results.values())
-    names = [name for name in studies.TARGETS if name not in ("temperature", "tips")]
+    names = [name for name in sweeps.TARGETS if name not in ("temperature", "tips")]
     found = command.write({"rough": results["rough"]}, names, folder, seeds=(SEED,), pixels=PIXELS)
     text = (folder / "reproduction.md").read_text(encoding="utf-8")
     for name in figures_supplement.DRAW.keys() & set(names):
@@ -82,7 +81,7 @@ def test_claims_about_kinetics_do_not_need_fine_pixels(coarse: tuple[dict[str, c
     The times in the claims on Fig. 3 depend on the density, which is fitted to none of them; the page has them.
     """
     found = points(coarse, "fig3", "fig4", "interaction")
-    made = claims.claims(found, ["fig3", "fig4", "interaction"])
+    made = comparisons.claims(found, ["fig3", "fig4", "interaction"])
     chosen = [one for one in made if one.target != "fig3" or one.statement.startswith("with ΔV, Δμ rises")]
     assert len(chosen) == 3
     assert [claim.statement for claim in chosen if not claim.holds] == []
@@ -93,13 +92,13 @@ def test_fig5_is_straight_at_every_slope_without_activation_volume(
     coarse: tuple[dict[str, chemage.SweepResult], Path],
 ):
     """At 320 pixels with four replicas a few hundred sites are left, hence the margin; the page has 0.95."""
-    found = claims.claims(points(coarse, "fig5"), ["fig5"])
+    found = comparisons.claims(points(coarse, "fig5"), ["fig5"])
     assert len(found) == 3
     for claim in found:
         assert "ΔV = 0" in claim.statement
     group = studies_of([Point.of(p) for p in coarse[0]["rough"]], ["fig5"])["rows"]
     chosen = [p for p in group if p.changes["chemistry.activation_volume"] == 0 and p.changes[SLOPE] == 0.05]
-    x, y = claims.morphology(chosen)
+    x, y = comparisons.morphology(chosen)
     assert np.corrcoef(x, y)[0, 1] > 0.9
 
 
@@ -111,22 +110,22 @@ def test_contacts_are_shared_between_figures(coarse: tuple[dict[str, chemage.Swe
 
 
 def test_one_target_needs_only_its_own_points():
-    data = studies.scenes(["fig6"], (101, 102), PIXELS)
+    data = sweeps.scenes(["fig6"], (101, 102), PIXELS)
     assert list(data) == ["rough"]
     assert read_grid(data["rough"]).size == 2 * 5
-    assert read_grid(studies.scenes(["table1"], (101,), PIXELS)["rough"]).size == 7
+    assert read_grid(sweeps.scenes(["table1"], (101,), PIXELS)["rough"]).size == 7
 
 
 def test_equal_points_of_two_targets_are_computed_once_with_the_most_replicas():
     """Fig. 1 needs one replica of the reference, and Fig. 2 ten."""
-    both = studies.scenes(["fig1", "fig2"], (101,), PIXELS)["rough"]["sweep"]["zip"][0]
-    assert len(both["contact.load"]) == len(studies.LOADS)
+    both = sweeps.scenes(["fig1", "fig2"], (101,), PIXELS)["rough"]["sweep"]["zip"][0]
+    assert len(both["contact.load"]) == len(sweeps.LOADS)
     assert both["hold.replicas"][both["contact.load"].index(20000.0)] == 10
 
 
 def test_seeds_were_not_used_to_fit_the_barriers():
     """The density and the scene are fitted and chosen on seeds below 100."""
-    assert min(studies.SURFACE_SEEDS) > 100
+    assert min(sweeps.SURFACE_SEEDS) > 100
 
 
 # -- words ------------------------------------------------------------------------------------------------------------
@@ -167,11 +166,16 @@ def test_a_fitted_number_is_never_called_predicted():
 
 @pytest.mark.long
 def test_the_six_fitted_beta_are_called_calibrated(coarse: tuple[dict[str, chemage.SweepResult], Path]):
-    from chemage_studies.reproduction.numbers import lines
-
     found = lines(points(coarse, "fig3"), ["fig3"])
     assert [one.word for one in found] == ["calibrated"] * 6
-    text = pages.page(pages.Found(found, []), ["fig3"], seeds=(101,), pixels=PIXELS, figures="f", versions=NO_VERSIONS)
+    text = reproduction_page.page(
+        reproduction_page.Reproduction(found, []),
+        ["fig3"],
+        seeds=(101,),
+        pixels=PIXELS,
+        figures="f",
+        versions=NO_VERSIONS,
+    )
     assert "| yes |" not in text
     assert text.count("| calibrated |") == 6
 
@@ -180,8 +184,8 @@ NO_VERSIONS: dict[str, str] = {"chemage": "0", "numpy": "0", "numba": "0"}
 
 
 def test_what_disagrees_is_listed():
-    text = pages.page(
-        pages.Found([line("1.0", 2.0)], [Claim("fig2", "s", "f", holds=False)]),
+    text = reproduction_page.page(
+        reproduction_page.Reproduction([line("1.0", 2.0)], [Claim("fig2", "s", "f", holds=False)]),
         ["fig2"],
         seeds=(101, 102),
         pixels=2500,
@@ -198,18 +202,18 @@ def test_what_disagrees_is_listed():
 
 def synthetic(strength: float, drop: float) -> Point:
     times = np.logspace(-3, 5, 33)
-    changes = {**studies.members("interaction")[0], "interaction.strength": strength, "surface.seed": 7}
+    changes = {**sweeps.members("interaction")[0], "interaction.strength": strength, "surface.seed": 7}
     return Point(changes, {"load": 2e4}, times, np.full(33, drop), np.zeros(33))
 
 
 def test_a_claim_that_is_false_is_reported_as_false():
     """Friction that keeps falling beyond 0.5 eV is no saturation."""
-    falling = [synthetic(strength, 100 - 60 * strength) for strength in studies.STRENGTHS]
-    (claim,) = claims.claims({"interaction": falling}, ["interaction"])
+    falling = [synthetic(strength, 100 - 60 * strength) for strength in sweeps.STRENGTHS]
+    (claim,) = comparisons.claims({"interaction": falling}, ["interaction"])
     assert not claim.holds
     assert claim.word == "disagrees"
-    level = [synthetic(strength, 100 - 60 * min(strength, 0.5)) for strength in studies.STRENGTHS]
-    (claim,) = claims.claims({"interaction": level}, ["interaction"])
+    level = [synthetic(strength, 100 - 60 * min(strength, 0.5)) for strength in sweeps.STRENGTHS]
+    (claim,) = comparisons.claims({"interaction": level}, ["interaction"])
     assert claim.holds
     assert claim.word == "predicted"
 
@@ -224,7 +228,7 @@ def straight(beta: float, start: float) -> Point:
 
 def test_onset_of_an_exact_line():
     """ΔF = max(0, log10 t/3 s) has half its slope at 3 s, to within the spacing of the hold times."""
-    assert claims.onset([straight(1.0, 3.0)]) == pytest.approx(3.0, rel=0.4)
+    assert comparisons.onset([straight(1.0, 3.0)]) == pytest.approx(3.0, rel=0.4)
 
 
 def test_slope_over_a_window():
@@ -234,26 +238,26 @@ def test_slope_over_a_window():
 def test_crossing_of_two_exact_lines():
     """2 log10 t and 1 + log10 t meet at 10 s; lines that do not cross have none."""
     lower, upper = straight(2.0, 1.0), straight(1.0, 0.1)
-    assert claims.crossing([lower], [upper]) == pytest.approx(10.0, rel=0.01)
-    assert math.isnan(claims.crossing([upper], [straight(2.0, 0.1)]))
+    assert comparisons.crossing([lower], [upper]) == pytest.approx(10.0, rel=0.01)
+    assert math.isnan(comparisons.crossing([upper], [straight(2.0, 0.1)]))
 
 
 def test_summit_of_a_parabola():
     kelvin = [250.0, 300.0, 350.0]
-    assert claims.summit(kelvin, [-((t - 310.0) ** 2) for t in kelvin]) == pytest.approx(310.0)
-    assert claims.summit(kelvin, [3.0, 2.0, 1.0]) == 250.0
+    assert comparisons.summit(kelvin, [-((t - 310.0) ** 2) for t in kelvin]) == pytest.approx(310.0)
+    assert comparisons.summit(kelvin, [3.0, 2.0, 1.0]) == 250.0
 
 
 def test_adhesive_force_that_explains_the_tips():
     """(23 + F) / (393 + F) is the ratio of the bonds per decade, 345/589.5, to the power 3/2: F is about 278 nN."""
     share = (15 * 23 / (1.5 * 393)) ** 1.5
     force = (share * 393 - 23) / (1 - share)
-    assert f"about {force:.0f} nN" in pages._reason("tips")
+    assert f"about {force:.0f} nN" in reproduction_page._reason("tips")
 
 
 def test_the_literal_activation_volume():
     """0.04 Å³ is 0.00004 nm³, a thousandth of 0.04 eV/GPa (6.4 Å³) but for the factor 6.24."""
-    assert chemage.convert("0.04 angstrom**3", "nm**3") == pytest.approx(studies.LITERAL_VOLUME)
+    assert chemage.convert("0.04 angstrom**3", "nm**3") == pytest.approx(sweeps.LITERAL_VOLUME)
 
 
 def test_bands_over_the_members_are_relative_to_the_best():
@@ -263,11 +267,11 @@ def test_bands_over_the_members_are_relative_to_the_best():
         return Point(changes, one.summary, one.hold_times, one.friction_drop, one.friction_drop_half_width)
 
     def row(member: int, beta: float) -> list[Point]:
-        lattice = [(h, v) for v in studies.VOLUMES for h in published.SLOPES] + [(0.4, studies.VOLUME)]
+        lattice = [(h, v) for v in sweeps.VOLUMES for h in published.SLOPES] + [(0.4, sweeps.WITH_PRESSURE)]
         return [point(member, beta, slope, volume) for slope, volume in lattice]
 
     members = [*row(0, 1.0), *row(1, 0.9), *row(2, 1.2)]
-    found = calibration.bands({"members": members, "slopes": row(0, 0.45)[:6], "front": [front_point()]})
+    found = estimates.bands({"members": members, "slopes": row(0, 0.45)[:6], "front": [front_point()]})
     assert len(found) == 7
     for band in found:
         assert (band.low, band.high) == pytest.approx((-0.1, 0.2))
@@ -284,12 +288,12 @@ def test_times_over_the_members():
         return Point(changes, line.summary, line.hold_times, line.friction_drop, line.friction_drop_half_width)
 
     group = [
-        point(straight(2.0, 1.0), 0.05, studies.VOLUME),
-        point(straight(1.0, 0.3), 0.1, studies.VOLUME),
-        point(straight(1.0, 0.1), 0.2, studies.VOLUME),
+        point(straight(2.0, 1.0), 0.05, sweeps.WITH_PRESSURE),
+        point(straight(1.0, 0.3), 0.1, sweeps.WITH_PRESSURE),
+        point(straight(1.0, 0.1), 0.2, sweeps.WITH_PRESSURE),
         point(straight(1.0, 3.0), 0.1, 0.0),
     ]
-    found = calibration.times({"members": group})
+    found = estimates.times({"members": group})
     assert found["reversal"] == pytest.approx((10.0, 10.0), rel=0.01)
     assert found["onset with ΔV"] == pytest.approx((0.3, 0.3), rel=0.4)
     assert found["onset without"] == pytest.approx((3.0, 3.0), rel=0.4)
@@ -369,15 +373,15 @@ def test_page_of_patches_says_whether_chance_is_enough():
 
 def test_unknown_target_names_the_nearest():
     with pytest.raises(InputError, match=r"no target 'fig7'.*did you mean 'fig"):
-        studies.chosen(["fig7"])
-    assert studies.chosen([]) == studies.chosen(["all"]) == list(studies.TARGETS)
+        sweeps.chosen(["fig7"])
+    assert sweeps.chosen([]) == sweeps.chosen(["all"]) == list(sweeps.TARGETS)
     with pytest.raises(InputError, match="on its own"):
-        studies.chosen(["patches", "fig1"])
+        sweeps.chosen(["patches", "fig1"])
 
 
 def test_surfaces_too_coarse_for_the_shortest_wave_are_refused():
     with pytest.raises(InputError, match="320 or more"):
-        studies.scenes(["fig1"], (101,), 256)
+        sweeps.scenes(["fig1"], (101,), 256)
 
 
 def test_published_numbers_are_the_ones_checked():

@@ -11,8 +11,7 @@ import pytest
 
 import chemage as ca
 from chemage import ContactSolution
-from chemage_studies import markdown
-from chemage_studies.tips import study as tips
+from chemage_li2018 import pages, tips
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +125,7 @@ def test_a_study_that_does_not_exist_is_named(command):
 
 def test_paragraphs_are_filled_and_tables_are_not():
     wide = "| " + "x " * 100 + "|"
-    filled = markdown.filled(f"# A\n\nword\n{'w ' * 100}\n\n- {'a ' * 80}\n- b\n\n{wide}\n")
+    filled = pages.filled(f"# A\n\nword\n{'w ' * 100}\n\n- {'a ' * 80}\n- b\n\n{wide}\n")
     assert all(len(line) <= 120 for line in filled.splitlines() if not line.startswith("|"))
     assert wide in filled
     assert "\n- b" in filled

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from chemage_studies.reproduction import published
-from chemage_studies.reproduction.calibration import Band
-from chemage_studies.reproduction.estimates import Variant
-from chemage_studies.reproduction.studies import TARGETS
-from chemage_studies.reproduction.verdicts import COMMON, DISAGREES, Claim, Estimate, Line
+from chemage_li2018 import published
+from chemage_li2018.comparisons import COMMON, DISAGREES, Claim, Estimate, Line
+from chemage_li2018.estimates import Band, Variant
+from chemage_li2018.sweeps import TARGETS
 
 CAPTIONS = {
     "fig1": "Fig. 1: the rough surface, the contact on it, and the pressure in the square.",
@@ -86,7 +85,7 @@ _COARSE = (
 
 
 @dataclass(frozen=True)
-class Found:
+class Reproduction:
     """Everything that a reproduction found, for its page and the terminal."""
 
     lines: list[Line]
@@ -101,7 +100,7 @@ class Found:
 
 
 def page(
-    found: Found,
+    results: Reproduction,
     targets: Sequence[str],
     *,
     seeds: Sequence[int],
@@ -123,21 +122,23 @@ def page(
             **{name: versions[name] for name in ("chemage", "numpy", "numba")},
         )
     ]
-    if found.lines:
-        parts.append(_lines_table(found.lines))
-    misses = [line for line in found.lines if line.word == DISAGREES]
+    if results.lines:
+        parts.append(_lines_table(results.lines))
+    misses = [line for line in results.lines if line.word == DISAGREES]
     if misses:
         parts.append(
             "Disagree: "
             + "; ".join(f"{line.quantity} ({line.difference:+.1%})" for line in misses)
             + ". Probable reasons are given below."
         )
-    parts += [table for table in (_bands_table(found.bands, found.times), _variants_table(found.variants)) if table]
-    if found.claims:
-        rows = [f"| {c.target} | {c.statement} | {c.found} | {_word(c.word)} |" for c in found.claims]
+    parts += [
+        table for table in (_bands_table(results.bands, results.times), _variants_table(results.variants)) if table
+    ]
+    if results.claims:
+        rows = [f"| {c.target} | {c.statement} | {c.ours} | {_word(c.word)} |" for c in results.claims]
         parts.append(_table("Claims", "figure | claim | found | word", rows))
-    if found.estimates:
-        rows = [f"| {e.statement} | {e.ours} | {e.how} | {_word(e.word)} |" for e in found.estimates]
+    if results.estimates:
+        rows = [f"| {e.statement} | {e.ours} | {e.how} | {_word(e.word)} |" for e in results.estimates]
         parts.append(_table("Estimates of the text", "paper | ours | how ours is computed | word", rows))
     reasons = [f"- **{name}**: {_reason(name)}" for name in targets if name in REASONS]
     if reasons:
@@ -200,5 +201,5 @@ def _variants_table(variants: Sequence[Variant]) -> str:
     if not variants:
         return ""
     paper = float(published.FIG_6_BETA)
-    rows = [f"| {one.name} | {one.beta} | {one.beta.value / paper - 1:+.1%} |" for one in variants]
+    rows = [f"| {variant.name} | {variant.beta} | {variant.beta.value / paper - 1:+.1%} |" for variant in variants]
     return _table("What β of Fig. 6 hangs on", f"computed with | β | relative to {published.FIG_6_BETA}", rows)

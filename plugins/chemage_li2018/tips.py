@@ -103,7 +103,7 @@ class Study:
 
     def group(self, name: str) -> list[Aged]:
         """List the contacts of a group."""
-        return [one for one in self.contacts if one.group == name]
+        return [aged for aged in self.contacts if aged.group == name]
 
     def rim_effect(self, time: float) -> float:
         """Relative change of the number of bonds per C/A at the hold time nearest to ``time`` (s), nm."""
@@ -128,7 +128,7 @@ def compute(strength: float, report: Callable[[str, int, int], None], *, quick: 
     """
     tips = [_scene(data, strength) for data in _tips()]
     patch = _scene(scene_data("silica-patch")[0], strength)
-    if any(one.chemistry != patch.chemistry or one.hold is None or patch.hold is None for one in tips):
+    if any(tip.chemistry != patch.chemistry or tip.hold is None or patch.hold is None for tip in tips):
         raise ValueError("the scenes silica-tips and silica-patch must have the same chemistry")
     slopes = {0.1: (1,)} if quick else SLOPES
     pairs, seeds = (EQUAL_AREA[1:2], (1,)) if quick else (EQUAL_AREA, EQUAL_AREA_SEEDS)
@@ -137,14 +137,14 @@ def compute(strength: float, report: Callable[[str, int, int], None], *, quick: 
     jobs = len(tips) + sum(map(len, slopes.values())) + len(pairs) * len(seeds) + len(UNIFORM)
     done = 0
 
-    def count(made: Any) -> Any:
+    def count(job: Any) -> Any:
         nonlocal done
         done += 1
         report(f"interaction {strength:g} eV", done, jobs)
-        return made
+        return job
 
     report(f"interaction {strength:g} eV", 0, jobs)
-    contacts = [count(_tip(one, share)) for one in tips]
+    contacts = [count(_tip(tip, share)) for tip in tips]
     surfaces: dict[tuple[float, int], Any] = {}
     for slope, numbers in slopes.items():
         for seed in numbers:
@@ -154,7 +154,7 @@ def compute(strength: float, report: Callable[[str, int, int], None], *, quick: 
     for radius, load in pairs:
         data = override(_tips()[0], {"surface.radius": radius, "contact.load": load})
         tip = _tip(_scene(data, strength), share)
-        if tip.name not in [one.name for one in contacts]:
+        if tip.name not in [aged.name for aged in contacts]:
             contacts.append(tip)
         for seed in seeds:
             rough = surfaces.get((0.1, seed)) or _rough(patch, 0.1, seed)
@@ -198,17 +198,17 @@ def _pressed_to(patch: Scene, rough: Any, sites: int) -> ContactSolution:
     below = above = None
     for _ in range(12):
         contact = patch.contact.solve(rough, load, start=best)
-        found = contact.sites.size
-        if best is None or abs(found - sites) < abs(best.sites.size - sites):
+        pixels = contact.sites.size
+        if best is None or abs(pixels - sites) < abs(best.sites.size - sites):
             best = contact
-        if abs(found - sites) <= 0.003 * sites:
+        if abs(pixels - sites) <= 0.003 * sites:
             break
-        if found < sites:
-            below = (load, found)
+        if pixels < sites:
+            below = (load, pixels)
         else:
-            above = (load, found)
+            above = (load, pixels)
         if below is None or above is None:
-            load *= 1.02 * sites / max(found, 1) if found < sites else 0.98 * sites / found
+            load *= 1.02 * sites / max(pixels, 1) if pixels < sites else 0.98 * sites / pixels
         else:  # the area is nearly proportional to the load
             power = math.log(above[0] / below[0]) / math.log(above[1] / below[1])
             load = below[0] * (sites / below[1]) ** power
@@ -257,12 +257,12 @@ def _uniform(patch: Scene, pressure: float, quick: bool) -> np.ndarray:
 
 
 def _explained(study: Study) -> Study:
-    density = np.stack([one.density for one in study.contacts])
-    errors = np.stack([one.density_error for one in study.contacts])
-    area = np.array([one.contact.area for one in study.contacts])
-    rim = np.array([one.contact.perimeter_to_area for one in study.contacts])
-    means = of_pressure(study, np.array([one.contact.mean_contact_pressure for one in study.contacts]))
-    fields = np.stack([_of_field(study, one.contact) for one in study.contacts])
+    density = np.stack([aged.density for aged in study.contacts])
+    errors = np.stack([aged.density_error for aged in study.contacts])
+    area = np.array([aged.contact.area for aged in study.contacts])
+    rim = np.array([aged.contact.perimeter_to_area for aged in study.contacts])
+    means = of_pressure(study, np.array([aged.contact.mean_contact_pressure for aged in study.contacts]))
+    fields = np.stack([_of_field(study, aged.contact) for aged in study.contacts])
     # a line through zero: without a rim the prediction has no correction
     slope = rim @ (density / fields - 1) / (rim @ rim)
     deviations = {
@@ -276,8 +276,8 @@ def _explained(study: Study) -> Study:
         deviations[what] = deviations[what] - deviations[what].mean(axis=0)
     inside = (study.times >= WINDOW[0]) & (study.times <= WINDOW[1])
     collapses = [
-        Collapse(what, float(np.sqrt(np.mean(one[:, inside] ** 2))), np.sqrt(np.mean(one**2, axis=0)))
-        for what, one in deviations.items()
+        Collapse(what, float(np.sqrt(np.mean(logs[:, inside] ** 2))), np.sqrt(np.mean(logs**2, axis=0)))
+        for what, logs in deviations.items()
     ]
     noise = math.sqrt(float(np.mean((errors / density)[:, inside] ** 2)))
     return replace(study, collapses=collapses, rim=slope, noise=noise)
@@ -308,5 +308,5 @@ def deviation(study: Study, time: float) -> tuple[np.ndarray, np.ndarray]:
         The deviation of each contact, (n,), and its C/A, 1/nm, (n,).
     """
     at = study.contacts[0].at(time)
-    deviations = [one.density[at] / _of_field(study, one.contact)[at] - 1 for one in study.contacts]
-    return np.array(deviations), np.array([one.contact.perimeter_to_area for one in study.contacts])
+    deviations = [aged.density[at] / _of_field(study, aged.contact)[at] - 1 for aged in study.contacts]
+    return np.array(deviations), np.array([aged.contact.perimeter_to_area for aged in study.contacts])

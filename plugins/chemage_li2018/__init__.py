@@ -10,7 +10,6 @@ from chemage import hookimpl
 @hookimpl
 def chemage_cli() -> list[tuple[str, Any]]:
     """The commands ``chemage reproduce`` and ``chemage study``."""
-    from chemage_studies.command import study
-    from chemage_studies.reproduction.command import reproduce
+    from chemage_li2018.command import reproduce, study
 
     return [("reproduce", reproduce), ("study", study)]

@@ -102,20 +102,20 @@ class Rates:
         densities, seeds, replicas
             Each density ages every surface, with as many draws of the disorder.
         """
-        keys = [one.digest() for one in densities]
+        keys = [density.digest() for density in densities]
         jobs = [(seed, slope) for seed in seeds for slope in SLOPES]
         self.report(stage, 0, len(jobs))
         for done, (seed, slope) in enumerate(jobs):
             missing = {
-                key: one
-                for key, one in zip(keys, densities, strict=True)
+                key: density
+                for key, density in zip(keys, densities, strict=True)
                 if (key, seed, slope, replicas) not in self._known
             }
             # drawn before the threads start, so that none is drawn twice
             draws = [self._replica(seed, slope, number) for number in range(replicas)] if missing else []
             with ThreadPoolExecutor(threads.available()) as pool:
-                found = pool.map(lambda one: self._aged(one, draws), missing.values())  # noqa: B023
-                for key, curves in zip(missing, found, strict=True):
+                every = pool.map(lambda density: self._aged(density, draws), missing.values())  # noqa: B023
+                for key, curves in zip(missing, every, strict=True):
                     self._keep(key, seed, slope, replicas, curves)
             self.report(stage, done + 1, len(jobs))
         return np.array(
@@ -138,12 +138,12 @@ class Rates:
         assert scene.engine is not None
         assert scene.hold is not None
         bonds = np.zeros((len(VOLUMES), TIMES.size))
-        for one in draws:
-            intrinsic = density.quantile(one.uniform)
+        for draw in draws:
+            intrinsic = density.quantile(draw.uniform)
             for row, volume in zip(bonds, VOLUMES, strict=True):
-                forming = intrinsic - volume * EV_PER_GPA_NM3 * one.pressure
-                lattice = one.lattice.model_copy(update={"forming": forming})
-                row += scene.engine.run(lattice, TIMES, temperature=scene.hold.temperature, seed=one.noise).bonds
+                forming = intrinsic - volume * EV_PER_GPA_NM3 * draw.pressure
+                lattice = draw.lattice.model_copy(update={"forming": forming})
+                row += scene.engine.run(lattice, TIMES, temperature=scene.hold.temperature, seed=draw.noise).bonds
         return bonds * scene.chemistry.bond_force / scene.load / len(draws)
 
     def _scene(self, seed: int, slope: float) -> Scene:
@@ -171,9 +171,9 @@ class Rates:
         """The contact, of which the folder keeps the pressures in contact."""
         path = self.folder / f"contact-{slope:g}-{seed}-{self.pixels}.npz"
         if not path.exists():
-            found = scene.contact.solve(scene.surface.make(seed), scene.load)
+            solution = scene.contact.solve(scene.surface.make(seed), scene.load)
             with fresh_file(path, force=True) as part, part.open("wb") as file:
-                np.savez(file, sites=found.sites, pressure=found.pressure.ravel()[found.sites])
+                np.savez(file, sites=solution.sites, pressure=solution.pressure.ravel()[solution.sites])
         with np.load(path) as kept:
             pressure = np.zeros(self.pixels**2)
             pressure[kept["sites"]] = kept["pressure"]

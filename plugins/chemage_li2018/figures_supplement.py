@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage.results.figures import GREY, PALETTE, pooled
-from chemage_studies.reproduction import figures, published
-from chemage_studies.reproduction.drawing import bars, density, figure, legend
-from chemage_studies.reproduction.numbers import Studies, front, rows
-from chemage_studies.reproduction.points import LOAD, SEED, Point, by, mean
+from chemage_li2018 import figures, published
+from chemage_li2018.comparisons import Studies, front, rows
+from chemage_li2018.figures import bars, density, figure, legend
+from chemage_li2018.sweeps import LOAD, SEED, Point, by, mean
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +21,7 @@ _TIMES = (1.0, 1e3, 1e5)
 
 def maps(studies: Studies) -> Figure:
     """Draw the contact of each row of Table 1 on its first surface."""
-    made, axes = figure(4, rows=2, width=3.0, height=3.2)
+    drawing, axes = figure(4, rows=2, width=3.0, height=3.2)
     for axis, (row, group) in zip(axes, rows(studies["table"]), strict=False):
         contact = group[0].contact()
         side = contact.shape[0] * contact.pixel_size
@@ -39,28 +39,28 @@ def maps(studies: Studies) -> Figure:
         va="top",
         fontsize=8,
     )
-    return made
+    return drawing
 
 
 def areas(studies: Studies) -> Figure:
     """Draw the contact area against load."""
-    made, (axes,) = figure(1)
+    drawing, (axes,) = figure(1)
     groups = {load / 1000: group for load, group in by(studies["loads"], LOAD).items()}
-    found = [mean(p.summary["area_fraction"] for p in group) for group in groups.values()]
-    bars(axes, list(groups), found, fmt="o-", color=PALETTE[0])
+    fractions = [mean(p.summary["area_fraction"] for p in group) for group in groups.values()]
+    bars(axes, list(groups), fractions, fmt="o-", color=PALETTE[0])
     for load, value in published.AREA_FRACTION.items():
         axes.plot(load, float(value), "s", ms=8, mfc="none", color=PALETTE[1])
     axes.plot([], [], "s", ms=8, mfc="none", color=PALETTE[1], label="paper")
-    slope = found[2].value / 20.0
+    slope = fractions[2].value / 20.0
     axes.plot([0, 500], [0, 500 * slope], color=GREY, lw=0.8, ls="--", label="proportional to load, from 20 µN")
     axes.set(xlabel="load (µN)", ylabel="A/A$_0$", xlim=(0, None), ylim=(0, None))
     legend(axes)
-    return made
+    return drawing
 
 
 def barriers(studies: Studies) -> Figure:
     """Draw the distribution of E_form(t = 0) at every load, and its mean against load."""
-    made, (left, right) = figure(2)
+    drawing, (left, right) = figure(2)
     groups = {load / 1000: group for load, group in by(studies["loads"], LOAD).items()}
     means = []
     for (load, group), colour in zip(groups.items(), PALETTE, strict=False):
@@ -72,24 +72,24 @@ def barriers(studies: Studies) -> Figure:
     legend(left)
     bars(right, list(groups), means, fmt="o-", color=PALETTE[0])
     right.set(xlabel="load (µN)", ylabel="mean E$_{form}$(t = 0) (eV)", xscale="log")
-    return made
+    return drawing
 
 
 def interaction(studies: Studies) -> Figure:
     """Draw ΔF against the strength of the interaction."""
-    made, (axes,) = figure(1)
+    drawing, (axes,) = figure(1)
     groups = by(studies["interaction"], "interaction.strength")
     for time, colour in zip(_TIMES, PALETTE, strict=False):
         drop = [mean(p.at(time) / 1000 for p in g) for g in groups.values()]
         bars(axes, list(groups), drop, fmt="o-", color=colour, label=f"{time:g} s")
     axes.set(xlabel="I$_b$ (eV)", ylabel="ΔF (µN)", ylim=(0, None))
     legend(axes)
-    return made
+    return drawing
 
 
 def table1(studies: Studies) -> Figure:
     """Draw our patches and contour lengths of the rows of Table 1 against those of the paper."""
-    made, (left, right) = figure(2)
+    drawing, (left, right) = figure(2)
     for (row, group), colour in zip(rows(studies["table"]), PALETTE, strict=False):
         style: dict[str, Any] = {"fmt": row.marker, "color": colour, "ms": 6, "mfc": "none"}
         bars(left, [float(row.patches)], [mean(p.summary["patches"] for p in group)], label=row.name, **style)
@@ -98,14 +98,14 @@ def table1(studies: Studies) -> Figure:
         axes.plot(ends, ends, color=GREY, lw=0.8, zorder=0)
         axes.set(xlabel=f"{label}, paper", ylabel=f"{label}, ours", xscale=scale, yscale=scale, xlim=ends, ylim=ends)
     legend(left)
-    return made
+    return drawing
 
 
 def kappa(studies: Studies) -> Figure:
     """Draw contact area and κ against load with two theories, and κ of the rows of Table 1 and of Fig. 6."""
     from chemage.contacts.theory import bgt_area_fraction, persson_area_fraction
 
-    made, (left, middle, right) = figure(3, width=4.3)
+    drawing, (left, middle, right) = figure(3, width=4.3)
     groups = list(by(studies["loads"], LOAD).values())
     x = np.array([_reduced(group[0]) for group in groups])
     for name, label, style in (
@@ -114,7 +114,7 @@ def kappa(studies: Studies) -> Figure:
     ):
         fraction = [mean(p.summary[name] / p.summary["nominal_area"] for p in group) for group in groups]
         bars(left, x, fraction, color=PALETTE[0], label=label, **style)
-        scaled = [one.times(1 / place) for one, place in zip(fraction, x, strict=True)]
+        scaled = [value.times(1 / place) for value, place in zip(fraction, x, strict=True)]
         bars(middle, x, scaled, color=PALETTE[0], **style)
     fine = np.linspace(0, x.max() * 1.05, 200)
     left.plot(fine, persson_area_fraction(fine), color=PALETTE[1], label="Persson")
@@ -136,7 +136,7 @@ def kappa(studies: Studies) -> Figure:
     right.set_xticks(range(len(named)), [name for name, _ in named], rotation=40, ha="right", fontsize=7)
     right.set(ylabel="κ at 20 µN", ylim=(1.4, 3.0))
     legend(right)
-    return made
+    return drawing
 
 
 def _reduced(point: Point) -> float:
@@ -146,7 +146,7 @@ def _reduced(point: Point) -> float:
 
 def temperature(studies: Studies) -> Figure:
     """Draw β and ΔF against temperature, of a piece of the rough contact and of a tip."""
-    made, axes = figure(2, width=4.4)
+    drawing, axes = figure(2, width=4.4)
     names = (("warm rough", "rough"), ("warm tip", "tip"))
     for (study, name), colour in zip(names, PALETTE, strict=False):
         groups = by(studies[study], "hold.temperature")
@@ -161,12 +161,12 @@ def temperature(studies: Studies) -> Figure:
     for axis in axes:
         axis.axvline(300, color=GREY, lw=0.8, ls=":")
         legend(axis)
-    return made
+    return drawing
 
 
 def tips(studies: Studies) -> Figure:
     """Draw ΔF and β of tips against load, with the published β of atomic force microscopy."""
-    made, (left, right) = figure(2)
+    drawing, (left, right) = figure(2)
     groups = by(studies["tips"], "surface.radius")
     for (radius, group), colour in zip(groups.items(), PALETTE, strict=False):
         load = [p.changes[LOAD] for p in group]
@@ -186,7 +186,7 @@ def tips(studies: Studies) -> Figure:
         axis.set_ticks([], minor=True)
     legend(left)
     legend(right)
-    return made
+    return drawing
 
 
 DRAW: dict[str, Callable[[Studies], Any]] = {

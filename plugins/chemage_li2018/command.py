@@ -1,4 +1,4 @@
-"""The command ``chemage reproduce``."""
+"""The commands ``chemage reproduce`` and ``chemage study``."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chemage.cli.options import WorkersOpt
+from chemage.cli.options import ForceOpt, WorkersOpt
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from chemage import SweepResult
-    from chemage_studies.reproduction.pages import Found
+    from chemage_li2018.reproduction_page import Reproduction
+
+STUDIES = ("tips", "density")
 
 
 def reproduce(
@@ -47,17 +49,51 @@ def reproduce(
     The results are compared with the published numbers. Completed points are skipped, so that the same command resumes
     an interrupted one.
     """
-    from chemage_studies.reproduction import studies
+    from chemage_li2018 import sweeps
 
     if targets == ["patches"]:
         return _patches(out / f"patches-{max(2, seeds)}-{pixels or 2500}", seeds, pixels, executor, workers)
-    names = studies.chosen(targets or [])
-    surfaces = studies.SURFACE_SEEDS[:seeds]
-    folder = out / f"{'-'.join(names) if len(names) < len(studies.TARGETS) else 'all'}-{seeds}-{pixels or 2500}"
-    scenes = {f"sweep-{base}": data for base, data in studies.scenes(names, surfaces, pixels).items()}
+    names = sweeps.chosen(targets or [])
+    surfaces = sweeps.SURFACE_SEEDS[:seeds]
+    folder = out / f"{'-'.join(names) if len(names) < len(sweeps.TARGETS) else 'all'}-{seeds}-{pixels or 2500}"
+    scenes = {f"sweep-{base}": data for base, data in sweeps.scenes(names, surfaces, pixels).items()}
     results = _swept(scenes, folder, executor, workers)
     _show(write(results, names, folder, seeds=surfaces, pixels=pixels or 2500))
     typer.echo(f"\n{folder / 'reproduction.md'}")
+
+
+def study(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME",
+            autocompletion=lambda incomplete: [study for study in STUDIES if study.startswith(incomplete)],
+            help=f"name of the study: {' or '.join(STUDIES)}",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="FOLDER", help="folder of the page, its figures and tables; default: study-NAME"
+        ),
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="compute only a few contacts, as a test")] = False,
+    force: ForceOpt = False,
+) -> None:
+    """Run an installed study.
+
+    Writes a page with its figures, and tables as CSV.
+    """
+    from chemage import InputError, nearest
+
+    if name not in STUDIES:
+        raise InputError(f"no study {name!r}{nearest(name, STUDIES)}; there are: {', '.join(STUDIES)}")
+    if name == "tips":
+        from chemage_li2018.tips_page import write_study
+    else:
+        from chemage_li2018.density_page import write_study
+    for path in write_study(out or Path(f"study-{name}"), quick=quick, force=force):
+        typer.echo(path)
 
 
 def _swept(
@@ -82,7 +118,7 @@ def _swept(
 
 def _patches(folder: Path, count: int, pixels: int | None, executor: str, workers: int | None) -> None:
     from chemage import fresh_file
-    from chemage_studies.reproduction import patches
+    from chemage_li2018 import patches
 
     seeds = patches.seeds_of(count)
     scenes = {
@@ -91,48 +127,46 @@ def _patches(folder: Path, count: int, pixels: int | None, executor: str, worker
     }
     swept = _swept({folder_name: data for folder_name, (_, data) in scenes.items()}, folder, executor, workers)
     results = {scenes[folder_name][0]: result for folder_name, result in swept.items()}
-    found = patches.study(results, seeds, pixels, lambda text: typer.echo(text, err=True))
+    counted = patches.study(results, seeds, pixels, lambda text: typer.echo(text, err=True))
     with fresh_file(folder / "patches.md", force=True) as part:
-        part.write_text(patches.page(found, pixels or 2500), encoding="utf-8")
+        part.write_text(patches.page(counted, pixels or 2500), encoding="utf-8")
     typer.echo(folder / "patches.md")
 
 
-def _show(found: Found) -> None:
-    width = max((len(line.quantity) for line in found.lines), default=0)
-    for line in found.lines:
+def _show(results: Reproduction) -> None:
+    width = max((len(line.quantity) for line in results.lines), default=0)
+    for line in results.lines:
         typer.echo(
             f"{line.target:7} {line.quantity:{width}}  paper {line.paper.text:<8} ours {line.ours!s:18} "
             f"{line.difference:+7.1%}  {line.word}"
         )
-    for claim in found.claims:
-        typer.echo(f"{claim.target:7} {claim.word}: {claim.statement}\n{'':8}{claim.found}")
-    for one in found.estimates:
-        typer.echo(f"text    {one.word}: {one.statement}\n{'':8}{one.ours}")
+    for claim in results.claims:
+        typer.echo(f"{claim.target:7} {claim.word}: {claim.statement}\n{'':8}{claim.ours}")
+    for estimate in results.estimates:
+        typer.echo(f"text    {estimate.word}: {estimate.statement}\n{'':8}{estimate.ours}")
 
 
 def write(
     results: Mapping[str, SweepResult], names: list[str], folder: Path, *, seeds: Sequence[int], pixels: int
-) -> Found:
+) -> Reproduction:
     """Write figures and page of completed sweeps, by base, into ``folder``, and return the comparisons."""
     from chemage import fresh_file, versions
     from chemage.results.figures import save_figures
-    from chemage_studies.reproduction import claims, estimates, figures_supplement, numbers, pages
-    from chemage_studies.reproduction.calibration import bands, times
-    from chemage_studies.reproduction.points import Point, studies_of
+    from chemage_li2018 import comparisons, estimates, figures_supplement, reproduction_page
+    from chemage_li2018.sweeps import Point, studies_of
 
     computed = studies_of((Point.of(point) for result in results.values() for point in result), names)
-    lines = numbers.lines(computed, names)
-    found = pages.Found(
-        lines,
-        claims.claims(computed, names),
+    compared = reproduction_page.Reproduction(
+        comparisons.lines(computed, names),
+        comparisons.claims(computed, names),
         estimates.estimates(computed) if "estimates" in names else [],
         estimates.variants(computed) if "fig6" in names else [],
-        bands(computed) if "calibration" in names else [],
-        times(computed) if "calibration" in names else {},
+        estimates.bands(computed) if "calibration" in names else [],
+        estimates.times(computed) if "calibration" in names else {},
     )
     drawn = {name: figures_supplement.DRAW[name](computed) for name in names if name in figures_supplement.DRAW}
     save_figures(drawn, folder / "figures", force=True)
-    text = pages.page(found, names, seeds=seeds, pixels=pixels, figures="figures", versions=versions())
+    text = reproduction_page.page(compared, names, seeds=seeds, pixels=pixels, figures="figures", versions=versions())
     with fresh_file(folder / "reproduction.md", force=True) as part:
         part.write_text(text, encoding="utf-8")
-    return found
+    return compared

@@ -1,22 +1,31 @@
-"""The scenes of each figure and table; those of one base form one sweep, so that figures share contacts."""
+"""The scenes of each figure and table; those of one base form one sweep, so that figures share contacts.
+
+And the points of these sweeps, with their means over surface seeds.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-from chemage import InputError, nearest, override, scene_data
+import numpy as np
+from scipy import stats
+
+import chemage
+from chemage import FIT_WINDOW, InputError, nearest, override, scene_data
+from chemage.foundation.text import plus_minus
+from chemage_li2018.published import SLOPES, TABLE_1
 from chemage_silica import MDSilica
-from chemage_studies.reproduction.published import SLOPES, TABLE_1
 
 #: nN
 LOADS = tuple(1000.0 * load for load in (5, 10, 20, 50, 100, 200, 500))
 #: eV
 STRENGTHS = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
 #: nm³: 6.4 Å³, and none
-VOLUME = 0.0064
-VOLUMES = (VOLUME, 0.0)
+WITH_PRESSURE = 0.0064
+VOLUMES = (WITH_PRESSURE, 0.0)
 #: nm³: "0.04 Å³" of the paper's Fig. 6, read literally
 LITERAL_VOLUME = 0.04e-3
 #: silanol density of a partly hydroxylated surface over that of the model, 2.6 and 4.9 OH/nm²
@@ -37,7 +46,7 @@ _ROUGH: dict[str, Any] = {
     "surface.zeta": 150.0,
     "surface.eta": 3.0,
     "contact.load": 20000.0,
-    "chemistry.activation_volume": VOLUME,
+    "chemistry.activation_volume": WITH_PRESSURE,
     "chemistry.hydroxylation": 1.0,
     "chemistry.front_factor": 1.0,
     "interaction.strength": 0.5,
@@ -109,11 +118,11 @@ def _slopes() -> Iterable[dict[str, Any]]:
 
 def _front() -> Iterable[dict[str, Any]]:
     for hydroxylation, volume, front in (
-        (0.5, VOLUME, 0.15),
-        (0.25, VOLUME, 0.15),
+        (0.5, WITH_PRESSURE, 0.15),
+        (0.25, WITH_PRESSURE, 0.15),
         (0.5, LITERAL_VOLUME, 0.15),
-        (PARTIAL, VOLUME, 0.15),
-        (1.0, VOLUME, 1.0),
+        (PARTIAL, WITH_PRESSURE, 0.15),
+        (1.0, WITH_PRESSURE, 1.0),
     ):
         yield {
             "surface.rms_slope": 0.4,
@@ -154,7 +163,7 @@ STUDIES: dict[str, Study] = {
         "rough", lambda: ({"interaction.strength": strength, "hold.replicas": 4} for strength in STRENGTHS)
     ),
     "warm rough": Study("patch", lambda: _temperatures(10)),
-    "warm tip": Study("tip", lambda: ({"hold.stop": 1e4, **one} for one in _temperatures(40))),
+    "warm tip": Study("tip", lambda: ({"hold.stop": 1e4, **changes} for changes in _temperatures(40))),
     "tips": Study(
         "tip", lambda: ({"surface.radius": r, "contact.load": load} for r in TIP_RADII for load in TIP_LOADS)
     ),
@@ -193,8 +202,8 @@ def chosen(names: Sequence[str]) -> list[str]:
         if name == "patches":
             raise InputError("patches: is computed on its own; give no other target beside it")
         if name not in (*TARGETS, "all"):
-            known = [*TARGETS, "all", "patches"]
-            raise InputError(f"no target {name!r}{nearest(name, known)}; the targets are {', '.join(known)}")
+            targets = [*TARGETS, "all", "patches"]
+            raise InputError(f"no target {name!r}{nearest(name, targets)}; the targets are {', '.join(targets)}")
     return list(TARGETS) if not names or "all" in names else [name for name in TARGETS if name in names]
 
 
@@ -205,8 +214,8 @@ def studies_for(targets: Iterable[str]) -> list[str]:
 
 def members(study: str) -> list[dict[str, Any]]:
     """List the points of a study for one surface seed: dotted path -> value, with all varied paths in each."""
-    one = STUDIES[study]
-    return [{**BASES[one.base].reference, **changes} for changes in one.points()]
+    panel = STUDIES[study]
+    return [{**BASES[panel.base].reference, **changes} for changes in panel.points()]
 
 
 def content(point: dict[str, Any]) -> str:
@@ -229,13 +238,13 @@ def scenes(targets: Sequence[str], seeds: Sequence[int], pixels: int | None = No
         raise InputError.of(
             "pixels", pixels, "cannot resolve the shortest wavelength (ζ = 150)", f"give {FEWEST_PIXELS} or more"
         )
-    made = {}
+    sweeps = {}
     for base in BASES:
         studies = [study for study in studies_for(targets) if STUDIES[study].base == base]
         if studies:
             points = _points(studies, seeds if BASES[base].rough else (0,), rough=BASES[base].rough)
-            made[base] = {**_data(base, pixels), "sweep": {"zip": [points]}}
-    return made
+            sweeps[base] = {**_data(base, pixels), "sweep": {"zip": [points]}}
+    return sweeps
 
 
 def _points(studies: Sequence[str], seeds: Sequence[int], *, rough: bool) -> dict[str, list[Any]]:
@@ -264,3 +273,139 @@ def _data(base: str, pixels: int | None) -> dict[str, Any]:
     if base == "patch":  # the interaction of the paper's rough surfaces
         return override(data, {"interaction.strength": 0.5, "hold.start": 1e-3, "hold.stop": 1e4})
     return data
+
+
+SLOPE, SEED, LOAD, VOLUME = "surface.rms_slope", "surface.seed", "contact.load", "chemistry.activation_volume"
+ROW = ("surface.hurst", "surface.zeta", "surface.eta")
+
+
+@dataclass(frozen=True)
+class Point:
+    """A completed point of a study."""
+
+    #: the swept fields: dotted path -> value
+    changes: dict[str, Any]
+    #: summary of the run, see :meth:`chemage.Run.summary`
+    summary: dict[str, Any]
+    #: s, (m,)
+    hold_times: np.ndarray
+    #: ΔF and half the width of its 95 % interval over replicas, nN, (m,)
+    friction_drop: np.ndarray
+    friction_drop_half_width: np.ndarray
+    observables: dict[str, np.ndarray] = field(default_factory=dict)
+    #: the point in its sweep, which has the contact
+    source: chemage.Point | None = None
+
+    @classmethod
+    def of(cls, point: chemage.Point) -> Point:
+        """Read a completed point of a sweep."""
+        aging = point.aging()
+        return cls(
+            point.values,
+            point.summary,
+            aging.hold_times,
+            aging.mean_friction_drop,
+            aging.friction_drop_half_width,
+            # the mean over replicas, of which a sweep has too many to keep
+            {name: values.mean(axis=0) for name, values in aging.observables.items()},
+            point,
+        )
+
+    @property
+    def coefficient(self) -> np.ndarray:
+        """Δμ, (m,)."""
+        return self.friction_drop / self.summary["load"]
+
+    def at(self, time: float) -> float:
+        """ΔF at the hold time nearest to ``time`` (s), nN."""
+        return float(self.friction_drop[self.index(time)])
+
+    def index(self, time: float) -> int:
+        """Index of the hold time nearest to ``time`` (s)."""
+        return int(np.argmin(np.abs(np.log(self.hold_times) - np.log(time))))
+
+    def beta(self, window: tuple[float, float] = FIT_WINDOW) -> float:
+        """Slope of Δμ against log10 t between two hold times (s), of the mean over replicas."""
+        inside = (self.hold_times >= window[0] * 0.999) & (self.hold_times <= window[1] * 1.001)
+        return float(np.polyfit(np.log10(self.hold_times[inside]), self.coefficient[inside], 1)[0])
+
+    def contact(self) -> chemage.ContactSolution:
+        """The contact of this point, from the folder of its sweep."""
+        assert self.source is not None
+        return self.source.contact()
+
+    def surface(self) -> chemage.Surface:
+        """The rough surface of this point, made again."""
+        assert self.source is not None
+        scene = self.source.scene()
+        return chemage.make_surface(scene.surface, scene.surface_seed)
+
+
+@dataclass(frozen=True)
+class Mean:
+    """Mean and scatter of a number over surface seeds."""
+
+    value: float
+    #: standard deviation between seeds; nan for a single seed
+    scatter: float
+    count: int
+
+    def __str__(self) -> str:
+        return plus_minus(self.value, self.scatter)
+
+    def times(self, factor: float) -> Mean:
+        """This mean multiplied by a positive number."""
+        return Mean(self.value * factor, self.scatter * factor, self.count)
+
+    @property
+    def one_more(self) -> float:
+        """Half width of the interval that holds the value of one more surface with a probability of 95 %."""
+        if self.count < 2:
+            return math.nan
+        return float(stats.t.ppf(0.975, self.count - 1)) * self.scatter * math.sqrt(1 + 1 / self.count)
+
+
+def mean(values: Iterable[float]) -> Mean:
+    """Compute mean and standard deviation over surface seeds."""
+    array = np.array(list(values), dtype=np.float64)
+    scatter = float(array.std(ddof=1)) if array.size > 1 else math.nan
+    return Mean(float(array.mean()), scatter, array.size)
+
+
+def grouped(points: Iterable[Point], *paths: str) -> dict[tuple[Any, ...], list[Point]]:
+    """Group the points with equal values at ``paths``, which differ in the surface seed, in order of appearance."""
+    groups: dict[tuple[Any, ...], list[Point]] = {}
+    for point in points:
+        groups.setdefault(tuple(point.changes[path] for path in paths), []).append(point)
+    return groups
+
+
+def by(points: Iterable[Point], path: str) -> dict[Any, list[Point]]:
+    """Group the points by their value at one ``path``, as :func:`grouped` does by several."""
+    return {value: group for (value,), group in grouped(points, path).items()}
+
+
+def curve(points: list[Point], quantity: Callable[[Point], np.ndarray]) -> np.ndarray:
+    """Average an array over points; same shape."""
+    return np.mean([quantity(point) for point in points], axis=0)
+
+
+def spread(points: list[Point], quantity: Callable[[Point], np.ndarray]) -> np.ndarray:
+    """Compute the standard deviation of an array between points; same shape, 0 for a single point."""
+    values = np.array([quantity(point) for point in points])
+    return values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(values.shape[1:])
+
+
+def studies_of(points: Iterable[Point], targets: Iterable[str]) -> dict[str, list[Point]]:
+    """Sort the points into the studies of ``targets``, in the order of each study, with seeds of one scene together."""
+    by_content: dict[str, list[Point]] = {}
+    for point in points:
+        by_content.setdefault(content(point.changes), []).append(point)
+    return {
+        study: [
+            point
+            for member in members(study)
+            for point in by_content[content(member)][: STUDIES[study].surfaces or None]
+        ]
+        for study in studies_for(targets)
+    }

@@ -9,10 +9,9 @@ import numpy as np
 
 import chemage
 from chemage import Surface, label_patches, make_surface, override, parse_scene, scene_data, solve_contact
-from chemage_studies.reproduction import published
-from chemage_studies.reproduction.points import ROW, Mean, mean
-from chemage_studies.reproduction.published import Row
-from chemage_studies.reproduction.studies import SURFACE_SEEDS
+from chemage_li2018 import published
+from chemage_li2018.published import Row
+from chemage_li2018.sweeps import ROW, SURFACE_SEEDS, Mean, mean
 
 #: rows in which N_p differs least between surfaces: enough to see a change of some per cent
 STEADY = ("circle", "diamond", "asterisk")
@@ -86,8 +85,8 @@ def _spectrum(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
 
 def _with_spectrum(surface: Surface, changed: np.ndarray, slope: float) -> Surface:
     options = {"pixel_size": surface.pixel_size, "periodic": True}
-    made = Surface(heights=np.fft.ifft2(changed).real, **options)
-    return Surface(heights=made.heights * (slope / made.rms_slope), **options)
+    surface = Surface(heights=np.fft.ifft2(changed).real, **options)
+    return Surface(heights=surface.heights * (slope / surface.rms_slope), **options)
 
 
 def _no_plateau(surface: Surface, row: Row, slope: float) -> Surface:
@@ -122,7 +121,7 @@ def _base(pixels: int | None) -> dict[str, Any]:
 
 def scenes(seeds: Sequence[int], pixels: int | None = None) -> dict[str, dict[str, Any]]:
     """Make scene data of the sweeps, by what is changed about the contact; none has ageing."""
-    made = {}
+    sweeps = {}
     for name, options in OPTIONS.items():
         if pixels is not None and "surface.pixels" in options:
             continue
@@ -132,21 +131,21 @@ def scenes(seeds: Sequence[int], pixels: int | None = None) -> dict[str, dict[st
             path: [getattr(row, path.partition(".")[2]) for row, _ in points] for path in ROW
         }
         columns["surface.seed"] = [seed for _, seed in points]
-        made[name] = {**override(_base(pixels), options), "sweep": {"zip": [columns]}}
-    return made
+        sweeps[name] = {**override(_base(pixels), options), "sweep": {"zip": [columns]}}
+    return sweeps
 
 
 def study(
     results: dict[str, chemage.SweepResult], seeds: Sequence[int], pixels: int | None, report: Callable[[str], None]
 ) -> PatchStudy:
     """Count the patches of completed sweeps, and solve the contacts of surfaces with other spectra."""
-    found: dict[tuple[str, str, int], tuple[float, ...]] = {}
+    measured: dict[tuple[str, str, int], tuple[float, ...]] = {}
     counts = {name: np.zeros((len(published.TABLE_1), len(seeds)), dtype=np.int64) for name in COUNTS}
     for name, result in results.items():
         for point in result:
             values = point.values
             place, row = _row(values)
-            found[name, row.name, values["surface.seed"]] = tuple(point.summary[one] for one in _MEASURES)
+            measured[name, row.name, values["surface.seed"]] = tuple(point.summary[name] for name in _MEASURES)
             if name == "as computed":
                 pressure = point.contact().pressure
                 for way, count in COUNTS.items():
@@ -155,18 +154,20 @@ def study(
         for row in (row for row in published.TABLE_1 if row.name in STEADY):
             for seed in seeds:
                 report(f"{name}, {row.name}, surface {seed}")
-                found[name, row.name, seed] = _other(row, seed, pixels, change)
+                measured[name, row.name, seed] = _other(row, seed, pixels, change)
     changes = [
-        Change(name, *(_ratio(found, name, seeds, place) for place in range(2)))
+        Change(name, *(_ratio(measured, name, seeds, place) for place in range(2)))
         for name in [*OPTIONS, *SPECTRA]
-        if (name, STEADY[0], seeds[0]) in found and name != "as computed"
+        if (name, STEADY[0], seeds[0]) in measured and name != "as computed"
     ]
     return PatchStudy(tuple(seeds), counts, changes)
 
 
-def _ratio(found: dict[tuple[str, str, int], tuple[float, ...]], name: str, seeds: Sequence[int], place: int) -> Mean:
+def _ratio(
+    measured: dict[tuple[str, str, int], tuple[float, ...]], name: str, seeds: Sequence[int], place: int
+) -> Mean:
     return mean(
-        found[name, row, seed][place] / found["as computed", row, seed][place] for row in STEADY for seed in seeds
+        measured[name, row, seed][place] / measured["as computed", row, seed][place] for row in STEADY for seed in seeds
     )
 
 
@@ -184,7 +185,7 @@ def _other(
     scene = parse_scene(override(_base(pixels), options))
     surface = change(make_surface(scene.surface, scene.surface_seed), row, published.SLOPES[0])
     contact = solve_contact(scene.contact, surface, scene.load)
-    return tuple(float(getattr(contact, one)) for one in _MEASURES)
+    return tuple(float(getattr(contact, name)) for name in _MEASURES)
 
 
 # -- the page ---------------------------------------------------------------------------------------------------------
@@ -225,31 +226,31 @@ the seven together are {independent:.1f} standard deviations above ours.
 """
 
 
-def page(found: PatchStudy, pixels: int) -> str:
+def page(counted: PatchStudy, pixels: int) -> str:
     """Write the page as Markdown."""
-    names = list(found.counts)
+    names = list(counted.counts)
     head = ["| row | paper | " + " | ".join(names) + " |", "| " + " | ".join(["---"] * (len(names) + 2)) + " |"]
     rows = [
-        f"| {row.name} | {row.patches} | " + " | ".join(str(mean(found.counts[n][i])) for n in names) + " |"
+        f"| {row.name} | {row.patches} | " + " | ".join(str(mean(counted.counts[n][i])) for n in names) + " |"
         for i, row in enumerate(published.TABLE_1)
     ]
     paper = np.array([float(row.patches) for row in published.TABLE_1])[:, None]
-    last = "| mean of ours / paper | | " + " | ".join(f"{(found.counts[n] / paper).mean():.3f}" for n in names) + " |"
-    ratios = found.ratios
+    last = "| mean of ours / paper | | " + " | ".join(f"{(counted.counts[n] / paper).mean():.3f}" for n in names) + " |"
+    ratios = counted.ratios
     shift = ratios.mean(axis=1)
     steady = [i for i, row in enumerate(published.TABLE_1) if row.name in STEADY]
     errors = ratios.std(axis=1, ddof=1) * np.sqrt(1 + 1 / ratios.shape[1])
     independent = float(np.sum((1 - shift) / errors) / np.sqrt(len(shift)))
     above = int(np.count_nonzero(ratios.mean(axis=0) >= 1))
     changed = ["| changed | N_p relative to as computed | C/A relative to as computed |", "| --- | --- | --- |"]
-    changed += [f"| {one.name} | {one.patches} | {one.perimeter_to_area} |" for one in found.changes]
+    changed += [f"| {name.name} | {name.patches} | {name.perimeter_to_area} |" for name in counted.changes]
     return _PAGE.format(
         low=int(np.count_nonzero(shift < 1)),
         shift=1 - shift.mean(),
-        count=len(found.seeds),
+        count=len(counted.seeds),
         pixels=pixels,
-        first=found.seeds[0],
-        last=found.seeds[-1],
+        first=counted.seeds[0],
+        last=counted.seeds[-1],
         counts="\n".join([*head, *rows, last]),
         steady=", ".join(STEADY),
         needed=1 / shift[steady].mean(),
@@ -257,7 +258,7 @@ def page(found: PatchStudy, pixels: int) -> str:
         together=mean(ratios.mean(axis=0)),
         above=above,
         independent=independent,
-        verdict=_verdict(above, len(found.seeds), independent),
+        verdict=_verdict(above, len(counted.seeds), independent),
     )
 
 

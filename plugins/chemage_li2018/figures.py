@@ -1,22 +1,83 @@
-"""Figures 1 to 6 of the paper, drawn from the points of the studies."""
+"""The figures of the paper."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.results.figures import GREY, PALETTE, draw_map, pooled
-from chemage_studies.reproduction import published
-from chemage_studies.reproduction.claims import morphology
-from chemage_studies.reproduction.drawing import SMALL, band, bars, density, figure, legend, letter, say_scatter
-from chemage_studies.reproduction.estimates import variants
-from chemage_studies.reproduction.numbers import Studies, by_volume, circle, front, rows
-from chemage_studies.reproduction.points import LOAD, SEED, SLOPE, Mean, Point, by, mean
+from chemage.results.figures import GREY, PALETTE, draw_map, panels, pooled
+from chemage_li2018 import published
+from chemage_li2018.comparisons import Studies, by_volume, circle, front, morphology, rows
+from chemage_li2018.estimates import variants
+from chemage_li2018.sweeps import LOAD, SEED, SLOPE, Mean, Point, by, curve, mean, spread
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+#: size of the text of legends
+SMALL = 7
+
+
+def figure(columns: int, rows: int = 1, width: float = 4.6, height: float = 3.9) -> tuple[Figure, list[Axes]]:
+    """Make a figure of panels of ``width`` by ``height`` inches, row by row."""
+    return panels(width * columns, height * rows, columns, rows, dpi=110)
+
+
+def say_scatter(axes: Axes) -> None:
+    """Say on the figure, once, what its bars and bands are."""
+    axes.figure.supxlabel("bars and bands: standard deviation between surfaces", fontsize=SMALL)
+
+
+def band(
+    axes: Axes, points: list[Point], quantity: Callable[[Point], np.ndarray], label: str = "", **style: Any
+) -> None:
+    """Draw the mean of a curve against hold time, and the standard deviation between surfaces as a band."""
+    times, middle, half = points[0].hold_times, curve(points, quantity), spread(points, quantity)
+    axes.plot(times, middle, label=label or None, **style)
+    if half.any():
+        axes.fill_between(times, middle - half, middle + half, color=style.get("color"), alpha=0.2, lw=0)
+        say_scatter(axes)
+
+
+def bars(axes: Axes, x: Iterable[float], means: Iterable[Mean], **style: Any) -> None:
+    """Draw means with the standard deviation between surfaces."""
+    values = list(means)
+    say_scatter(axes)
+    axes.errorbar(
+        list(x),
+        [value.value for value in values],
+        yerr=[0.0 if np.isnan(value.scatter) else value.scatter for value in values],
+        capsize=2,
+        elinewidth=0.8,
+        **{"ms": 3, "lw": 1, **style},
+    )
+
+
+def density(axes: Axes, points: list[Point], name: str, edges: str, **style: Any) -> None:
+    """Draw the mean of a measured density over surfaces, with its standard deviation as a band."""
+    bounds = points[0].observables[edges]
+    middle, half = (part(points, lambda p: p.observables[name]) for part in (curve, spread))
+    axes.stairs(middle, bounds, **style)
+    if half.any():
+        centre = 0.5 * (bounds[1:] + bounds[:-1])
+        low, high = np.maximum(middle - half, 0), middle + half
+        axes.fill_between(centre, low, high, step="mid", color=style.get("color"), alpha=0.2, lw=0)
+        say_scatter(axes)
+
+
+def legend(axes: Axes, **style: Any) -> None:
+    """Draw a legend without a frame."""
+    axes.legend(**{"frameon": False, "fontsize": SMALL, "title_fontsize": SMALL, **style})
+
+
+def letter(axes: Iterable[Axes], letters: str) -> None:
+    """Write the letters of panels above their left upper corners."""
+    for panel, name in zip(axes, letters, strict=True):
+        panel.set_title(f"({name})", loc="left", fontsize=10)
+
 
 _SLOPE_COLOURS = dict(zip(published.SLOPES, PALETTE, strict=False))
 _TIMES = (1.0, 1e3, 1e5)
@@ -27,7 +88,7 @@ def fig1(studies: Studies) -> Figure:
     point = studies["reference"][0]
     surface, contact = point.surface(), point.contact()
     side = contact.shape[0] * contact.pixel_size
-    made, axes = figure(3, width=4.8)
+    drawing, axes = figure(3, width=4.8)
     whole = (0.0, side, 0.0, side)
     draw_map(axes[0], pooled(surface.heights, np.mean, 600), whole, "height (nm)", cmap="cividis")
     shown = pooled(contact.contact.astype(np.float64), np.max, 600)
@@ -35,14 +96,14 @@ def fig1(studies: Studies) -> Figure:
     if (bar := axes[1].images[0].colorbar) is not None:
         bar.remove()
     start, size, pressure = _densest(contact.pressure)
-    low = [one * contact.pixel_size for one in start]
+    low = [place * contact.pixel_size for place in start]
     part = (low[0], low[0] + size * contact.pixel_size, low[1], low[1] + size * contact.pixel_size)
     draw_map(axes[2], np.ma.masked_equal(pressure, 0.0), part, "pressure (GPa)", cmap="viridis")
     axes[1].plot(*_outline(part), color=PALETTE[1], lw=1)
     axes[0].set_title(f"surface, seed {point.changes[SEED]}", fontsize=9)
     axes[1].set_title(f"contact at 20 µN, A/A$_0$ = {contact.area_fraction:.4f}", fontsize=9)
     axes[2].set_title("pressure in the square", fontsize=9)
-    return made
+    return drawing
 
 
 def _densest(pressure: np.ndarray) -> tuple[tuple[int, int], int, np.ndarray]:
@@ -52,7 +113,7 @@ def _densest(pressure: np.ndarray) -> tuple[tuple[int, int], int, np.ndarray]:
     size = max(8, pressure.shape[0] // 8)
     share = ndimage.uniform_filter((pressure > 0).astype(np.float32), size, mode="constant")
     middle = np.unravel_index(int(np.argmax(share)), share.shape)
-    i, j = (min(max(int(one) - size // 2, 0), pressure.shape[0] - size) for one in middle)
+    i, j = (min(max(int(place) - size // 2, 0), pressure.shape[0] - size) for place in middle)
     return (i, j), size, pressure[i : i + size, j : j + size]
 
 
@@ -63,7 +124,7 @@ def _outline(part: tuple[float, float, float, float]) -> tuple[list[float], list
 
 def fig2(studies: Studies) -> Figure:
     """Draw barriers and pressures at three loads, and ΔF and Δμ against time, load and contact area."""
-    made, axes = figure(4, rows=2, width=3.9, height=3.4)
+    drawing, axes = figure(4, rows=2, width=3.9, height=3.4)
     groups = {load / 1000: group for load, group in by(studies["loads"], LOAD).items()}
     chosen = {load: groups[load] for load in (20.0, 100.0, 500.0)}
     _intrinsic(axes[0], next(iter(chosen.values()))[0])
@@ -91,7 +152,7 @@ def fig2(studies: Studies) -> Figure:
         legend(axes[place], fontsize=6)
     for axis, name in zip(axes, ("a", "b", "b", "c", "d", "d", "d", "d"), strict=True):
         axis.set_title(f"({name})", loc="left", fontsize=10)
-    return made
+    return drawing
 
 
 def _intrinsic(axes: Axes, point: Point) -> None:
@@ -112,7 +173,7 @@ def fig3(studies: Studies) -> Figure:
     """Draw Δμ against hold time and against A/A0 for the rows of Table 1 at three slopes, with and without ΔV."""
     from matplotlib.ticker import MultipleLocator
 
-    made, axes = figure(3, rows=2, width=4.6, height=3.7)
+    drawing, axes = figure(3, rows=2, width=4.6, height=3.7)
     for line, (volume, points) in enumerate(by_volume(studies["rows"]).items()):
         over_time, *over_area = axes[3 * line : 3 * line + 3]
         title = "ΔV = 6.4 Å$^3$" if volume else "ΔV = 0"
@@ -141,7 +202,7 @@ def fig3(studies: Studies) -> Figure:
     for row in published.TABLE_1:
         axes[2].plot([], [], row.marker, color=GREY, ms=5, mfc="none", label=row.name)
     legend(axes[2], loc="lower right")
-    return made
+    return drawing
 
 
 def _reversal(axes: Axes, points: list[Point]) -> None:
@@ -162,7 +223,7 @@ def _mean(points: list[Point]) -> np.ndarray:
 
 def fig4(studies: Studies) -> Figure:
     """Draw the distributions of local pressure and of E_form(t = 0) at three slopes."""
-    made, (pressures, barriers) = figure(2)
+    drawing, (pressures, barriers) = figure(2)
     for slope, group in by(by_volume(studies["slopes"])[6.4], SLOPE).items():
         style = {"color": _SLOPE_COLOURS[slope], "label": f"h' = {slope:g}"}
         density(pressures, group, "pressures", "pressure_edges", **style)
@@ -171,12 +232,12 @@ def fig4(studies: Studies) -> Figure:
     barriers.set(xlabel="E$_{form}$(t = 0) (eV)", ylabel="density per site (1/eV)", xlim=(0.3, 1.5), ylim=(0, None))
     letter((pressures, barriers), "ab")
     legend(pressures)
-    return made
+    return drawing
 
 
 def fig5(studies: Studies) -> Figure:
     """Draw Δμ·A0/A at 1e3 s against C/A for the rows of Table 1 at three slopes, without ΔV."""
-    made, axes = figure(3, width=4.0, height=3.6)
+    drawing, axes = figure(3, width=4.0, height=3.6)
     groups = by(by_volume(studies["rows"])[0.0], SLOPE)
     for axis, (slope, group) in zip(axes, groups.items(), strict=True):
         for (row, of_row), colour in zip(rows(group), PALETTE, strict=False):
@@ -189,12 +250,12 @@ def fig5(studies: Studies) -> Figure:
         axis.set_title(f"h' = {slope:g}, correlation {np.corrcoef(x, y)[0, 1]:.3f}", fontsize=9)
         axis.set(xlabel="C/A (1/nm)", ylabel="Δμ A$_0$/A at 1e3 s (axis not from 0)")
     legend(axes[0])
-    return made
+    return drawing
 
 
 def fig6(studies: Studies) -> Figure:
     """Draw Δμ against hold time at half hydroxylation, and β by what it depends on, with κ of that contact."""
-    made, (left, right) = figure(2, width=5.2, height=4.2)
+    drawing, (left, right) = figure(2, width=5.2, height=4.2)
     half = front(studies, 0.5)
     times = half[0].hold_times
     middle = _mean(half)
@@ -207,15 +268,17 @@ def fig6(studies: Studies) -> Figure:
     left.set_title(
         "bars: " + ("standard deviation between surfaces" if len(half) > 1 else "95 % over replicas"), fontsize=9
     )
-    found = variants(studies)
-    for place, (one, colour) in enumerate(zip(found, PALETTE, strict=False)):
-        _level(right, -place, one.beta, colour)
+    readings = variants(studies)
+    for place, (reading, colour) in enumerate(zip(readings, PALETTE, strict=False)):
+        _level(right, -place, reading.beta, colour)
     right.axvline(float(published.FIG_6_BETA), color=GREY, lw=1, ls="--")
-    right.set_yticks([-place for place in range(len(found))], [_broken(one.name) for one in found], fontsize=7)
+    right.set_yticks(
+        [-place for place in range(len(readings))], [_broken(reading.name) for reading in readings], fontsize=7
+    )
     kappa = mean(p.summary["kappa"] for p in half)
     right.set(xlabel="β", xlim=(0, None))
     right.set_title(f"dashed: paper, {published.FIG_6_BETA}; κ = {kappa} at h' = 0.4", fontsize=9)
-    return made
+    return drawing
 
 
 def _level(axes: Axes, place: float, value: Mean, colour: str) -> None:

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 import chemage
+from chemage_li2018 import density_fit as fit
+from chemage_li2018.density_fit import FAMILIES, Family
+from chemage_li2018.density_rates import SLOPES, SURFACES, TIMES, Rates, logarithms, mean_logarithms, slope_of
 from chemage_silica import MDSilica
-from chemage_studies.density import fit
-from chemage_studies.density.families import FAMILIES, Family
-from chemage_studies.density.rates import SLOPES, SURFACES, TIMES, Rates, logarithms, mean_logarithms, slope_of
 
 #: the density of versions before 0.2.0, and one that differs from it: their scatter between surfaces is the error model
 TRIANGLE = chemage.barriers("tabulated", energies=[0.8, 1.1, 1.4], weights=[0, 1, 0])
@@ -65,7 +65,7 @@ class Density:
 
     @property
     def excess(self) -> float:
-        """The largest deviation of a rate or a ratio over its bound; see :func:`chemage_studies.density.fit.excess`."""
+        """The largest deviation of a rate or a ratio over its bound; see :func:`chemage_li2018.density_fit.excess`."""
         return float(fit.excess(self.beta))
 
     @property
@@ -134,24 +134,26 @@ def compute(rates: Rates, size: Size) -> Study:
         positions = [size.surfaces.index(seed) for seed in seeds]
         return (every.mean(axis=1) - every[:, positions].mean(axis=1)).mean(axis=0)
 
-    found = [_searched(rates, size, family, lacking(size.search), errors) for family in FAMILIES]
+    fits = [_searched(rates, size, family, lacking(size.search), errors) for family in FAMILIES]
     families = []
-    for one in found:
-        value = one.interpolated(one.best)[0]
+    for fitted in fits:
+        value = fitted.interpolated(fitted.best)[0]
         beta = np.exp(value)
-        families.append((one.family, one.best, beta, float(errors.chi_squared(value)), float(fit.excess(beta))))
-    chosen = _chosen(found, errors)
+        families.append((fitted.family, fitted.best, beta, float(errors.chi_squared(value)), float(fit.excess(beta))))
+    chosen = _chosen(fits, errors)
     final = _final(rates, size, chosen, lacking(size.closer), errors)
-    close = [np.round(one, 4) for one in fit.within_bounds(final, errors, CANDIDATES)]
-    best = min(_aged(rates, size, chosen.family, close, "best", errors), key=lambda one: one.excess)
+    close = [np.round(values, 4) for values in fit.within_bounds(final, errors, CANDIDATES)]
+    best = min(_aged(rates, size, chosen.family, close, "best", errors), key=lambda density: density.excess)
     candidates = [
-        np.round(one, 4) for one in fit.equally_good(final, errors, MDSilica.MEMBERS + SPARE, best.parameters)
+        np.round(values, 4) for values in fit.equally_good(final, errors, MDSilica.MEMBERS + SPARE, best.parameters)
     ]
     aged = _aged(rates, size, chosen.family, candidates, "members", errors, size.closer, lacking(size.closer))
     # the interpolation has an error: those that turn out to fit worst are left out
-    members = sorted(sorted(aged, key=lambda one: one.chi_squared)[: MDSilica.MEMBERS], key=lambda one: int(one.name))
-    predicted = final.interpolated(np.stack([one.parameters for one in aged]))
-    computed = np.log([one.beta for one in aged])
+    members = sorted(
+        sorted(aged, key=lambda density: density.chi_squared)[: MDSilica.MEMBERS], key=lambda density: int(density.name)
+    )
+    predicted = final.interpolated(np.stack([density.parameters for density in aged]))
+    computed = np.log([density.beta for density in aged])
     return Study(
         size,
         errors,
@@ -164,10 +166,10 @@ def compute(rates: Rates, size: Size) -> Study:
     )
 
 
-def _chosen(found: Sequence[fit.Fitted], errors: fit.Errors) -> fit.Fitted:
+def _chosen(fits: Sequence[fit.Fitted], errors: fit.Errors) -> fit.Fitted:
     """Of the families that fit equally well, χ² within 1 of the least, choose that with the fewest nodes."""
-    least = [float(errors.chi_squared(one.interpolated(one.best))[0]) for one in found]
-    good = [(len(one.family.nodes(*one.best)[0]), chi, one) for one, chi in zip(found, least, strict=True)]
+    least = [float(errors.chi_squared(fitted.interpolated(fitted.best))[0]) for fitted in fits]
+    good = [(len(fitted.family.nodes(*fitted.best)[0]), chi, fitted) for fitted, chi in zip(fits, least, strict=True)]
     return min((row for row in good if row[1] <= min(least) + 1), key=lambda row: row[:2])[2]
 
 
@@ -175,7 +177,7 @@ def _searched(rates: Rates, size: Size, family: Family, shift: np.ndarray, error
     """Find the best of a family, from densities all over its bounds and then from more about the best of these."""
 
     def aged(parameters: np.ndarray) -> np.ndarray:
-        barriers = [family.barriers(one) for one in parameters]
+        barriers = [family.barriers(values) for values in parameters]
         return mean_logarithms(rates.curves(family.name, barriers, size.search, 1)) + shift
 
     parameters = fit.design(family, size.design[len(family.bounds) - 1])
@@ -190,7 +192,7 @@ def _final(rates: Rates, size: Size, chosen: fit.Fitted, shift: np.ndarray, erro
     box = fit.region(chosen, errors)
     family = Family(chosen.family.name, chosen.family.parameters, box, chosen.family.nodes)
     parameters = fit.design(family, size.final)
-    barriers = [family.barriers(one) for one in parameters]
+    barriers = [family.barriers(values) for values in parameters]
     values = mean_logarithms(rates.curves(f"{family.name}, closer", barriers, size.closer, 1)) + shift
     return fit.fitted(family, parameters, values, errors)
 
@@ -206,17 +208,17 @@ def _aged(
     shift: np.ndarray | float = 0.0,
 ) -> list[Density]:
     """Age densities of a family, on all surfaces or on some and corrected by ``shift``."""
-    barriers = [family.barriers(one) for one in parameters]
+    barriers = [family.barriers(values) for values in parameters]
     curves = rates.curves(stage, barriers, surfaces or size.surfaces, 1)
     return [
-        _made(str(number), one, values, found, errors, shift)
-        for number, (one, values, found) in enumerate(zip(barriers, parameters, curves, strict=True))
+        _made(str(number), density, values, of_surfaces, errors, shift)
+        for number, (density, values, of_surfaces) in enumerate(zip(barriers, parameters, curves, strict=True))
     ]
 
 
 def _made(
     name: str,
-    one: chemage.Barriers,
+    barriers: chemage.Barriers,
     parameters: np.ndarray,
     curves: np.ndarray,
     errors: fit.Errors,
@@ -224,4 +226,4 @@ def _made(
 ) -> Density:
     """Summarise the curves of one density, (surfaces, volumes, slopes, m)."""
     value = mean_logarithms(curves[None])[0] + shift
-    return Density(name, one, parameters, curves.mean(axis=0), np.exp(value), float(errors.chi_squared(value)))
+    return Density(name, barriers, parameters, curves.mean(axis=0), np.exp(value), float(errors.chi_squared(value)))

@@ -1,15 +1,27 @@
-"""The estimates in the text of the paper, with how ours are computed."""
+"""Estimates of the text of the paper beside ours, what β of Fig. 6 hangs on, and β over the members of the density."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from chemage_studies.reproduction import published
-from chemage_studies.reproduction.numbers import Studies, by_volume, front
-from chemage_studies.reproduction.points import SLOPE, Mean, Point, by, mean
-from chemage_studies.reproduction.published import SLOPES, Published
-from chemage_studies.reproduction.studies import LITERAL_VOLUME, PARTIAL
-from chemage_studies.reproduction.verdicts import COMMON, DISAGREES, PREDICTED, Estimate, Line
+from chemage_li2018 import published
+from chemage_li2018.comparisons import (
+    COMMON,
+    DISAGREES,
+    PREDICTED,
+    Estimate,
+    Line,
+    Studies,
+    by_volume,
+    crossing,
+    front,
+    lines,
+    onset,
+)
+from chemage_li2018.published import SLOPES, Published
+from chemage_li2018.sweeps import LITERAL_VOLUME, PARTIAL, SLOPE, VOLUME, WITH_PRESSURE, Mean, Point, by, grouped, mean
 
 #: by which plasticity multiplies the elastic contact area at h' = 1: the paper has 2 × 0.2/1.0 = 0.4 times the area at
 #: h' = 0.2, of which 0.2/1.0 are the slopes
@@ -65,10 +77,10 @@ def _inverse_slope(studies: Studies) -> Estimate:
     groups = by(with_volume, SLOPE)
     products = {slope: mean(p.beta() * slope for p in groups[slope]) for slope in SLOPES}
     products[0.4] = mean(p.beta() * 0.4 for p in front(studies, 1.0))
-    values = np.array([one.value for one in products.values()])
+    values = np.array([mean_of_slope.value for mean_of_slope in products.values()])
     return Estimate(
         "β is proportional to 1/h'",
-        ", ".join(f"β h' = {one} at h' = {slope:g}" for slope, one in products.items()),
+        ", ".join(f"β h' = {mean_of_slope} at h' = {slope:g}" for slope, mean_of_slope in products.items()),
         "β over 10 to 1e4 s, fully hydroxylated, ΔV = 6.4 Å³; constant if the claim holds",
         PREDICTED if float(np.ptp(values) / values.mean()) <= 2 * COMMON else DISAGREES,
     )
@@ -107,3 +119,52 @@ def _partial(studies: Studies) -> Estimate:
         "1/√2.6 nm would change the contact as well",
         NONE,
     )
+
+
+MEMBER = "forming.member"
+
+
+class Band(NamedTuple):
+    """β over the members of the density, relative to the best, and the residual of the best from the paper."""
+
+    quantity: str
+    paper: str
+    residual: float
+    low: float
+    high: float
+    members: int
+    word: str
+
+
+def bands(studies: Studies) -> list[Band]:
+    """The bands of the β of Fig. 3 and Fig. 6 over the members, and the comparisons of the best with the paper."""
+    compared = lines(studies, ["fig3", "fig6"])
+    groups = by(studies["members"], SLOPE)
+    bands_of_fit = []
+    for slope in published.SLOPES:
+        for volume, points in by_volume(groups[slope]).items():
+            quantity = f"β, h' = {slope:g}, ΔV = {volume:g} Å³"
+            bands_of_fit.append(_band(quantity, f"{published.BETA[volume][slope]:.2f}", points, compared))
+    bands_of_fit.sort(key=lambda band: band.quantity.endswith("= 0 Å³"))
+    quantity = "β, h' = 0.4, half hydroxylated, front"
+    return [*bands_of_fit, _band(quantity, published.FIG_6_BETA, groups[0.4], compared)]
+
+
+def times(studies: Studies) -> dict[str, tuple[float, float]]:
+    """The least and the largest of three times of Fig. 3 over the members, s, of which none was fitted."""
+    by_member = by(studies["members"], MEMBER).values()
+    seconds: dict[str, list[float]] = {"reversal": [], "onset with ΔV": [], "onset without": []}
+    for group in by_member:
+        chosen = grouped(group, SLOPE, VOLUME)
+        low, high = (chosen[slope, WITH_PRESSURE] for slope in (published.SLOPES[0], published.SLOPES[-1]))
+        seconds["reversal"].append(crossing(low, high))
+        seconds["onset with ΔV"].append(onset(chosen[0.1, WITH_PRESSURE]))
+        seconds["onset without"].append(onset(chosen[0.1, 0.0]))
+    return {name: (float(np.nanmin(values)), float(np.nanmax(values))) for name, values in seconds.items()}
+
+
+def _band(quantity: str, paper: str, points: list[Point], lines: list[Line]) -> Band:
+    by_member = {member: mean(p.beta() for p in group).value for member, group in by(points, MEMBER).items()}
+    relative = [value / by_member[0] - 1 for value in by_member.values()]
+    line = next(line for line in lines if line.quantity == quantity)
+    return Band(quantity, paper, line.difference, min(relative), max(relative), len(relative) - 1, line.word)

@@ -1,1 +1,0 @@
-"""Reproduction of the figures and tables of the paper, and comparison with the published numbers."""

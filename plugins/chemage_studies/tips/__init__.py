@@ -1,1 +1,0 @@
-"""Scaling of friction by contact area, studied with tips and rough contacts."""
