@@ -11,7 +11,7 @@ from chemage.ageing.aging import Aging as Aging
 from chemage.studies.arrhenius import Arrhenius as Arrhenius
 from chemage.lattices.role import Barriers as Barriers
 from chemage.kinetics.history import BondHistory as BondHistory
-from chemage.friction.bonded import Bonded as Bonded
+from chemage.friction.role import Bonded as Bonded
 from chemage.foundation.errors import ChemageError as ChemageError
 from chemage.lattices.chemistry import Chemistry as Chemistry
 from chemage.plugins.choices import Choice as Choice
@@ -21,8 +21,8 @@ from chemage.contacts.modulus import ContactModulus as ContactModulus
 from chemage.lattices.site_grid import ContactSites as ContactSites
 from chemage.contacts.solution import ContactSolution as ContactSolution
 from chemage.contacts.role import ContactSolver as ContactSolver
-from chemage.contacts.statistics import ContactStatistics as ContactStatistics
-from chemage.contacts.theories import ContactTheory as ContactTheory
+from chemage.contacts.solution import ContactStatistics as ContactStatistics
+from chemage.contacts.role import ContactTheory as ContactTheory
 from chemage.foundation.errors import ConvergenceError as ConvergenceError
 from chemage.foundation.errors import DamagedError as DamagedError
 from chemage.foundation.units import EV_PER_GPA_NM3 as EV_PER_GPA_NM3
@@ -43,16 +43,16 @@ from chemage.foundation.errors import InputError as InputError
 from chemage.lattices.role import Interaction as Interaction
 from chemage.foundation.units import KB as KB
 from chemage.foundation.units import Length as Length
-from chemage.ageing.plotted import Maps as Maps
+from chemage.ageing.observables import Maps as Maps
 from chemage.scene.materials import Material as Material
 from chemage.scene.materials import MaterialValue as MaterialValue
 from chemage.inference.curves import MeasuredCurve as MeasuredCurve
 from chemage.ageing.measurements import Measurements as Measurements
 from chemage.ageing.observables import Observable as Observable
-from chemage.ageing.plotted import Observed as Observed
+from chemage.ageing.observables import Observed as Observed
 from chemage.ageing.outputs import Output as Output
 from chemage.foundation.warned import PlanWarning as PlanWarning
-from chemage.ageing.plotted import PlottedResult as PlottedResult
+from chemage.ageing.observables import PlottedResult as PlottedResult
 from chemage.foundation.errors import PluginError as PluginError
 from chemage.plugins.options import PluginOptions as PluginOptions
 from chemage.studies.sweeps.result import Point as Point
@@ -62,7 +62,7 @@ from chemage.surfaces.reading import Reader as Reader
 from chemage.surfaces.measures import Roughness as Roughness
 from chemage.scene.run import Run as Run
 from chemage.friction.role import Rupture as Rupture
-from chemage.friction.force import RuptureForce as RuptureForce
+from chemage.friction.role import RuptureForce as RuptureForce
 from chemage.surfaces.scatter import Scatter as Scatter
 from chemage.scene.scene import Scene as Scene
 from chemage.foundation.errors import SceneError as SceneError
@@ -73,6 +73,7 @@ from chemage.surfaces.role import SurfaceMaker as SurfaceMaker
 from chemage.studies.sweeps.result import SweepResult as SweepResult
 from chemage.foundation.units import Temperature as Temperature
 from chemage.foundation.units import Time as Time
+from chemage.lattices.independent import TwoState as TwoState
 from chemage.inference.unexplained import UnexplainedError as UnexplainedError
 from chemage.foundation.units import Unit as Unit
 from chemage.foundation.errors import UnitError as UnitError

@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 
 from chemage.ageing.aging import Aging
-from chemage.contacts.solution import ContactSolution
-from chemage.contacts.statistics import ContactStatistics
+from chemage.contacts.solution import Contact
 from chemage.lattices.chemistry import Chemistry
 
 #: what is reported, where it is known: name -> (unit, meaning)
@@ -29,7 +28,7 @@ MEASURES: dict[str, tuple[str, str]] = {
 NOTED = 0.05
 
 
-def compared(contact: ContactSolution | ContactStatistics, chemistry: Chemistry) -> dict[str, float]:
+def compared(contact: Contact, chemistry: Chemistry) -> dict[str, float]:
     """The limits that ``chemistry`` gives, and the shares of area and load of ``contact`` above the hardness.
 
     This is what :attr:`Aging.elasticity` stores; it is empty where no limit is given.
@@ -42,7 +41,7 @@ def compared(contact: ContactSolution | ContactStatistics, chemistry: Chemistry)
     return found
 
 
-def compared_again(aging: Aging, contact: ContactSolution | ContactStatistics, chemistry: Chemistry) -> Aging:
+def compared_again(aging: Aging, contact: Contact, chemistry: Chemistry) -> Aging:
     """``aging``, which took place on ``contact``, compared with the limits of ``chemistry`` instead of its own."""
     return aging.model_copy(update={"elasticity": compared(contact, chemistry)})
 

@@ -23,8 +23,7 @@ from chemage.foundation.progress import progress_bars, reported
 
 if TYPE_CHECKING:
     from chemage.ageing.aging import Aging
-    from chemage.contacts.solution import ContactSolution
-    from chemage.contacts.statistics import ContactStatistics
+    from chemage.contacts.solution import ContactSolution, ContactStatistics
     from chemage.results.comparison.comparison import Comparison
     from chemage.scene.run import Run
 
@@ -254,7 +253,7 @@ def print_run(result: Run) -> None:
 
 
 def _surface(result: Run) -> str:
-    from chemage.contacts.statistics import ContactStatistics
+    from chemage.contacts.solution import ContactStatistics
 
     contact, kind = result.contact, result.scene["surface"]["kind"]
     if isinstance(contact, ContactStatistics):
@@ -272,7 +271,7 @@ def _pressure(contact: ContactSolution | ContactStatistics) -> str:
 
 def _of_map(contact: ContactSolution | ContactStatistics) -> list[tuple[str, str]]:
     """The rows that need the map of the contact."""
-    from chemage.contacts.statistics import ContactStatistics
+    from chemage.contacts.solution import ContactStatistics
 
     if isinstance(contact, ContactStatistics):
         return [("patches, rim", "not known: the contact has no map")]

@@ -8,9 +8,7 @@ import numpy as np
 
 from chemage.foundation.checks import expect
 from chemage.foundation.errors import PluginError
-from chemage.friction.bonded import Bonded
-from chemage.friction.force import RuptureForce
-from chemage.friction.role import Rupture
+from chemage.friction.role import Bonded, Rupture, RuptureForce
 from chemage.plugins import registry
 from chemage.plugins.sources import approximations, providers
 

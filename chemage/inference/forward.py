@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.seeds import replica_seeds
-from chemage.contacts.solution import ContactSolution
+from chemage.contacts.role import ContactTheory
+from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.contacts.stage import solve_contact
-from chemage.contacts.statistics import ContactStatistics
-from chemage.contacts.theories import ContactTheory
 from chemage.foundation import random
 from chemage.foundation.errors import InputError
 from chemage.foundation.threads import available, in_order

@@ -7,21 +7,25 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from chemage.contacts.solution import ContactSolution
+from chemage.contacts.solution import Contact, ContactSolution
 from chemage.foundation import random
+from chemage.foundation.calls import call_with
 from chemage.foundation.checks import Seed, checked_seed, expect
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.foundation.units import EV_PER_GPA_NM3, Force, Frequency, Pressure, UnitOrWord, Volume
+from chemage.foundation.kept import Kept
+from chemage.foundation.records import frozen
+from chemage.foundation.units import EV_PER_GPA_NM3, KB, Force, Frequency, Pressure, UnitOrWord, Volume
 from chemage.lattices.lattice import ReactionLattice
-from chemage.lattices.neighbours import coupling_of, graph_of, neighbours_of
 from chemage.lattices.role import Barriers, Interaction
-from chemage.lattices.site_grid import ContactSites, Density, contact_sites
+from chemage.lattices.site_grid import ONE_PER_PIXEL, ContactSites, Density, contact_sites
 from chemage.plugins.choices import Choice
 
 #: sites per nm²: hydroxyl groups of fully hydroxylated amorphous silica, the arithmetic mean of Zhuravlev, Colloids
 #: Surf. A 173, 1 (2000); least squares give 4.6 there
 SITE_DENSITY = 4.9
+#: graphs of neighbours of the sites of each contact, by interaction, which its replicas share
+_graphs: Kept[np.ndarray] = Kept()
 
 
 def effective_forming(intrinsic: np.ndarray, activation_volume: float, pressure: np.ndarray) -> np.ndarray:
@@ -70,19 +74,49 @@ class Chemistry(Component):
     def identity(self) -> dict[str, Any]:
         """What decides the bonds: the options without :attr:`limits`, and without the default ``site_density``, which
         changes nothing where the pixels of the contact are sites."""
-        found = {name: value for name, value in super().identity().items() if name not in self.limits}
-        if found["site_density"] == SITE_DENSITY:
-            del found["site_density"]
-        return found
+        options = {name: value for name, value in super().identity().items() if name not in self.limits}
+        if options["site_density"] == SITE_DENSITY:
+            del options["site_density"]
+        return options
 
     def given_limits(self) -> dict[str, float]:
         """Those of :attr:`limits` that are given: name -> GPa."""
         return {name: value for name in self.limits if (value := getattr(self, name)) is not None}
 
+    def rates(self, barriers: np.ndarray, temperature: float) -> np.ndarray:
+        """ν exp(−E/k_B T) of ``barriers`` E (eV) at ``temperature`` K, Hz; ν where E is not above 0."""
+        with np.errstate(under="ignore", over="ignore"):
+            return self.attempt_frequency * np.exp(-np.maximum(barriers, 0.0) / (KB * temperature))
+
     def sites_of(self, contact: ContactSolution) -> ContactSites:
         """The sites of ``contact`` that are in contact, and their pressures; see :func:`chemage.contact_sites`."""
         expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
         return contact_sites(contact, self.site_density)
+
+    def sites_per_area(self, contact: Contact) -> float:
+        """Sites per nm² on ``contact``: those of its grid of sites, or where its map is not known the option.
+
+        Raises
+        ------
+        InputError
+            The contact has no map, and there is to be one site per pixel.
+        """
+        if isinstance(contact, ContactSolution):
+            return 1 / self.sites_of(contact).spacing ** 2
+        if isinstance(self.site_density, str):
+            raise InputError(
+                f"site_density = {self.site_density!r}: a contact without a map has no pixels; give the sites per nm² "
+                "in [chemistry]"
+            )
+        return self.site_density
+
+    def site_notes(self, contact: Contact) -> dict[str, Any]:
+        """How the sites belong to the pixels of ``contact``, see :meth:`ContactSites.describe`; empty where each is
+        one."""
+        if not isinstance(contact, ContactSolution):
+            return {"words": f"{self.site_density} per nm² of contact, no grid"}
+        sites = self.sites_of(contact)
+        return {} if sites.words == ONE_PER_PIXEL else sites.describe(contact)
 
     def on(self, contact: ContactSolution, seed: Seed = 0, *, sites: np.ndarray | None = None) -> ReactionLattice:
         """The reactive sites of ``contact``, or those of them that are among ``sites`` (ascending flat indices).
@@ -122,6 +156,39 @@ class Chemistry(Component):
         if self.interaction is not None and graph is not None:
             fields |= {"neighbours": graph, "coupling": coupling_of(touching, self.interaction, sites, graph, seed)}
         return ReactionLattice(**fields)
+
+
+def neighbours_of(contact: ContactSites, interaction: Interaction) -> np.ndarray:
+    """Which sites in contact are neighbours under ``interaction``: (n, k) int32, -1 = none; read-only."""
+    return _graphs.get(contact, interaction, lambda: frozen(graph_of(contact, interaction, contact.sites), np.int32))
+
+
+def graph_of(contact: ContactSites, interaction: Interaction, sites: np.ndarray) -> np.ndarray:
+    """Which of ``sites``, in contact, are neighbours under ``interaction``: (n, k) int32, -1 = none."""
+    return call_with(
+        interaction.neighbours,
+        contact.shape,
+        contact.periodic,
+        sites,
+        pixel_size=contact.spacing,
+        positions=None,
+    )
+
+
+def coupling_of(
+    contact: ContactSites, interaction: Interaction, sites: np.ndarray, neighbours: np.ndarray, seed: Seed
+) -> np.ndarray:
+    """What a bonded neighbour adds to the forming barrier of each of ``sites``: (n, k) eV."""
+    return call_with(
+        interaction.coupling,
+        sites,
+        neighbours,
+        seed,
+        pixel_size=contact.spacing,
+        positions=None,
+        pixels=contact.shape,
+        periodic=contact.periodic,
+    )
 
 
 def _chosen(touching: ContactSites, sites: Any) -> tuple[np.ndarray, np.ndarray]:

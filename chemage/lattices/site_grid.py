@@ -13,6 +13,7 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.kept import Kept
 from chemage.foundation.memory import require
 from chemage.foundation.records import frozen
+from chemage.foundation.statistics import NORMAL_LIMIT
 
 #: what is said of a grid of sites that is that of the pixels
 ONE_PER_PIXEL = "one site per pixel"
@@ -140,7 +141,7 @@ class ContactSites:
         edges, size = self._edges(), contact.pixel_size / self.spacing
         slope, least = ALIKE if contact.gap is not None else ALIKE_WITHOUT_GAP
         alike = ALIKE_AVERAGED if self.rule == "averaged" else slope * max(size, least)
-        return 1.96 * math.hypot(alike * edges, APART * max(size, 1.0) * math.sqrt(edges)) / self.sites.size
+        return NORMAL_LIMIT * math.hypot(alike * edges, APART * max(size, 1.0) * math.sqrt(edges)) / self.sites.size
 
     def _edges(self) -> int:
         """Edges between a site in contact and one that is not, or the end of the grid."""
@@ -223,7 +224,7 @@ def _bearing(contact: ContactSolution, pressure: np.ndarray, area: float) -> np.
 
 
 def _reconstructed(contact: ContactSolution, shape: tuple[int, int], spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    from chemage.lattices import reconstruction_kernels as kernels
+    from chemage.lattices import kernels
 
     nx, ny = grid = contact.shape
     periodic = contact.periodic
@@ -281,7 +282,7 @@ def _nearest(contact: ContactSolution, shape: tuple[int, int]) -> tuple[np.ndarr
 
 def _squares(contact: ContactSolution, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Larger sites with a pixel in contact, the share of each that is in contact, and its mean pressure."""
-    from chemage.lattices import reconstruction_kernels as kernels
+    from chemage.lattices import kernels
 
     pixels = contact.sites
     index, share, carried = np.empty(4 * pixels.size, np.int64), np.empty(4 * pixels.size), np.empty(4 * pixels.size)

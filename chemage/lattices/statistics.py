@@ -6,12 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from chemage.contacts.solution import ContactSolution
-from chemage.contacts.statistics import ContactStatistics
+from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.calls import call_with
 from chemage.foundation.checks import expect
-from chemage.lattices.chemistry import Chemistry
-from chemage.lattices.neighbours import neighbours_of
+from chemage.lattices.chemistry import Chemistry, neighbours_of
 from chemage.lattices.role import Interaction
 
 #: classes of pressure
@@ -20,12 +18,14 @@ CLASSES = 512
 GRID = 32
 
 
-def contact_statistics(contact: ContactSolution, chemistry: Chemistry) -> ContactStatistics:
-    """The statistics of ``contact``, at the sites of ``chemistry``.
+def contact_statistics(contact: ContactSolution | ContactStatistics, chemistry: Chemistry) -> ContactStatistics:
+    """The statistics of ``contact``, at the sites of ``chemistry``; itself where that is all there is of it.
 
     Each class has the mean pressure of its sites. Without an interaction no site has neighbours, and ``missing`` is
     one column.
     """
+    if isinstance(contact, ContactStatistics):
+        return contact
     expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
     sites = chemistry.sites_of(contact)
@@ -38,8 +38,8 @@ def contact_statistics(contact: ContactSolution, chemistry: Chemistry) -> Contac
     most, lacking = 0, np.zeros(pressure.size, np.int64)
     if chemistry.interaction is not None and pressure.size:
         most = coordination(chemistry.interaction, sites.spacing)  # pyright: ignore[reportArgumentType]
-        found = np.count_nonzero(neighbours_of(sites, chemistry.interaction) >= 0, axis=1)
-        lacking = np.clip(most - found, 0, most)
+        present = np.count_nonzero(neighbours_of(sites, chemistry.interaction) >= 0, axis=1)
+        lacking = np.clip(most - present, 0, most)
     joint = np.bincount(place * (most + 1) + lacking, minlength=CLASSES * (most + 1)).reshape(CLASSES, most + 1)
     return ContactStatistics(
         pressure=mean,

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 import chemage as ca
-from chemage.lattices.expected import COUPLED, expected_events
+from chemage.lattices.independent import COUPLED, expected_kinetics, rough_pressures
 
 NU = 1e13
 
@@ -15,6 +15,10 @@ NU = 1e13
 def chemistry(forming=0.8, breaking: float | None = 0.9, **options):
     bonds = {} if breaking is None else {"breaking": ca.barriers("gaussian", mean=breaking, std=0)}
     return ca.chemistry(forming=ca.barriers("gaussian", mean=forming, std=0), **bonds, **options)
+
+
+def expected_events(chemistry, pressure, hold_time, temperature):
+    return expected_kinetics(chemistry, rough_pressures(pressure), hold_time, temperature).events
 
 
 @pytest.mark.parametrize("hold_time", [1e-3, 1.0, 1e3, 1e6])
