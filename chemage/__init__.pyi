@@ -17,7 +17,7 @@ from chemage.lattices.chemistry import Chemistry as Chemistry
 from chemage.plugins.choices import Choice as Choice
 from chemage.studies.sweeps.collecting import Collected as Collected
 from chemage.foundation.components import Component as Component
-from chemage.contacts.modulus import ContactModulus as ContactModulus
+from chemage.contacts.options import ContactModulus as ContactModulus
 from chemage.lattices.site_grid import ContactSites as ContactSites
 from chemage.contacts.solution import ContactSolution as ContactSolution
 from chemage.contacts.role import ContactSolver as ContactSolver
@@ -91,11 +91,11 @@ from chemage.foundation.checks import checked_states as checked_states
 from chemage.lattices.chemistry import chemistry as chemistry
 from chemage.studies.sweeps.collecting import collect_sweep as collect_sweep
 from chemage.results.comparison.comparison import compare_files as compare_files
-from chemage.contacts.modulus import contact_modulus as contact_modulus
+from chemage.contacts.options import contact_modulus as contact_modulus
 from chemage.lattices.site_grid import contact_sites as contact_sites
-from chemage.lattices.statistics import contact_statistics as contact_statistics
+from chemage.lattices.chemistry import contact_statistics as contact_statistics
 from chemage.foundation.units import convert as convert
-from chemage.lattices.statistics import coordination as coordination
+from chemage.lattices.chemistry import coordination as coordination
 from chemage.studies.ensembles.running import ensemble as ensemble
 from chemage.ageing.fitting import fit_aging as fit_aging
 from chemage.foundation.checks import force as force

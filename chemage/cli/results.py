@@ -194,7 +194,7 @@ def _plot_window(file: Path, window: str, out: Path | None, fmt: str, force: boo
 def print_run(result: Run) -> None:
     """Print the main numbers of a run."""
     from chemage.ageing.elasticity import elastic_rows
-    from chemage.contacts.loads import force_text
+    from chemage.contacts.options import force_text
     from chemage.foundation.text import mean_text, percent
     from chemage.scene.scene import heading
 
@@ -264,7 +264,7 @@ def _surface(result: Run) -> str:
 
 def _pressure(contact: ContactSolution | ContactStatistics) -> str:
     """The nominal pressure, where the contact has one."""
-    from chemage.contacts.loads import pressure_text
+    from chemage.contacts.options import pressure_text
 
     return f" ({pressure_text(contact.nominal_pressure)} nominal)" if getattr(contact, "periodic", True) else ""
 

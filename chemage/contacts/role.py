@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Self
 
-from chemage.contacts.loads import normal_force
+from chemage.contacts.options import normal_force
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed, expect
 from chemage.foundation.components import Component
@@ -72,8 +72,8 @@ class ContactSolver(Component, ABC):
         """
         area: float | None
         if isinstance(surface, Mapping):
-            known = {"nx", "ny", "pixel_size"} <= surface.keys()
-            area = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2 if known else None
+            on_grid = {"nx", "ny", "pixel_size"} <= surface.keys()
+            area = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2 if on_grid else None
             periodic = surface.get("periodic", 0.0 if "radius" in surface else 1.0) != 0
         else:
             area, periodic = surface.nominal_area, getattr(surface, "periodic", True)

@@ -26,10 +26,9 @@ from chemage.foundation.units import EV_PER_GPA_NM3
 from chemage.inference.kernel import EnergyGrid, make_kernel
 from chemage.inference.neighbours import GROUPS, Environments, MeanField, Solved
 from chemage.kinetics.stage import run_kinetics
-from chemage.lattices.chemistry import Chemistry
+from chemage.lattices.chemistry import Chemistry, contact_statistics
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.stage import build_lattice
-from chemage.lattices.statistics import contact_statistics
 from chemage.scene.scene import Scene
 from chemage.surfaces.stage import make_surface
 

@@ -1,13 +1,14 @@
-"""The chemistry: what turns a contact into a reaction lattice."""
+"""The chemistry: what turns a contact into a reaction lattice, or into its statistics at the sites."""
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from chemage.contacts.solution import Contact, ContactSolution
+from chemage.contacts.solution import Contact, ContactSolution, ContactStatistics
 from chemage.foundation import random
 from chemage.foundation.calls import call_with
 from chemage.foundation.checks import Seed, checked_seed, expect
@@ -24,6 +25,10 @@ from chemage.plugins.choices import Choice
 #: sites per nm²: hydroxyl groups of fully hydroxylated amorphous silica, the arithmetic mean of Zhuravlev, Colloids
 #: Surf. A 173, 1 (2000); least squares give 4.6 there
 SITE_DENSITY = 4.9
+#: classes of pressure
+CLASSES = 512
+#: side of the grid, all of it in contact, on which the neighbours of a site are counted
+GRID = 32
 #: graphs of neighbours of the sites of each contact, by interaction, which its replicas share
 _graphs: Kept[np.ndarray] = Kept()
 
@@ -205,3 +210,48 @@ def _chosen(touching: ContactSites, sites: Any) -> tuple[np.ndarray, np.ndarray]
 def chemistry(**options: Any) -> Chemistry:
     """A :class:`Chemistry`: ``chemage.chemistry(forming=chemage.barriers("md-silica"), ...)``."""
     return Chemistry(**options)
+
+
+def contact_statistics(contact: ContactSolution | ContactStatistics, chemistry: Chemistry) -> ContactStatistics:
+    """The statistics of ``contact``, at the sites of ``chemistry``; itself where that is all there is of it.
+
+    Each class has the mean pressure of its sites. Without an interaction no site has neighbours, and ``missing`` is
+    one column.
+    """
+    if isinstance(contact, ContactStatistics):
+        return contact
+    expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
+    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
+    sites = chemistry.sites_of(contact)
+    pressure = sites.pressure.astype(np.float64)
+    top = float(pressure.max(initial=0.0))
+    place = np.minimum((pressure * (CLASSES / top)).astype(np.int64), CLASSES - 1) if top > 0 else np.zeros(0, np.int64)
+    counts = np.bincount(place, minlength=CLASSES)
+    there = counts > 0
+    mean = np.bincount(place, pressure, CLASSES)[there] / counts[there]
+    most, lacking = 0, np.zeros(pressure.size, np.int64)
+    if chemistry.interaction is not None and pressure.size:
+        most = coordination(chemistry.interaction, sites.spacing)  # pyright: ignore[reportArgumentType]
+        present = np.count_nonzero(neighbours_of(sites, chemistry.interaction) >= 0, axis=1)
+        lacking = np.clip(most - present, 0, most)
+    joint = np.bincount(place * (most + 1) + lacking, minlength=CLASSES * (most + 1)).reshape(CLASSES, most + 1)
+    return ContactStatistics(
+        pressure=mean,
+        area=counts[there] * sites.spacing**2,
+        missing=joint[there] * sites.spacing**2,
+        load=contact.load,
+        nominal_area=contact.nominal_area,
+        modulus=contact.modulus,
+        rms_slope=contact.rms_slope,
+        rms_height=contact.rms_height,
+        notes=contact.notes,
+        provenance=contact.provenance,
+    )
+
+
+@lru_cache(maxsize=64)
+def coordination(interaction: Interaction, spacing: float) -> int:
+    """Neighbours of a site inside a contact, under ``interaction`` on sites at a distance of ``spacing`` nm."""
+    sites = np.arange(GRID * GRID)
+    graph = call_with(interaction.neighbours, (GRID, GRID), True, sites, pixel_size=spacing, positions=None)
+    return int(np.count_nonzero(graph >= 0, axis=1).max(initial=0))

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from chemage.ageing.kinetics import EVERY_SITE
-from chemage.contacts.loads import force_text, pressure_text
-from chemage.contacts.modulus import modulus_in
+from chemage.contacts.options import force_text, modulus_in, pressure_text
 from chemage.contacts.role import ContactTheory
 from chemage.foundation.calls import call_with
 from chemage.foundation.errors import ChemageError

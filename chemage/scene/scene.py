@@ -20,7 +20,7 @@ from pydantic import (
 from chemage.ageing.kinetics import EVERY_SITE
 from chemage.ageing.methods import AgeingMethod, check_contact, check_method, wants_states
 from chemage.ageing.observables import Observable, check_outputs
-from chemage.contacts.loads import force_text, nominal_pressure, normal_force
+from chemage.contacts.options import force_text, nominal_pressure, normal_force
 from chemage.contacts.role import ContactSolver, ContactTheory
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, UnknownKindError, shown

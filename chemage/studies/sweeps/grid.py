@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.contacts.loads import nominal_pressure
+from chemage.contacts.options import nominal_pressure
 from chemage.contacts.role import ContactTheory, no_map
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
 from chemage.foundation.hashes import content_hash
