@@ -22,7 +22,7 @@ def expected_events(chemistry, pressure, hold_time, temperature):
     return expected_kinetics(chemistry, rough_pressures(pressure), hold_time, temperature).events
 
 
-@pytest.mark.parametrize("hold_time", [1e-3, 1.0, 1e3, 1e6])
+@pytest.mark.parametrize("hold_time", [1.0, 1e6])
 @pytest.mark.parametrize("barriers", [(0.8, 0.9), (0.9, 0.8), (0.75, 0.75)])
 def test_two_states_have_the_events_of_the_master_equation(barriers, hold_time):
     form, break_ = (NU * np.exp(-energy / (ca.KB * 320.0)) for energy in barriers)
