@@ -1,4 +1,4 @@
-"""The result of ageing: bonds of several replicas against hold time, and the friction they make."""
+"""The result of ageing: bonds of several replicas against hold time, and what files and tables derive from them."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging, why_not_fitted
-from chemage.ageing.measured import Measured, measured
-from chemage.ageing.outputs import Output
+from chemage.ageing.outputs import Measured, Output, measured
 from chemage.ageing.seeds import COMMON
 from chemage.foundation import pictures
 from chemage.foundation.checks import check_times
+from chemage.foundation.codec import Derived
 from chemage.foundation.datasets import dataset, frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import (
@@ -39,6 +39,28 @@ if TYPE_CHECKING:
 
 #: standard deviations from what is possible at which an estimate is taken for a fault
 FAR = 8.0
+#: at each hold time: name -> (unit, meaning)
+CURVES: dict[str, tuple[str, str]] = {
+    "friction_drop": ("nN", "friction drop, mean over replicas"),
+    "friction_drop_stderr": ("nN", "its standard error"),
+    "friction_drop_half_width": ("nN", "half the width of its 95 % interval"),
+    "friction_coefficient_drop": ("1", "friction coefficient drop, mean over replicas"),
+    "friction_coefficient_drop_stderr": ("1", "its standard error"),
+    "friction_coefficient_drop_half_width": ("1", "half the width of its 95 % interval"),
+}
+#: numbers of the fit: name -> (unit, meaning)
+FIT: dict[str, tuple[str, str]] = {
+    "beta": ("1", "slope of the friction coefficient drop per decade of hold time"),
+    "beta_stderr": ("1", "standard error of beta"),
+    "beta_half_width": ("1", "half the width of the 95 % interval of beta"),
+    "b": ("1", "beta over ln 10, the slope per factor e of hold time"),
+    "b_stderr": ("1", "standard error of b"),
+    "b_half_width": ("1", "half the width of the 95 % interval of b"),
+    "cutoff_time": ("s", "cut-off time"),
+    "cutoff_time_stderr": ("s", "standard error of the cut-off time"),
+    "cutoff_time_low": ("s", "lower end of the 95 % interval of the cut-off time"),
+    "cutoff_time_high": ("s", "upper end of the 95 % interval of the cut-off time"),
+}
 
 
 class Aging(Record):
@@ -280,10 +302,10 @@ class Aging(Record):
             Fewer than two different hold times in the window, or no load.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            found = fit_aging(self, window=(start, stop))
-        if not np.isfinite(found.beta):
+            fit = fit_aging(self, window=(start, stop))
+        if not np.isfinite(fit.beta):
             raise InputError("friction: its fit is out of the range of numbers; check load and bond_force")
-        return found
+        return fit
 
     def fit_data(self, quantity: Quantity | None) -> FitData:
         """The friction drop of every replica, for :func:`chemage.fit_aging`."""
@@ -312,13 +334,10 @@ class Aging(Record):
     def to_xarray(self) -> xarray.Dataset:
         """The arrays with the names, dimensions and units of the file, and the curves of friction of the file: means
         over replicas, standard errors and half widths of 95 % intervals. Needs xarray."""
-        derived = {}
-        with np.errstate(over="ignore", invalid="ignore"):
-            for name, unit in (("friction_drop", "nN"), ("friction_coefficient_drop", "1")):
-                if unit == "nN" or self.load > 0:
-                    for column, values in _with_errors(name, getattr(self, name)).items():
-                        derived[column] = (("hold_time",), values, {"units": unit})
-        return dataset(self, derived)
+        return dataset(
+            self,
+            {name: (dims, values, {"units": unit}) for name, (dims, values, unit, _) in stored_curves(self).items()},
+        )
 
     def to_pandas(self) -> pandas.DataFrame:
         """One row for each hold time (s), in columns named as in the table of a sweep. Needs pandas.
@@ -327,7 +346,7 @@ class Aging(Record):
         beside the scatter of the replicas (``error.NAME``, relative); what observables measured at every hold time.
         """
         curves = {name: getattr(self, name) for name in ("bonds", "friction_drop", "friction_coefficient_drop")}
-        curves |= {f"observable.{name}": one.values for name, one in self.measured.items() if one.is_curve}
+        curves |= {f"observable.{name}": output.values for name, output in self.measured.items() if output.is_curve}
         columns = {"hold_time": self.hold_times}
         for name, values in curves.items():
             columns |= _with_errors(name, values)
@@ -364,3 +383,41 @@ def fit_or_reason(aging: Aging, window: tuple[float, float]) -> tuple[Fit | None
         return aging.fit(*window), ""
     except InputError as error:
         return None, str(error)
+
+
+def curves(aging: Aging) -> dict[str, np.ndarray]:
+    """Those of :data:`CURVES`, (m,) each; nan where a number is not known: no load, or a single replica."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return {
+            **_with_errors("friction_drop", aging.friction_drop),
+            **_with_errors("friction_coefficient_drop", aging.friction_coefficient_drop),
+        }
+
+
+def stored_curves(aging: Aging) -> dict[str, tuple[tuple[str, ...], np.ndarray, str, str]]:
+    """Those of :data:`CURVES` that exist, name -> (dimensions, values, unit, meaning): without load there is no
+    coefficient of friction."""
+    return {
+        name: (("hold_time",), values, *CURVES[name])
+        for name, values in curves(aging).items()
+        if aging.load > 0 or "coefficient" not in name
+    }
+
+
+def fit_numbers(fit: Fit) -> dict[str, float]:
+    """Those of :data:`FIT`; nan where a number is not known."""
+    ends = {"cutoff_time_low": fit.cutoff_interval.low, "cutoff_time_high": fit.cutoff_interval.high}
+    return {name: ends[name] if name in ends else getattr(fit, name) for name in FIT}
+
+
+def derived(aging: Aging, window: tuple[float, float] = FIT_WINDOW) -> Derived:
+    """The curves and the fit over ``window`` (first and last hold time, s), to be stored beside ``aging``.
+
+    Without two hold times in the window there is no fit.
+    """
+    try:
+        fit = aging.fit(*window)
+    except InputError:
+        return Derived(stored_curves(aging), {})
+    numbers = {**fit_numbers(fit), "fit_window": np.array(window, dtype=np.float64), "fit_range": np.array(fit.span)}
+    return Derived(stored_curves(aging), numbers)

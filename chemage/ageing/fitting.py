@@ -14,17 +14,27 @@ same data give the same digits. A single replica has no error.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal, Protocol, get_args
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 
 from chemage.ageing.hold_times import within
-from chemage.ageing.intervals import UNKNOWN, Bootstrap, Interval, bootstrapped, student
-from chemage.ageing.models import Model, above_rounding, basis, basis_slope, bounds, solve
+from chemage.ageing.models import (
+    UNKNOWN,
+    Bootstrap,
+    Interval,
+    Model,
+    basis,
+    basis_slope,
+    bootstrapped,
+    bounds,
+    slopes_of,
+    solve,
+    student,
+)
 from chemage.foundation.errors import InputError
-from chemage.foundation.statistics import jackknife_error
+from chemage.foundation.statistics import jackknife_error, student_limit
 from chemage.foundation.text import jsonable, power_text, with_error, with_interval
 from chemage.foundation.units import QuantityLike, convert
 
@@ -265,7 +275,7 @@ def fit_aging(
     quantity
         What to fit of a simulated result: Δμ (default) or ΔF. Measurements are fitted as they are.
     bootstrap
-        None: Student's intervals, see :mod:`chemage.ageing.intervals`. Otherwise what is resampled: ``"residuals"`` of
+        None: Student's intervals, see :mod:`chemage.ageing.models`. Otherwise what is resampled: ``"residuals"`` of
         measurements, at the same hold times; ``"pairs"``, whole rows of measurements, where the scatter depends on time
         in a way the errors do not state; ``"replicas"``, whole replicas of a simulated result. Its intervals are too
         narrow for fewer than about ten replicas or rows. No interval includes the scatter between surfaces.
@@ -279,26 +289,26 @@ def fit_aging(
         of friction without load, or options that do not go together.
     """
     _check_options(model, samples, confidence)
-    given = data.fit_data(quantity)
-    _check_bootstrap(bootstrap, given)
-    limits = _limits(window, FIT_WINDOW if given.simulated and model == "line" else None)
-    use = _inside(data.hold_times, limits, model, least=SIMULATED if given.simulated else 3)
-    t, curves = data.hold_times[use], given.curves[:, use]
-    weight = _weights(given, use)
-    estimate = _estimate(model, t, curves, weight, scatter=not given.simulated)
+    source = data.fit_data(quantity)
+    _check_bootstrap(bootstrap, source)
+    limits = _limits(window, FIT_WINDOW if source.simulated and model == "line" else None)
+    use = _inside(data.hold_times, limits, model, least=SIMULATED if source.simulated else 3)
+    t, curves = data.hold_times[use], source.curves[:, use]
+    weight = _weights(source, use)
+    estimate = _estimate(model, t, curves, weight, scatter=not source.simulated)
     slopes = cutoffs = UNKNOWN
     if bootstrap is not None:
         options = {"confidence": confidence, "samples": samples, "seed": seed}
         slopes, cutoffs = bootstrapped(bootstrap, model, t, curves, weight, estimate.fitted, **options)
-    elif not given.simulated or len(curves) > 1:
+    elif not source.simulated or len(curves) > 1:
         numbers = estimate.slope, estimate.slope_error, estimate.log_cutoff
         slopes, cutoffs = student(model, t, curves, weight, *numbers, confidence)
-    unit, reason = given.scale, _no_cutoff(estimate.log_cutoff, slopes, data.hold_times)
+    unit, reason = source.scale, _no_cutoff(estimate.log_cutoff, slopes, data.hold_times)
     cutoff = math.nan if reason else _time(estimate.log_cutoff)
-    forces = given.simulated or given.quantity == "friction_drop"  # curves of a simulated result are ΔF
+    forces = source.simulated or source.quantity == "friction_drop"  # curves of a simulated result are ΔF
     return Fit(
         model=model,
-        quantity=given.quantity,
+        quantity=source.quantity,
         beta=estimate.slope * unit,
         beta_stderr=estimate.slope_error * unit,
         cutoff_time=cutoff,
@@ -313,11 +323,29 @@ def fit_aging(
         points=t.size,
         span=(float(t[t > 0].min()), float(t.max())),
         rms_residual=float(np.sqrt(np.mean((curves.mean(axis=0) - estimate.fitted) ** 2))) * unit,
-        replicas=len(curves) if given.simulated else 0,
+        replicas=len(curves) if source.simulated else 0,
         bootstrap=bootstrap,
         samples=samples,
         confidence=confidence,
     )
+
+
+def line_slopes(hold_times: np.ndarray, curves: np.ndarray, window: tuple[float, float]) -> np.ndarray:
+    """(n,) rise per decade of the line through each of ``curves`` (n, m) over ``window`` (s), the fit of β: β of curves
+    of the friction coefficient, or over the load of those of friction.
+
+    It is linear in the curve, so that its mean is that of the mean curve.
+    """
+    use = within(hold_times, window) & (hold_times > 0)
+    return slopes_of(np.log10(hold_times[use]), curves[:, use])
+
+
+def line_weights(hold_times: np.ndarray, window: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """(m,) bool, the hold times in ``window`` (s), and for each of those the weight with which a curve enters
+    :func:`line_slopes`."""
+    use = within(hold_times, window) & (hold_times > 0)
+    decades = np.log10(hold_times[use])
+    return use, (decades - decades.mean()) / (np.var(decades) * decades.size)
 
 
 def _no_cutoff(log_cutoff: float, slopes: Interval, times: np.ndarray) -> str:
@@ -434,16 +462,8 @@ class _Estimate:
 def _estimate(model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarray, *, scatter: bool) -> _Estimate:
     """Least squares on the mean over replicas, with jackknife errors over replicas; ``scatter``: a single curve has
     errors from its scatter about the fit."""
-    mean = curves.mean(axis=0)
-    even = bool((weight == 1).all())
-
-    def solved(y: np.ndarray) -> tuple[float, float]:
-        if model == "line" and even:
-            return _straight_line(np.log10(t), y)
-        slope, cutoff = solve(model, t, y[None, :], weight[None, :])
-        return float(slope[0]), float(cutoff[0])
-
-    slope, log_cutoff = solved(mean)
+    mean, replicas = curves.mean(axis=0), len(curves)
+    slope, log_cutoff = (float(values[0]) for values in solve(model, t, mean[None], weight[None]))
     if model == "line":
         x = np.log10(t)
         fitted = np.average(mean, weights=weight) + slope * (x - np.average(x, weights=weight))
@@ -452,26 +472,12 @@ def _estimate(model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarra
     else:
         fitted = slope * basis(model, t, float(np.clip(log_cutoff, *bounds(t))))
     errors = (math.nan, math.nan)
-    if len(curves) > 1:
-        errors = _jackknife(solved, curves)
+    if replicas > 1:  # each is left out in turn
+        left_out = (curves.sum(axis=0) - curves) / (replicas - 1)
+        errors = tuple(float(jackknife_error(values)) for values in solve(model, t, left_out, weight[None]))
     elif scatter:
         errors = _scatter(model, t, mean - fitted, weight, slope, log_cutoff)
     return _Estimate(slope, errors[0], log_cutoff, errors[1], fitted)
-
-
-def _straight_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Slope, and where the line meets zero; nan where it does not rise."""
-    slope = float(above_rounding((x - x.mean()) @ (y - y.mean()) / np.sum((x - x.mean()) ** 2), x, y))
-    intercept = float(y.mean() - slope * x.mean())
-    return slope, -intercept / slope if slope > 0 else math.nan
-
-
-def _jackknife(solved: Callable[[np.ndarray], tuple[float, float]], curves: np.ndarray) -> tuple[float, float]:
-    """Standard errors of slope and log10 cut-off time, each replica left out in turn."""
-    r, total = len(curves), curves.sum(axis=0)
-    left_out = np.array([solved((total - one) / (r - 1)) for one in curves])
-    slope, cutoff = jackknife_error(left_out)
-    return float(slope), float(cutoff)
 
 
 def _scatter(
@@ -494,3 +500,56 @@ def _time(log_time: float) -> float:
     """10**log_time, s; inf beyond the range of numbers, nan where nothing is known."""
     with np.errstate(over="ignore"):
         return float(np.power(10.0, log_time))
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A difference of β between results whose replicas are paired."""
+
+    value: float
+    #: standard error; nan for one replica
+    stderr: float
+    #: half the width of Student's 95 % interval; nan for one replica
+    half_width: float
+
+
+@dataclass(frozen=True)
+class _Without:
+    """The curves of all replicas but one."""
+
+    hold_times: np.ndarray
+    curves: Curves
+    replica: int
+
+    def fit_data(self, quantity: Quantity | None) -> FitData:
+        data = self.curves.fit_data(quantity)
+        return replace(data, curves=np.delete(data.curves, self.replica, axis=0))
+
+
+def paired_difference(first: Curves, second: Curves, **options: Any) -> Difference:
+    """β of ``first`` less β of ``second``, and the error of this difference.
+
+    Replica r of one must share its random numbers (disorder, or kinetic noise as well) with replica r of the other, and
+    with no further replica. The error is the jackknife error of the difference, each pair of replicas left out in turn:
+    what the replicas share cancels, as it does in the difference itself. With one replica it is not known, nan.
+    ``options`` are those of :func:`chemage.fit_aging`.
+
+    Raises
+    ------
+    InputError
+        The numbers of replicas differ, or as for :func:`chemage.fit_aging`.
+    """
+    replicas = [len(data.fit_data(options.get("quantity")).curves) for data in (first, second)]
+    if replicas[0] != replicas[1]:
+        raise InputError(f"{replicas[0]} and {replicas[1]} replicas cannot be paired; give equal numbers")
+
+    def difference(first: Curves, second: Curves) -> float:
+        return fit_aging(first, **options).beta - fit_aging(second, **options).beta
+
+    whole, count = difference(first, second), replicas[0]
+    if count < 2:
+        return Difference(whole, math.nan, math.nan)
+    without = [[_Without(data.hold_times, data, replica) for data in (first, second)] for replica in range(count)]
+    left_out = np.array([difference(*pair) for pair in without])
+    error = float(jackknife_error(left_out))
+    return Difference(whole, error, error * student_limit(count - 1))

@@ -20,9 +20,9 @@ def hold_times(start: QuantityLike, stop: QuantityLike, per_decade: int = 4) -> 
     Times are whole multiples of 1/``per_decade`` decades above ``start``; ``stop`` is added if it is not one of them.
     """
     low, high = convert(start, "s", "start"), convert(stop, "s", "stop")
-    for name, given, value in (("start", start, low), ("stop", stop, high)):
+    for name, written, value in (("start", start, low), ("stop", stop, high)):
         if math.isfinite(value) and value != 0 and not SMALLEST <= abs(value) <= LARGEST:
-            raise InputError.of(name, given, "is out of range", f"give from {SMALLEST:g} to {LARGEST:g} s")
+            raise InputError.of(name, written, "is out of range", f"give from {SMALLEST:g} to {LARGEST:g} s")
     if not (math.isfinite(low) and low > 0):
         raise InputError.of(
             "start", start, "must be above zero", "hold times are spaced in log t; start at 1 ms, for example"

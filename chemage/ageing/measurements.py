@@ -35,9 +35,9 @@ class Measurements:
 
     def __post_init__(self) -> None:
         for name in ("hold_times", "values", "error"):
-            if (given := getattr(self, name)) is not None:
+            if (array := getattr(self, name)) is not None:
                 try:
-                    object.__setattr__(self, name, frozen(given, np.float64))
+                    object.__setattr__(self, name, frozen(array, np.float64))
                 except ValueError as error:
                     raise InputError(f"{name}: {error}") from None
         if self.quantity not in UNIT:
@@ -108,20 +108,20 @@ class _Column:
 
 
 def _columns(table: ColumnTable) -> tuple[dict[str, _Column], Quantity]:
-    found, where = table.columns, table.where
-    if "hold_time" not in found:
+    places, where = table.columns, table.where
+    if "hold_time" not in places:
         raise InputError(f"{where}: no column hold_time; write the header as {_EXAMPLE}")
-    given = [name for name in get_args(Quantity) if name in found]
-    if len(given) != 1:
+    quantities = [name for name in get_args(Quantity) if name in places]
+    if len(quantities) != 1:
         raise InputError(
-            f"{where}: {'both' if given else 'neither'} friction_coefficient_drop (Δμ) "
-            f"{'and' if given else 'nor'} friction_drop (ΔF); give one of them"
+            f"{where}: {'both' if quantities else 'neither'} friction_coefficient_drop (Δμ) "
+            f"{'and' if quantities else 'nor'} friction_drop (ΔF); give one of them"
         )
-    quantity: Quantity = given[0]
+    quantity: Quantity = quantities[0]
     units = {"hold_time": "s", quantity: UNIT[quantity], "error": UNIT[quantity]}
     columns = {}
-    for name in (name for name in ("hold_time", quantity, "error") if name in found):
-        place, unit = found[name]
+    for name in (name for name in ("hold_time", quantity, "error") if name in places):
+        place, unit = places[name]
         if unit is None and name == "error":
             unit = columns[quantity].unit
         columns[name] = _Column(place, unit or "", factor(name, unit, units[name], where))

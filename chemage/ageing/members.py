@@ -10,9 +10,9 @@ import numpy as np
 
 from chemage.ageing.age import age
 from chemage.ageing.aging import Aging, fit_or_reason
-from chemage.ageing.hold_times import within
-from chemage.contacts.solution import ContactSolution
-from chemage.contacts.statistics import ContactStatistics
+from chemage.ageing.fitting import line_slopes, line_weights
+from chemage.ageing.kinetics import EVERY_SITE
+from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.errors import InputError
 from chemage.foundation.threads import available, in_order
 from chemage.lattices.chemistry import Chemistry
@@ -41,7 +41,7 @@ def with_members(
     members = list(chemistry.forming.members(MEMBERS))
     if not members:
         return aging
-    method, sites = how.get("method"), max(float(aging.sites.mean()), 1.0)
+    method, sites = how.get("method") or EVERY_SITE, max(float(aging.sites.mean()), 1.0)
     replicas = int(np.clip(np.ceil(SITES / sites), 1, MOST))
     how |= {"replicas": replicas, "common": "all", "rupture": None, "observe": (), "threads": 1}
     how.pop("checkpoints", None)
@@ -51,10 +51,8 @@ def with_members(
         return age(contact, chemistry.replace(forming=every[number]), **how).bonds.mean(axis=0, dtype=np.float64)
 
     own, *others = in_order(aged, len(every), threads or available(), progress)
-    ratios = np.stack([np.divide(one, own, out=np.full(own.shape, np.nan), where=own > 0) for one in others])
-    count = (
-        f"{replicas} replica{'s' if replicas > 1 else ''} each" if method is None or method.replicates else "each once"
-    )
+    ratios = np.stack([np.divide(bonds, own, out=np.full(own.shape, np.nan), where=own > 0) for bonds in others])
+    count = f"{replicas} replica{'s' if replicas > 1 else ''} each" if method.replicates else "each once"
     source = f"scatter of {len(others)} members of the distribution of barriers, {count}, same random numbers"
     return aging.model_copy(
         update={
@@ -73,12 +71,9 @@ def barriers_error(aging: Aging | None, window: tuple[float, float]) -> float | 
         own = aging.fit(*window).beta
     except InputError:
         return None
-    inside = within(aging.hold_times, window)
-    drops = (aging.member_ratios * aging.mean_friction_coefficient_drop)[:, inside]
-    if not np.isfinite(drops).all() or own == 0:
-        return None
-    slopes = np.polyfit(np.log10(aging.hold_times[inside]), drops.T, 1)[0]
-    return float(slopes.std(ddof=1) / abs(own))
+    drops = aging.member_ratios * aging.mean_friction_coefficient_drop
+    slopes = line_slopes(aging.hold_times, drops, window)
+    return float(slopes.std(ddof=1) / abs(own)) if np.isfinite(slopes).all() and own != 0 else None
 
 
 def beta_errors(aging: Aging | None, window: tuple[float, float]) -> dict[str, float]:
@@ -93,12 +88,10 @@ def beta_errors(aging: Aging | None, window: tuple[float, float]) -> dict[str, f
     fit, _ = fit_or_reason(aging, window)
     if fit is None or fit.beta == 0:
         return {}
-    times, drop = aging.hold_times, aging.mean_friction_coefficient_drop
-    inside = within(times, window) & (times > 0)
-    decades = np.log10(times[inside])
-    weights = np.abs(decades - decades.mean()) / (np.var(decades) * decades.size)
+    use, weights = line_weights(aging.hold_times, window)
+    parts = np.abs(weights) * aging.mean_friction_coefficient_drop[use]
     return {
-        name: float(np.sum(weights * drop[inside] * error[inside]) / abs(fit.beta))
+        name: float(np.sum(parts * error[use]) / abs(fit.beta))
         for name, error in aging.errors.items()
         if name != BARRIERS
     }

@@ -1,4 +1,4 @@
-"""The role that finds the bonds of a contact in another way than by the kinetics of every site."""
+"""The role that finds the bonds of a contact against hold time: what it receives, what it gives, what is refused."""
 
 from __future__ import annotations
 
@@ -7,26 +7,66 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 
+from chemage.ageing.checkpoints import run_with_checkpoints
 from chemage.ageing.observables import Observable
-from chemage.ageing.seeds import Common, identity, replica_seeds
-from chemage.contacts.solution import ContactSolution
-from chemage.contacts.statistics import ContactStatistics
+from chemage.ageing.outputs import Output
+from chemage.ageing.seeds import Common, ReplicaSeeds, identity, origin, replica_seeds
+from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
+from chemage.foundation.hashes import content_hash
+from chemage.foundation.records import Record
+from chemage.foundation.threads import in_order
 from chemage.friction.role import Rupture
+from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
+from chemage.kinetics.stage import cannot_give_states, run_kinetics
 from chemage.lattices.chemistry import Chemistry
+from chemage.lattices.lattice import ReactionLattice
+from chemage.lattices.stage import build_lattice
 from chemage.plugins import registry
 from chemage.plugins.participation import Plugins
-from chemage.plugins.sources import implementing
+from chemage.plugins.sources import components_in, implementing
+
+T = TypeVar("T")
 
 #: hooks that see the sites of a replica
 _SITE_HOOKS = ("chemage_build_lattice", "chemage_run_kinetics", "chemage_rupture_bonds", "chemage_observe")
+
+
+class Origin(NamedTuple):
+    """Where the bonds of a replica come from."""
+
+    #: kind of the engine
+    engine: str
+    #: what users should know, in words
+    notes: tuple[str, ...]
+    #: plugins that answered or changed a stage on the way: name -> distribution and version
+    plugins: Plugins
+    #: what was approximate on the way
+    approximate: list[dict[str, Any]]
+
+
+class Replica(NamedTuple):
+    """The sites of a replica, and the kinetics on them."""
+
+    lattice: ReactionLattice
+    history: BondHistory
+
+    def origin(self, *later: Record) -> Origin:
+        """Where its bonds come from, and what was made of them ``later``."""
+        parts = (self.lattice, self.history, *later)
+        return Origin(
+            self.history.engine,
+            self.history.notes,
+            {name: source for part in parts for name, source in part.plugins.items()},
+            [entry for part in parts for entry in part.approximate],
+        )
 
 
 @dataclass(frozen=True)
@@ -49,7 +89,7 @@ class AgeingRequest:
     threads: int = 1
     #: called with (steps done, steps in all)
     progress: Callable[[int, int], None] | None = None
-    #: where intermediate results may be kept; a method that is fast has no need of it
+    #: where replicas are kept while they run; None: nowhere
     checkpoints: Path | None = None
 
     @property
@@ -71,9 +111,37 @@ class AgeingRequest:
     def _identity(self) -> tuple[int, ...]:
         return identity(self.solution, self.chemistry, self.engine, self.temperature)
 
-    def seeds(self, replica: int) -> tuple[np.random.SeedSequence, np.random.SeedSequence]:
+    @cached_property
+    def _key(self) -> str:
+        """Of the checkpoints."""
+        common = [self.hold_times.tolist(), self.temperature, origin(self.seed), self.common]
+        return content_hash([self.engine.digest(), self.chemistry.digest(), *common])
+
+    def seeds(self, replica: int) -> ReplicaSeeds:
         """The seeds of the disorder and of the kinetic noise that ``replica`` has in the kinetics of every site."""
         return replica_seeds(self.seed, replica, self.common, self._identity)
+
+    def follow(self, replica: int, *, sites: np.ndarray | None = None, states: bool = False) -> Replica:
+        """Draw the disorder of ``replica`` and run its kinetics, through the hooks of both stages.
+
+        ``sites``: only those, see :func:`chemage.build_lattice`, and without checkpoints; ``states``: with the state of
+        every site at every hold time.
+        """
+        disorder, noise = self.seeds(replica)
+        lattice = build_lattice(self.chemistry, self.solution, disorder, sites=sites)
+        call: dict[str, Any] = {"temperature": self.temperature, "seed": noise, "states": states}
+        call |= {"contact": self.solution, "chemistry": self.chemistry}
+        if self.checkpoints is None or sites is not None:
+            return Replica(lattice, run_kinetics(self.engine, lattice, self.hold_times, **call))
+        call |= {"path": self.checkpoints / f"replica-{replica:05d}.h5", "run": self._key}
+        before = self.contact.plugins | lattice.plugins
+        return Replica(lattice, run_with_checkpoints(self.engine, lattice, self.hold_times, before=before, **call))
+
+    def each(self, task: Callable[[int], T]) -> list[T]:
+        """``task`` of every replica, several at a time; reports the progress."""
+        # threads inside a run take their processors away from the other replicas
+        at_once = max(1, min(self.replicas, self.threads // self.engine.concurrency()))
+        return list(in_order(task, self.replicas, at_once, self.progress))
 
 
 @dataclass(frozen=True)
@@ -97,6 +165,8 @@ class AgedBonds:
     error_sources: Mapping[str, str] = field(default_factory=dict)
     #: name -> (replicas, ...), where the method measures observables
     observables: Mapping[str, np.ndarray] = field(default_factory=dict)
+    #: the same names -> what they are, beside what the observables of the request declare
+    outputs: Mapping[str, Output] = field(default_factory=dict)
     #: what users should know, in words
     notes: tuple[str, ...] = ()
     #: what computed the kinetics
@@ -106,9 +176,23 @@ class AgedBonds:
     #: what was approximate on the way
     approximate: Sequence[Mapping[str, Any]] = ()
 
+    @classmethod
+    def of(cls, replicas: Sequence[Origin], *, notes: tuple[str, ...] = (), **fields: Any) -> Self:
+        """The bonds of ``replicas``, with where they come from; notes and engine are those of the first."""
+        return cls(
+            notes=(*notes, *replicas[0].notes),
+            engine=replicas[0].engine,
+            plugins={name: source for replica in replicas for name, source in replica.plugins.items()},
+            approximate=[entry for replica in replicas for entry in replica.approximate],
+            **fields,
+        )
+
 
 class AgeingMethod(Component, ABC):
-    """Role ``ageing``: the bonds of a contact against hold time, in another way than by the kinetics of every site."""
+    """Role ``ageing``: the bonds of a contact against hold time.
+
+    Without one, every site is followed (:class:`chemage.ageing.kinetics.Kinetics`).
+    """
 
     role = "ageing"
     error_of: ClassVar[str] = "the mean number of bonds"
@@ -120,6 +204,13 @@ class AgeingMethod(Component, ABC):
     observes: ClassVar[bool] = False
     #: applies the rupture law of the request
     ruptures: ClassVar[bool] = False
+    #: runs every stage of every replica, so that the hooks of plugins see all its sites
+    shows_sites: ClassVar[bool] = False
+
+    @property
+    def steps(self) -> str:
+        """What its progress counts."""
+        return "replicas" if self.replicates else "steps"
 
     @abstractmethod
     def age(self, request: AgeingRequest) -> AgedBonds:
@@ -175,7 +266,7 @@ def check_method(
     """
     remedy = "or leave out the ageing method, for the kinetics of every site"
     if observe and not method.observes:
-        kinds = ", ".join(repr(one.kind) for one in observe)
+        kinds = ", ".join(repr(observable.kind) for observable in observe)
         raise InputError(
             f"ageing {method.kind!r} gives numbers of bonds, not which sites are bonded, so that observable {kinds} "
             f"cannot be measured; leave it out, {remedy}"
@@ -185,45 +276,56 @@ def check_method(
             f"ageing {method.kind!r} gives numbers of bonds, not which sites are bonded, so that the rupture law "
             f"{rupture.kind!r} cannot be applied; use bond_force and front_factor of the chemistry, {remedy}"
         )
+    wants_states(engine, rupture, observe)
     method.check(chemistry, engine)
 
 
-def check_contact(
-    contact: str, statistics: bool, method: AgeingMethod | None, chemistry: Chemistry | None = None
-) -> None:
-    """Refuse the ageing of a contact of which ``statistics`` are all there is, unless they are enough.
+def wants_states(engine: Engine, rupture: Rupture | None, observe: Sequence[Observable]) -> bool:
+    """Whether the rupture law or an observable asks for the state of every site at every hold time.
 
     Raises
     ------
     InputError
-        With the methods that are enough.
+        The engine cannot give them; names what asks for them.
     """
-    if statistics and method is not None and not method.needs_map:
-        if chemistry is not None and isinstance(chemistry.site_density, str):
-            raise InputError(
-                f"site_density = {chemistry.site_density!r}: {contact} gives statistics, and a contact without a map "
-                "has no pixels; give the sites per nm² in [chemistry]"
-            )
-        return
-    if not statistics:
-        return
-    plugins = registry.current()
-    enough = [repr(kind) for kind in plugins.kinds("ageing") if not _needs_map(plugins.component("ageing", kind))]
-    what = "the kinetics of every site have" if method is None else f"ageing {method.kind!r} has"
-    raise InputError(
-        f"{contact} gives statistics and no map of the pressure, so that {what} no sites; set the kind of [ageing] to "
-        f"{' or '.join(enough) or 'one that needs no map (none is installed)'}, or use a contact that is solved"
-    )
+    asking = [
+        f"{part.role} {part.kind!r}"
+        for part in components_in([rupture, *observe])
+        if isinstance(part, Rupture | Observable) and part.states
+    ]
+    if asking and not engine.restart:
+        raise InputError(f"{', '.join(asking)} asks for the states: {cannot_give_states(engine)}")
+    return bool(asking)
 
 
-def _needs_map(cls: Any) -> bool:
-    return cls.needs_map
+def check_contact(contact: str, has_map: bool, method: AgeingMethod, chemistry: Chemistry) -> None:
+    """Refuse to age a contact without a map of the pressure by a method that needs one, or one site per pixel of it.
+
+    Raises
+    ------
+    InputError
+        With the methods that need no map.
+    """
+    if has_map:
+        return
+    if method.needs_map:
+        plugins = registry.current()
+        enough = [repr(kind) for kind in plugins.kinds("ageing") if not plugins.component("ageing", kind).needs_map]
+        raise InputError(
+            f"{contact} gives statistics and no map of the pressure, so that it has no sites; set the kind of [ageing] "
+            f"to {' or '.join(enough) or 'one that needs no map (none is installed)'}, or use a contact that is solved"
+        )
+    if isinstance(chemistry.site_density, str):
+        raise InputError(
+            f"site_density = {chemistry.site_density!r}: {contact} gives statistics, and a contact without a map has "
+            "no pixels; give the sites per nm² in [chemistry]"
+        )
 
 
 def left_out_plugins(method: AgeingMethod, took_part: Plugins) -> tuple[str, ...]:
     """A note of the plugins that would see the sites of a replica and did not."""
     missed = [name for name in implementing(*_SITE_HOOKS) if name not in took_part]
-    if not missed:
+    if method.shows_sites or not missed:
         return ()
     return (
         f"ageing {method.kind!r} does not give the sites of a replica to plugins: {', '.join(missed)} took no part",

@@ -1,23 +1,73 @@
-"""The role of further measurements on each replica, and how their figures are drawn."""
+"""The role of further measurements on each replica: what is measured, and from what figures are drawn."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from chemage.ageing.outputs import Output
-from chemage.ageing.plotted import Observed as Observed
+from chemage.ageing.aging import Aging
+from chemage.ageing.outputs import Checker, Declared, Output, declaration_problems
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
+from chemage.foundation.errors import PluginError
 from chemage.kinetics.history import BondHistory
+from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
+from chemage.plugins.participation import Plugins, taking_part
+from chemage.plugins.sources import providers
+from chemage.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+class Maps(NamedTuple):
+    """The large arrays of a result; None for what its file does not hold."""
+
+    contact: ContactSolution | None = None
+    surface: Surface | None = None
+
+
+@dataclass(frozen=True)
+class PlottedResult:
+    """One result to draw: alone, or beside others with which it is compared."""
+
+    #: for the legend
+    label: str
+    #: None without ageing
+    aging: Aging | None
+    #: None without ageing, and where the plugins that made this result are not installed
+    chemistry: Chemistry | None
+    #: a matplotlib colour
+    color: str
+    #: the component whose figure is drawn, with the options that it had in this result; None for figures of a hook
+    component: Component | None = None
+    #: plain data of the scene; empty where the file holds none
+    scene: Mapping[str, Any] = field(default_factory=dict)
+    #: gives contact and surface, which are read from the file when they are needed
+    load_maps: Callable[[], Maps] = field(default=Maps, repr=False, compare=False)
+
+    @property
+    def contact(self) -> ContactSolution | None:
+        """The contact; None where the file holds none."""
+        return self.load_maps().contact
+
+    @property
+    def surface(self) -> Surface | None:
+        """The surface; None where the file holds none."""
+        return self.load_maps().surface
+
+
+@dataclass(frozen=True)
+class Observed(PlottedResult):
+    """One result as an observable draws it: ``aging`` is always there."""
+
+    aging: Aging
 
 
 class Observable(Component, ABC):
@@ -49,3 +99,89 @@ class Observable(Component, ABC):
 def observable(kind: str, **options: Any) -> Any:
     """A further measurement on each replica."""
     return registry.current().make("observable", kind, options)
+
+
+class Seen(NamedTuple):
+    """What was measured on one replica."""
+
+    values: dict[str, np.ndarray]
+    outputs: dict[str, Output]
+    plugins: Plugins
+
+
+def check_outputs(observe: Sequence[Observable]) -> None:
+    """Require that what the observables declare can be measured together and stored.
+
+    Raises
+    ------
+    PluginError
+        Names the observable and the output.
+    """
+    by_name: dict[str, str] = {}
+    dims: dict[str, str] = {}
+    for observable in observe:
+        who = f"observable {observable.kind!r}"
+        if problems := declaration_problems(observable.outputs):
+            raise PluginError(f"{who}: {problems[0]}")
+        for name, output in observable.outputs.items():
+            if name in by_name:
+                raise PluginError(f"two observables give {name!r}; rename one ({by_name[name]} and {who})")
+            by_name[name] = who
+            dims |= dict.fromkeys(output.dims, who)
+    if both := by_name.keys() & dims.keys():
+        name = min(both)
+        raise PluginError(f"{by_name[name]}: output {name!r} has the name of a dimension of {dims[name]}; rename one")
+
+
+def measure(
+    contact: ContactSolution, lattice: ReactionLattice, history: BondHistory, observe: Sequence[Observable]
+) -> Seen:
+    """Measure on one finished replica, with every observable and with the hook ``chemage_observe``.
+
+    Raises
+    ------
+    PluginError
+        What was measured is not what is declared, or two give the same name.
+    """
+    seen = Seen({}, {}, {})
+    times = history.hold_times.size
+    for observable in observe:
+        checker = Checker(f"observable {observable.kind!r}", times)
+        values, outputs = observable.measure(contact, lattice, history), observable.outputs
+        checker.names(values, outputs)
+        _take(seen, checker, ((name, value, outputs.get(name)) for name, value in values.items()))
+    with taking_part() as plugins:
+        answers = registry.current().manager.hook.chemage_observe(contact=contact, lattice=lattice, history=history)
+    for answer in answers:
+        checker = Checker("the hook chemage_observe of a plugin", times)
+        checker.names(answer, {})
+        outputs = {name: value.output for name, value in answer.items() if isinstance(value, Declared)}
+        if problems := declaration_problems(outputs):
+            raise PluginError(f"the hook chemage_observe of a plugin: {problems[0]}")
+        plain = {name: value.values if isinstance(value, Declared) else value for name, value in answer.items()}
+        _take(seen, checker, ((name, value, outputs.get(name)) for name, value in plain.items()))
+    dims = {dim for output in seen.outputs.values() for dim in output.dims}
+    if both := dims & seen.values.keys():
+        raise PluginError(f"observables: {min(both)!r} is the name of an output and of a dimension; rename one")
+    return seen._replace(plugins=providers(*observe) | plugins)
+
+
+def _take(seen: Seen, checker: Checker, measured: Iterator[tuple[str, Any, Output | None]]) -> None:
+    for name, values, output in measured:
+        if name in seen.values:
+            raise PluginError(f"two observables give {name!r}; rename one")
+        seen.values[name] = checker.values(name, values, output)
+        if output is not None:
+            seen.outputs[name] = output
+
+
+def stacked(replicas: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """What was measured on all replicas, (replicas, ...) by name."""
+    first = {name: value.shape for name, value in replicas[0].items()}
+    for number, seen in enumerate(replicas):
+        if (shapes := {name: value.shape for name, value in seen.items()}) != first:
+            raise PluginError(
+                f"observables differ between replicas: {first} in replica 0, {shapes} in replica {number}; "
+                "give the same names and shapes for every replica"
+            )
+    return {name: np.stack([seen[name] for seen in replicas]) for name in first}

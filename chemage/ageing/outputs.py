@@ -1,4 +1,4 @@
-"""What an observable declares of the numbers that it measures: dimensions, unit, description."""
+"""What an observable declares of the numbers that it measures, and those numbers as summaries and tables show them."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from chemage.foundation.errors import PluginError
+from chemage.foundation.statistics import half_width, standard_error
+from chemage.foundation.text import mean_text
 
 #: the dimension whose length is the number of hold times
 HOLD_TIME = "hold_time"
@@ -35,8 +37,8 @@ class Output:
     description: str = ""
 
     def __post_init__(self) -> None:
-        given = (self.dims,) if isinstance(self.dims, str) else tuple(self.dims)
-        dims = tuple(HOLD_TIME if dim == _HOLD_TIMES else dim for dim in given)
+        names = (self.dims,) if isinstance(self.dims, str) else tuple(self.dims)
+        dims = tuple(HOLD_TIME if dim == _HOLD_TIMES else dim for dim in names)
         object.__setattr__(self, "dims", dims)
 
     def of(self, values: Any) -> Declared:
@@ -77,25 +79,25 @@ def declaration_problems(outputs: Any) -> list[str]:
     """What is wrong with ``outputs`` of an observable, a sentence each; it must map names to :class:`Output`."""
     if not isinstance(outputs, Mapping):
         return [f"outputs = {outputs!r}: give a mapping from names to chemage.Output"]
-    found = []
+    problems = []
     for name, output in outputs.items():
         if problem := name_problem(name):
-            found.append(f"output {problem}")
+            problems.append(f"output {problem}")
         elif name in _TAKEN:
-            found.append(f"output {name!r}: every result has this name already; rename it")
+            problems.append(f"output {name!r}: every result has this name already; rename it")
         if not isinstance(output, Output):
-            found.append(f"output {name!r} is a {type(output).__name__}; give a chemage.Output")
+            problems.append(f"output {name!r} is a {type(output).__name__}; give a chemage.Output")
             continue
         for dim in output.dims:
             if problem := name_problem(dim):
-                found.append(f"output {name!r}: dimension {problem}")
+                problems.append(f"output {name!r}: dimension {problem}")
             elif dim in outputs or (dim in _TAKEN and dim != HOLD_TIME):
-                found.append(f"output {name!r}: the dimension {dim!r} has the name of a variable; rename it")
+                problems.append(f"output {name!r}: the dimension {dim!r} has the name of a variable; rename it")
         if len(set(output.dims)) < len(output.dims):
-            found.append(f"output {name!r}: dims = {output.dims} lists one dimension twice")
+            problems.append(f"output {name!r}: dims = {output.dims} lists one dimension twice")
         if not isinstance(output.unit, str) or not isinstance(output.description, str):
-            found.append(f"output {name!r}: unit and description must be strings")
-    return found
+            problems.append(f"output {name!r}: unit and description must be strings")
+    return problems
 
 
 class Checker:
@@ -134,3 +136,74 @@ class Checker:
                     f"{self._who}: output {name!r} has {length} entries along {dim!r}, expected {self._lengths[dim]}"
                 )
         return array
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One output of an observable, measured on all replicas."""
+
+    name: str
+    #: (replicas, ...)
+    values: np.ndarray
+    #: None where the observable does not declare it
+    output: Output | None = None
+
+    @property
+    def unit(self) -> str:
+        """Empty for a pure number, or where it is not known."""
+        return (self.output or Output()).unit
+
+    @property
+    def description(self) -> str:
+        """What it is, in words; may be empty."""
+        return (self.output or Output()).description
+
+    @property
+    def is_number(self) -> bool:
+        """Whether it is a single number per replica."""
+        return self.values.ndim == 1
+
+    @property
+    def is_curve(self) -> bool:
+        """Whether it is a number for each hold time."""
+        return self.output is not None and self.output.dims == (HOLD_TIME,)
+
+    @property
+    def numbers(self) -> np.ndarray | None:
+        """(replicas,) a single number, or that at the last hold time; None for other arrays."""
+        if self.is_number:
+            return self.values
+        return self.values[:, -1] if self.is_curve else None
+
+    def text(self) -> str:
+        """Mean ± half of the 95 % interval with its unit, at the last hold time; of other arrays their size and the
+        range of their values."""
+        numbers = self.numbers
+        if numbers is not None:
+            return mean_text(numbers, self.unit)
+        text = f"{' x '.join(str(n) for n in self.values.shape[1:])} values"
+        finite = self.values[np.isfinite(self.values)]
+        if finite.size:
+            text += f" from {float(finite.min()):.4g} to {float(finite.max()):.4g} {self.unit}".rstrip()
+        return text
+
+    def summary(self) -> dict[str, Any]:
+        """Dimensions, unit and shape, and of numbers and curves the mean over replicas with its errors."""
+        shown: dict[str, Any] = {
+            "dims": list(self.output.dims) if self.output is not None else None,
+            "unit": self.unit,
+            "description": self.description,
+            "shape": list(self.values.shape[1:]),
+        }
+        if self.is_number or self.is_curve:
+            values = self.values.astype(np.float64)
+            shown |= {"mean": values.mean(axis=0), "stderr": standard_error(values), "half_width": half_width(values)}
+        return shown
+
+
+def measured(observables: Mapping[str, np.ndarray], outputs: Mapping[str, Mapping[str, Any]]) -> dict[str, Measured]:
+    """What was measured by name: ``observables`` are the values, ``outputs`` the declarations as plain values."""
+    return {
+        name: Measured(name, values, Output(**outputs[name]) if name in outputs else None)
+        for name, values in observables.items()
+    }

@@ -152,7 +152,7 @@ def _run_one(
     as_json: bool,
     force: bool,
 ) -> None:
-    from chemage.ageing.age import replica_word
+    from chemage.ageing.kinetics import EVERY_SITE
     from chemage.foundation.files import preflight
     from chemage.results import run_figures
     from chemage.results.files import write
@@ -166,7 +166,7 @@ def _run_one(
         if figures:
             preflight_folder(figures_of(path), force)
     pictures: list[Path] = []
-    units = {"contact": "iterations", "ageing": replica_word(one.ageing)}
+    units = {"contact": "iterations", "ageing": (one.ageing or EVERY_SITE).steps}
     with progress_bars(units, alive=True) as report, watching(report):
         if result is None:
             with compiled_ahead(one, report, threads, early) as told:

@@ -23,8 +23,7 @@ from chemage.foundation.progress import progress_bars, reported
 
 if TYPE_CHECKING:
     from chemage.ageing.aging import Aging
-    from chemage.contacts.solution import ContactSolution
-    from chemage.contacts.statistics import ContactStatistics
+    from chemage.contacts.solution import ContactSolution, ContactStatistics
     from chemage.results.comparison.comparison import Comparison
     from chemage.scene.run import Run
 
@@ -195,7 +194,7 @@ def _plot_window(file: Path, window: str, out: Path | None, fmt: str, force: boo
 def print_run(result: Run) -> None:
     """Print the main numbers of a run."""
     from chemage.ageing.elasticity import elastic_rows
-    from chemage.contacts.loads import force_text
+    from chemage.contacts.options import force_text
     from chemage.foundation.text import mean_text, percent
     from chemage.scene.scene import heading
 
@@ -254,7 +253,7 @@ def print_run(result: Run) -> None:
 
 
 def _surface(result: Run) -> str:
-    from chemage.contacts.statistics import ContactStatistics
+    from chemage.contacts.solution import ContactStatistics
 
     contact, kind = result.contact, result.scene["surface"]["kind"]
     if isinstance(contact, ContactStatistics):
@@ -265,14 +264,14 @@ def _surface(result: Run) -> str:
 
 def _pressure(contact: ContactSolution | ContactStatistics) -> str:
     """The nominal pressure, where the contact has one."""
-    from chemage.contacts.loads import pressure_text
+    from chemage.contacts.options import pressure_text
 
     return f" ({pressure_text(contact.nominal_pressure)} nominal)" if getattr(contact, "periodic", True) else ""
 
 
 def _of_map(contact: ContactSolution | ContactStatistics) -> list[tuple[str, str]]:
     """The rows that need the map of the contact."""
-    from chemage.contacts.statistics import ContactStatistics
+    from chemage.contacts.solution import ContactStatistics
 
     if isinstance(contact, ContactStatistics):
         return [("patches, rim", "not known: the contact has no map")]

@@ -1,4 +1,4 @@
-"""Measures of a contact map, as plain functions of arrays: patches, perimeter, corrected area.
+"""Measures of a contact map, as plain functions of arrays: patches, perimeter, corrected area, shares above a pressure.
 
 Lengths are in nm. Contact is where the pressure is positive.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -69,3 +70,21 @@ def corrected_area(area: float, contour: float, pixel_size: float) -> float:
     Yastrebov, Anciaux & Molinari, J. Mech. Phys. Solids 107, 469 (2017), eq. 10. ``contour`` is :func:`perimeter`.
     """
     return area - (math.pi - 1 + math.log(2)) / 24 * contour * pixel_size
+
+
+class Above(NamedTuple):
+    """Shares of the contact that lie above a pressure."""
+
+    area: float
+    """of the contact area"""
+    load: float
+    """of the load"""
+
+
+def above(pressure: np.ndarray, limit: float) -> Above:
+    """Which shares of contact area and load lie where the pressure (GPa) is above ``limit``; nan without contact."""
+    beyond = pressure[pressure > limit]
+    pixels, total = int(np.count_nonzero(pressure > 0)), float(pressure.sum(dtype=np.float64))
+    if not pixels:
+        return Above(math.nan, math.nan)
+    return Above(beyond.size / pixels, float(beyond.sum(dtype=np.float64)) / total)

@@ -1,4 +1,4 @@
-"""The role that solves a contact."""
+"""The role that solves a contact, and the theories that predict one from the roughness of a surface alone."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Self
 
-from chemage.contacts.loads import normal_force
-from chemage.contacts.solution import ContactSolution
-from chemage.foundation.checks import expect
+from chemage.contacts.options import normal_force
+from chemage.contacts.solution import ContactSolution, ContactStatistics
+from chemage.foundation.checks import Seed, expect
 from chemage.foundation.components import Component
+from chemage.foundation.errors import InputError
 from chemage.foundation.units import QuantityLike
+from chemage.plugins.sources import approximations, providers
 from chemage.surfaces.measures import Roughness
+from chemage.surfaces.role import SurfaceMaker
 from chemage.surfaces.surface import Surface
 
 
@@ -21,6 +24,8 @@ class ContactSolver(Component, ABC):
     role = "contact"
     #: what a solution of this solver carries
     implemented_properties: ClassVar[tuple[str, ...]] = ("pressure",)
+    #: gives the pressure at each pixel; False for a :class:`ContactTheory`
+    gives_map: ClassVar[bool] = True
     #: of a solver for an elastic half-space, the largest relative error (L2 norm) of its pressure; the checks compare
     #: it with closed forms to within this. None: another model, or no claim
     declared_error: ClassVar[float | None] = None
@@ -67,8 +72,8 @@ class ContactSolver(Component, ABC):
         """
         area: float | None
         if isinstance(surface, Mapping):
-            known = {"nx", "ny", "pixel_size"} <= surface.keys()
-            area = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2 if known else None
+            on_grid = {"nx", "ny", "pixel_size"} <= surface.keys()
+            area = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2 if on_grid else None
             periodic = surface.get("periodic", 0.0 if "radius" in surface else 1.0) != 0
         else:
             area, periodic = surface.nominal_area, getattr(surface, "periodic", True)
@@ -111,3 +116,61 @@ class ContactSolver(Component, ABC):
         if start is not None:
             expect("start", start, ContactSolution, "give a solution of a neighbouring load")
         return self._solve(surface, self.normal_force(load, surface), start)
+
+
+class ContactTheory(ContactSolver, ABC):
+    """A contact of role ``contact`` that needs no heights and gives no map: area and distribution of the pressure."""
+
+    exact: ClassVar[bool] = False
+    error_of: ClassVar[str] = "the contact area"
+    implemented_properties: ClassVar[tuple[str, ...]] = ()
+    gives_map: ClassVar[bool] = False
+
+    @abstractmethod
+    def _statistics(self, roughness: Roughness, load: float) -> ContactStatistics:
+        """Predict the contact under ``load`` in nN (finite, ≥ 0)."""
+
+    def relative_error(self, roughness: Roughness, load: float) -> float | None:
+        """Relative error of the contact area under ``load`` in nN that 5 of 100 surfaces exceed; default: the declared
+        error."""
+        return self.declared_error
+
+    def is_nominally_flat(self, periodic: bool) -> bool:
+        """A theory is of the nominal pressure, also where the surface does not repeat."""
+        return True
+
+    def statistics(
+        self, surface: Roughness | Surface | SurfaceMaker, load: QuantityLike, seed: Seed = 0
+    ) -> ContactStatistics:
+        """The contact of ``surface`` under ``load``: a force (nN, or a string with its unit) or a nominal pressure.
+
+        A maker of surfaces is asked for its roughness (:meth:`SurfaceMaker.roughness`), which for a spectrum needs no
+        heights, so that the surface may have any size.
+
+        Raises
+        ------
+        InputError
+            The load is negative or not finite.
+        """
+        parts: list[ContactSolver | SurfaceMaker] = [self]
+        if isinstance(surface, SurfaceMaker):
+            parts.append(surface)
+            surface = surface.roughness(seed)
+        elif isinstance(surface, Surface):
+            surface = Roughness.of(surface)
+        expect("surface", surface, Roughness, "give a surface, the maker of one, or its Roughness")
+        force = self.normal_force(load, surface)
+        statistics, error = self._statistics(surface, force), self.relative_error(surface, force)
+        approximate = approximations(*parts)
+        own = [] if error is None else [entry for entry in approximate if entry["kind"] == self.kind]
+        own = [{**entry, "declared_error": error, "of": self.error_of} for entry in own]
+        others = [entry for entry in approximate if entry["kind"] != self.kind]
+        return statistics.noting(surface.plugins | providers(*parts), [*surface.approximate, *own, *others])
+
+    def _solve(self, surface: Surface, load: float, start: ContactSolution | None) -> ContactSolution:
+        raise InputError(no_map(self, "the pressure at each pixel cannot be given; call its method statistics"))
+
+
+def no_map(theory: ContactSolver, what: str) -> str:
+    """The one sentence of what a contact without a map cannot do."""
+    return f"contact {theory.kind!r} gives statistics and no map, so that {what}; or use a contact that is solved"

@@ -1,20 +1,30 @@
-"""The contact: the pressure between a surface and an elastic half-space under a load."""
+"""A contact between a surface and an elastic half-space under a load, as a map of the pressure or as its statistics."""
 
 from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage.contacts import patches, pressures, theory
+from chemage.contacts import patches, theory
+from chemage.contacts.patches import Above
 from chemage.foundation import pictures
 from chemage.foundation.checks import MOST_BINS, checked_count
-from chemage.foundation.datasets import dataset, map_frame
+from chemage.foundation.datasets import dataset, frame, map_frame
 from chemage.foundation.errors import InputError
-from chemage.foundation.records import Number, Plain, PositiveNumber, Reals, Record, frozen, require_finite
+from chemage.foundation.records import (
+    Doubles,
+    Number,
+    Plain,
+    PositiveNumber,
+    Reals,
+    Record,
+    frozen,
+    require_finite,
+)
 from chemage.foundation.units import LARGEST, QuantityLike, convert
 
 if TYPE_CHECKING:
@@ -22,7 +32,8 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-#: the measures users compare: property of :class:`ContactSolution` -> (unit, meaning)
+#: the measures users compare: property of :class:`Contact` or, where it needs the map, of :class:`ContactSolution`
+#: -> (unit, meaning)
 MEASURES: dict[str, tuple[str, str]] = {
     "area_fraction": ("1", "contact area over nominal area"),
     "area": ("nm2", "contact area"),
@@ -41,7 +52,98 @@ MEASURES: dict[str, tuple[str, str]] = {
 }
 
 
-class ContactSolution(Record):
+class Contact(Record):
+    """What a contact answers, whether its map is known or its statistics alone.
+
+    A measure that needs no map is a property of this class, one that does of :class:`ContactSolution`; with its line in
+    :data:`MEASURES` every summary has it.
+    """
+
+    #: whether the pressure at each pixel is known
+    has_map: ClassVar[bool]
+    if TYPE_CHECKING:
+        load: float
+        modulus: float
+        rms_slope: float
+        rms_height: float
+        notes: tuple[str, ...]
+        provenance: dict[str, Any]
+
+        @property
+        def contact_area(self) -> float: ...
+        @property
+        def nominal_area(self) -> float: ...
+        def _above(self, pressure: float) -> Above: ...
+
+    @property
+    def area_fraction(self) -> float:
+        """A / A0."""
+        return self.contact_area / self.nominal_area
+
+    @property
+    def nominal_pressure(self) -> float:
+        """F_N / A0, GPa."""
+        return self.load / self.nominal_area
+
+    @property
+    def mean_contact_pressure(self) -> float:
+        """Mean pressure over the contact F_N / A, GPa; nan without contact."""
+        return self.load / self.contact_area if self.contact_area > 0 else math.nan
+
+    @property
+    def kappa(self) -> float:
+        """κ = A h'_rms E* / F_N; nan without load."""
+        return theory.kappa(self.contact_area, self.rms_slope, self.modulus, self.load)
+
+    def above(self, hardness: QuantityLike) -> Above:
+        """Which shares of contact area and load lie above a ``hardness`` (GPa, or a string with its unit).
+
+        An elastic solution overestimates the pressure there, which plastic flow would limit. Both shares are nan
+        without contact.
+
+        Raises
+        ------
+        InputError
+            The hardness is not above zero and finite, or has no unit of pressure.
+        """
+        value = convert(hardness, "GPa")
+        if not 0 < value < math.inf:
+            raise InputError.of("hardness", hardness, "must be finite and above zero", "give a pressure in GPa")
+        return self._above(value)
+
+    @classmethod
+    def knows(cls, measure: str) -> bool:
+        """Whether a contact of this class can have the ``measure``."""
+        return measure in cls.model_fields or hasattr(cls, measure)
+
+    def measure(self, name: str) -> float:
+        """One of :data:`MEASURES`; nan where it needs a map, and this contact has none."""
+        if name == "area":
+            return self.contact_area
+        return getattr(self, name) if self.knows(name) else math.nan
+
+    def summary(self) -> dict[str, float]:
+        """The measures users compare (:data:`MEASURES`), as plain numbers; nan where one needs a map and there is
+        none."""
+        return {name: self.measure(name) for name in MEASURES}
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the map of the pressure, or without one the contact area above each pressure, into ``ax`` or into a new
+        figure of pyplot; return the axes."""
+        return pictures.draw(self, ax)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The arrays with the names, dimensions (x and y in nm) and units of the file. Needs xarray."""
+        return dataset(self)
+
+    def _repr_html_(self) -> str:
+        return pictures.html(self)
+
+    def __str__(self) -> str:
+        return repr(self)
+
+
+class ContactSolution(Contact):
     """The pressure between a surface and an elastic half-space under a load."""
 
     arrays = {
@@ -49,6 +151,7 @@ class ContactSolution(Record):
         "gap": (("x", "y"), "nm", "gap between the surfaces, 0 in contact"),
     }
 
+    has_map = True
     later = frozenset({"contact_pixels"})
 
     pressure: Reals
@@ -122,14 +225,14 @@ class ContactSolution(Record):
         return self.pressure.size * self.pixel_size**2
 
     @property
-    def nominal_pressure(self) -> float:
-        """F_N / A0, GPa."""
-        return self.load / self.nominal_area
+    def contact_area(self) -> float:
+        """Contact area A, nm²: pixels with positive pressure."""
+        return self.sites.size * self.pixel_size**2
 
     @property
     def area(self) -> float:
-        """Contact area A, nm²: pixels with positive pressure."""
-        return self.sites.size * self.pixel_size**2
+        """The same."""
+        return self.contact_area
 
     @property
     def area_fraction(self) -> float:
@@ -168,16 +271,6 @@ class ContactSolution(Record):
         """C / A, 1/nm; nan without contact."""
         return self.perimeter / self.area if self.area > 0 else math.nan
 
-    @property
-    def mean_contact_pressure(self) -> float:
-        """Mean pressure over the contact F_N / A, GPa; nan without contact."""
-        return self.load / self.area if self.area > 0 else math.nan
-
-    @property
-    def kappa(self) -> float:
-        """κ = A h'_rms E* / F_N; nan without load."""
-        return theory.kappa(self.area, self.rms_slope, self.modulus, self.load)
-
     def pressure_histogram(self, bins: int = 50, upper: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Distribution of the pressure over the contact: bin edges (bins + 1,) GPa and density (bins,) 1/GPa."""
         if upper is not None and not (isinstance(upper, int | float) and 0 < upper < math.inf):
@@ -187,51 +280,98 @@ class ContactSolution(Record):
         counts, edges = np.histogram(values, bins=checked_count("bins", bins, most=MOST_BINS), range=(0.0, top))
         return edges, counts / (max(values.size, 1) * np.diff(edges))
 
-    def above(self, hardness: QuantityLike) -> pressures.Above:
-        """Which shares of contact area and load lie above a ``hardness`` (GPa, or a string with its unit).
-
-        An elastic solution overestimates the pressure there, which plastic flow would limit. Both shares are nan
-        without contact.
-
-        Raises
-        ------
-        InputError
-            The hardness is not above zero and finite, or has no unit of pressure.
-        """
-        value = convert(hardness, "GPa")
-        if not 0 < value < math.inf:
-            raise InputError.of("hardness", hardness, "must be finite and above zero", "give a pressure in GPa")
-        return pressures.above(self.pressure, value)
+    def _above(self, pressure: float) -> Above:
+        return patches.above(self.pressure, pressure)
 
     @property
     def max_pressure(self) -> float:
         """Largest pressure, GPa."""
         return float(self.pressure.max())
 
-    def summary(self) -> dict[str, float]:
-        """The measures users compare (:data:`MEASURES`), as plain numbers."""
-        return {name: getattr(self, name) for name in MEASURES}
-
     def coordinates(self) -> dict[str, np.ndarray]:
         """Centres of the pixels along ``x`` and ``y``, nm."""
         return {name: (np.arange(n) + 0.5) * self.pixel_size for name, n in zip("xy", self.shape, strict=True)}
-
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the map of the pressure into ``ax``, or into a new figure of pyplot; return the axes."""
-        return pictures.draw(self, ax)
-
-    def to_xarray(self) -> xarray.Dataset:
-        """The arrays with the names, dimensions and units of the file, x and y in nm. Needs xarray."""
-        return dataset(self)
 
     def to_pandas(self) -> pandas.DataFrame:
         """The pressure, one row for each x and one column for each y, both in nm. Needs pandas."""
         return map_frame(self.pressure, self.coordinates(), "pressure", "GPa")
 
-    def _repr_html_(self) -> str:
-        return pictures.html(self)
-
     def __repr__(self) -> str:
         return f"<ContactSolution {self.load:g} nN, area fraction {self.area_fraction:.4g}, {self.patches} patches>"
 
-    __str__ = __repr__
+
+class ContactStatistics(Contact):
+    """What is left of a contact when its map is forgotten: area by pressure, and by missing neighbours.
+
+    It is made of a solved contact by :func:`chemage.contact_statistics`, or given by a theory.
+    """
+
+    has_map = False
+    arrays = {
+        "pressure": (("class",), "GPa", "mean pressure of the class"),
+        "area": (("class",), "nm2", "contact area of the class"),
+        "missing": (("class", "neighbours"), "nm2", "contact area of the class whose sites lack so many neighbours"),
+    }
+
+    pressure: Doubles
+    """(n,) GPa, ascending, > 0"""
+    area: Doubles
+    """(n,) nm² ≥ 0"""
+    missing: Doubles | None = None
+    """(n, k + 1) nm²: area whose sites lack 0, 1, … k neighbours that a site inside the contact has; None: not known,
+    which leaves the rim out"""
+    load: Number
+    """normal force, nN"""
+    nominal_area: PositiveNumber  # pyright: ignore[reportIncompatibleMethodOverride]
+    """A0, nm²"""
+    modulus: PositiveNumber
+    """contact modulus E*, GPa"""
+    rms_slope: float = math.nan
+    """of the surface"""
+    rms_height: float = math.nan
+    """of the surface, nm"""
+    notes: tuple[str, ...] = ()
+    """what the user should know of this contact, in words"""
+    provenance: Plain = {}
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.pressure.ndim != 1 or self.area.shape != self.pressure.shape:
+            raise ValueError(f"area: shape {self.area.shape}; give one area for each of the pressures")
+        for name in ("pressure", "area"):
+            require_finite(name, getattr(self, name), "give pressures in GPa, areas in nm²")
+        if (self.pressure <= 0).any() or (np.diff(self.pressure) <= 0).any():
+            raise ValueError("pressure: must be above zero and ascending; give the mean pressure of each class")
+        if (self.area < 0).any():
+            raise ValueError(f"area: {self.area.min():g} nm² is negative")
+        if self.missing is not None:
+            if self.missing.ndim != 2 or len(self.missing) != self.area.size or self.missing.shape[1] < 1:
+                raise ValueError(f"missing: shape {self.missing.shape}; give ({self.area.size}, neighbours + 1)")
+            if not np.allclose(self.missing.sum(axis=1), self.area, rtol=1e-9, atol=0.0):
+                raise ValueError("missing: its rows do not add up to area")
+        return self
+
+    @property
+    def contact_area(self) -> float:
+        """Contact area A, nm²."""
+        return float(self.area.sum())
+
+    @property
+    def converged(self) -> bool:
+        """Nothing was iterated."""
+        return True
+
+    def _above(self, pressure: float) -> Above:
+        if not self.contact_area > 0:
+            return Above(math.nan, math.nan)
+        beyond, force = self.pressure > pressure, self.area * self.pressure
+        return Above(
+            float(self.area[beyond].sum()) / self.contact_area, float(force[beyond].sum()) / float(force.sum())
+        )
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """One row for each class of pressure: ``pressure`` (GPa) and ``area`` (nm²). Needs pandas."""
+        return frame({"pressure": self.pressure, "area": self.area}, "pressure", self.summary())
+
+    def __repr__(self) -> str:
+        return f"<ContactStatistics {self.load:g} nN, area fraction {self.area_fraction:.4g}>"

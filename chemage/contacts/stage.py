@@ -28,10 +28,10 @@ def solve_contact(
     """
     expect("solver", solver, ContactSolver, 'make one with chemage.contact("hertz", ...)')
     expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
-    given = solver.normal_force(load, surface)
-    with logged("contact", f"{solver.kind}, load {given:g} nN, {surface.shape[0]} x {surface.shape[1]} pixels") as out:
+    force = solver.normal_force(load, surface)
+    with logged("contact", f"{solver.kind}, load {force:g} nN, {surface.shape[0]} x {surface.shape[1]} pixels") as out:
         solution, plugins = registry.current().answer(
-            "chemage_solve_contact", ContactSolution, solver=solver, surface=surface, load=given, start=start
+            "chemage_solve_contact", ContactSolution, solver=solver, surface=surface, load=force, start=start
         )
         # a plugin that answers with another solver may record which
         kind = solution.provenance.get("kind")

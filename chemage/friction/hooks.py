@@ -9,8 +9,7 @@ from chemage.plugins.hooks import hookimpl, hookspec
 if TYPE_CHECKING:
     import numpy as np
 
-    from chemage.friction.bonded import Bonded
-    from chemage.friction.role import Rupture
+    from chemage.friction.role import Bonded, Rupture
 
 ROLES = {"rupture": "chemage.friction.role:Rupture"}
 

@@ -1,14 +1,91 @@
-"""The role that turns bonds into friction."""
+"""The role that turns bonds into friction, what it receives, and the force that it gives."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
 
 import numpy as np
+from pydantic import model_validator
 
+from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
-from chemage.friction.bonded import Bonded
+from chemage.foundation.errors import PluginError
+from chemage.foundation.records import Doubles, Record
+from chemage.kinetics.history import BondHistory
+from chemage.lattices.chemistry import Chemistry
+from chemage.lattices.lattice import ReactionLattice
+
+
+@dataclass(frozen=True)
+class Bonded:
+    """What a rupture law receives: the bonds of one replica at each hold time, and where they are."""
+
+    contact: ContactSolution
+    chemistry: Chemistry
+    #: the n sites of this replica, with the barriers of each
+    lattice: ReactionLattice
+    #: bonds at each hold time; ``history.state`` are the bonded sites at the last one, (n,) bool
+    history: BondHistory
+
+    @property
+    def temperature(self) -> float:
+        """K."""
+        return self.history.temperature
+
+    @property
+    def hold_times(self) -> np.ndarray:
+        """(m,) s."""
+        return self.history.hold_times
+
+    @property
+    def bonds(self) -> np.ndarray:
+        """Number of bonds at each hold time, (m,)."""
+        return self.history.bonds
+
+    @property
+    def states(self) -> np.ndarray:
+        """Whether each site is bonded at each hold time, (m, n) bool.
+
+        Raises
+        ------
+        PluginError
+            Nothing asked for them: the class of the rupture law must set ``states = True``.
+        """
+        if self.history.states is None:
+            raise PluginError("the states at every hold time were not asked for; set states = True in the class")
+        return self.history.states
+
+
+class RuptureForce(Record):
+    """Force that breaks all bonds of one replica, after each hold time."""
+
+    arrays = {
+        "hold_times": (("hold_time",), "s", "time since the contact was made"),
+        "force": (("hold_time",), "nN", "force that breaks all bonds"),
+    }
+    stored_names = {"hold_times": "hold_time"}
+
+    hold_times: Doubles
+    """(m,) s"""
+    force: Doubles
+    """(m,) nN"""
+    law: str = ""
+    """kind of the rupture law; empty for the mean force per bond of the chemistry"""
+    provenance: dict[str, Any] = {}
+    """how it was made: plain JSON values"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.hold_times.ndim != 1 or self.force.shape != self.hold_times.shape:
+            raise ValueError(f"force: shape {self.force.shape}; give one number for each of the hold times")
+        return self
+
+    def __repr__(self) -> str:
+        return f"<RuptureForce {self.force[-1]:.4g} nN at {self.hold_times[-1]:g} s>"
+
+    __str__ = __repr__
 
 
 class Rupture(Component, ABC):

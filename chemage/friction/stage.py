@@ -8,9 +8,7 @@ import numpy as np
 
 from chemage.foundation.checks import expect
 from chemage.foundation.errors import PluginError
-from chemage.friction.bonded import Bonded
-from chemage.friction.force import RuptureForce
-from chemage.friction.role import Rupture
+from chemage.friction.role import Bonded, Rupture, RuptureForce
 from chemage.plugins import registry
 from chemage.plugins.sources import approximations, providers
 
@@ -40,13 +38,13 @@ def rupture_bonds(bonded: Bonded, rupture: Rupture | None = None) -> RuptureForc
         who = f"rupture law {rupture.kind!r}" if rupture is not None else "the hook chemage_rupture_bonds"
         named = ", ".join(f"{name} ({source})" for name, source in took_part.items()) or "chemage"
         raise PluginError(f"{who} of {named} {problem}; give one force in nN, not negative, for each hold time")
-    made = RuptureForce(
+    rupture_force = RuptureForce(
         hold_times=bonded.hold_times,
         force=force,
         law="" if rupture is None else rupture.kind,
         provenance={} if rupture is None else {"rupture": rupture.todict()},
     )
-    return made.noting(took_part, [] if rupture is None else approximations(rupture))
+    return rupture_force.noting(took_part, [] if rupture is None else approximations(rupture))
 
 
 def _problem(force: np.ndarray, times: int) -> str:

@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.seeds import replica_seeds
-from chemage.contacts.solution import ContactSolution
+from chemage.contacts.role import ContactTheory
+from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.contacts.stage import solve_contact
-from chemage.contacts.statistics import ContactStatistics
-from chemage.contacts.theories import ContactTheory
 from chemage.foundation import random
 from chemage.foundation.errors import InputError
 from chemage.foundation.threads import available, in_order
@@ -27,10 +26,9 @@ from chemage.foundation.units import EV_PER_GPA_NM3
 from chemage.inference.kernel import EnergyGrid, make_kernel
 from chemage.inference.neighbours import GROUPS, Environments, MeanField, Solved
 from chemage.kinetics.stage import run_kinetics
-from chemage.lattices.chemistry import Chemistry
+from chemage.lattices.chemistry import Chemistry, contact_statistics
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.stage import build_lattice
-from chemage.lattices.statistics import contact_statistics
 from chemage.scene.scene import Scene
 from chemage.surfaces.stage import make_surface
 

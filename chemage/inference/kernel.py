@@ -10,6 +10,7 @@ import numpy as np
 
 from chemage.foundation.units import KB
 from chemage.lattices.chemistry import Chemistry
+from chemage.lattices.independent import TwoState
 
 #: nodes of the density per k_BT of the lowest temperature, and energies of the quadrature per node
 NODES_PER_KT, FINE = 1.5, 4
@@ -103,19 +104,17 @@ def bonded_probability(chemistry: Chemistry, temperature: float, times: np.ndarr
     a/(a + b) (1 − exp(−(a + b) t)) with the rates a of forming and b of breaking; a barrier at or below zero has the
     rate ν.
     """
-    kt, times = KB * temperature, np.asarray(times, dtype=np.float64)
-    forming = chemistry.attempt_frequency * np.exp(-np.maximum(energies, 0.0) / kt)
+    times = np.asarray(times, dtype=np.float64)
+    forming = chemistry.rates(energies, temperature)
     if chemistry.breaking is None:
-        return -np.expm1(-times[:, None] * forming)
+        return TwoState(forming).relaxed(times[:, None])
     ranks = (np.arange(RANKS) + 0.5) / RANKS
     barriers = chemistry.breaking.quantile(ranks)
-    breaking, counts = np.unique(
-        chemistry.attempt_frequency * np.exp(-np.maximum(barriers, 0.0) / kt), return_counts=True
-    )
+    breaking, counts = np.unique(chemistry.rates(barriers, temperature), return_counts=True)
     found = np.zeros((times.size, forming.size))
     for rate, count in zip(breaking, counts, strict=True):
-        both = forming + rate
-        found += count / RANKS * (forming / both) * -np.expm1(-times[:, None] * both)
+        sites = TwoState(forming, rate)
+        found += count / RANKS * sites.equilibrium * sites.relaxed(times[:, None])
     return found
 
 

@@ -119,7 +119,7 @@ class BondHistory(Record):
             name: np.concatenate([getattr(self, name), getattr(later, name)])
             for name in ("hold_times", "bonds", "formed", "broken")
         }
-        states = [one.states for one in (self, later) if one.states is not None]
+        states = [history.states for history in (self, later) if history.states is not None]
         joined["states"] = np.concatenate(states) if len(states) == 2 else None
         return BondHistory(**{**later.todict(), **joined}).noting({}, self.approximate)
 

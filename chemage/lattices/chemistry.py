@@ -1,27 +1,36 @@
-"""The chemistry: what turns a contact into a reaction lattice."""
+"""The chemistry: what turns a contact into a reaction lattice, or into its statistics at the sites."""
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from chemage.contacts.solution import ContactSolution
+from chemage.contacts.solution import Contact, ContactSolution, ContactStatistics
 from chemage.foundation import random
+from chemage.foundation.calls import call_with
 from chemage.foundation.checks import Seed, checked_seed, expect
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.foundation.units import EV_PER_GPA_NM3, Force, Frequency, Pressure, UnitOrWord, Volume
+from chemage.foundation.kept import Kept
+from chemage.foundation.records import frozen
+from chemage.foundation.units import EV_PER_GPA_NM3, KB, Force, Frequency, Pressure, UnitOrWord, Volume
 from chemage.lattices.lattice import ReactionLattice
-from chemage.lattices.neighbours import coupling_of, graph_of, neighbours_of
 from chemage.lattices.role import Barriers, Interaction
-from chemage.lattices.site_grid import ContactSites, Density, contact_sites
+from chemage.lattices.site_grid import ONE_PER_PIXEL, ContactSites, Density, contact_sites
 from chemage.plugins.choices import Choice
 
 #: sites per nm²: hydroxyl groups of fully hydroxylated amorphous silica, the arithmetic mean of Zhuravlev, Colloids
 #: Surf. A 173, 1 (2000); least squares give 4.6 there
 SITE_DENSITY = 4.9
+#: classes of pressure
+CLASSES = 512
+#: side of the grid, all of it in contact, on which the neighbours of a site are counted
+GRID = 32
+#: graphs of neighbours of the sites of each contact, by interaction, which its replicas share
+_graphs: Kept[np.ndarray] = Kept()
 
 
 def effective_forming(intrinsic: np.ndarray, activation_volume: float, pressure: np.ndarray) -> np.ndarray:
@@ -70,19 +79,49 @@ class Chemistry(Component):
     def identity(self) -> dict[str, Any]:
         """What decides the bonds: the options without :attr:`limits`, and without the default ``site_density``, which
         changes nothing where the pixels of the contact are sites."""
-        found = {name: value for name, value in super().identity().items() if name not in self.limits}
-        if found["site_density"] == SITE_DENSITY:
-            del found["site_density"]
-        return found
+        options = {name: value for name, value in super().identity().items() if name not in self.limits}
+        if options["site_density"] == SITE_DENSITY:
+            del options["site_density"]
+        return options
 
     def given_limits(self) -> dict[str, float]:
         """Those of :attr:`limits` that are given: name -> GPa."""
         return {name: value for name in self.limits if (value := getattr(self, name)) is not None}
 
+    def rates(self, barriers: np.ndarray, temperature: float) -> np.ndarray:
+        """ν exp(−E/k_B T) of ``barriers`` E (eV) at ``temperature`` K, Hz; ν where E is not above 0."""
+        with np.errstate(under="ignore", over="ignore"):
+            return self.attempt_frequency * np.exp(-np.maximum(barriers, 0.0) / (KB * temperature))
+
     def sites_of(self, contact: ContactSolution) -> ContactSites:
         """The sites of ``contact`` that are in contact, and their pressures; see :func:`chemage.contact_sites`."""
         expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
         return contact_sites(contact, self.site_density)
+
+    def sites_per_area(self, contact: Contact) -> float:
+        """Sites per nm² on ``contact``: those of its grid of sites, or where its map is not known the option.
+
+        Raises
+        ------
+        InputError
+            The contact has no map, and there is to be one site per pixel.
+        """
+        if isinstance(contact, ContactSolution):
+            return 1 / self.sites_of(contact).spacing ** 2
+        if isinstance(self.site_density, str):
+            raise InputError(
+                f"site_density = {self.site_density!r}: a contact without a map has no pixels; give the sites per nm² "
+                "in [chemistry]"
+            )
+        return self.site_density
+
+    def site_notes(self, contact: Contact) -> dict[str, Any]:
+        """How the sites belong to the pixels of ``contact``, see :meth:`ContactSites.describe`; empty where each is
+        one."""
+        if not isinstance(contact, ContactSolution):
+            return {"words": f"{self.site_density} per nm² of contact, no grid"}
+        sites = self.sites_of(contact)
+        return {} if sites.words == ONE_PER_PIXEL else sites.describe(contact)
 
     def on(self, contact: ContactSolution, seed: Seed = 0, *, sites: np.ndarray | None = None) -> ReactionLattice:
         """The reactive sites of ``contact``, or those of them that are among ``sites`` (ascending flat indices).
@@ -124,6 +163,39 @@ class Chemistry(Component):
         return ReactionLattice(**fields)
 
 
+def neighbours_of(contact: ContactSites, interaction: Interaction) -> np.ndarray:
+    """Which sites in contact are neighbours under ``interaction``: (n, k) int32, -1 = none; read-only."""
+    return _graphs.get(contact, interaction, lambda: frozen(graph_of(contact, interaction, contact.sites), np.int32))
+
+
+def graph_of(contact: ContactSites, interaction: Interaction, sites: np.ndarray) -> np.ndarray:
+    """Which of ``sites``, in contact, are neighbours under ``interaction``: (n, k) int32, -1 = none."""
+    return call_with(
+        interaction.neighbours,
+        contact.shape,
+        contact.periodic,
+        sites,
+        pixel_size=contact.spacing,
+        positions=None,
+    )
+
+
+def coupling_of(
+    contact: ContactSites, interaction: Interaction, sites: np.ndarray, neighbours: np.ndarray, seed: Seed
+) -> np.ndarray:
+    """What a bonded neighbour adds to the forming barrier of each of ``sites``: (n, k) eV."""
+    return call_with(
+        interaction.coupling,
+        sites,
+        neighbours,
+        seed,
+        pixel_size=contact.spacing,
+        positions=None,
+        pixels=contact.shape,
+        periodic=contact.periodic,
+    )
+
+
 def _chosen(touching: ContactSites, sites: Any) -> tuple[np.ndarray, np.ndarray]:
     """Sites in contact and their pressures, of those that are asked for by their flat indices."""
     chosen = np.asarray(sites)
@@ -138,3 +210,48 @@ def _chosen(touching: ContactSites, sites: Any) -> tuple[np.ndarray, np.ndarray]
 def chemistry(**options: Any) -> Chemistry:
     """A :class:`Chemistry`: ``chemage.chemistry(forming=chemage.barriers("md-silica"), ...)``."""
     return Chemistry(**options)
+
+
+def contact_statistics(contact: ContactSolution | ContactStatistics, chemistry: Chemistry) -> ContactStatistics:
+    """The statistics of ``contact``, at the sites of ``chemistry``; itself where that is all there is of it.
+
+    Each class has the mean pressure of its sites. Without an interaction no site has neighbours, and ``missing`` is
+    one column.
+    """
+    if isinstance(contact, ContactStatistics):
+        return contact
+    expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
+    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
+    sites = chemistry.sites_of(contact)
+    pressure = sites.pressure.astype(np.float64)
+    top = float(pressure.max(initial=0.0))
+    place = np.minimum((pressure * (CLASSES / top)).astype(np.int64), CLASSES - 1) if top > 0 else np.zeros(0, np.int64)
+    counts = np.bincount(place, minlength=CLASSES)
+    there = counts > 0
+    mean = np.bincount(place, pressure, CLASSES)[there] / counts[there]
+    most, lacking = 0, np.zeros(pressure.size, np.int64)
+    if chemistry.interaction is not None and pressure.size:
+        most = coordination(chemistry.interaction, sites.spacing)  # pyright: ignore[reportArgumentType]
+        present = np.count_nonzero(neighbours_of(sites, chemistry.interaction) >= 0, axis=1)
+        lacking = np.clip(most - present, 0, most)
+    joint = np.bincount(place * (most + 1) + lacking, minlength=CLASSES * (most + 1)).reshape(CLASSES, most + 1)
+    return ContactStatistics(
+        pressure=mean,
+        area=counts[there] * sites.spacing**2,
+        missing=joint[there] * sites.spacing**2,
+        load=contact.load,
+        nominal_area=contact.nominal_area,
+        modulus=contact.modulus,
+        rms_slope=contact.rms_slope,
+        rms_height=contact.rms_height,
+        notes=contact.notes,
+        provenance=contact.provenance,
+    )
+
+
+@lru_cache(maxsize=64)
+def coordination(interaction: Interaction, spacing: float) -> int:
+    """Neighbours of a site inside a contact, under ``interaction`` on sites at a distance of ``spacing`` nm."""
+    sites = np.arange(GRID * GRID)
+    graph = call_with(interaction.neighbours, (GRID, GRID), True, sites, pixel_size=spacing, positions=None)
+    return int(np.count_nonzero(graph >= 0, axis=1).max(initial=0))

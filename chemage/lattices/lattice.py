@@ -141,7 +141,7 @@ class ReactionLattice(Record):
         require_finite("coupling", coupling, "give energies in eV, 0 where there is no neighbour")
         if coupling.size and max(float(coupling.max()), -float(coupling.min())) > LARGEST_BARRIER:
             raise ValueError(f"coupling: beyond {LARGEST_BARRIER:g} eV, out of range; give energies in eV")
-        from chemage.lattices.graph_check import find_fault
+        from chemage.lattices.kernels import find_fault
 
         fault, site, slot = find_fault(neighbours, coupling)
         if fault:

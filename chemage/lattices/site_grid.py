@@ -13,6 +13,7 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.kept import Kept
 from chemage.foundation.memory import require
 from chemage.foundation.records import frozen
+from chemage.foundation.statistics import NORMAL_LIMIT
 
 #: what is said of a grid of sites that is that of the pixels
 ONE_PER_PIXEL = "one site per pixel"
@@ -97,8 +98,8 @@ def in_words(pixels: tuple[int, int], sites: tuple[int, int], gap: bool = True, 
     if rule == "averaged":
         return f"{grids}, {1 / per:.3g} pixels per site: pressure averaged over the pixels of a site"
     if per < 1:
-        known = f"{grids}, {1 / per:.3g} pixels per site: pressure averaged over the pixels of a site, the rim "
-        return known + ("between pixels" if gap else "halfway between pixels because the contact has no gap")
+        words = f"{grids}, {1 / per:.3g} pixels per site: pressure averaged over the pixels of a site, the rim "
+        return words + ("between pixels" if gap else "halfway between pixels because the contact has no gap")
     if gap:
         return f"{grids}, {per:.3g} sites per pixel: pressure and rim reconstructed below the pixel"
     return (
@@ -140,7 +141,7 @@ class ContactSites:
         edges, size = self._edges(), contact.pixel_size / self.spacing
         slope, least = ALIKE if contact.gap is not None else ALIKE_WITHOUT_GAP
         alike = ALIKE_AVERAGED if self.rule == "averaged" else slope * max(size, least)
-        return 1.96 * math.hypot(alike * edges, APART * max(size, 1.0) * math.sqrt(edges)) / self.sites.size
+        return NORMAL_LIMIT * math.hypot(alike * edges, APART * max(size, 1.0) * math.sqrt(edges)) / self.sites.size
 
     def _edges(self) -> int:
         """Edges between a site in contact and one that is not, or the end of the grid."""
@@ -162,7 +163,7 @@ class ContactSites:
         """Grids of sites and pixels, what they are to each other, and the error of the number of sites (see
         :meth:`relative_error`), as plain JSON values."""
         error = self.relative_error(contact)
-        known = f"; their number within {100 * error:.2g} %" if error else ""
+        error_words = f"; their number within {100 * error:.2g} %" if error else ""
         return {
             "relative_error": error,
             "sites": list(self.shape),
@@ -171,7 +172,7 @@ class ContactSites:
             "pixels": list(contact.shape),
             "pixel_size": contact.pixel_size,
             "rule": self.rule,
-            "words": self.words + known,
+            "words": self.words + error_words,
         }
 
 
@@ -212,8 +213,8 @@ def _made(contact: ContactSolution, density: Density) -> ContactSites:
     # site (0, 0) is in the middle of pixel (0, 0) where both grids repeat
     corner = 0.5 * (contact.pixel_size - size) if contact.periodic and rule != "pixels" else 0.0
     words = in_words(contact.shape, shape, contact.gap is not None, nominal_ratio(contact.pixel_size, density))
-    found = frozen(sites, np.int64), frozen(pressure)
-    return ContactSites(shape, size, contact.periodic, (corner, corner), *found, rule, words)
+    arrays = frozen(sites, np.int64), frozen(pressure)
+    return ContactSites(shape, size, contact.periodic, (corner, corner), *arrays, rule, words)
 
 
 def _bearing(contact: ContactSolution, pressure: np.ndarray, area: float) -> np.ndarray:
@@ -223,7 +224,7 @@ def _bearing(contact: ContactSolution, pressure: np.ndarray, area: float) -> np.
 
 
 def _reconstructed(contact: ContactSolution, shape: tuple[int, int], spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    from chemage.lattices import reconstruction_kernels as kernels
+    from chemage.lattices import kernels
 
     nx, ny = grid = contact.shape
     periodic = contact.periodic
@@ -231,9 +232,9 @@ def _reconstructed(contact: ContactSolution, shape: tuple[int, int], spacing: fl
     listed = [contact.sites]
     place[contact.sites] = np.arange(contact.sites.size, dtype=np.int32)
     for _ in range(2):
-        found = kernels.around(listed[-1], place, nx, ny, periodic)
-        place[found] = np.arange(found.size, dtype=np.int32) + sum(one.size for one in listed)
-        listed.append(found)
+        neighbours = kernels.around(listed[-1], place, nx, ny, periodic)
+        place[neighbours] = np.arange(neighbours.size, dtype=np.int32) + sum(pixels.size for pixels in listed)
+        listed.append(neighbours)
     pixels, inside = np.concatenate(listed), contact.sites.size
     bounds = (inside, inside + listed[1].size, pixels.size)
     highest = float(contact.pressure.max())
@@ -281,7 +282,7 @@ def _nearest(contact: ContactSolution, shape: tuple[int, int]) -> tuple[np.ndarr
 
 def _squares(contact: ContactSolution, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Larger sites with a pixel in contact, the share of each that is in contact, and its mean pressure."""
-    from chemage.lattices import reconstruction_kernels as kernels
+    from chemage.lattices import kernels
 
     pixels = contact.sites
     index, share, carried = np.empty(4 * pixels.size, np.int64), np.empty(4 * pixels.size), np.empty(4 * pixels.size)
@@ -289,7 +290,7 @@ def _squares(contact: ContactSolution, shape: tuple[int, int]) -> tuple[np.ndarr
     call = (pixels, pressure, contact.shape, shape, contact.periodic, index, share, carried)
     count = kernels.overlaps(*call)
     sites, which = np.unique(index[:count], return_inverse=True)
-    shares, mean = (np.bincount(which, weights=one[:count]) for one in (share, carried))
+    shares, mean = (np.bincount(which, weights=values[:count]) for values in (share, carried))
     return sites, shares, mean
 
 

@@ -10,10 +10,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from chemage.ageing.aging import Aging
-from chemage.ageing.derived import derived
-from chemage.contacts.solution import ContactSolution
-from chemage.contacts.statistics import ContactStatistics
+from chemage.ageing.aging import Aging, derived
+from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.codec import Derived, is_ours, read_records, write_records
 from chemage.foundation.errors import InputError, StoreError
 from chemage.foundation.inputs import regular_file

@@ -10,7 +10,7 @@ from chemage.plugins.hooks import hookspec
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from chemage.ageing.plotted import PlottedResult
+    from chemage.ageing.observables import PlottedResult
 
 
 @hookspec

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any
 from chemage.ageing.aging import Aging
 from chemage.ageing.elasticity import elastic_notes
 from chemage.ageing.fitting import span_text
-from chemage.contacts.solution import ContactSolution
-from chemage.contacts.statistics import ContactStatistics
+from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.errors import InputError
 from chemage.foundation.files import fresh_file, preflight
 from chemage.foundation.text import mean_text, plus_minus, power_text

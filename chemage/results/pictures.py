@@ -11,9 +11,8 @@ import numpy as np
 from chemage.ageing.aging import Aging
 from chemage.ageing.elasticity import elastic_notes
 from chemage.ageing.fitting import Fit, Quantity
-from chemage.contacts.loads import force_text, pressure_text
-from chemage.contacts.solution import ContactSolution
-from chemage.contacts.statistics import ContactStatistics
+from chemage.contacts.options import force_text, pressure_text
+from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.approximations import in_words, merged
 from chemage.foundation.errors import InputError
 from chemage.foundation.text import html_table, mean_text

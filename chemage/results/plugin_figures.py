@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from chemage.ageing.plotted import Observed, PlottedResult
+from chemage.ageing.observables import Observed, PlottedResult
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError
 from chemage.lattices.chemistry import Chemistry

@@ -10,9 +10,8 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import SYMBOL, UNIT, Quantity
-from chemage.ageing.plotted import Maps, PlottedResult
-from chemage.contacts.solution import ContactSolution
-from chemage.contacts.statistics import ContactStatistics
+from chemage.ageing.observables import Maps, PlottedResult
+from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.statistics import half_width
 from chemage.results.figures import (
     BLUE,

@@ -13,7 +13,7 @@ from chemage.ageing.fitting import why_not_fitted
 from chemage.ageing.hold_times import within
 from chemage.foundation.components import Component
 from chemage.foundation.units import KB, unit_of
-from chemage.lattices.expected import expected_kinetics, rough_pressures
+from chemage.lattices.independent import expected_kinetics, rough_pressures
 from chemage.scene.cost import Cost
 from chemage.scene.limits import check_parts, long_run
 from chemage.scene.scene import Scene

@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from chemage.contacts.loads import force_text, pressure_text
-from chemage.contacts.modulus import modulus_in
-from chemage.contacts.theories import ContactTheory
+from chemage.ageing.kinetics import EVERY_SITE
+from chemage.contacts.options import force_text, modulus_in, pressure_text
+from chemage.contacts.role import ContactTheory
 from chemage.foundation.calls import call_with
 from chemage.foundation.errors import ChemageError
 from chemage.foundation.processor import slowness
 from chemage.foundation.threads import available
 from chemage.foundation.units import EV_PER_GPA_NM3
-from chemage.lattices.expected import Expected, expected_kinetics, rough_pressures, smooth_pressures
+from chemage.lattices.independent import Expected, expected_kinetics, rough_pressures, smooth_pressures
 from chemage.lattices.site_grid import in_words, nominal_ratio
 from chemage.scene.cost import Cost
 from chemage.scene.doubts import doubts
@@ -306,7 +306,7 @@ def _stages(scene: Scene, known: Mapping[str, float]) -> dict[str, str]:
         ratio = nominal_ratio(known["pixel_size"], chemistry.site_density)
         stages["sites"] = in_words(*grids, gap=gap, ratio=ratio)
     times, method = hold.hold_times, scene.ageing
-    replicas = f", {hold.replicas} replicas, seed {hold.seed}" if method is None or method.replicates else ""
+    replicas = f", {hold.replicas} replicas, seed {hold.seed}" if (method or EVERY_SITE).replicates else ""
     stages["kinetics"] = (
         f"{engine.kind}, {hold.temperature:g} K, {times.size} hold times from {times[0]:g} to {times[-1]:g} s{replicas}"
     )

@@ -13,16 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from chemage.ageing.age import age
-from chemage.ageing.aging import Aging, fit_or_reason
+from chemage.ageing.aging import CURVES, FIT, Aging, curves, fit_numbers, fit_or_reason
 from chemage.ageing.checkpoints import keep, resumed
-from chemage.ageing.derived import CURVES, FIT, curves, fit_numbers
 from chemage.ageing.elasticity import elastic_measures, elastic_notes
 from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.ageing.members import BARRIERS, barriers_error, beta_errors, with_members
-from chemage.contacts.solution import ContactSolution
+from chemage.contacts.role import ContactTheory
+from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.contacts.stage import solve_contact
-from chemage.contacts.statistics import ContactStatistics
-from chemage.contacts.theories import ContactTheory
 from chemage.foundation import pictures
 from chemage.foundation.approximations import in_words, merged
 from chemage.foundation.datasets import EXTRA

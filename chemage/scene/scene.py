@@ -17,13 +17,11 @@ from pydantic import (
     field_validator,
 )
 
-from chemage.ageing.age import wants_states
-from chemage.ageing.measuring import check_outputs
-from chemage.ageing.methods import AgeingMethod, check_contact, check_method
-from chemage.ageing.observables import Observable
-from chemage.contacts.loads import force_text, nominal_pressure, normal_force
-from chemage.contacts.role import ContactSolver
-from chemage.contacts.theories import ContactTheory
+from chemage.ageing.kinetics import EVERY_SITE
+from chemage.ageing.methods import AgeingMethod, check_contact, check_method, wants_states
+from chemage.ageing.observables import Observable, check_outputs
+from chemage.contacts.options import force_text, nominal_pressure, normal_force
+from chemage.contacts.role import ContactSolver, ContactTheory
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, UnknownKindError, shown
 from chemage.foundation.hashes import content_hash
@@ -443,11 +441,8 @@ def _check_ageing(
 ) -> None:
     method, rupture, contact = made.get("ageing"), made.get("rupture"), made["contact"]
     try:
-        check_contact(f"contact {contact.kind!r}", isinstance(contact, ContactTheory), method, chemistry)
-        if method is None:
-            wants_states(engine, rupture, observe)
-        else:
-            check_method(method, chemistry, engine, rupture, observe)
+        check_contact(f"contact {contact.kind!r}", contact.gives_map, method or EVERY_SITE, chemistry)
+        check_method(method or EVERY_SITE, chemistry, engine, rupture, observe)
     except InputError as error:
         problems.take("engine" if method is None else "ageing", error)
 

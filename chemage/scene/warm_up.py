@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from chemage.contacts.role import ContactTheory
 from chemage.contacts.solution import ContactSolution
-from chemage.contacts.theories import ContactTheory
 from chemage.foundation import background, compiling
 from chemage.foundation.progress import Report
 from chemage.kinetics.role import Engine

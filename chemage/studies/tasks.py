@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from chemage.ageing.elasticity import compared_again
+from chemage.contacts.role import ContactTheory
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
-from chemage.contacts.theories import ContactTheory
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.codec import from_npz, to_json, to_npz
 from chemage.foundation.errors import ChemageError, ExecutorError, StoreError

@@ -20,6 +20,7 @@ from chemage.foundation.units import EV_PER_GPA_NM3, KB
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
+from chemage.lattices.independent import TwoState
 from chemage.lattices.lattice import ReactionLattice
 from chemage.testing.checks import check_of, require, run_checks, speed_variants
 from chemage.testing.replicas import Even
@@ -104,8 +105,8 @@ def _expected(contact: ContactSolution, chemistry: Chemistry) -> np.ndarray:
     pressures, counts = np.unique(chemistry.sites_of(contact).pressure, return_counts=True)
     for pressure, count in zip(pressures, counts, strict=True):
         barrier = chemistry.forming.quantile(ranks) - chemistry.activation_volume * EV_PER_GPA_NM3 * float(pressure)
-        rate = chemistry.attempt_frequency * np.exp(-np.maximum(barrier, 0.0) / (KB * TEMPERATURE))
-        total += count * np.array([float(np.mean(-np.expm1(-rate * time))) for time in TIMES])
+        sites = TwoState(chemistry.rates(barrier, TEMPERATURE))
+        total += count * sites.bonded(TIMES[:, None]).mean(axis=1)
     return total * chemistry.hydroxylation
 
 
@@ -156,7 +157,7 @@ def _answers_are_repeatable(component: AgeingMethod) -> None:
     """An answer depends on the request alone: not on what was asked before or at the same time, nor on the number of
     threads; and the contact stays as it was."""
     requests = [_request(contact) for _, contact in list(_contacts())[:3]]
-    before = [one.contact.pressure.tobytes() for one in requests]
+    before = [one.solution.pressure.tobytes() for one in requests]
 
     def found(request: AgeingRequest) -> bytes:
         return np.asarray(component.age(request).bonds, dtype=np.float64).tobytes()
@@ -167,7 +168,7 @@ def _answers_are_repeatable(component: AgeingMethod) -> None:
         require(list(pool.map(found, requests * 2)) == first * 2, "concurrent calls gave other bonds")
     threaded = [found(dataclasses.replace(one, threads=3)) for one in requests]
     require(threaded == first, "the bonds depend on the number of threads")
-    require([one.contact.pressure.tobytes() for one in requests] == before, "age() changed the contact")
+    require([one.solution.pressure.tobytes() for one in requests] == before, "age() changed the contact")
 
 
 @check_of("ageing")

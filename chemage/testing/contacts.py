@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from chemage.contacts.role import ContactSolver
+from chemage.contacts.role import ContactSolver, ContactTheory
 from chemage.contacts.solution import ContactSolution
-from chemage.contacts.theories import ContactTheory
 from chemage.foundation.errors import InputError
 from chemage.surfaces.measures import Roughness
 from chemage.surfaces.surface import Surface

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.aging import Aging
-from chemage.ageing.plotted import Maps, PlottedResult
+from chemage.ageing.observables import Maps, PlottedResult
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
 from chemage.lattices.chemistry import Chemistry

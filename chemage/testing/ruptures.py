@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.friction.bonded import Bonded
-from chemage.friction.role import Rupture
+from chemage.friction.role import Bonded, Rupture
 from chemage.lattices.chemistry import Chemistry
 from chemage.testing.checks import check_of, require, run_checks, speed_variants
 from chemage.testing.replicas import Even, finished, with_states

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from chemage import EV_PER_GPA_NM3, KB, Chemistry
+from chemage import EV_PER_GPA_NM3, KB, Chemistry, TwoState
 
 #: nodes per k_BT of the grid of energies; cubic interpolation between them errs by 4e-5 of a rate at most
 PER_KT = 5
@@ -80,13 +80,13 @@ def _of_energy(chemistry: Chemistry, kt: float, hold_times: np.ndarray, nodes: i
     energy = np.arange(nodes) / PER_KT
     forming = chemistry.attempt_frequency * np.exp(-energy)
     if chemistry.breaking is None:
-        return -np.expm1(-forming[:, None] * hold_times)
+        return TwoState(forming[:, None]).relaxed(hold_times)
     weights = _weights(chemistry.breaking.quantile(_ranks()[0]), kt / PER_KT, nodes)
     chosen = np.flatnonzero(weights)
     breaking = chemistry.attempt_frequency * np.exp(-energy[chosen])
-    both = forming[:, None] + breaking
-    settled = forming[:, None] / both * weights[chosen]
-    return np.stack([np.einsum("ij,ij->i", settled, -np.expm1(-both * time)) for time in hold_times], axis=1)
+    sites = TwoState(forming[:, None], breaking)
+    settled = sites.equilibrium * weights[chosen]
+    return np.stack([np.einsum("ij,ij->i", settled, sites.relaxed(time)) for time in hold_times], axis=1)
 
 
 @lru_cache(maxsize=1)
@@ -104,28 +104,24 @@ def _ranks() -> tuple[np.ndarray, np.ndarray]:
 def _weights(energies: np.ndarray, step: float, nodes: int) -> np.ndarray:
     """The distribution of the barriers of all ranks on the nodes of energy, (nodes,), by cubic interpolation."""
     place = np.clip(energies / step, 0.0, nodes - 1.0)
-    found = np.zeros(nodes)
-    first, parts = _cubic(place)
+    shares = np.zeros(nodes)
+    first, parts = cubic(place, lowest=-1)
     for offset, part in enumerate(parts):
-        found += np.bincount(np.clip(first + offset, 0, nodes - 1), _ranks()[1] * part, nodes)
-    return found
+        shares += np.bincount(np.clip(first + offset, 0, nodes - 1), _ranks()[1] * part, nodes)
+    return shares
 
 
-def _cubic(place: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Lagrange's cubic interpolation: the first of four nodes, and the weight of each."""
-    left = np.floor(place).astype(np.int64)
-    x = place - left
-    return left - 1, [
-        -x * (x - 1) * (x - 2) / 6,
-        (x + 1) * (x - 1) * (x - 2) / 2,
-        -(x + 1) * x * (x - 2) / 2,
-        (x + 1) * x * (x - 1) / 6,
-    ]
+def cubic(place: np.ndarray, lowest: int) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Lagrange's cubic interpolation on whole numbers: the first of four nodes, ``lowest`` at least, and the weight of
+    each. ``place`` is between the two nodes in the middle, or at the lower end between the first two."""
+    first = np.maximum(np.floor(place).astype(np.int64) - 1, lowest)
+    a, b, c, d = (place - (first + node) for node in range(4))
+    return first, [-b * c * d / 6, a * c * d / 2, -a * b * d / 2, a * b * c / 6]
 
 
 def interpolated(curves: np.ndarray, place: np.ndarray) -> np.ndarray:
     """``curves`` (k + 1, m), of which row 1 is at place 0, at each ``place`` (n,), cubic: (n, m)."""
-    first, parts = _cubic(place)
+    first, parts = cubic(place, lowest=-1)
     return sum(
         (part[:, None] * curves[np.clip(first + offset + 1, 0, len(curves) - 1)] for offset, part in enumerate(parts)),
         np.zeros((place.size, curves.shape[1])),

@@ -4,18 +4,37 @@ At each pressure the kinetics of a periodic contact all of whose sites are in co
 missing at random, run beside those of the same sites without interaction, with the same barriers and the same kinetic
 noise. The bonds without interaction are known exactly and serve as a control variate (Law, Simulation Modeling and
 Analysis, section 11.4). The sites of the thinned contacts are sorted by the neighbours that they have.
+
+Tables are kept in the cache folder of the user, one file each, with a checksum, written whole or not at all.
 """
 
 from __future__ import annotations
 
+import hashlib
+import io
+import json
 import math
+import os
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from chemage import KB, Chemistry, ContactSolution, Engine, ReactionLattice, build_lattice, random, run_kinetics
+from chemage import (
+    KB,
+    ChemageError,
+    Chemistry,
+    ContactSolution,
+    Engine,
+    ReactionLattice,
+    build_lattice,
+    fresh_file,
+    random,
+    run_kinetics,
+)
 from chemage.foundation.threads import in_order
 from chemage_ageing._independent import bonded_share, shift_per_gpa
 
@@ -37,6 +56,9 @@ CONTROLLED = 1000.0
 STEP = 1.0
 #: shares of bonded sites below this are none
 NONE = 1e-250
+#: what a file of a table begins with, and the fields of a node that it holds
+_BEGIN = b"chemage closure table\n"
+_ARRAYS = ("change", "error")
 
 
 @dataclass(frozen=True)
@@ -116,8 +138,8 @@ def compute(
     setting: Setting, numbers: list[int], threads: int, progress: Callable[[int, int], None] | None
 ) -> dict[int, Node]:
     """The nodes of these numbers; node k is at k times :attr:`Setting.pressure_step`."""
-    made = in_order(lambda k: _node(setting, numbers[k]), len(numbers), max(1, min(threads, len(numbers))), progress)
-    return dict(zip(numbers, made, strict=True))
+    nodes = in_order(lambda k: _node(setting, numbers[k]), len(numbers), max(1, min(threads, len(numbers))), progress)
+    return dict(zip(numbers, nodes, strict=True))
 
 
 def taking_part(setting: Setting) -> Took:
@@ -259,3 +281,73 @@ class _Samples:
         error = alone * np.stack([node.error[-1, at], several])
         sites = SIDE * SIDE * node.replicas
         return bool((error <= self.setting.accuracy * np.maximum(share, RESOLVED / sites)).all())
+
+
+# -- files ------------------------------------------------------------------------------------------------------------
+
+
+def cache_folder() -> Path:
+    """The folder of the user for what can be computed again."""
+    if home := os.environ.get("XDG_CACHE_HOME"):
+        return Path(home) / "chemage"
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "chemage" / "Cache"
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "chemage"
+    return Path.home() / ".cache" / "chemage"
+
+
+def path_of(setting: Setting, folder: Path) -> Path:
+    """The file of a table."""
+    text = json.dumps(setting.identity(), sort_keys=True, default=str)
+    return folder / f"closure-{hashlib.blake2b(text.encode(), digest_size=16).hexdigest()}.table"
+
+
+def load(path: Path, setting: Setting, took: Took) -> tuple[dict[int, Node], str]:
+    """The nodes that a file holds, and what is wrong with it in words; none where it does not exist."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        return {}, ""
+    except OSError as error:
+        return {}, f"{path} cannot be read ({error.strerror})"
+    begin = len(_BEGIN)
+    body = content[begin + 33 :]
+    if content[:begin] != _BEGIN or content[begin : begin + 32].decode("ascii", "replace") != _checksum(body):
+        return {}, f"{path} is damaged"
+    with np.load(io.BytesIO(body), allow_pickle=False) as file:
+        about = json.loads(bytes(file["about"]))
+        if about != _about(setting, took):
+            return {}, f"{path} was made with other plugins"
+        numbers, replicas = file["numbers"].tolist(), file["replicas"].tolist()
+        parts = [file[name] for name in _ARRAYS]
+    nodes = {number: Node(*(part[k] for part in parts), replicas=replicas[k]) for k, number in enumerate(numbers)}
+    return nodes, ""
+
+
+def keep(path: Path, setting: Setting, took: Took, nodes: dict[int, Node]) -> str:
+    """Write a table; what prevents it in words, else nothing."""
+    numbers = sorted(nodes)
+    buffer = io.BytesIO()
+    arrays: dict[str, Any] = {name: np.stack([getattr(nodes[number], name) for number in numbers]) for name in _ARRAYS}
+    arrays["about"] = np.frombuffer(json.dumps(_about(setting, took)).encode(), dtype=np.uint8)
+    arrays["numbers"] = np.array(numbers)
+    arrays["replicas"] = np.array([nodes[number].replicas for number in numbers])
+    np.savez(buffer, **arrays)
+    body = buffer.getvalue()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with fresh_file(path, force=True, size=len(body)) as part:
+            part.write_bytes(_BEGIN + _checksum(body).encode() + b"\n" + body)
+    except (OSError, ChemageError) as error:
+        return f"the table could not be kept in {path.parent} ({error})"
+    return ""
+
+
+def _about(setting: Setting, took: Took) -> dict[str, Any]:
+    about = {"identity": setting.identity(), "plugins": took.plugins, "approximate": took.approximate}
+    return json.loads(json.dumps(about, default=str))
+
+
+def _checksum(body: bytes) -> str:
+    return hashlib.blake2b(body, digest_size=16).hexdigest()

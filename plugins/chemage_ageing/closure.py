@@ -17,14 +17,16 @@ from chemage import (
     AgeingRequest,
     Chemistry,
     Choice,
+    ContactSolution,
     ContactStatistics,
     Engine,
     InputError,
+    build_lattice,
     contact_statistics,
     coordination,
 )
-from chemage_ageing import _keeping, _rim, _table
-from chemage_ageing._independent import bonded_share
+from chemage_ageing import _table
+from chemage_ageing._independent import bonded_share, cubic
 
 #: largest relative error of the mean number of bonds: 3.7 % on the contacts of the constants below, 2.8 % on those of
 #: the validation (``tests/benchmarks/closure_errors.py``)
@@ -41,6 +43,12 @@ TABLE_SECONDS = 100.0
 TAIL = 1e-6
 #: the most pressures of a table
 MOST_NODES = 4000
+#: effective neighbours beyond those of a site inside a contact, over their number
+BEYOND = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0)
+#: sites of a contact whose neighbours are looked at; of a larger one so many, evenly over the pressures
+SITES = 65_536
+#: sites that are treated at the same time
+CHUNK = 8192
 
 _lock = threading.Lock()
 #: file, and what took part in the table -> its nodes
@@ -92,18 +100,17 @@ class Closure(AgeingMethod):
     ) -> dict[str, float]:
         """Memory and time of a curve; of sites that interact a range, as the table may have yet to be made."""
         curve = 0.02 + 1e-6 * sites
-        found = {"cpu_seconds": curve, "bytes": 2e8 + 40.0 * sites}
+        cost = {"cpu_seconds": curve, "bytes": 2e8 + 40.0 * sites}
         if interacting:
             most = curve + TABLE_SECONDS * (0.01 / self.accuracy) ** 2
-            found |= {"cpu_seconds": math.sqrt(curve * most), "cpu_seconds_least": curve, "cpu_seconds_most": most}
-        return found
+            cost |= {"cpu_seconds": math.sqrt(curve * most), "cpu_seconds_least": curve, "cpu_seconds_most": most}
+        return cost
 
     def age(self, request: AgeingRequest) -> AgedBonds:
         """See :meth:`chemage.AgeingMethod.age`."""
         chemistry, times = request.chemistry, request.hold_times
-        contact = request.contact
-        statistics = contact if isinstance(contact, ContactStatistics) else contact_statistics(contact, chemistry)
-        per_area = _density(request)
+        statistics = contact_statistics(request.contact, chemistry)
+        per_area = chemistry.sites_per_area(request.contact)
         sites = np.array([chemistry.hydroxylation * statistics.contact_area * per_area])
         independent = bonded_share(chemistry, request.temperature, times, statistics.pressure)
         bonds = (statistics.area * per_area) @ independent
@@ -163,34 +170,33 @@ class Closure(AgeingMethod):
         part = np.zeros((first.size, len(needed)))
         for offset, weight in enumerate(parts):
             np.add.at(part, (np.arange(first.size), np.searchsorted(needed, first + offset)), weight)
-        if isinstance(request.contact, ContactStatistics):
-            present = _rim.of_statistics(statistics, per_area, setting.most)
-            effective = present[..., None] * np.ones(request.hold_times.size)
+        if request.contact.has_map:
+            present, effective = _rim_of_map(request.solution, request.chemistry, statistics, independent, setting.most)
         else:
-            present, effective = _rim.of_map(request.contact, request.chemistry, statistics, independent, setting.most)
+            present = _rim_of_statistics(statistics, per_area, setting.most)
+            effective = present[..., None] * np.ones(request.hold_times.size)
         return _changed(part, change, np.abs(error), present, effective, independent), notes, took
 
     def _nodes(
         self, setting: _table.Setting, needed: list[int], took: _table.Took, request: AgeingRequest
     ) -> tuple[dict[int, _table.Node], tuple[str, ...]]:
         """The table at the pressures that are needed: known, read, or computed now and kept."""
-        path = _keeping.path_of(setting, Path(self.folder) if self.folder else _keeping.cache_folder())
+        path = _table.path_of(setting, Path(self.folder) if self.folder else _table.cache_folder())
         name = path, repr(took)
         with _lock:
-            known = dict(_tables.get(name, {}))
-            missing = [number for number in needed if number not in known]
-            if not missing:
-                return known, ()
-            kept, problem = _keeping.load(path, setting, took)
-            known |= kept
-            missing = [number for number in needed if number not in known]
+            nodes = dict(_tables.get(name, {}))
+            if nodes.keys() >= set(needed):
+                return nodes, ()
+            kept, problem = _table.load(path, setting, took)
+            nodes |= kept
+            missing = [number for number in needed if number not in nodes]
             notes = [f"{problem}, so that the table of ageing 'closure' is computed again"] if problem else []
             if missing:
-                known |= _table.compute(setting, missing, request.threads, request.progress)
-                if problem := _keeping.keep(path, setting, took, known):
+                nodes |= _table.compute(setting, missing, request.threads, request.progress)
+                if problem := _table.keep(path, setting, took, nodes):
                     notes.append(problem)
-            _tables[name] = known
-            return known, tuple(notes)
+            _tables[name] = nodes
+            return nodes, tuple(notes)
 
 
 class _Changed(NamedTuple):
@@ -215,11 +221,11 @@ def _changed(
 
     ``part`` (classes, nodes); ``change`` and ``error`` (nodes, neighbours + 1, m); ``present`` (classes, neighbours
     + 1): sites with so many neighbours; ``effective`` (classes, columns, m): sites with so many effective neighbours,
-    see :data:`_rim.BEYOND`; ``independent`` (classes, m).
+    see :data:`BEYOND`; ``independent`` (classes, m).
     """
     most = change.shape[1] - 1
     inside = change[:, -1]
-    times = np.array(_rim.BEYOND)[:, None, None]
+    times = np.array(BEYOND)[:, None, None]
     # so many times the neighbours of a site inside: independent of each other if they block, added if they help
     blocked = np.maximum(1 + inside, 0.0) ** times
     further = np.where(inside < 0, blocked - 1, times * inside)
@@ -240,17 +246,6 @@ def _changed(
     return _Changed(bonds, table, np.hypot(RIM_ERROR * rim, UNEVEN_ERROR * uneven))
 
 
-def _density(request: AgeingRequest) -> float:
-    """Sites per nm²."""
-    if isinstance(request.contact, ContactStatistics):
-        if isinstance(request.chemistry.site_density, str):
-            raise InputError(
-                'site_density = "pixel": a contact without a map has no pixels; give the sites per nm² in [chemistry]'
-            )
-        return float(request.chemistry.site_density)
-    return 1 / request.chemistry.sites_of(request.contact).spacing ** 2
-
-
 def _without_tail(statistics: ContactStatistics) -> np.ndarray:
     """The pressures, GPa, but for the highest ones, which few sites have; what they cost would be the same."""
     beyond = np.cumsum(statistics.area[::-1])[::-1] - statistics.area
@@ -262,16 +257,7 @@ def _places(setting: _table.Setting, pressure: np.ndarray) -> tuple[np.ndarray, 
     """The first node of each pressure, and the weights of this node and those after it."""
     if not setting.pressure_step:
         return np.zeros(pressure.size, np.int64), [np.ones(pressure.size)]
-    place = pressure / setting.pressure_step
-    # cubic, between the two nodes in the middle, and at the lower end between the first two
-    first = np.maximum(np.floor(place).astype(np.int64) - 1, 0)
-    x = place - first
-    return first, [
-        -(x - 1) * (x - 2) * (x - 3) / 6,
-        x * (x - 2) * (x - 3) / 2,
-        -x * (x - 1) * (x - 3) / 2,
-        x * (x - 1) * (x - 2) / 6,
-    ]
+    return cubic(pressure / setting.pressure_step, lowest=0)
 
 
 def _in_time(setting: _table.Setting, hold_times: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -281,3 +267,55 @@ def _in_time(setting: _table.Setting, hold_times: np.ndarray, values: np.ndarray
     first, last = setting.decades
     places = np.clip(np.log10(np.maximum(hold_times, 10.0**first)), first, last)
     return np.where(hold_times > 0, PchipInterpolator(np.log10(setting.times), values, axis=-1)(places), 0.0)
+
+
+def _rim_of_statistics(statistics: ContactStatistics, per_area: float, most: int) -> np.ndarray:
+    """(classes, most + 1): sites of each class of pressure that have so many neighbours."""
+    held = np.zeros((statistics.area.size, most + 1))
+    if statistics.missing is None:
+        held[:, most] = statistics.area * per_area
+        return held
+    lacking = np.minimum(np.arange(statistics.missing.shape[1]), most)
+    np.add.at(held.T, most - lacking, statistics.missing.T * per_area)
+    return held
+
+
+def _rim_of_map(
+    contact: ContactSolution, chemistry: Chemistry, statistics: ContactStatistics, independent: np.ndarray, most: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sites of each class of pressure that have so many neighbours, (classes, most + 1); and so many effective ones,
+    (classes, most + 1 + beyond, m).
+
+    A neighbour counts as the share of bonded sites without interaction under its pressure over that under the pressure
+    of the site; ``independent``, (classes, m), are these shares. Between two whole numbers a site is divided.
+    """
+    lattice = build_lattice(chemistry.replace(hydroxylation=1.0), contact, 0)
+    assert lattice.neighbours is not None
+    pressure = np.asarray(chemistry.sites_of(contact).pressure, dtype=np.float64)
+    between = 0.5 * (statistics.pressure[1:] + statistics.pressure[:-1])
+    place = np.append(np.searchsorted(between, pressure), len(independent))  # the last: no neighbour
+    chosen = np.arange(pressure.size)
+    if pressure.size > SITES:
+        chosen = np.argsort(pressure, kind="stable")[((np.arange(SITES) + 0.5) * (pressure.size / SITES)).astype(int)]
+    share = np.concatenate([independent, np.zeros((1, independent.shape[1]))])
+    classes, columns = len(independent), np.concatenate([np.arange(most + 1.0), most * np.array(BEYOND)])
+    present = np.zeros(classes * (most + 1))
+    effective = np.zeros((classes * columns.size, independent.shape[1]))
+    for begin in range(0, chosen.size, CHUNK):
+        some = chosen[begin : begin + CHUNK]
+        graph, own = lattice.neighbours[some], place[some]
+        present += np.bincount(
+            own * (most + 1) + np.minimum(np.count_nonzero(graph >= 0, axis=1), most), minlength=present.size
+        )
+        around = place[graph]
+        for time in range(independent.shape[1]):
+            column = share[:, time]
+            count = np.divide(column[around].sum(axis=1), column[own], out=np.zeros(own.size), where=column[own] > 0)
+            count = np.minimum(count, columns[-1])
+            left = np.clip(np.searchsorted(columns, count, side="right") - 1, 0, columns.size - 2)
+            right = (count - columns[left]) / (columns[left + 1] - columns[left])
+            at = own * columns.size + left
+            effective[:, time] += np.bincount(at, 1 - right, len(effective))
+            effective[:, time] += np.bincount(at + 1, right, len(effective))
+    scale = pressure.size / chosen.size
+    return scale * present.reshape(classes, -1), scale * effective.reshape(classes, columns.size, -1)

@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from chemage import (
-    AgedBonds,
-    AgeingMethod,
-    AgeingRequest,
-    BondHistory,
-    Chemistry,
-    Engine,
-    InputError,
-    ReactionLattice,
-    Unit,
-    build_lattice,
-    run_kinetics,
-)
-from chemage.foundation.threads import in_order
+from chemage import AgedBonds, AgeingMethod, AgeingRequest, Chemistry, Engine, InputError, Unit, random
 from chemage_ageing._independent import grouped_bonds
-from chemage_ageing._references import HANSEN
-from chemage_ageing._windows import Windows, fitting, square_of
+
+STREAM = "chemage-ageing/windows"
 
 #: windows of a replica, and of all together, that the error can be estimated from
 FEWEST, FEWEST_IN_ALL = 6, 20
+HANSEN = """@article{hansen1943,
+  author = {Hansen, M. H. and Hurwitz, W. N.},
+  title = {On the theory of sampling from finite populations},
+  journal = {The Annals of Mathematical Statistics},
+  volume = {14},
+  pages = {333--362},
+  year = {1943},
+  doi = {10.1214/aoms/1177731356},
+}"""
 
 
 class Sample(AgeingMethod):
@@ -69,13 +65,14 @@ class Sample(AgeingMethod):
     def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:
         """The cost of the sites in windows and margins."""
         simulated = min(1.0, self.share * (1 + 2 * self.margin / self.window) ** 2)
-        known = {}
-        for name in ("cpu_seconds", "cpu_seconds_least", "cpu_seconds_most"):
-            if name in kinetics:
-                known[name] = replicas * (0.005 + simulated * kinetics[name] + 1e-6 * sites)
+        cost = {
+            name: replicas * (0.005 + simulated * kinetics[name] + 1e-6 * sites)
+            for name in ("cpu_seconds", "cpu_seconds_least", "cpu_seconds_most")
+            if name in kinetics
+        }
         if "bytes" in kinetics:
-            known["bytes"] = simulated * kinetics["bytes"] + 40.0 * sites
-        return known
+            cost["bytes"] = simulated * kinetics["bytes"] + 40.0 * sites
+        return cost
 
     def age(self, request: AgeingRequest) -> AgedBonds:
         """See :meth:`chemage.AgeingMethod.age`.
@@ -98,67 +95,70 @@ class Sample(AgeingMethod):
         compared = grouped_bonds(
             chemistry, request.temperature, request.hold_times, touching.pressure, square, windows.squares.size
         )
-
-        def replica(number: int) -> _Replica:
-            return self._replica(request, windows, count, number)
-
-        done = _each(replica, request)
-        return self._estimated(request, windows, compared, done)
+        replicas = request.each(lambda number: self._replica(request, windows, count, number))
+        return self._estimated(request, windows, compared, replicas)
 
     def _every_site(self, request: AgeingRequest) -> AgedBonds:
         """The bonds of a contact that is too small to be sampled."""
-
-        def replica(number: int) -> _Replica:
-            lattice, history = _followed(request, number, None)
-            return _Replica.of(lattice, history, history.bonds, np.empty(0, np.int64))
-
-        done = _each(replica, request)
         why = f"every site was followed: a share of {self.share:g} is too few windows to know the error from"
-        sites = np.array([one.sites for one in done])
-        return AgedBonds(np.stack([one.bonds for one in done]), sites, **_joined(done, why))
 
-    def _replica(self, request: AgeingRequest, windows: Windows, count: int, number: int) -> _Replica:
+        def follow(number: int) -> _Windowed:
+            replica = request.follow(number)
+            sites = replica.lattice.sites.size
+            return _Windowed(replica.history.bonds, np.empty(0, np.int64), sites, replica.origin())
+
+        replicas = request.each(follow)
+        return AgedBonds.of(
+            [replica.origin for replica in replicas],
+            bonds=np.stack([replica.bonds for replica in replicas]),
+            sites=np.array([replica.sites for replica in replicas]),
+            notes=(why,),
+        )
+
+    def _replica(self, request: AgeingRequest, windows: Windows, count: int, number: int) -> _Windowed:
         drawn = windows.drawn(request.seeds(number)[0], count)
         chosen = np.unique(drawn)
-        lattice, history = _followed(request, number, windows.sites_around(chosen, self.margin))
+        replica = request.follow(number, sites=windows.sites_around(chosen, self.margin), states=True)
+        lattice, history = replica.lattice, replica.history
         assert history.states is not None
         squares, square = windows.squares[chosen], square_of(lattice.sites, windows.shape, windows.side)
         at = np.minimum(np.searchsorted(squares, square), chosen.size - 1)
         counted = squares[at] == square
         bonds = np.stack([np.bincount(at[counted & state], minlength=chosen.size) for state in history.states], axis=-1)
-        return _Replica.of(lattice, history, bonds[np.searchsorted(chosen, drawn)], drawn)
+        return _Windowed(bonds[np.searchsorted(chosen, drawn)], drawn, lattice.sites.size, replica.origin())
 
     def _estimated(
-        self, request: AgeingRequest, windows: Windows, compared: np.ndarray, done: list[_Replica]
+        self, request: AgeingRequest, windows: Windows, compared: np.ndarray, replicas: list[_Windowed]
     ) -> AgedBonds:
         """Scale the windows up; ``compared`` are the bonds of independent sites in every square, (squares, m)."""
         sites = int(windows.held.sum())
         # what each window says of the whole: (replicas, windows, m)
-        scale = np.stack([sites / windows.held[one.drawn] for one in done])[..., None]
-        bonds = np.stack([one.bonds for one in done]) * scale
-        known = np.stack([compared[one.drawn] for one in done]) * scale - compared.sum(axis=0)
+        scale = np.stack([sites / windows.held[replica.drawn] for replica in replicas])[..., None]
+        bonds = np.stack([replica.bonds for replica in replicas]) * scale
+        alone = np.stack([compared[replica.drawn] for replica in replicas]) * scale - compared.sum(axis=0)
         values = np.empty_like(bonds)
         for half in (0, 1):
             own, other = slice(half, None, 2), slice(1 - half, None, 2)
-            values[:, own] = bonds[:, own] - _coefficient(bonds[:, other], known[:, other]) * known[:, own]
+            values[:, own] = bonds[:, own] - _coefficient(bonds[:, other], alone[:, other]) * alone[:, own]
         estimates = values.mean(axis=1)
         count = bonds.shape[1]
         mean, windowed = estimates.mean(axis=0), values.var(axis=1, ddof=1) / count
-        error = np.sqrt(windowed.sum(axis=0)) / len(done)
+        error = np.sqrt(windowed.sum(axis=0)) / len(replicas)
         reactive = sites * request.chemistry.hydroxylation
-        followed = np.mean([one.sites for one in done]) / reactive
-        note = f"{done[0].drawn.size} windows a replica; {100 * followed:.2g} % of the sites were followed"
-        return AgedBonds(
+        followed = np.mean([replica.sites for replica in replicas]) / reactive
+        note = f"{replicas[0].drawn.size} windows a replica; {100 * followed:.2g} % of the sites were followed"
+        return AgedBonds.of(
+            [replica.origin for replica in replicas],
             # not limited to what is possible, which would bias their mean where bonds are few or nearly all there
-            estimates,
-            np.full(len(done), reactive),
+            bonds=estimates,
+            sites=np.full(len(replicas), reactive),
             errors={"sampling": np.divide(error, mean, out=np.full(mean.shape, np.nan), where=mean > 0)},
             error_sources={"sampling": "from the scatter of the windows; part of the scatter of the replicas"},
-            **_joined(done, note),
+            notes=(note,),
         )
 
 
-class _Replica(NamedTuple):
+class _Windowed(NamedTuple):
     """What is kept of a replica."""
 
     #: (windows, m) bonds in each window that was drawn, or (m,) in all
@@ -167,60 +167,97 @@ class _Replica(NamedTuple):
     drawn: np.ndarray
     #: sites that were followed, those of margins included
     sites: int
-    engine: str
-    notes: tuple[str, ...]
-    plugins: Mapping[str, Any]
-    approximate: list[Any]
-
-    @classmethod
-    def of(cls, lattice: ReactionLattice, history: BondHistory, bonds: np.ndarray, drawn: np.ndarray) -> _Replica:
-        return cls(
-            bonds,
-            drawn,
-            lattice.sites.size,
-            history.engine,
-            history.notes,
-            lattice.plugins | history.plugins,
-            [*lattice.approximate, *history.approximate],
-        )
+    #: where its bonds come from, for :meth:`AgedBonds.of`
+    origin: Any
 
 
-def _followed(request: AgeingRequest, number: int, sites: np.ndarray | None) -> tuple[ReactionLattice, BondHistory]:
-    """The kinetics of a replica on ``sites`` with their states, or on every site without."""
-    disorder, noise = request.seeds(number)
-    lattice = build_lattice(request.chemistry, request.solution, disorder, sites=sites)
-    history = run_kinetics(
-        request.engine,
-        lattice,
-        request.hold_times,
-        temperature=request.temperature,
-        seed=noise,
-        states=sites is not None,
-        contact=request.solution,
-        chemistry=request.chemistry,
-    )
-    return lattice, history
-
-
-def _joined(done: list[_Replica], note: str) -> dict[str, Any]:
-    """What the replicas say beside their bonds."""
-    return {
-        "notes": (note, *done[0].notes),
-        "engine": done[0].engine,
-        "plugins": {name: source for one in done for name, source in one.plugins.items()},
-        "approximate": [entry for one in done for entry in one.approximate],
-    }
-
-
-def _coefficient(bonds: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """The coefficient of the regression of ``bonds`` on ``known``, (replicas, windows, m) both: (m,)."""
-    centred = known - known.mean(axis=(0, 1))
+def _coefficient(bonds: np.ndarray, alone: np.ndarray) -> np.ndarray:
+    """The coefficient of the regression of ``bonds`` on ``alone``, (replicas, windows, m) both: (m,)."""
+    centred = alone - alone.mean(axis=(0, 1))
     spread = (centred**2).sum(axis=(0, 1))
     together = (centred * bonds).sum(axis=(0, 1))
     return np.divide(together, spread, out=np.zeros(spread.shape), where=spread > 0)
 
 
-def _each(task: Callable[[int], _Replica], request: AgeingRequest) -> list[_Replica]:
-    """``task`` of every replica."""
-    at_once = max(1, min(request.replicas, request.threads // request.engine.concurrency()))
-    return list(in_order(task, request.replicas, at_once, request.progress))
+class Windows(NamedTuple):
+    """The squares of a grid that hold sites in contact."""
+
+    #: (mx, my) of the grid of sites
+    shape: tuple[int, int]
+    periodic: bool
+    #: sites along the side of a square
+    side: int
+    #: (n,) int64: flat indices of the sites in contact, ascending
+    sites: np.ndarray
+    #: (k,) int64: squares with sites in contact, ascending
+    squares: np.ndarray
+    #: (k,) int64: sites in contact in each of them
+    held: np.ndarray
+
+    @classmethod
+    def of(cls, shape: tuple[int, int], periodic: bool, sites: np.ndarray, side: int) -> Windows:
+        """Cut the grid into squares of ``side`` sites; those at the far edges may be smaller.
+
+        Raises
+        ------
+        InputError
+            A square is larger than the grid.
+        """
+        fitting(side, shape)
+        squares, held = np.unique(square_of(sites, shape, side), return_counts=True)
+        return cls(shape, periodic, side, sites, squares, held)
+
+    @property
+    def mean_held(self) -> float:
+        """Sites in a window that is drawn, in the mean: windows are drawn in proportion to their sites."""
+        return float((self.held.astype(float) ** 2).sum() / self.held.sum())
+
+    def drawn(self, seed: np.random.SeedSequence, count: int) -> np.ndarray:
+        """Draw ``count`` windows with replacement, each with a probability in proportion to its sites: (count,) int64,
+        positions in :attr:`squares`."""
+        ends = np.cumsum(self.held)
+        lots = random.uniforms(seed, random.stream(STREAM), np.arange(count)) * ends[-1]
+        return np.minimum(np.searchsorted(ends, lots, side="right"), ends.size - 1)
+
+    def sites_around(self, chosen: np.ndarray, margin: int) -> np.ndarray:
+        """The sites in contact in the windows ``chosen`` (positions in :attr:`squares`) and up to ``margin`` sites
+        around them, each once, ascending: (n,) int64 flat indices."""
+        nx, ny = self.shape
+        along = -(-ny // self.side)
+        corner = np.stack(np.divmod(self.squares[chosen], along)) * self.side
+        low = corner - margin
+        high = np.minimum(corner + self.side, np.array([[nx], [ny]])) + margin
+        if not self.periodic:
+            low, high = np.maximum(low, 0), np.minimum(high, np.array([[nx], [ny]]))
+        high = np.minimum(high, low + np.array([[nx], [ny]]))  # once around at most
+        rows = np.arange(int((high - low)[0].max(initial=0)))
+        inside = low[0][:, None] + rows < high[0][:, None]
+        row = ((low[0][:, None] + rows) % nx)[inside]
+        left, right = (np.broadcast_to(side[:, None], inside.shape)[inside] for side in (low[1], high[1]))
+        # what reaches over an edge goes on at the other
+        pieces = [(np.maximum(left, 0), np.minimum(right, ny)), (left + ny, np.full_like(left, ny))]
+        pieces += [(np.zeros_like(right), right - ny)]
+        positions = [self._between(row, begin, end) for begin, end in pieces]
+        return self.sites[np.unique(np.concatenate(positions))]
+
+    def _between(self, row: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Positions of the sites in rows ``row`` from column ``begin`` to before ``end``, where that is not empty."""
+        some = end > np.maximum(begin, 0)
+        first, last = (np.searchsorted(self.sites, row[some] * self.shape[1] + edge[some]) for edge in (begin, end))
+        lengths = last - first
+        steps = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+        return np.repeat(first, lengths) + steps
+
+
+def fitting(side: int, shape: tuple[int, int]) -> None:
+    """Refuse windows larger than the grid of sites."""
+    if side > min(shape):
+        raise InputError.of(
+            "window", side, f"is larger than the contact of {shape[0]} x {shape[1]} sites", "take a smaller window"
+        )
+
+
+def square_of(sites: np.ndarray, shape: tuple[int, int], side: int) -> np.ndarray:
+    """The square that each site lies in: (n,) int64, row by row."""
+    row, column = np.divmod(sites, shape[1])
+    return row // side * -(-shape[1] // side) + column // side

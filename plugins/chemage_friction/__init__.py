@@ -1,14 +1,14 @@
 """Rupture laws, from bonds to friction: ``mean-force``."""
 
-from importlib import import_module
+from __future__ import annotations
+
 from typing import TYPE_CHECKING, Any
 
 from chemage import hookimpl
 
 if TYPE_CHECKING:
-    from chemage_friction.mean_force import MeanForce as MeanForce
+    from chemage_friction.mean_force import MeanForce
 
-_HOME = {"MeanForce": "mean_force"}
 __all__ = ["MeanForce"]
 
 
@@ -19,6 +19,8 @@ def chemage_register() -> dict[str, dict[str, str]]:
 
 
 def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from chemage_friction.mean_force import MeanForce
+
+    return MeanForce

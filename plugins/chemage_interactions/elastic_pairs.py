@@ -27,12 +27,12 @@ def _pair(pixels: tuple[int, int]) -> tuple[int, int]:
 
 
 def _pixels_in(sites: np.ndarray) -> np.ndarray:
-    given = np.asarray(sites)
-    if given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
-        raise InputError(f"sites: {given.dtype} of shape {given.shape}; give a list of pixel indices")
-    if given.size and not (int(given.min()) >= 0 and int(given.max()) < MOST_PIXELS):
-        raise InputError(f"sites: from {given.min()} to {given.max()}; pixel indices are from 0 to {MOST_PIXELS - 1}")
-    return _read_only(given, np.int64)
+    listed = np.asarray(sites)
+    if listed.ndim != 1 or (listed.size and listed.dtype.kind not in "iu"):
+        raise InputError(f"sites: {listed.dtype} of shape {listed.shape}; give a list of pixel indices")
+    if listed.size and not (int(listed.min()) >= 0 and int(listed.max()) < MOST_PIXELS):
+        raise InputError(f"sites: from {listed.min()} to {listed.max()}; pixel indices are from 0 to {MOST_PIXELS - 1}")
+    return _read_only(listed, np.int64)
 
 
 class ElasticPairs(Interaction):

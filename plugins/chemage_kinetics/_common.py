@@ -34,7 +34,7 @@ STREAMS = {"rejection-free": KINETICS, "bkl": KINETICS + 1, "next-reaction": KIN
 
 
 class Key(NamedTuple):
-    """The key of a run's random numbers, see `chemage_kinetics._noise`."""
+    """The key of a run's random numbers, see `chemage_kinetics._identity`."""
 
     k0: np.uint64
     k1: np.uint64

@@ -15,8 +15,7 @@ from chemage import KB, BondHistory, InputError, ReactionLattice, Seed
 from chemage.foundation.threads import available
 from chemage_kinetics import _common
 from chemage_kinetics._common import Holds, Key, Model
-from chemage_kinetics._fingerprint import fingerprint
-from chemage_kinetics._noise import noise_key
+from chemage_kinetics._identity import fingerprint, noise_key
 from chemage_kinetics._resume import Pending
 
 #: Position of a number's lowest byte in memory.
@@ -185,14 +184,14 @@ def expected_cost(
     def seconds(per_site: float) -> float:
         return sites * (per_site * event + site)
 
-    found = {"cpu_seconds": seconds(per_site), "bytes": sites * memory}
+    cost = {"cpu_seconds": seconds(per_site), "bytes": sites * memory}
     if superbasins and per_site > 2 * EVENTS_PER_SITE:
         # What a site adds by flickering costs nothing where nothing around it reacts meanwhile, and all of it where its
         # neighbours flicker as well: then the chain is interrupted after a few events, which cost up to twice as much,
         # and of sites that interact there are up to twice as many.
         least, most = seconds(2 * EVENTS_PER_SITE), 4 * seconds(per_site)
-        found |= {"cpu_seconds": (least * most) ** 0.5, "cpu_seconds_least": least, "cpu_seconds_most": most}
-    return found
+        cost |= {"cpu_seconds": (least * most) ** 0.5, "cpu_seconds_least": least, "cpu_seconds_most": most}
+    return cost
 
 
 def run_pieces(
@@ -205,7 +204,7 @@ def run_pieces(
     """
     stop = Event()
 
-    def one(piece: tuple[int, int]) -> np.ndarray:
+    def followed(piece: tuple[int, int]) -> np.ndarray:
         tally = np.zeros_like(job.tally)
         first, last = piece
         while first < last and not stop.is_set():
@@ -215,11 +214,11 @@ def run_pieces(
     threads = min(threads or available(), len(pieces))
     if threads < 2:
         for piece in pieces:
-            job.tally += one(piece)
+            job.tally += followed(piece)
         return
     with ThreadPoolExecutor(threads) as pool:
         try:
-            for tally in pool.map(one, pieces):
+            for tally in pool.map(followed, pieces):
                 job.tally += tally
         except BaseException:
             stop.set()

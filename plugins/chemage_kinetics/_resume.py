@@ -39,15 +39,15 @@ class Pending:
         )
 
     def _array(self, name: str, dtype: type[np.generic], shape: tuple[int, ...] | None) -> np.ndarray:
-        found = self._start.resume.get(name)
-        if found is None:
+        array = self._start.resume.get(name)
+        if array is None:
             self._wrong(name, "is missing")
-        if found.dtype != dtype or (found.shape != shape if shape is not None else found.ndim != 1):
+        if array.dtype != dtype or (array.shape != shape if shape is not None else array.ndim != 1):
             expected = "one-dimensional" if shape is None else f"of shape {shape}"
             self._wrong(
-                name, f"is {found.dtype} of shape {found.shape}, but should be {np.dtype(dtype).name} {expected}"
+                name, f"is {array.dtype} of shape {array.shape}, but should be {np.dtype(dtype).name} {expected}"
             )
-        return found
+        return array
 
     def count(self, name: str) -> int:
         """A counter of random numbers, ≥ 0."""
@@ -65,38 +65,38 @@ class Pending:
 
     def clock(self, name: str) -> np.ndarray:
         """(2,) float64 s: the time of the last event, not after the end of the history."""
-        found = self._array(name, np.float64, (2,))
-        high, low = float(found[0]), float(found[1])
+        array = self._array(name, np.float64, (2,))
+        high, low = float(array[0]), float(array[1])
         if not (0 <= high <= self._start.time and abs(low) <= ROUNDING * high):
             self._wrong(name, f"is {high} + {low} s, but should be from 0 to {self._start.time} s")
-        return found
+        return array
 
     def times(self, name: str) -> np.ndarray:
         """(n, 2) float64 s: pending times, not before the end of the history."""
-        found = self._array(name, np.float64, (self._sites, 2))
-        high, low = found[:, 0], found[:, 1]
+        array = self._array(name, np.float64, (self._sites, 2))
+        high, low = array[:, 0], array[:, 1]
         # also false for nan
         if not (np.all(high >= self._start.time) and np.all(np.abs(low) <= ROUNDING * np.minimum(high, 1e300))):
             self._wrong(name, f"has times that are not after {self._start.time} s")
-        return found
+        return array
 
     def draws(self, name: str) -> np.ndarray:
         """(n,) int64: random numbers used by each site."""
-        found = self._array(name, np.int64, (self._sites,))
-        if found.size and (int(found.min()) < 0 or int(found.max()) > MOST_DRAWS):
-            self._wrong(name, f"is from {found.min()} to {found.max()}, but should be from 0 to {MOST_DRAWS}")
-        return found
+        array = self._array(name, np.int64, (self._sites,))
+        if array.size and (int(array.min()) < 0 or int(array.max()) > MOST_DRAWS):
+            self._wrong(name, f"is from {array.min()} to {array.max()}, but should be from 0 to {MOST_DRAWS}")
+        return array
 
     def chosen(self, name: str, most: int) -> np.ndarray:
         """Up to ``most`` different sites, (h,) int64."""
-        found = self._array(name, np.int64, None)
-        if found.size > most:
-            self._wrong(name, f"lists {found.size} sites, but there can be {most}")
-        if found.size and not (int(found.min()) >= 0 and int(found.max()) < self._sites):
-            self._wrong(name, f"has sites from {found.min()} to {found.max()}, but there are {self._sites}")
-        if np.unique(found).size != found.size:
+        array = self._array(name, np.int64, None)
+        if array.size > most:
+            self._wrong(name, f"lists {array.size} sites, but there can be {most}")
+        if array.size and not (int(array.min()) >= 0 and int(array.max()) < self._sites):
+            self._wrong(name, f"has sites from {array.min()} to {array.max()}, but there are {self._sites}")
+        if np.unique(array).size != array.size:
             self._wrong(name, "lists a site twice")
-        return found
+        return array
 
     def members(self, words: np.ndarray, model: Model) -> tuple[np.ndarray, np.ndarray]:
         """All sites by class, (n,) int32, and how many each class has, (CLASSES,) int64.

@@ -1,15 +1,14 @@
 """Observables: ``barrier-spectrum``, ``pressure-spectrum``."""
 
-from importlib import import_module
+from __future__ import annotations
+
 from typing import TYPE_CHECKING, Any
 
 from chemage import hookimpl
 
 if TYPE_CHECKING:
-    from chemage_observables.barrier_spectrum import BarrierSpectrum as BarrierSpectrum
-    from chemage_observables.pressure_spectrum import PressureSpectrum as PressureSpectrum
+    from chemage_observables.spectra import BarrierSpectrum, PressureSpectrum
 
-_HOME = {"BarrierSpectrum": "barrier_spectrum", "PressureSpectrum": "pressure_spectrum"}
 __all__ = ["BarrierSpectrum", "PressureSpectrum"]
 
 
@@ -18,13 +17,15 @@ def chemage_register() -> dict[str, dict[str, str]]:
     """The components of this package."""
     return {
         "observable": {
-            "barrier-spectrum": "chemage_observables.barrier_spectrum:BarrierSpectrum",
-            "pressure-spectrum": "chemage_observables.pressure_spectrum:PressureSpectrum",
+            "barrier-spectrum": "chemage_observables.spectra:BarrierSpectrum",
+            "pressure-spectrum": "chemage_observables.spectra:PressureSpectrum",
         }
     }
 
 
 def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from chemage_observables import spectra
+
+    return getattr(spectra, name)

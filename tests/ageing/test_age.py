@@ -324,7 +324,7 @@ def test_numpy_integers_are_whole_numbers(contact):
 
 
 def test_stages_in_the_wrong_order_are_named(contact):
-    with pytest.raises(InputError, match=r"contact must be an? ContactSolution, got "):
+    with pytest.raises(InputError, match=r"contact must be an? Contact, got "):
         ca.age(chemistry(), contact, engine=Tally(), hold_times=TIMES, temperature=300)  # pyright: ignore
     with pytest.raises(InputError, match=r"chemistry must be an? Chemistry, got "):
         ca.build_lattice(Ladder(), contact)  # pyright: ignore[reportArgumentType]

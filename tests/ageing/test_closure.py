@@ -10,7 +10,7 @@ import pytest
 import chemage as ca
 from chemage import InputError
 from chemage.ageing.members import beta_errors
-from chemage_ageing import _keeping, _table
+from chemage_ageing import _table
 from chemage_ageing._independent import bonded_share
 
 KT = ca.KB * 300.0
@@ -320,7 +320,7 @@ def test_a_folder_that_cannot_be_written_is_a_note(tmp_path):
 
 def test_cache_folders(monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
-    assert _keeping.cache_folder().as_posix() == "/somewhere/chemage"
+    assert _table.cache_folder().as_posix() == "/somewhere/chemage"
 
 
 # -- refusals ---------------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from chemage import Aging, InputError
-from chemage.ageing.paired import Difference, paired_difference
+from chemage.ageing.fitting import Difference, paired_difference
 
 TIMES = np.geomspace(1.0, 1e5, 21)
 

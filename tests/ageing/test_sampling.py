@@ -10,7 +10,7 @@ import pytest
 import chemage
 from chemage import fromdict
 from chemage_ageing._independent import grouped_bonds
-from chemage_ageing._windows import Windows, square_of
+from chemage_ageing.sample import Windows, square_of
 
 TIMES = [1e-3, 1.0, 1e3]
 
@@ -134,12 +134,12 @@ def test_the_mean_over_samples_is_that_of_every_site(periodic, hydroxylation):
 def estimated(monkeypatch, touching, bonded, hydroxylation=1.0, replicas=200):
     """The estimates of samples of bonds that are known beforehand, (replicas,)."""
 
-    def followed(request, number, sites):
-        lattice = SimpleNamespace(sites=sites, plugins={}, approximate=[])
-        state = np.stack([bonded[sites]] * len(TIMES))
-        return lattice, SimpleNamespace(states=state, engine="known", notes=(), plugins={}, approximate=[])
+    def follow(request, number, sites, states):
+        history = SimpleNamespace(states=np.stack([bonded[sites]] * len(TIMES)))
+        origin = SimpleNamespace(engine="known", notes=(), plugins={}, approximate=[])
+        return SimpleNamespace(lattice=SimpleNamespace(sites=sites), history=history, origin=lambda: origin)
 
-    monkeypatch.setattr("chemage_ageing.sample._followed", followed)
+    monkeypatch.setattr(chemage.AgeingRequest, "follow", follow)
     silica = chemistry(interaction=None, hydroxylation=hydroxylation)
     return aged(touching, sample(share=0.1), silica, replicas=replicas).bonds[:, 1]
 

@@ -24,10 +24,9 @@ import numpy as np
 from scipy import stats
 
 import chemage as ca
-from chemage.ageing.intervals import Interval
-from chemage.ageing.measured import Measured
-from chemage.ageing.outputs import Output
-from chemage.ageing.paired import paired_difference
+from chemage.ageing.fitting import paired_difference
+from chemage.ageing.models import Interval
+from chemage.ageing.outputs import Measured, Output
 from chemage.foundation.statistics import crossed_half_width
 from chemage.foundation.units import KB
 from chemage.scene.extrapolation import vanishing_pixels

@@ -24,6 +24,7 @@ from scipy import stats
 
 from chemage import registry
 from chemage.testing.small_systems import Group, Hold, chance_of, held, random_hold
+from chemage_kinetics import engines
 
 #: sites of the lattices, in turn; nine take half a second to solve, and a few attempts until one site is in doubt
 SHAPES = ((1, 2), (1, 2), (2, 2), (1, 2), (2, 3), (1, 2), (1, 2), (2, 2), (1, 3), (2, 3)) * 2
@@ -58,8 +59,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first lattice")
     parser.add_argument("--engines", nargs="*", default=registry.current().kinds("engine"))
     options = parser.parse_args()
-    for module in ("next_reaction", "independent"):  # so that threads share small lattices
-        vars(__import__(f"chemage_kinetics.{module}", fromlist=["PIECE"]))["PIECE"] = 1
+    engines.PIECE = engines.SITE_PIECE = 1  # so that threads share small lattices
     chances: dict[str, list[float]] = defaultdict(list)
     seconds: dict[str, float] = defaultdict(float)
     worst = []

@@ -9,8 +9,7 @@ import pytest
 
 import chemage as ca
 from chemage.cli.sweeps import check as check_sweep
-from chemage.contacts.loads import nominal_pressure, pressure_text
-from chemage.contacts.modulus import modulus_in
+from chemage.contacts.options import modulus_in, nominal_pressure, pressure_text
 from chemage.scene.estimate import plan
 from chemage.studies.sweeps.grid import Grid, survey
 from chemage.testing import rough_surface

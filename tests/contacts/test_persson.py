@@ -10,7 +10,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError, SceneError, parse_scene
-from chemage.contacts.solution import MEASURES
+from chemage.contacts.solution import MEASURES, Contact
 
 PERSSON = ca.contact("persson", modulus=35.3)
 SIGMA = 0.5 * 35.3 * 0.1
@@ -156,6 +156,19 @@ def test_a_measure_that_is_added_as_the_documentation_says_is_unknown_without_a_
     assert nan == {"corrected_area", "patches", "perimeter_to_area", "max_pressure"}
     run = ca.run(parse_scene(scene()))
     assert run.summary()["largest_patch"] is None
+
+
+def test_a_measure_that_needs_no_map_is_declared_once(monkeypatch):
+    """A property of what both kinds of contact are, and a line in MEASURES."""
+    monkeypatch.setitem(MEASURES, "mean_load", ("nN/nm", "load over the side of the surface"))
+    monkeypatch.setattr(Contact, "mean_load", property(lambda self: self.load / math.sqrt(self.nominal_area)), False)
+    pressed = ca.contact("hertz", modulus=35.3).solve(
+        ca.surface("sphere", radius=30, pixels=32, pixel_size=0.5).make(), 10.0
+    )
+    assert pressed.summary()["mean_load"] == 10.0 / 16.0
+    assert PERSSON.statistics(rough(1e4), 100.0).summary()["mean_load"] == 1.0
+    assert ca.run(parse_scene(scene())).summary()["mean_load"] > 0
+    assert (pressed.knows("patches"), PERSSON.statistics(rough(), 100.0).knows("patches")) == (True, False)
 
 
 @pytest.mark.long

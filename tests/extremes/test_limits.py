@@ -99,7 +99,7 @@ def test_the_memory_of_this_machine_is_known(monkeypatch):
 
 
 def test_a_run_of_hours_says_so_first(command, small, monkeypatch):
-    from chemage_kinetics.rejection_free import RejectionFree
+    from chemage_kinetics import RejectionFree
 
     monkeypatch.setattr(RejectionFree, "expected", lambda self, sites, interacting: {"cpu_seconds": 1e5, "bytes": 1.0})
     assert "warning: this will take about" in command("check", small).out

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.linalg import expm
 
 import chemage as ca
-from chemage.lattices.expected import COUPLED, expected_events
+from chemage.lattices.independent import COUPLED, expected_kinetics, rough_pressures
 
 NU = 1e13
 
@@ -17,7 +18,11 @@ def chemistry(forming=0.8, breaking: float | None = 0.9, **options):
     return ca.chemistry(forming=ca.barriers("gaussian", mean=forming, std=0), **bonds, **options)
 
 
-@pytest.mark.parametrize("hold_time", [1e-3, 1.0, 1e3, 1e6])
+def expected_events(chemistry, pressure, hold_time, temperature):
+    return expected_kinetics(chemistry, rough_pressures(pressure), hold_time, temperature).events
+
+
+@pytest.mark.parametrize("hold_time", [1.0, 1e6])
 @pytest.mark.parametrize("barriers", [(0.8, 0.9), (0.9, 0.8), (0.75, 0.75)])
 def test_two_states_have_the_events_of_the_master_equation(barriers, hold_time):
     form, break_ = (NU * np.exp(-energy / (ca.KB * 320.0)) for energy in barriers)
@@ -55,3 +60,20 @@ def test_the_ends_of_the_number_range(hold_time, temperature):
         with np.errstate(all="raise"):
             found = expected_events(chemistry(*barriers), 1e10, hold_time, temperature)
         assert 0 <= found < np.inf
+
+
+@pytest.mark.parametrize(("forming", "breaking"), [(2.0, 0.5), (1e-9, 3.0), (5.0, 0.0), (0.0, 0.0), (1e13, 1e-3)])
+@pytest.mark.parametrize("time", [0.0, 1e-12, 0.3, 40.0])
+def test_the_two_state_chain_follows_its_master_equation(forming, breaking, time):
+    """By the matrix exponential of the generator, in which a third component counts the bonds that broke."""
+    step = np.array([[-forming, breaking, 0], [forming, -breaking, 0], [0, breaking, 0]]) * time
+    exact = expm(step) @ [1.0, 0.0, 0.0]
+    sites = ca.TwoState(np.array([forming]), breaking)
+    assert sites.bonded(time)[0] == pytest.approx(exact[1], rel=1e-9, abs=1e-300)
+    assert sites.broken(time)[0] == pytest.approx(exact[2], rel=2e-6, abs=1e-300)
+    assert sites.bonded(np.array([[time], [2 * time]])).shape == (2, 1)
+
+
+def test_rates_are_those_of_arrhenius_and_the_attempt_frequency_at_most():
+    rates = chemistry().rates(np.array([-1.0, 0.0, 0.5]), 300.0)
+    assert rates == pytest.approx([NU, NU, NU * np.exp(-0.5 / (ca.KB * 300.0))], rel=1e-15)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import chemage as ca
 from chemage import InputError, ReactionLattice
-from chemage.lattices.neighbours import neighbours_of
+from chemage.lattices.chemistry import neighbours_of
 from chemage.lattices.site_grid import contact_sites
 
 

@@ -341,7 +341,7 @@ def test_random_lattices_follow_the_master_equation_with_every_option(kind, numb
     `benchmarks/master_equation.py`."""
     for kernel in ("_rejection_free", "_bkl"):
         monkeypatch.setattr(f"chemage_kinetics.{kernel}.FAR", far)
-    monkeypatch.setattr("chemage_kinetics.next_reaction.PIECE", 1)  # so that threads share few sites
+    monkeypatch.setattr("chemage_kinetics.engines.PIECE", 1)  # so that threads share few sites
     chances = []
     for at, (what, engine) in enumerate(option_variants(chemage.engine(kind))):
         fast = getattr(engine, "superbasins", False)

@@ -12,7 +12,7 @@ import chemage
 from chemage import KB, ReactionLattice
 from chemage import random as cr
 from chemage_kinetics._common import STREAMS
-from chemage_kinetics._noise import noise_key
+from chemage_kinetics._identity import noise_key
 
 
 def lattice_of(side: int, spread: float) -> ReactionLattice:

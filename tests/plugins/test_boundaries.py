@@ -238,7 +238,7 @@ def kernels() -> frozenset[str]:
 def test_the_kernels_were_found():
     assert kernels() >= {
         "chemage.foundation.random",
-        "chemage.lattices.graph_check",
+        "chemage.lattices.kernels",
         "chemage_contact._kernels",
         "chemage_interactions._kernels",
         "chemage_kinetics._common",

@@ -9,7 +9,7 @@ import pytest
 import chemage
 from chemage import load_scene
 from chemage.foundation import processor
-from chemage.lattices.expected import expected_events
+from chemage.lattices.independent import expected_kinetics, rough_pressures
 from chemage.scene.estimate import cost, plan
 
 
@@ -117,7 +117,9 @@ def test_events_are_estimated_at_every_temperature(small, temperature, stop):
     scene = load_scene(small, {**changes, "hold.temperature": temperature, "hold.stop": stop, "hold.replicas": 5})
     contact = chemage.run(scene).contact
     found = chemage.run(scene).aging
-    expected = expected_events(scene.chemistry, contact.mean_contact_pressure, stop, temperature)
+    expected = expected_kinetics(
+        scene.chemistry, rough_pressures(contact.mean_contact_pressure), stop, temperature
+    ).events
     assert 0.5 < expected / (found.events / found.sites).mean() < 2
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage.ageing import age as ageing
+from chemage.ageing import kinetics, methods
 from chemage.lattices import chemistry as lattices
 from chemage.studies import tasks
 from chemage.studies.ensembles.running import ensemble
@@ -155,7 +155,7 @@ def test_a_run_of_a_tip_imports_no_boundary_elements_and_no_figures(tmp_path):
 def test_no_neighbours_are_searched_without_interaction(calls):
     for name in ("neighbours_of", "graph_of", "coupling_of"):
         calls(lattices, name)
-    calls(ageing, "build_lattice")
+    calls(methods, "build_lattice")
     ca.run(TIP)
     ca.run({**TIP, "chemistry": {"hydroxylation": 0.5, "site_density": "pixel"}})
     assert not calls.made["neighbours_of"] + calls.made["graph_of"] + calls.made["coupling_of"]
@@ -166,8 +166,8 @@ def test_no_neighbours_are_searched_without_interaction(calls):
 
 def test_no_breaking_barriers_are_drawn_without_breaking(calls):
     calls(type(ca.barriers("gaussian", mean=1.1, std=0.02)), "quantile")
-    calls(ageing, "build_lattice")
-    calls(ageing, "run_kinetics")
+    calls(methods, "build_lattice")
+    calls(methods, "run_kinetics")
     ca.run(TIP)
     assert not calls.made["quantile"]
     assert all(one.breaking is None for one in calls.returned["build_lattice"])
@@ -179,7 +179,7 @@ def test_no_breaking_barriers_are_drawn_without_breaking(calls):
 
 @pytest.mark.parametrize("kind", ["rejection-free", "bkl", "next-reaction"])
 def test_no_history_goes_beyond_the_last_hold_time(calls, kind):
-    calls(ageing, "run_kinetics")
+    calls(methods, "run_kinetics")
     made = ca.run({**TIP, "engine": {"kind": kind}, "breaking": BREAKING}, threads=1)
     for history, events in zip(calls.returned["run_kinetics"], made.aging.events, strict=True):
         assert history.time == 1e4
@@ -188,7 +188,7 @@ def test_no_history_goes_beyond_the_last_hold_time(calls, kind):
 
 
 def test_states_and_observables_are_kept_only_where_they_are_asked_for(calls):
-    calls(ageing, "run_kinetics")
+    calls(methods, "run_kinetics")
     made = ca.run(TIP)
     assert made.aging.observables == {}
     assert all(one.states is None for one in calls.returned["run_kinetics"])
@@ -201,7 +201,7 @@ def test_states_and_observables_are_kept_only_where_they_are_asked_for(calls):
 
 
 def test_an_ensemble_measures_no_more_than_it_averages(calls):
-    calls(ageing, "measure")
+    calls(kinetics, "measure")
     spectra = {**ROUGH, "observe": [{"kind": "barrier-spectrum"}], "hold": {**ROUGH["hold"], "replicas": 1}}
     ensemble(ca.parse_scene(spectra), accuracy={"beta": 0.5})
     assert all(not one.values for one in calls.returned["measure"])

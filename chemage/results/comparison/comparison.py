@@ -20,9 +20,9 @@ import numpy as np
 
 from chemage.ageing.elasticity import MEASURES, elastic_measures
 from chemage.ageing.fitting import Fit, Model, Quantity, fit_aging
-from chemage.ageing.measured import Measured
 from chemage.ageing.measurements import Measurements, read_measurements
-from chemage.contacts.loads import force_text
+from chemage.ageing.outputs import Measured
+from chemage.contacts.options import force_text
 from chemage.foundation.errors import InputError
 from chemage.foundation.statistics import half_width, standard_error
 from chemage.foundation.text import jsonable, mean_text, percent

@@ -15,9 +15,8 @@ import numpy as np
 
 from chemage.ageing.aging import Aging, fit_or_reason
 from chemage.ageing.fitting import FIT_WINDOW, Fit
-from chemage.ageing.measured import Measured
-from chemage.contacts.solution import ContactSolution
-from chemage.contacts.statistics import ContactStatistics
+from chemage.ageing.outputs import Measured
+from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.approximations import in_words
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError

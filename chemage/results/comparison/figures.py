@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage.ageing.fitting import SYMBOL, Quantity
-from chemage.ageing.plotted import Maps, PlottedResult
+from chemage.ageing.observables import Maps, PlottedResult
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.statistics import NORMAL_LIMIT, half_width
 from chemage.results.comparison.comparison import Comparison, Curves, coefficient, friction

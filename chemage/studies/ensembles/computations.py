@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.aging import Aging
-from chemage.contacts.theories import ContactTheory
+from chemage.contacts.role import ContactTheory
 from chemage.foundation.approximations import merged
 from chemage.foundation.codec import from_json
 from chemage.foundation.errors import InputError

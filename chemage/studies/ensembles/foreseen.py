@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from chemage.lattices.expected import expected_kinetics, rough_pressures, smooth_pressures
+from chemage.lattices.independent import expected_kinetics, rough_pressures, smooth_pressures
 from chemage.scene.cost import Cost
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages

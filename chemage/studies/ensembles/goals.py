@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from chemage.contacts.role import ContactTheory
 from chemage.contacts.solution import MEASURES
-from chemage.contacts.theories import ContactTheory
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.threads import available

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from chemage.ageing.fitting import few_hold_times
+from chemage.ageing.fitting import few_hold_times, line_slopes
 from chemage.ageing.hold_times import within
-from chemage.ageing.models import above_rounding
 from chemage.foundation.errors import InputError
 from chemage.foundation.messages import nearest
 from chemage.scene.scene import Scene
@@ -87,9 +86,7 @@ class Quantities:
     def slope(self, curves: np.ndarray) -> np.ndarray:
         """(n,) rise per decade of the least-squares line through each of ``curves`` (n, m) over the window: the fit of
         β, which is linear in the curve, so that its mean is that of the mean curve."""
-        x = np.log10(self.hold_times[self.fitted])
-        x, fitted = x - x.mean(), curves[:, self.fitted]
-        return above_rounding(fitted @ x / (x @ x), x, fitted)
+        return line_slopes(self.hold_times, curves, self.window)
 
     def column(self, name: str, time: float | None = None) -> int:
         """The column of a quantity; of a curve at ``time`` (s), or at the last hold time.

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from chemage.contacts.loads import nominal_pressure
-from chemage.contacts.theories import ContactTheory, no_map
+from chemage.contacts.options import nominal_pressure
+from chemage.contacts.role import ContactTheory, no_map
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
 from chemage.foundation.hashes import content_hash
 from chemage.foundation.messages import nearest

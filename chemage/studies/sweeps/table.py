@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage.ageing import elasticity
-from chemage.ageing.derived import CURVES, FIT
+from chemage.ageing.aging import CURVES, FIT
 from chemage.ageing.fitting import LN10
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.files import fresh_file

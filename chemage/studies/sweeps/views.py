@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.derived import CURVES
+from chemage.ageing.aging import CURVES
 from chemage.ageing.fitting import FIT_WINDOW, few_hold_times
 from chemage.ageing.hold_times import within
 from chemage.foundation.errors import InputError, UnitError

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from chemage.ageing.methods import check_method
-from chemage.contacts.theories import ContactTheory
+from chemage.contacts.role import ContactTheory
 from chemage.foundation.calls import call_with
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError

@@ -20,8 +20,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from chemage.ageing.aging import Aging
+from chemage.ageing.fitting import line_slopes
 from chemage.ageing.hold_times import within
-from chemage.ageing.models import above_rounding
+from chemage.ageing.kinetics import EVERY_SITE
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
 from chemage.foundation.approximations import in_words
@@ -277,10 +278,8 @@ class Mapper:
         use = self._fitted(aging.hold_times)
         if not self.scene.load > 0 or np.unique(aging.hold_times[use]).size < 2:
             return None
-        x = np.log10(aging.hold_times[use])
-        x -= x.mean()
-        curves = np.asarray(aging.friction_drop, dtype=np.float64)[:, use]
-        return above_rounding(curves @ x / (x @ x), x, curves) / self.scene.load
+        curves = np.asarray(aging.friction_drop, dtype=np.float64)
+        return line_slopes(aging.hold_times, curves, (self.scene.fit.start, self.scene.fit.stop)) / self.scene.load
 
     def _fitted(self, times: np.ndarray) -> np.ndarray:
         return within(times, (self.scene.fit.start, self.scene.fit.stop)) & (times > 0)
@@ -482,7 +481,7 @@ class Mapper:
             values=values,
             scatter=scatter,
             contact_only=_only_contact(trial.combination),
-            replicates=method is None or method.replicates,
+            replicates=(method or EVERY_SITE).replicates,
             exact=bool(trial.combination) and all(choice.exact for choice in trial.combination),
             own=not trial.combination,
             remark=in_words(approximations(*_replaced(self.scene, trial.scene))),

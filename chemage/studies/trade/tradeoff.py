@@ -21,8 +21,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from chemage.ageing.aging import Aging
+from chemage.contacts.role import ContactTheory, no_map
 from chemage.contacts.solution import ContactSolution
-from chemage.contacts.theories import ContactTheory, no_map
 from chemage.foundation import threads
 from chemage.foundation.approximations import in_words
 from chemage.foundation.checks import checked_count

@@ -1,4 +1,5 @@
-"""The contact modulus, as a number or from the elastic constants of the bodies in contact."""
+"""The options of a contact that are more than a number with a unit: its load, a force or a nominal pressure, and its
+contact modulus, a number or the elastic constants of the bodies in contact."""
 
 from __future__ import annotations
 
@@ -9,14 +10,78 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 from pydantic import GetCoreSchemaHandler
 from pydantic_core import core_schema
 
+from chemage.foundation.checks import force
 from chemage.foundation.components import Component
-from chemage.foundation.errors import InputError, shown
+from chemage.foundation.errors import InputError, UnitError, shown
 from chemage.foundation.messages import nearest
-from chemage.foundation.units import QuantityLike, Unit, convert, in_range
+from chemage.foundation.units import QuantityLike, Unit, convert, in_range, is_in_table
 
 #: what a table of elastic constants holds
 CONSTANTS = ("young", "poisson")
 _FORM = 'give young = ["72 GPa", "210 GPa"] and poisson = [0.17, 0.3], or one of each for a rigid counter-body'
+
+
+def nominal_pressure(load: object) -> float | None:
+    """``load`` in GPa where it is a pressure, such as ``"10 MPa"``; None where it is a force, a bare number, or
+    neither."""
+    if isinstance(load, str) and is_in_table(load, "GPa"):  # without pint, whose import takes long
+        return convert(load, "GPa")
+    if isinstance(load, int | float) or (isinstance(load, str) and is_in_table(load, "nN")):
+        return None
+    for unit in ("nN", "GPa"):
+        try:
+            value = convert(load, unit)
+        except UnitError:
+            continue
+        return value if unit == "GPa" else None
+    return None
+
+
+def normal_force(load: QuantityLike, area: float | None, *, flat: bool) -> float:
+    """``load`` in nN, finite and ≥ 0; a pressure is multiplied by the nominal ``area`` (nm²; None: not known).
+
+    Raises
+    ------
+    InputError
+        It is negative or out of range; or a pressure, and the surface is not nominally ``flat`` or its area not known.
+    UnitError
+        It is neither a force nor a pressure.
+    """
+    pressure = nominal_pressure(load)
+    if pressure is None:
+        try:
+            return force(load)
+        except UnitError as error:
+            raise UnitError(
+                f'{error}; a load is a force, such as "20 uN", or a nominal pressure, such as "10 MPa"'
+            ) from None
+    give = 'give the normal force, such as load = "20 uN"'
+    if not math.isfinite(pressure) or pressure < 0:
+        raise InputError.of("load", load, "must be finite and not negative", "give a nominal pressure such as 10 MPa")
+    if not flat:
+        raise InputError.of(
+            "load",
+            load,
+            "a nominal pressure needs a nominal area, and that of a tip or of a surface that is not periodic has no "
+            "meaning",
+            give,
+        )
+    if area is None:
+        raise InputError.of("load", load, "the nominal area of this surface is not known before it is made", give)
+    return force(pressure * area)
+
+
+def force_text(force: float) -> str:
+    """A force (nN) with the unit in which it is usually given."""
+    for unit, size in (("N", 1e9), ("mN", 1e6), ("µN", 1e3)):
+        if force >= size:
+            return f"{force / size:.4g} {unit}"
+    return f"{force:.4g} nN"
+
+
+def pressure_text(pressure: float) -> str:
+    """A nominal pressure (GPa) with the unit in which it is usually given."""
+    return f"{pressure:.4g} GPa" if pressure >= 0.1 else f"{1e3 * pressure:.4g} MPa"
 
 
 def contact_modulus(
@@ -89,13 +154,13 @@ class _ModulusUnit(Unit):
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         number = core_schema.float_schema(allow_inf_nan=False, gt=0)
-        one = core_schema.union_schema([number, core_schema.str_schema()])
-        two = core_schema.list_schema(one, min_length=2, max_length=2)
+        scalar = core_schema.union_schema([number, core_schema.str_schema()])
+        two = core_schema.list_schema(scalar, min_length=2, max_length=2)
         ratio = core_schema.float_schema(gt=-1, le=0.5)
         ratios = core_schema.union_schema([ratio, core_schema.list_schema(ratio, min_length=2, max_length=2)])
         table = core_schema.typed_dict_schema(
             {
-                "young": core_schema.typed_dict_field(core_schema.union_schema([one, two])),
+                "young": core_schema.typed_dict_field(core_schema.union_schema([scalar, two])),
                 "poisson": core_schema.typed_dict_field(ratios),
             },
             extra_behavior="forbid",

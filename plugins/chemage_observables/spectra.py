@@ -1,4 +1,4 @@
-"""The distribution of the forming barriers of a contact before any bond has formed and at the end."""
+"""Distributions over the sites of a contact: of their forming barriers, and of their pressures."""
 
 from __future__ import annotations
 
@@ -8,12 +8,28 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage import BondHistory, Chemistry, ContactSolution, Energy, Observable, Observed, Output, ReactionLattice
+from chemage import (
+    BondHistory,
+    Chemistry,
+    ContactSolution,
+    Energy,
+    Observable,
+    Observed,
+    Output,
+    Pressure,
+    ReactionLattice,
+)
 from chemage.foundation.text import power_text
 from chemage.results.figures import BLUE, GREEN, GREY, ORANGE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+def _density(values: np.ndarray, edges: np.ndarray, sites: int) -> np.ndarray:
+    """The histogram of ``values`` as a density per site of ``sites``."""
+    counts, _ = np.histogram(values, bins=edges)
+    return counts / (max(sites, 1) * np.diff(edges))
 
 
 class BarrierSpectrum(Observable):
@@ -60,16 +76,9 @@ class BarrierSpectrum(Observable):
             taken = np.append(bonded, False)[lattice.neighbours]  # slot -1 reads the appended False
             now += np.sum(lattice.coupling, axis=1, where=taken, dtype=np.float64)
 
-        def density(values: np.ndarray) -> np.ndarray:
-            counts, _ = np.histogram(values, bins=edges)
-            return counts / (max(forming.size, 1) * np.diff(edges))
-
-        return {
-            "barrier_edges": edges,
-            "barriers_start": density(forming),
-            "barriers_open": density(now[~bonded]),
-            "barriers_bonded": density(forming[bonded]),
-        }
+        spectra = {"start": forming, "open": now[~bonded], "bonded": forming[bonded]}
+        densities = {f"barriers_{name}": _density(values, edges, forming.size) for name, values in spectra.items()}
+        return {"barrier_edges": edges, **densities}
 
     def draw(self, figure: str, axes: Axes, results: Sequence[Observed]) -> None:
         """Draw intrinsic barriers and those of all, unbonded and bonded sites; of several results all and unbonded."""
@@ -80,15 +89,48 @@ class BarrierSpectrum(Observable):
         axes.legend(frameon=False, fontsize=8 if len(results) == 1 else 7)
 
 
-def _draw_one(axes: Axes, one: Observed) -> list[float]:
+class PressureSpectrum(Observable):
+    """Histograms of the pressure at the sites as densities per site, 1/GPa.
+
+    ``pressures``: all sites; ``pressures_bonded``: the sites bonded at the end, also per site of the lattice.
+    """
+
+    kind = "pressure-spectrum"
+
+    outputs: ClassVar[Mapping[str, Output]] = {
+        "pressure_edges": Output(("pressure_edge",), "GPa", "edges of the bins of the pressure"),
+        "pressures": Output(("pressure",), "1/GPa", "density per site of all sites"),
+        "pressures_bonded": Output(("pressure",), "1/GPa", "density per site of the sites bonded at the end"),
+    }
+
+    upper: Pressure = 20.0
+    """upper edge of the histogram, GPa; the lower edge is 0"""
+    bins: int = Field(default=200, ge=1, le=100_000)
+    """number of bins of equal width"""
+
+    def measure(
+        self, contact: ContactSolution, lattice: ReactionLattice, history: BondHistory
+    ) -> Mapping[str, np.ndarray]:
+        """Compute the bin edges, (bins + 1,) GPa, and two densities per site of the lattice, (bins,) 1/GPa."""
+        edges = np.linspace(0.0, self.upper, self.bins + 1)
+        pressure = lattice.pressures(contact)
+
+        return {
+            "pressure_edges": edges,
+            "pressures": _density(pressure, edges, pressure.size),
+            "pressures_bonded": _density(pressure[history.state], edges, pressure.size),
+        }
+
+
+def _draw_one(axes: Axes, result: Observed) -> list[float]:
     """Draw one result, and return the energies between which its densities are not zero."""
-    measured, last = one.aging.observables, f"{power_text(one.aging.hold_times[-1])} s"
+    measured, last = result.aging.observables, f"{power_text(result.aging.hold_times[-1])} s"
     edges = measured["barrier_edges"][0]
     energy = np.linspace(edges[0], edges[-1], 801)
-    intrinsic = _intrinsic_density(one.chemistry, energy)
+    intrinsic = _intrinsic_density(result.chemistry, energy)
     if intrinsic is not None:
         axes.plot(energy, intrinsic, color=GREY, lw=1.2, label="intrinsic")
-    lowered = one.chemistry is not None and one.chemistry.activation_volume > 0
+    lowered = result.chemistry is not None and result.chemistry.activation_volume > 0
     for name, colour, label in (
         ("barriers_start", BLUE, "lowered by pressure" if lowered else "of the sites"),
         ("barriers_open", ORANGE, f"unbonded at {last}"),
@@ -110,17 +152,17 @@ def _intrinsic_density(chemistry: Chemistry | None, energy: np.ndarray) -> np.nd
 def _draw_several(axes: Axes, results: Sequence[Observed]) -> list[float]:
     """Draw several results, unbonded sites dashed, and return the energies between which densities are not zero."""
     limits: list[float] = []
-    for one in results:
-        measured = one.aging.observables
+    for result in results:
+        measured = result.aging.observables
         edges = measured["barrier_edges"][0]
         for name, dashes, label in (
-            ("barriers_start", "-", one.label),
-            ("barriers_open", "--", f"{one.label}, unbonded at {power_text(one.aging.hold_times[-1])} s"),
+            ("barriers_start", "-", result.label),
+            ("barriers_open", "--", f"{result.label}, unbonded at {power_text(result.aging.hold_times[-1])} s"),
         ):
             density = measured[name].mean(axis=0)
             if not density.any():
                 continue
-            axes.stairs(density, edges, color=one.color, lw=1.3, ls=dashes, label=label)
+            axes.stairs(density, edges, color=result.color, lw=1.3, ls=dashes, label=label)
             filled = np.flatnonzero(density > density.max() * 1e-3)
             if filled.size:
                 limits += [edges[filled[0]] - 0.05, edges[filled[-1] + 1] + 0.05]

@@ -1,4 +1,4 @@
-"""The key of a run's random numbers, by which every run is an independent sample."""
+"""The key of a run's random numbers, which makes it an independent sample, and a fingerprint of its lattice."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from chemage import ReactionLattice, Seed
 from chemage.foundation.random import CommonSeed, key
 from chemage_kinetics._common import Key
+from chemage_kinetics._lattice import mix
 
 #: Sites whose pixel and energies enter the key, spread evenly over the lattice.
 PROBES = 256
@@ -38,3 +39,19 @@ def noise_key(seed: Seed, stream: int, lattice: ReactionLattice) -> Key:
             content.update((steps + 0.0).tobytes())  # + 0.0, because -0.0 has other bytes
     k0, k1 = np.frombuffer(content.digest()[:8], "<u4").astype(np.uint64)
     return Key(k0, k1)
+
+
+def fingerprint(lattice: ReactionLattice) -> np.ndarray:
+    """uint64 (1,), a hash of all that the kinetics depend on: pixels of the sites, barriers, graph, frequency."""
+    value = np.array([lattice.attempt_frequency]).view(np.uint64)[0]
+    for array in (lattice.sites, lattice.forming, lattice.breaking, lattice.neighbours, lattice.coupling):
+        raw = np.empty(0, np.uint8) if array is None else array.reshape(-1).view(np.uint8)
+        whole = raw.size - raw.size % 8
+        rest = np.zeros(16, np.uint8)
+        rest[: raw.size - whole] = raw[whole:]
+        rest[8] = array is None
+        for part in (raw[:whole], rest):
+            words = part.view(np.uint64)
+            words.setflags(write=False)
+            value = np.uint64(mix(words, value))
+    return np.array([value], np.uint64)

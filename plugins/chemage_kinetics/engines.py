@@ -1,0 +1,405 @@
+"""The engines. docs/kinetics.md compares them."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from chemage import (
+    BondHistory,
+    Engine,
+    InputError,
+    ReactionLattice,
+    check_times,
+    checked_states,
+    temperature_value,
+)
+from chemage.foundation.threads import available
+from chemage_kinetics import _bkl, _independent, _next_reaction, _rejection_free
+from chemage_kinetics._common import Holds
+from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost, model_of, run_pieces
+from chemage_kinetics._event_queue import new_order, new_queue
+from chemage_kinetics._lattice import patches_of
+from chemage_kinetics._rate_classes import members, new_classes
+from chemage_kinetics._sum_tree import ROOM, empty_rates, fill, relist
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from chemage import Seed
+
+#: Sites in a piece of work of `next-reaction`: small enough to balance the threads, large enough to amortise the call
+#: overhead; and of `independent`.
+PIECE, SITE_PIECE = 20_000, 50_000
+#: From this many sites on, sharing patches between threads pays for starting the threads ...
+WORTH_SHARING = 50_000
+#: ... if no patch holds more than this fraction of them.
+LARGEST_SHARE = 0.6
+
+# the publications that the engines cite
+GIBSON = """@article{gibson2000,
+  author = {Gibson, M. A. and Bruck, J.},
+  title = {Efficient exact stochastic simulation of chemical systems with many species and many channels},
+  journal = {The Journal of Physical Chemistry A},
+  volume = {104},
+  pages = {1876--1889},
+  year = {2000},
+  doi = {10.1021/jp993732q},
+}"""
+
+GILLESPIE = """@article{gillespie1976,
+  author = {Gillespie, D. T.},
+  title = {A general method for numerically simulating the stochastic time evolution of coupled chemical reactions},
+  journal = {Journal of Computational Physics},
+  volume = {22},
+  pages = {403--434},
+  year = {1976},
+  doi = {10.1016/0021-9991(76)90041-3},
+}"""
+
+BORTZ = """@article{bortz1975,
+  author = {Bortz, A. B. and Kalos, M. H. and Lebowitz, J. L.},
+  title = {A new algorithm for {Monte Carlo} simulation of {Ising} spin systems},
+  journal = {Journal of Computational Physics},
+  volume = {17},
+  pages = {10--18},
+  year = {1975},
+  doi = {10.1016/0021-9991(75)90060-1},
+}"""
+
+COX = """@book{cox1962,
+  author = {Cox, D. R.},
+  title = {Renewal Theory},
+  publisher = {Methuen},
+  year = {1962},
+}"""
+
+
+class KernelEngine(Engine):
+    """An engine whose run is a `Job`."""
+
+    def _run(
+        self,
+        lattice: ReactionLattice,
+        hold_times: np.ndarray,
+        temperature: float,
+        seed: Seed,
+        start: BondHistory | np.ndarray | None,
+    ) -> BondHistory:
+        return self._follow(Job(self.kind, lattice, hold_times, temperature, seed, start))
+
+    @abstractmethod
+    def _follow(self, job: Job) -> BondHistory:
+        """Follow the bonds to the last hold time."""
+
+
+class ThreadedEngine(Engine):
+    """An engine with the option ``threads``."""
+
+    speed_only = ("threads",)
+
+    threads: int = Field(default=1, ge=0)
+    """threads inside one run; 0: one per processor that this process may use; default: 1"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _earlier_name(cls, options: Any) -> Any:
+        # scenes and sweeps of 0.1 call it workers
+        if isinstance(options, dict) and "workers" in options and "threads" not in options:
+            return {("threads" if name == "workers" else name): value for name, value in options.items()}
+        return options
+
+    def concurrency(self) -> int:
+        """Threads of one run: ``threads``."""
+        return self.threads or available()
+
+
+class EventEngine(KernelEngine):
+    """An engine that follows events one by one."""
+
+    #: seconds per event, seconds of set-up per site, and bytes per site, on large lattices
+    cost: ClassVar[tuple[float, float, float]]
+
+    superbasins: bool = False
+    """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
+    cost does not depend on the number of its events (Novotny 1995); default: no"""
+
+    def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
+        """See :meth:`chemage.Engine.expected`."""
+        return expected_cost(sites, *self.cost, events, self.superbasins)
+
+
+class RejectionFree(EventEngine):
+    """Direct method on an eight-way sum tree (Gillespie 1976): every attempt is an event, there are no rejections.
+
+    Memory: 18 bytes per site besides the lattice. Time per event grows as log8 of the number of sites.
+    """
+
+    kind = "rejection-free"
+    cite = ("Gillespie, J. Comput. Phys. 22, 403 (1976), doi:10.1016/0021-9991(76)90041-3",)
+    bibtex = (GILLESPIE,)
+    cost = (430e-9, 15e-9, 18)
+
+    def _follow(self, job: Job) -> BondHistory:
+        words = job.words()
+        rates = empty_rates(words.size, job.model.neighbours.shape[1], listing=words.size >= _rejection_free.FAR)
+        fill(words, job.model, rates)
+        run = _rejection_free.new_run(job.key, job.holds, job.model, words, rates, job.time)
+        counters = run.counters
+        if job.resume is not None:
+            run.clock[:] = job.resume.clock("clock")
+            counters[_rejection_free.EVENT] = job.resume.count("event")
+            counters[_rejection_free.DRAWN] = job.resume.count("drawn")
+            counters[_rejection_free.LAST] = job.resume.site("last")
+            fast = job.resume.chosen("fast", int(ROOM) if rates.listing else 0)
+            if fast.size:
+                relist(fast, rates)
+        else:
+            # the random numbers of the pending event are used up
+            counters[_rejection_free.EVENT] = job.carried("event") + 1
+            counters[_rejection_free.DRAWN] = job.carried("drawn")
+        while not counters[_rejection_free.DONE]:
+            _rejection_free.advance(run, self.superbasins or None, SLICE)
+        return job.history(
+            bonded(words),
+            clock=run.clock,
+            event=counters[_rejection_free.EVENT : _rejection_free.EVENT + 1].copy(),
+            drawn=counters[_rejection_free.DRAWN : _rejection_free.DRAWN + 1].copy(),
+            fast=rates.sites[: rates.listed[0]].copy(),
+            last=counters[_rejection_free.LAST : _rejection_free.LAST + 1].copy(),
+        )
+
+
+class BKL(EventEngine):
+    """The n-fold way of Bortz, Kalos and Lebowitz for rates that all differ: classes by powers of two, and thinning.
+
+    Memory: 46 bytes per site besides the lattice. Time per event hardly depends on the number of sites.
+    """
+
+    kind = "bkl"
+    cite = ("Bortz, Kalos and Lebowitz, J. Comput. Phys. 17, 10 (1975), doi:10.1016/0021-9991(75)90060-1",)
+    bibtex = (BORTZ,)
+    cost = (650e-9, 25e-9, 46)
+
+    def _follow(self, job: Job) -> BondHistory:
+        resume = job.resume
+        words = job.words()
+        order, counts = (None, None) if resume is None else resume.members(words, job.model)
+        classes = new_classes(words, job.model, order, counts)
+        run = _bkl.new_run(job.key, job.holds, classes, job.time)
+        counters = run.counters
+        if resume is not None:
+            run.clock[:] = resume.clock("clock")
+            counters[_bkl.EVENT] = resume.count("event")
+            counters[_bkl.LAST] = resume.site("last")
+        else:
+            counters[_bkl.EVENT] = job.carried("event") + 1  # the random numbers of the pending attempt are used up
+        while not counters[_bkl.DONE]:
+            _bkl.advance(run, self.superbasins or None, SLICE)
+        return job.history(
+            bonded(np.ascontiguousarray(classes.records[:, 0])),
+            clock=run.clock,
+            event=counters[_bkl.EVENT : _bkl.EVENT + 1].copy(),
+            last=counters[_bkl.LAST : _bkl.LAST + 1].copy(),
+            members=members(classes),
+            counts=classes.counts,
+        )
+
+
+class NextReaction(EventEngine, ThreadedEngine):
+    """Next-reaction method (Gibson & Bruck 2000), patch by patch; every site has random numbers of its own.
+
+    Results are the same to the last bit on any number of threads. Memory: 50 to 60 bytes per site besides the lattice.
+    """
+
+    kind = "next-reaction"
+    cite = ("Gibson and Bruck, J. Phys. Chem. A 104, 1876 (2000), doi:10.1021/jp993732q",)
+    bibtex = (GIBSON,)
+    cost = (600e-9, 70e-9, 50)
+
+    def _follow(self, job: Job) -> BondHistory:
+        n = job.lattice.sites.size
+        words = job.words()
+        spot = np.zeros((n, 2), np.int32)
+        order, starts = patches_of(job.model.neighbours, label=spot.reshape(-1)[:n])
+        if job.resume is not None:
+            times, draws = np.array(job.resume.times("times")), np.array(job.resume.draws("draws"))
+        else:
+            times, draws = np.empty((n, 2)), job.carried_draws()
+        sites = _next_reaction.Sites(job.key, job.model, job.lattice.random_index, words, draws)
+        if job.resume is None:
+            _next_reaction.draw_times(sites, job.time, times)
+        largest = int(np.diff(starts).max(initial=0))
+
+        def follow(first: int, last: int, tally: np.ndarray) -> int:
+            most = int(np.diff(starts[first : last + 1]).max(initial=0))
+            run = _next_reaction.Run(
+                sites=sites,
+                holds=Holds(job.hold_times, tally),
+                queue=new_queue(times, spot, most, float(job.hold_times[-1])),
+                order=new_order(order, starts, most),
+                sooner=np.empty(job.model.neighbours.shape[1], np.int64),
+                rng=np.empty(5, np.uint64),
+            )
+            # A patch that is continued sorts its sites anew, so a slice is not much shorter than that takes.
+            return _next_reaction.follow(run, first, last, self.superbasins or None, max(SLICE, largest))
+
+        run_pieces(job, follow, _pieces(starts), self.threads)
+        return job.history(bonded(words), times=times, draws=draws)
+
+
+def _pieces(starts: np.ndarray) -> list[tuple[int, int]]:
+    """Runs of patches of about PIECE sites, the largest first, as (first patch, patch after the last)."""
+    pieces = []
+    first = 0
+    patches = starts.size - 1
+    while first < patches:
+        last = int(np.searchsorted(starts, starts[first] + PIECE, side="right")) - 1
+        last = min(max(last, first + 1), patches)
+        pieces.append((first, last))
+        first = last
+    return sorted(pieces, key=lambda piece: int(starts[piece[0]] - starts[piece[1]]))
+
+
+class Independent(KernelEngine, ThreadedEngine):
+    """Sites that do not interact: exact, at a cost per site that does not depend on the number of its events.
+
+    Where a site has many events before a hold time, its state and their number are drawn from the distributions of the
+    alternating renewal process. Results are the same to the last bit on any number of threads. Lattices whose sites
+    interact are refused.
+    """
+
+    kind = "independent"
+    cite = ("Cox, Renewal Theory (Methuen, 1962), chapter 7",)
+    bibtex = (COX,)
+    interacting: ClassVar[bool] = False
+
+    def expected(self, sites: float, interacting: bool) -> dict[str, float]:
+        """See :meth:`chemage.Engine.expected`."""
+        return expected_cost(sites, 100e-9, 60e-9, 25)
+
+    def _follow(self, job: Job) -> BondHistory:
+        n = job.lattice.sites.size
+        if job.resume is not None:
+            times, draws = np.array(job.resume.times("times")), np.array(job.resume.draws("draws"))
+        else:
+            times, draws = np.empty((n, 2)), job.carried_draws()
+        model = job.model
+        sites = _independent.Sites(
+            key=job.key,
+            pixels=job.lattice.random_index,
+            forming=job.lattice.forming,
+            breaking=model.breaking,
+            nu=model.nu,
+            per_unit=model.per_unit,
+            state=job.state.copy(),
+            times=times,
+            draws=draws,
+        )
+        if job.resume is None:
+            _independent.draw_times(sites, job.time)
+
+        def follow(first: int, last: int, tally: np.ndarray) -> int:
+            _independent.follow(sites, Holds(job.hold_times, tally), np.empty(5, np.uint64), first, last)
+            return last
+
+        pieces = [(first, min(first + SITE_PIECE, n)) for first in range(0, n, SITE_PIECE)]
+        run_pieces(job, follow, pieces, self.threads)
+        return job.history(sites.state, times=times, draws=draws)
+
+    def mean(
+        self,
+        lattice: ReactionLattice,
+        hold_times: Sequence[float] | np.ndarray,
+        *,
+        temperature: float | str,
+        start: BondHistory | np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The exact mean number of bonds at each hold time, and its variance; both (m,), no sampling.
+
+        ``start`` as for :meth:`run`: None (nothing bonded at time 0), a bool array (n,), or a history.
+        """
+        times = check_times(hold_times)
+        kelvin = temperature_value(temperature)
+        if not isinstance(lattice, ReactionLattice):
+            raise InputError.of("lattice", lattice, "is no ReactionLattice", "make one with chemistry.on(contact)")
+        if lattice.interacting:
+            raise InputError(
+                "engine 'independent' has no closed form for a lattice that couples neighbours; "
+                "average several runs of 'rejection-free' instead"
+            )
+        begin = 0.0
+        state = np.zeros(lattice.sites.size, np.bool_)
+        if start is not None:
+            begin = start.time if isinstance(start, BondHistory) else 0.0
+            state = checked_states("start", start.state if isinstance(start, BondHistory) else start, state.size)
+        if times[0] < begin:
+            raise InputError.of("hold_times", float(times[0]), f"the start is at {begin} s", "give later hold times")
+        mean, variance = np.empty(times.size), np.empty(times.size)
+        model = model_of(lattice, kelvin)
+        sites = lattice.forming, model.breaking, model.nu, model.per_unit, state
+        _independent.moments(*sites, times - begin, mean, variance)
+        return mean, variance
+
+
+class Auto(ThreadedEngine):
+    """The engine that suits the lattice; :meth:`choose` returns it, with the reason.
+
+    ``independent`` where no site interacts with another. ``next-reaction`` for many sites in patches none of which
+    holds most of them, and for several patches with ``superbasins``. Otherwise ``rejection-free``. All are exact, so
+    the selection affects the sample and its cost and not its distribution. It depends on the lattice and
+    ``superbasins`` alone, not on the number of threads.
+    """
+
+    kind = "auto"
+
+    superbasins: bool = False
+    """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
+    cost does not depend on the number of its events (Novotny 1995); default: no"""
+
+    def choose(self, lattice: ReactionLattice) -> tuple[Engine, str]:
+        """The engine for this lattice, and why."""
+        if not lattice.interacting or lattice.neighbours is None:
+            return Independent(threads=self.threads), "no site interacts with another, so the closed form holds"
+        n = lattice.sites.size
+        _, starts = patches_of(lattice.neighbours)
+        patches, largest = starts.size - 1, int(np.diff(starts).max(initial=0))
+        shape = f"the largest of {patches} patches holds {largest} of {n} sites"
+        if patches > 1 and self.superbasins:
+            engine = NextReaction(threads=self.threads, superbasins=True)
+            return engine, f"{shape}: sites that flicker are followed patch by patch"
+        if n >= WORTH_SHARING and largest <= LARGEST_SHARE * n:
+            return NextReaction(threads=self.threads, superbasins=self.superbasins), f"{shape}: threads can share them"
+        few = "few sites" if n < WORTH_SHARING else "most sites in one patch"
+        return RejectionFree(superbasins=self.superbasins), f"{shape}: with {few} the sum tree costs least"
+
+    def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
+        """See :meth:`chemage.Engine.expected`."""
+        if not interacting:
+            return Independent().expected(sites, interacting)
+        return NextReaction(superbasins=self.superbasins).expected(sites, interacting, events)
+
+    def warm_up(self, lattice: ReactionLattice, temperature: float) -> None:
+        """Compile the engines between which a lattice of other size and patches may decide; the likelier one first."""
+        if not lattice.interacting or lattice.neighbours is None:
+            Independent().warm_up(lattice, temperature)
+            return
+        patches_of(lattice.neighbours)
+        RejectionFree(superbasins=self.superbasins).warm_up(lattice, temperature)
+        NextReaction(superbasins=self.superbasins).warm_up(lattice, temperature)
+
+    def _run(
+        self,
+        lattice: ReactionLattice,
+        hold_times: np.ndarray,
+        temperature: float,
+        seed: Seed,
+        start: BondHistory | np.ndarray | None,
+    ) -> BondHistory:
+        engine, reason = self.choose(lattice)
+        history = engine._run(lattice, hold_times, temperature, seed, start)
+        note = f"engine auto took {engine.kind}: {reason}"
+        return history.model_copy(update={"engine": self.kind, "notes": (note, *history.notes)})
