@@ -19,9 +19,9 @@ from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
 from chemage.foundation.checks import Seed, check_times, checked_count, checked_seed, expect, temperature_value
 from chemage.foundation.errors import InputError, PluginError
-from chemage.foundation.hashes import content_hash
-from chemage.foundation.logs import counted, logged, of_plugins
 from chemage.foundation.memory import require
+from chemage.foundation.progress import counted, logged, of_plugins
+from chemage.foundation.records import content_hash
 from chemage.foundation.threads import available, in_order
 from chemage.foundation.units import QuantityLike
 from chemage.friction.bonded import Bonded

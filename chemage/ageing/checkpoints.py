@@ -17,11 +17,10 @@ import numpy as np
 
 from chemage.ageing.seeds import origin
 from chemage.contacts.solution import ContactSolution
+from chemage.foundation import container
 from chemage.foundation.checks import Seed, check_times, temperature_value
-from chemage.foundation.codec import read_records, write_records
 from chemage.foundation.errors import DamagedError, InputError, StoreError
-from chemage.foundation.hashes import content_hash
-from chemage.foundation.records import Record
+from chemage.foundation.records import Record, content_hash
 from chemage.foundation.units import QuantityLike
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
@@ -66,7 +65,7 @@ def resumed(
     if not path.exists():
         return None
     try:
-        records, attributes = read_records(path, {name: kind})
+        records, attributes = container.read(path, {name: kind})
     except DamagedError as error:
         warnings.warn(f"{error}; it is computed again", CheckpointWarning, stacklevel=2)
         return None
@@ -92,7 +91,7 @@ def resumed(
 def keep(path: Path, name: str, thing: Record, key: str, *, run: str, before: Plugins, hooks: Sequence[str]) -> None:
     """Write ``thing`` to ``path``, in place of what was kept there before; arguments as for :func:`resumed`."""
     plugins = {"asked": json.dumps(implementing(*hooks)), "before": json.dumps(dict(before))}
-    write_records(path, {name: thing}, {"checkpoint": key, "run": run, **plugins}, force=True)
+    container.write(path, {name: thing}, {"checkpoint": key, "run": run, **plugins}, force=True)
 
 
 def _listed(plugins: Plugins) -> str:

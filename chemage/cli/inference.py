@@ -144,7 +144,7 @@ def _computed(
     from chemage.results.inference_files import write_inference
 
     pictures: list[Path] = []
-    with progress_bars({"families": "fits"}, alive=True) as report:
+    with progress_bars({"families": "fits"}) as report:
         inference = inferring.infer(curves, scene, progress=report, **how)
         made = _asked_of(inference, asked, report)
         with reported(report, "writing"):

@@ -49,8 +49,6 @@ class ContactSolution(Record):
         "gap": (("x", "y"), "nm", "gap between the surfaces, 0 in contact"),
     }
 
-    later = frozenset({"contact_pixels"})
-
     pressure: Reals
     """(nx, ny) GPa, ≥ 0; contact is where it is positive"""
     load: Number

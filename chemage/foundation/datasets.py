@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage.foundation.codec import encode
-from chemage.foundation.optional import optional_module
+from chemage.foundation.errors import optional_module
 from chemage.foundation.records import Record
 
 if TYPE_CHECKING:
@@ -52,15 +52,15 @@ def dataset(record: Record, derived: dict[str, tuple[Any, ...]] | None = None) -
 def frame(columns: dict[str, np.ndarray], index: str, attributes: dict[str, Any]) -> pandas.DataFrame:
     """Columns of equal length; that of the name ``index`` numbers the rows."""
     pandas = optional_module("pandas", EXTRA)
-    made = pandas.DataFrame(columns).set_index(index)
-    made.attrs |= attributes
-    return made
+    table = pandas.DataFrame(columns).set_index(index)
+    table.attrs |= attributes
+    return table
 
 
 def map_frame(values: np.ndarray, coordinates: dict[str, np.ndarray], name: str, unit: str) -> pandas.DataFrame:
     """A map (nx, ny) as a table: rows along x, columns along y, both in nm."""
     pandas = optional_module("pandas", EXTRA)
     along = {axis: pandas.Index(centres, name=f"{axis} (nm)") for axis, centres in coordinates.items()}
-    made = pandas.DataFrame(values, index=along["x"], columns=along["y"])
-    made.attrs |= {"name": name, "units": unit}
-    return made
+    table = pandas.DataFrame(values, index=along["x"], columns=along["y"])
+    table.attrs |= {"name": name, "units": unit}
+    return table

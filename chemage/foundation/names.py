@@ -28,14 +28,14 @@ NAMES = {
     "scene.run": "Run run",
     "scene.scene": "Scene parse_scene",
     "scene.scene_files": "load_scene override scene_data",
+    "foundation.machine": "cache_folder",
+    "foundation.records": "content_hash",
     "foundation.checks": "Seed check_times checked_count checked_seed checked_states force temperature_value",
     "foundation.components": "Component",
-    "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PluginError "
+    "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PlanWarning PluginError "
     "SceneError StoreError UnitError UnknownKindError WorkerLost",
-    "foundation.files": "fresh_file preflight",
-    "foundation.inputs": "regular_file",
+    "foundation.files": "fresh_file preflight regular_file",
     "foundation.messages": "nearest",
-    "foundation.warned": "PlanWarning",
     "foundation.units": "EV_PER_GPA_NM3 Energy Force Frequency KB Length Pressure Temperature Time Unit Volume convert",
     "friction.bonded": "Bonded",
     "friction.force": "RuptureForce",
@@ -84,6 +84,7 @@ FACTORIES = {"ageing": "ageing_method"}
 PICTURES = "results.pictures"
 #: public modules -> their full name
 MODULES = {
+    "container": "foundation.container",
     "options": "cli.options",
     "memory": "foundation.memory",
     "progress": "foundation.progress",

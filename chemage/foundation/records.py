@@ -13,26 +13,19 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidationInfo,
-    ValidatorFunctionWrapHandler,
-    field_validator,
-)
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError
 
 from chemage.foundation import approximations
-from chemage.foundation.booleans import no_booleans
 from chemage.foundation.checks import is_boolean
 from chemage.foundation.errors import InputError, UnitError, shortened
-from chemage.foundation.listing import without_noise
-from chemage.foundation.messages import explain
+from chemage.foundation.messages import Frozen, explain, in_lines
 from chemage.foundation.text import html_table
 from chemage.foundation.units import has_unit, in_range, magnitudes
+
+
+def content_hash(content: Any) -> str:
+    """128 bits as 32 hexadecimal digits; the order of the entries of a dict does not count."""
+    return hashlib.blake2b(json.dumps(content, sort_keys=True).encode(), digest_size=16).hexdigest()
 
 
 def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
@@ -122,29 +115,16 @@ Number = Annotated[float, Field(ge=0, allow_inf_nan=False), _Ranged]
 PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False), _Ranged]
 
 
-class Record(BaseModel):
+class Record(Frozen):
     """Base of the frozen objects."""
 
-    model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
-        arbitrary_types_allowed=True,
-        use_attribute_docstrings=True,
-        allow_inf_nan=True,
-    )
+    model_config = ConfigDict(validate_default=False, arbitrary_types_allowed=True, allow_inf_nan=True)
     #: field name -> (dimension names, unit, meaning)
     arrays: ClassVar[dict[str, tuple[tuple[str, ...], str, str]]] = {}
     #: fields whose arrays have another name in files, that of their dimension
     stored_names: ClassVar[dict[str, str]] = {}
-    #: fields that files of chemage 0.1 lack
-    later: ClassVar[frozenset[str]] = frozenset()
     #: fields that records stored earlier do not have: where empty, no part of the digest, nor of the file
     added: ClassVar[tuple[str, ...]] = ()
-
-    @field_validator("*", mode="wrap")
-    @classmethod
-    def _no_booleans(cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-        return no_booleans(cls, value, handler, info)
 
     def __init__(self, **fields: Any) -> None:
         for name, (_, unit, _) in self.arrays.items():
@@ -156,13 +136,7 @@ class Record(BaseModel):
         try:
             super().__init__(**fields)
         except ValidationError as error:
-            lines = [f"{path}: {message}" if path else message for path, message in explain(error)]
-            raise InputError(f"{type(self).__name__}: " + "; ".join(lines)) from None
-
-    @classmethod
-    def model_construct(cls, _fields_set: set[str] | None = None, **values: Any) -> Self:
-        """As the constructor: compiled code relies on what is checked there."""
-        return cls(**values)
+            raise InputError(f"{type(self).__name__}: {in_lines(explain(error))}") from None
 
     def todict(self) -> dict[str, Any]:
         """Field name -> value; arrays stay arrays."""
@@ -244,9 +218,6 @@ class Record(BaseModel):
     def __deepcopy__(self, memo: dict[int, Any] | None = None) -> Self:
         return self
 
-    def __dir__(self) -> list[str]:
-        return without_noise(type(self), super().__dir__())
-
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and other.digest() == self.digest()  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -267,11 +238,11 @@ class Record(BaseModel):
     __str__ = __repr__
 
 
-def _rebuilt(cls: type[Record], fields: dict[str, Any]) -> Record:
-    return cls(**fields)
-
-
 def require_finite(name: str, values: np.ndarray, remedy: str) -> None:
     bad = int(values.size - np.count_nonzero(np.isfinite(values)))
     if bad:
         raise ValueError(f"{name}: {bad} of {values.size} values are not finite; {remedy}")
+
+
+def _rebuilt(cls: type[Record], fields: dict[str, Any]) -> Record:
+    return cls(**fields)

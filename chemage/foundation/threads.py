@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import contextvars
 import os
+import threading
+import weakref
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from typing import TypeVar
+from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
 
@@ -87,3 +89,22 @@ def in_order(
                 given += 1
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+class OncePerObject(Generic[T]):
+    """What is computed once for an object, shared by all who ask, and gone with it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._results: dict[int, dict[Any, T]] = {}
+
+    def get(self, owner: Any, key: Any, make: Callable[[], T]) -> T:
+        """The result of ``make`` for ``owner`` and ``key``, which is called once; other threads wait for it."""
+        with self._lock:
+            results = self._results.get(id(owner))
+            if results is None:
+                results = self._results[id(owner)] = {}
+                weakref.finalize(owner, self._results.pop, id(owner), None)
+            if key not in results:
+                results[key] = make()
+            return results[key]

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from chemage.foundation.calls import call_with
 from chemage.foundation.checks import Seed
-from chemage.foundation.kept import Kept
+from chemage.foundation.components import call_with
 from chemage.foundation.records import frozen
+from chemage.foundation.threads import OncePerObject
 from chemage.lattices.role import Interaction
 from chemage.lattices.site_grid import ContactSites
 
 #: of the sites of each contact, by interaction
-_graphs: Kept[np.ndarray] = Kept()
+_graphs: OncePerObject[np.ndarray] = OncePerObject()
 
 
 def neighbours_of(contact: ContactSites, interaction: Interaction) -> np.ndarray:

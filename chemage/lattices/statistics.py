@@ -8,8 +8,8 @@ import numpy as np
 
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
-from chemage.foundation.calls import call_with
 from chemage.foundation.checks import expect
+from chemage.foundation.components import call_with
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.neighbours import neighbours_of
 from chemage.lattices.role import Interaction

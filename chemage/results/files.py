@@ -14,9 +14,10 @@ from chemage.ageing.aging import Aging
 from chemage.ageing.derived import derived
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.statistics import ContactStatistics
-from chemage.foundation.codec import Derived, is_ours, read_records, write_records
+from chemage.foundation import container
+from chemage.foundation.codec import Derived
 from chemage.foundation.errors import InputError, StoreError
-from chemage.foundation.inputs import regular_file
+from chemage.foundation.files import regular_file
 from chemage.foundation.records import Record
 from chemage.foundation.text import with_article
 from chemage.inference.curves import MeasuredCurve
@@ -67,7 +68,7 @@ def write(path: str | os.PathLike[str], thing: Any, *, force: bool = False) -> N
         parts, attributes = {names[0]: thing}, {}
         if isinstance(thing, Aging):
             more["aging"] = derived(thing)
-    write_records(path, parts, attributes, derived=more, force=force)
+    container.write(path, parts, attributes, derived=more, force=force)
 
 
 def read(path: str | os.PathLike[str], *, maps: bool = True) -> Any:
@@ -91,10 +92,10 @@ def read(path: str | os.PathLike[str], *, maps: bool = True) -> Any:
     if source.is_dir():
         raise StoreError(f"{source} is a folder; name a file")
     regular_file(source)
-    if not is_ours(source):
+    if not container.is_ours(source):
         return reader_for(source).read(source)
     groups = GROUPS if maps else {name: cls for name, cls in GROUPS.items() if name != "surface"}
-    parts, attributes = read_records(source, groups)
+    parts, attributes = container.read(source, groups)
     if "scene" in attributes:
         try:
             return Run.from_parts(parts, attributes)

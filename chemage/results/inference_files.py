@@ -6,7 +6,7 @@ import json
 import os
 from pathlib import Path
 
-from chemage.foundation.codec import read_records, write_records
+from chemage.foundation import container
 from chemage.foundation.errors import StoreError
 from chemage.foundation.records import Record
 from chemage.inference.forecast import Forecast
@@ -26,7 +26,7 @@ def write_inference(path: str | os.PathLike[str], made: InferenceResult, *, forc
         ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
     """
     about = {"labels": list(made.forecasts), "experiments": list(made.experiments), "target": made.target}
-    write_records(path, made.parts(), {"asked": json.dumps(about)}, force=force)
+    container.write(path, made.parts(), {"asked": json.dumps(about)}, force=force)
 
 
 def read_inference(path: str | os.PathLike[str]) -> InferenceResult:
@@ -38,7 +38,7 @@ def read_inference(path: str | os.PathLike[str]) -> InferenceResult:
         The file is missing, damaged, or holds no inference.
     """
     source = Path(path)
-    parts, attributes = read_records(source, _CLASSES)
+    parts, attributes = container.read(source, _CLASSES)
     inference = parts.pop("inference", None)
     if inference is None:
         raise StoreError(f"{source} holds no inference; `chemage infer` makes such files")

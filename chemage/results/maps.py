@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from chemage.foundation.codec import opened
+from chemage.foundation.container import opened
 from chemage.foundation.errors import InputError, StoreError
-from chemage.foundation.inputs import regular_file
+from chemage.foundation.files import regular_file
 
 #: the maps that a result file may hold
 MAPS = ("surface/heights", "contact/pressure", "contact/gap")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from chemage.foundation.errors import InputError, StoreError, shown
-from chemage.foundation.inputs import check_data
+from chemage.foundation.files import check_data
 
 #: keys of points and contacts are hashes, and also names of files
 _KEY = re.compile(r"[0-9a-f]{32}")

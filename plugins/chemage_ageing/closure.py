@@ -20,6 +20,7 @@ from chemage import (
     ContactStatistics,
     Engine,
     InputError,
+    cache_folder,
     contact_statistics,
     coordination,
 )
@@ -174,7 +175,7 @@ class Closure(AgeingMethod):
         self, setting: _table.Setting, needed: list[int], took: _table.Took, request: AgeingRequest
     ) -> tuple[dict[int, _table.Node], tuple[str, ...]]:
         """The table at the pressures that are needed: known, read, or computed now and kept."""
-        path = _keeping.path_of(setting, Path(self.folder) if self.folder else _keeping.cache_folder())
+        path = _keeping.path_of(setting, Path(self.folder) if self.folder else cache_folder())
         name = path, repr(took)
         with _lock:
             known = dict(_tables.get(name, {}))

@@ -12,7 +12,7 @@ from chemage import ChemageError, ConvergenceError, InputError, PluginError, Sce
 ALL = [
     value
     for _, value in inspect.getmembers(errors, inspect.isclass)
-    if issubclass(value, Exception) and value.__module__ == errors.__name__
+    if issubclass(value, ChemageError) and value.__module__ == errors.__name__
 ]
 
 EXAMPLES = [

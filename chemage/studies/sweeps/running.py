@@ -20,6 +20,7 @@ import numpy as np
 from chemage.foundation.errors import (
     DamagedError,
     InputError,
+    PlanWarning,
     SceneError,
     StoreError,
 )
@@ -27,7 +28,6 @@ from chemage.foundation.memory import readable
 from chemage.foundation.threads import restored as threads_restored
 from chemage.foundation.units import in_words
 from chemage.foundation.version import __version__
-from chemage.foundation.warned import PlanWarning
 from chemage.plugins.settings import completed
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
