@@ -111,7 +111,7 @@ from chemage.studies.sweeps.result import load_sweep as load_sweep
 from chemage.surfaces.stage import make_surface as make_surface
 from chemage.scene.materials import material as material
 from chemage.foundation.messages import nearest as nearest
-from chemage.results.maps import open_maps as open_maps
+from chemage.results.files import open_maps as open_maps
 from chemage.scene.scene_files import override as override
 from chemage.scene.scene import parse_scene as parse_scene
 from chemage.plugins.settings import plugin_options as plugin_options

@@ -141,7 +141,7 @@ def _computed(
     """Infer, forecast, rank, write and draw."""
     from chemage.inference import infer as inferring
     from chemage.results import inference_figures
-    from chemage.results.inference_files import write_inference
+    from chemage.results.files import write_inference
 
     pictures: list[Path] = []
     with progress_bars({"families": "fits"}) as report:

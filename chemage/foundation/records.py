@@ -16,9 +16,9 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError
 
 from chemage.foundation import approximations
-from chemage.foundation.checks import is_boolean
+from chemage.foundation.checks import Frozen, is_boolean
 from chemage.foundation.errors import InputError, UnitError, shortened
-from chemage.foundation.messages import Frozen, explain, in_lines
+from chemage.foundation.messages import explain, in_lines
 from chemage.foundation.text import html_table
 from chemage.foundation.units import has_unit, in_range, magnitudes
 

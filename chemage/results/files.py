@@ -1,4 +1,4 @@
-"""Results on disk: one HDF5 file each, in the layout of NetCDF4, written whole or not at all.
+"""Results on disk, one container each; maps of them in parts; an inference with its forecasts.
 
 Each object is a group (``surface``, ``contact``, ``lattice``, ``history``, ``aging``), so that
 ``xarray.open_dataset(path, group="aging")`` reads it. The root holds what the run was: scene, keys, versions, timings.
@@ -6,9 +6,14 @@ Each object is a group (``surface``, ``contact``, ``lattice``, ``history``, ``ag
 
 from __future__ import annotations
 
+import json
 import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.derived import derived
@@ -23,6 +28,7 @@ from chemage.foundation.text import with_article
 from chemage.inference.curves import MeasuredCurve
 from chemage.inference.forecast import Forecast
 from chemage.inference.inference import Inference
+from chemage.inference.result import MOST_FORECASTS, InferenceResult
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.lattice import ReactionLattice
 from chemage.scene.run import Run
@@ -42,6 +48,12 @@ GROUPS: dict[str, type[Record]] = {
     "inference": Inference,
     "forecast": Forecast,
 }
+_FORECASTS = [f"forecast_{number}" for number in range(1, MOST_FORECASTS + 1)]
+_OF_INFERENCE: dict[str, type[Record]] = {"inference": Inference, **dict.fromkeys(_FORECASTS, Forecast)}
+#: the maps that a file may hold
+MAPS = ("surface/heights", "contact/pressure", "contact/gap")
+#: rows of a map that are read at once
+_ROWS = 512
 
 
 def write(path: str | os.PathLike[str], thing: Any, *, force: bool = False) -> None:
@@ -83,12 +95,6 @@ def read(path: str | os.PathLike[str], *, maps: bool = True) -> Any:
         The file is missing, truncated, or neither chemage's nor of a format that some reader knows.
     """
     source = Path(path)
-    try:
-        there = source.exists()
-    except (OSError, ValueError):  # a loop of links, a null byte in the name
-        there = True
-    if not there:
-        raise StoreError(f"{source} does not exist")
     if source.is_dir():
         raise StoreError(f"{source} is a folder; name a file")
     regular_file(source)
@@ -106,3 +112,122 @@ def read(path: str | os.PathLike[str], *, maps: bool = True) -> Any:
     if len(parts) != 1:
         raise StoreError(f"{source} holds {', '.join(parts) or 'nothing'}; expected one object or a run")
     return next(iter(parts.values()))
+
+
+# -- maps in parts ----------------------------------------------------------------------------------------------------
+
+
+class StoredMap:
+    """One map of an open file; ``stored[i0:i1, j0:j1]`` reads that part alone."""
+
+    def __init__(self, name: str, data: Any, pixel_size: float) -> None:
+        self._name, self._data = name, data
+        #: edge of a pixel, nm
+        self.pixel_size = pixel_size
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(nx, ny) pixels."""
+        nx, ny = self._data.shape
+        return nx, ny
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values."""
+        return str(self._data.attrs["units"])
+
+    def __getitem__(self, part: tuple[slice, slice]) -> np.ndarray:
+        """Read a part, such as ``[1000:1400, 0:400]``, or ``[::16, ::16]`` for a coarse view of everything.
+
+        Raises
+        ------
+        InputError
+            ``part`` is not two slices with steps above zero.
+        DamagedError
+            The part cannot be read.
+        """
+        two = isinstance(part, tuple) and len(part) == 2 and all(isinstance(axis, slice) for axis in part)
+        if not two or any(axis.step is not None and axis.step < 1 for axis in part):
+            raise InputError.of(self._name, part, "is no part of a map", "give two slices, such as [0:512, 0:512]")
+        (first, last, every), (left, right, step) = (
+            axis.indices(length) for axis, length in zip(part, self.shape, strict=True)
+        )
+        values = np.empty((len(range(first, last, every)), len(range(left, right, step))), self._data.dtype)
+        if values.size:
+            # HDF5 reads every n-th number one by one: a band of rows is read whole
+            height = max(1, _ROWS // every)
+            for row in range(0, values.shape[0], height):
+                begin = first + row * every
+                band = self._data[begin : min(begin + height * every, last), left:right]
+                values[row : row + height] = band[::every, ::step]
+        return values
+
+    def __repr__(self) -> str:
+        return f"<StoredMap {self._name} {self.shape[0]}x{self.shape[1]} pixels of {self.pixel_size:g} nm>"
+
+
+@contextmanager
+def open_maps(path: str | os.PathLike[str]) -> Iterator[Mapping[str, StoredMap]]:
+    """Open the maps of a result file for reading in parts: ``surface/heights``, ``contact/pressure``, ``contact/gap``.
+
+    The checksums of the whole file are compared once, when it is opened; this reads every byte, but keeps none. ::
+
+        with ca.open_maps("rough.h5") as maps:
+            corner = maps["contact/pressure"][0:512, 0:512]     # GPa
+
+    Raises
+    ------
+    StoreError
+        The file is missing, not one of chemage's, or has no map.
+    DamagedError
+        What it holds is not what was written.
+    """
+    source = Path(path)
+    if source.exists():
+        regular_file(source)
+    with container.opened(source) as file:
+        stored = {
+            name: StoredMap(name, file[name], float(np.ravel(file[name.partition("/")[0]].attrs["pixel_size"])[0]))
+            for name in MAPS
+            if name in file
+        }
+        if not stored:
+            raise StoreError(f"{source} holds no map; `chemage run` writes files with maps")
+        yield stored
+
+
+# -- inference --------------------------------------------------------------------------------------------------------
+
+
+def write_inference(path: str | os.PathLike[str], result: InferenceResult, *, force: bool = False) -> None:
+    """Write an inference with its forecasts and planned measurements.
+
+    Raises
+    ------
+    StoreError
+        ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
+    """
+    asked = {"labels": list(result.forecasts), "experiments": list(result.experiments), "target": result.target}
+    container.write(path, result.parts(), {"asked": json.dumps(asked)}, force=force)
+
+
+def read_inference(path: str | os.PathLike[str]) -> InferenceResult:
+    """The inverse of :func:`write_inference`; of a file with an inference alone, that.
+
+    Raises
+    ------
+    StoreError
+        The file is missing, damaged, or holds no inference.
+    """
+    parts, attributes = container.read(path, _OF_INFERENCE)
+    inference = parts.pop("inference", None)
+    if inference is None:
+        raise StoreError(f"{path} holds no inference; `chemage infer` makes such files")
+    try:
+        asked = json.loads(attributes.get("asked", "{}"))
+        labels = asked.get("labels", [])
+        experiments, target = tuple(asked.get("experiments", ())), str(asked.get("target", ""))
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise StoreError(f"{path}: what was asked of the inference cannot be read: {error}") from error
+    labels += [f"forecast {number}" for number in range(len(labels) + 1, len(parts) + 1)]
+    return InferenceResult(inference, dict(zip(labels, parts.values(), strict=False)), experiments, target)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from chemage.foundation.messages import Frozen
+from chemage.foundation.checks import Frozen
 
 
 class Section(Frozen):

@@ -13,6 +13,7 @@ complete or absent, after a power failure as well. Every file carries a checksum
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import shutil
 import socket
@@ -20,13 +21,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Self
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, model_validator
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.container import archive, check_json, is_intact, read, read_json, sealed_json
-from chemage.foundation.errors import DamagedError, StoreError
-from chemage.foundation.files import LARGEST_DESCRIPTION, on_disk, put, regular_file, temporary
-from chemage.studies.manifest import checked_manifest
+from chemage.foundation.errors import DamagedError, InputError, StoreError
+from chemage.foundation.files import LARGEST_DESCRIPTION, check_data, on_disk, put, regular_file, temporary
+from chemage.foundation.messages import explain, in_lines
 
 #: version of the layout; newer layouts are refused. Since 2 every file carries a checksum.
 FORMAT = 2
@@ -41,6 +44,51 @@ class SweepWarning(UserWarning):
 
 class CannotWrite(StoreError):
     """The disk is full or read-only, which ends the whole sweep rather than one point."""
+
+
+#: keys of points and contacts are hashes, and also names of files: a folder may come from a stranger
+_Key = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{32}$")]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+
+class _Axis(_Part):
+    paths: list[str]
+    values: list[list[Any]] = Field(min_length=1)
+
+
+class _Grid(_Part):
+    axes: list[_Axis]
+    base: dict[str, Any]
+    source: str
+
+
+class _Manifest(_Part):
+    """What is checked of ``sweep.json`` before anything is read or written by the names in it."""
+
+    digest: str
+    versions: dict[str, str]
+    grid: _Grid
+    resolved: list[list[Any]]
+    keys: list[_Key]
+    contacts: list[_Key]
+    contact_of: list[Annotated[int, Field(ge=0)]]
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        axes = self.grid.axes
+        lengths = [len(axis.values) for axis in axes]
+        if any(len(values) != len(axis.paths) for axis in axes for values in axis.values):
+            raise ValueError("an axis of the grid has values for other fields than it names")
+        if math.prod(lengths) != len(self.keys) or [len(values) for values in self.resolved] != lengths:
+            raise ValueError(f"the grid has {math.prod(lengths)} points, but there are {len(self.keys)} keys")
+        if len(self.contact_of) != len(self.keys) or max(self.contact_of, default=0) >= max(len(self.contacts), 1):
+            raise ValueError("contact_of does not name a contact for each point")
+        if "chemage" not in self.versions:
+            raise ValueError("the version of chemage is missing")
+        return self
 
 
 @dataclass(frozen=True)
@@ -76,20 +124,22 @@ class Folder:
             regular_file(self.manifest, LARGEST_DESCRIPTION)
         try:
             data = read_json(self.manifest)
+            check_data(data)
+            if isinstance(layout := data.get("format"), int) and layout > FORMAT:
+                version = data["versions"]["chemage"]
+                raise StoreError(f"{self.path} was made by chemage {version}; update chemage to read it")
+            _Manifest.model_validate(data)
         except FileNotFoundError:
             raise StoreError(f"{self.path} is not the folder of a sweep: it has no sweep.json") from None
+        except ValidationError as error:
+            raise StoreError(f"{self.manifest} does not describe a sweep: {in_lines(explain(error)[:1])}") from None
+        except InputError as error:
+            raise StoreError(f"{self.manifest} does not describe a sweep: {in_lines(error.problems[:1])}") from None
         except StoreError:
             raise
         except OSError as error:
             raise StoreError(f"{self.manifest} cannot be read: {error.strerror}") from None
-        layout = data.get("format")
-        if not isinstance(layout, int):
-            raise StoreError(f"{self.manifest} does not describe a sweep")
-        if layout > FORMAT:
-            raise StoreError(
-                f"{self.path} was made by chemage {data['versions']['chemage']}; update chemage to read it"
-            )
-        return checked_manifest(data, self.manifest)
+        return data
 
     def state(self, key: str) -> str:
         """Find whether a point is ``done``, ``failed``, ``missing`` or ``damaged``."""
@@ -245,3 +295,27 @@ def _host() -> str:
 def process_name() -> str:
     """The host and the number of this process, in one word."""
     return f"{_host()}.{os.getpid()}"
+
+
+def refuse_links(folder: Path) -> None:
+    """Refuse a folder of a sweep in which a link would lead what is written elsewhere.
+
+    Raises
+    ------
+    StoreError
+        Naming the link.
+    """
+    for path in (folder / name for name in ("sweep.json", ".lock", ".parts", ".shares", "contacts", "points")):
+        _refuse_link(path)
+    try:
+        with os.scandir(folder / "points") as entries:
+            links = [Path(entry.path) for entry in entries if entry.is_symlink()]
+    except OSError:
+        return
+    for path in links:
+        _refuse_link(path)
+
+
+def _refuse_link(path: Path) -> None:
+    if path.is_symlink():
+        raise StoreError(f"{path} is a link, which is not followed; remove it, or choose another folder")

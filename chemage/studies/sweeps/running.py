@@ -37,8 +37,7 @@ from chemage.studies.design import PATIENCE, Part, carry_out
 from chemage.studies.executors.clusters import seconds
 from chemage.studies.executors.opening import open_pool
 from chemage.studies.executors.pool import Pool
-from chemage.studies.folder import FORMAT, Folder, SweepWarning
-from chemage.studies.manifest import refuse_links
+from chemage.studies.folder import FORMAT, Folder, SweepWarning, refuse_links
 from chemage.studies.runner import Runner
 from chemage.studies.selection import Selection
 from chemage.studies.sweeps.freshness import Outdated, outdated
