@@ -23,6 +23,7 @@ R = TypeVar("R", bound=Record)
 _FLOAT = "$float"
 #: Maps above this many bytes are stored in squares of _CHUNK pixels, so that a part can be read without the rest.
 _LARGE, _CHUNK = 1 << 24, 512
+PIXEL_CENTRE = {"units": "nm", "long_name": "pixel centre"}
 
 
 @dataclass(frozen=True)
@@ -125,8 +126,8 @@ def _is_packed(value: Any) -> bool:
 
 def _from_base64(items: Mapping[str, Any]) -> dict[str, np.ndarray]:
     return {
-        name: np.frombuffer(base64.b64decode(one["base64"]), dtype=one["dtype"]).reshape(one["shape"])
-        for name, one in items.items()
+        name: np.frombuffer(base64.b64decode(item["base64"]), dtype=item["dtype"]).reshape(item["shape"])
+        for name, item in items.items()
     }
 
 
@@ -145,24 +146,38 @@ def write_group(group: Any, hdf5: Any, record: Record) -> None:
         else:
             named[name] = int(value) if isinstance(value, bool) else value
     _set_attributes(hdf5, named)
-    sizes: dict[str, int] = {}
+    lengths: dict[str, int] = {}
     # before the arrays that they belong to: a dimension that is there without its coordinate is made twice
     for name, centres in record.coordinates().items():
-        _write_array(group, name, centres, (name,), {"units": "nm", "long_name": "pixel centre"}, sizes)
+        _write_array(group, name, centres, (name,), PIXEL_CENTRE, lengths)
     own: dict[str, ChainMap[str, int]] = {}
     for name, array in arrays.items():
-        field, slash, key = name.partition("/")
-        folder, known = group, sizes
+        folder, of_folder = group, lengths
+        field, slash, shown = name.partition("/")
         if slash:
             folder = group[field] if field in group.groups else group.create_group(field)
             # dimensions of the group hold in its subgroups
-            known = own.setdefault(field, ChainMap({}, sizes))
-        shown = key if slash else record.stored_names.get(name, name)
-        dims, attributes = tuple(f"{shown}_{axis}" for axis in range(array.ndim)), {}
-        if (declared := record.declared(name)) is not None:
-            dims, unit, meaning = declared
-            attributes = {"units": unit or "1", **({"long_name": meaning} if meaning else {})}
-        _write_array(folder, shown, array, dims, attributes, known)
+            of_folder = own.setdefault(field, ChainMap({}, lengths))
+        _write_array(
+            folder, shown or record.stored_names.get(name, name), array, *labels(record, name, array), of_folder
+        )
+
+
+def labels(record: Record, name: str, array: np.ndarray) -> tuple[tuple[str, ...], dict[str, str]]:
+    """The dimensions of an array of a record, and its attributes."""
+    if (declared := record.declared(name)) is not None:
+        dims, unit, meaning = declared
+        return dims, {"units": unit or "1", **({"long_name": meaning} if meaning else {})}
+    shown = record.stored_names.get(name, name).rpartition("/")[2]
+    return tuple(f"{shown}_{axis}" for axis in range(array.ndim)), {}
+
+
+def distinct(dims: tuple[str, ...], shape: tuple[int, ...], lengths: MutableMapping[str, int]) -> tuple[str, ...]:
+    """Names of dimensions: of two with one name and different ``lengths``, the second has its length in the name."""
+    return tuple(
+        dim if lengths.get(dim, length) == length else f"{dim}_{length}"
+        for dim, length in zip(dims, shape, strict=True)
+    )
 
 
 def _write_array(
@@ -170,18 +185,14 @@ def _write_array(
     name: str,
     values: np.ndarray,
     dims: tuple[str, ...],
-    attributes: dict[str, str],
-    sizes: MutableMapping[str, int],
+    attributes: Mapping[str, str],
+    lengths: MutableMapping[str, int],
 ) -> None:
-    """Write one array; ``sizes`` are the lengths of the dimensions so far."""
-    # of two arrays with dimensions of one name and different lengths, the second has its length in the name
-    dims = tuple(
-        dim if sizes.get(dim, length) == length else f"{dim}_{length}"
-        for dim, length in zip(dims, values.shape, strict=True)
-    )
+    """Write one array; ``lengths`` are those of the dimensions so far."""
+    dims = distinct(dims, values.shape, lengths)
     for dim, length in zip(dims, values.shape, strict=True):
-        if dim not in sizes:
-            sizes[dim] = length
+        if dim not in lengths:
+            lengths[dim] = length
             group.dimensions[dim] = length
     if values.dtype == np.bool_:
         values, attributes = values.astype(np.int8), {**attributes, "dtype": "bool"}

@@ -37,42 +37,42 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
     if isinstance(array, np.ma.MaskedArray) and np.ma.is_masked(array):
         raise ValueError(f"{np.ma.count_masked(array)} values are masked; fill or crop missing data first")
     try:
-        given = np.asarray(array)
+        values = np.asarray(array)
     except (TypeError, ValueError, OverflowError, RecursionError):
         raise ValueError("expected an array of numbers") from None
-    if given.dtype.kind not in "fiubc":
-        raise ValueError(f"expected numbers, not {_kind(given)}")
-    if dtypes and given.dtype not in [np.dtype(kind) for kind in dtypes]:
+    if values.dtype.kind not in "fiubc":
+        raise ValueError(f"expected numbers, not {_kind(values)}")
+    if dtypes and values.dtype not in [np.dtype(kind) for kind in dtypes]:
         target = np.dtype(dtypes[0])
-        mixed = given.size and (given.dtype.kind == "c" or (given.dtype.kind == "b") != (target.kind == "b"))
-        if mixed and not (target.kind == "b" and _is_zero_or_one(given)):
-            raise ValueError(f"expected {_KINDS[target.kind]}, not {_kind(given)}")
-        if target.kind in "iu" and given.dtype.kind == "f" and given.size:
-            raise ValueError(f"expected whole numbers, not {given.dtype}")
-        if target.kind == "i" and given.dtype.kind in "iu" and given.size:
+        mixed = values.size and (values.dtype.kind == "c" or (values.dtype.kind == "b") != (target.kind == "b"))
+        if mixed and not (target.kind == "b" and _is_zero_or_one(values)):
+            raise ValueError(f"expected {_KINDS[target.kind]}, not {_kind(values)}")
+        if target.kind in "iu" and values.dtype.kind == "f" and values.size:
+            raise ValueError(f"expected whole numbers, not {values.dtype}")
+        if target.kind == "i" and values.dtype.kind in "iu" and values.size:
             limits = np.iinfo(target.name)
-            if int(given.min()) < limits.min or int(given.max()) > limits.max:
-                raise ValueError(f"values from {given.min()} to {given.max()} do not fit {target}")
+            if int(values.min()) < limits.min or int(values.max()) > limits.max:
+                raise ValueError(f"values from {values.min()} to {values.max()} do not fit {target}")
         with np.errstate(over="ignore"):
-            given = given.astype(target)
-        given.setflags(write=False)
-    if given.dtype.kind == "b" and not is_boolean(np.ascontiguousarray(given)):
+            values = values.astype(target)
+        values.setflags(write=False)
+    if values.dtype.kind == "b" and not is_boolean(np.ascontiguousarray(values)):
         raise ValueError("bytes other than 0 and 1 in an array of bool; make it with values != 0")
-    if not (given.flags.c_contiguous and given.flags.aligned and given.dtype.isnative) or _can_change(given):
-        given = np.array(given, given.dtype.newbyteorder("="), order="C", copy=True)
-        given.setflags(write=False)
-    return given
+    if not (values.flags.c_contiguous and values.flags.aligned and values.dtype.isnative) or _can_change(values):
+        values = np.array(values, values.dtype.newbyteorder("="), order="C", copy=True)
+        values.setflags(write=False)
+    return values
 
 
 _KINDS = {"f": "numbers", "i": "whole numbers", "u": "whole numbers", "b": "True or False"}
 
 
-def _is_zero_or_one(given: np.ndarray) -> bool:
-    return given.dtype.kind in "iu" and int(given.min()) >= 0 and int(given.max()) <= 1
+def _is_zero_or_one(values: np.ndarray) -> bool:
+    return values.dtype.kind in "iu" and int(values.min()) >= 0 and int(values.max()) <= 1
 
 
-def _kind(given: np.ndarray) -> str:
-    return "True or False" if given.dtype.kind == "b" else str(given.dtype)
+def _kind(values: np.ndarray) -> str:
+    return "True or False" if values.dtype.kind == "b" else str(values.dtype)
 
 
 def _can_change(array: np.ndarray) -> bool:
@@ -204,13 +204,13 @@ class Record(Frozen):
     def noting(self, plugins: Mapping[str, str], approximate: Iterable[Mapping[str, Any]] = ()) -> Self:
         """This record, with the plugins that took part in it (name -> version), and the approximations on the way to
         it, added to its ``provenance``."""
-        found = approximations.merged(self.approximate, approximate)
+        approximate_parts = approximations.merged(self.approximate, approximate)
         provenance: dict[str, Any] = dict(getattr(self, "provenance", {}))
         if plugins:
             provenance["plugins"] = {**self.plugins, **plugins}
-        if found:
-            provenance["approximate"] = found
-        return self.model_copy(update={"provenance": provenance}) if plugins or found else self
+        if approximate_parts:
+            provenance["approximate"] = approximate_parts
+        return self.model_copy(update={"provenance": provenance}) if plugins or approximate_parts else self
 
     def __copy__(self) -> Self:
         return self

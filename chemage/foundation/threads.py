@@ -72,8 +72,8 @@ def in_order(
     try:
         running: dict[Future[T], int] = {}
         results: dict[int, T] = {}
-        begun = given = 0
-        while given < count:
+        begun = yielded = 0
+        while yielded < count:
             # one more for each thread, so that none waits; not all, because there may be 10^9
             while begun < count and len(running) < 2 * threads:
                 # options of plugins are context variables, which the threads would not see
@@ -84,9 +84,9 @@ def in_order(
                 results[running.pop(future)] = future.result()
             if progress:
                 progress(begun - len(running), count)
-            while given in results:
-                yield results.pop(given)
-                given += 1
+            while yielded in results:
+                yield results.pop(yielded)
+                yielded += 1
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
