@@ -188,39 +188,44 @@ class _Lines:
         print(line, file=sys.stderr, flush=True)
 
 
-_loading: threading.Timer | None = None
+#: ends what :func:`loading` began
+_loading: Callable[[], None] | None = None
 
 
 def loading(message: str) -> None:
     """Print a message on stderr if neither progress nor :func:`loaded` follows within a second, and again every few
     seconds; on a terminal it stands there once and is erased then."""
-    begin = time.monotonic()
+    global _loading
+    begin, ended = time.monotonic(), threading.Event()
 
-    def show(again: bool) -> None:
-        if sys.stderr is not None and _loading is not None and not _silent:
-            if not again or not sys.stderr.isatty():
-                text = f"{message}: {time.monotonic() - begin:.0f} s" if again else message
-                print(text, end="" if sys.stderr.isatty() else "\n", file=sys.stderr, flush=True)
-            after(AGAIN, shown=True)
+    def show() -> None:
+        if ended.wait(LOADING) or sys.stderr is None or _silent:
+            return
+        if sys.stderr.isatty():
+            print(message, end="", file=sys.stderr, flush=True)
+            ended.wait()
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+            return
+        print(message, file=sys.stderr, flush=True)
+        while not ended.wait(AGAIN):
+            print(f"{message}: {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)
 
-    def after(seconds: float, shown: bool) -> None:
-        global _loading
-        _loading = threading.Timer(seconds, show, (shown,))
-        _loading.shown = shown  # pyright: ignore[reportAttributeAccessIssue]
-        _loading.daemon = True
-        _loading.start()
+    thread = threading.Thread(target=show, daemon=True)
+    thread.start()
 
-    after(LOADING, shown=False)
+    def end() -> None:
+        ended.set()
+        thread.join()
+
+    _loading = end
 
 
 def loaded() -> None:
     """End what :func:`loading` began."""
     global _loading
-    timer, _loading = _loading, None
-    if timer is not None:
-        timer.cancel()
-        if getattr(timer, "shown", False) and sys.stderr is not None and sys.stderr.isatty():
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+    end, _loading = _loading, None
+    if end is not None:
+        end()
 
 
 @contextmanager

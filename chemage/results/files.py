@@ -56,30 +56,30 @@ MAPS = ("surface/heights", "contact/pressure", "contact/gap")
 _ROWS = 512
 
 
-def write(path: str | os.PathLike[str], thing: Any, *, force: bool = False) -> None:
+def write(path: str | os.PathLike[str], result: Any, *, force: bool = False) -> None:
     """Write a chemage object, or a finished run, to an HDF5 file.
 
     Raises
     ------
     InputError
-        ``thing`` is nothing that can be stored.
+        ``result`` is nothing that can be stored.
     StoreError
         ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
     """
     more: dict[str, Derived] = {}
-    if isinstance(thing, Run):
-        parts, attributes = thing.parts(), thing.attributes()
-        if thing.aging is not None:
-            more["aging"] = derived(thing.aging, thing.window)
+    if isinstance(result, Run):
+        parts, attributes = result.parts(), result.attributes()
+        if result.aging is not None:
+            more["aging"] = derived(result.aging, result.window)
     else:
-        names = [name for name, cls in GROUPS.items() if type(thing) is cls]
+        names = [name for name, cls in GROUPS.items() if type(result) is cls]
         if not names:
             raise InputError(
-                f"cannot store {with_article(type(thing).__name__)}; give a chemage object such as an Aging, or a Run"
+                f"cannot store {with_article(type(result).__name__)}; give a chemage object such as an Aging, or a Run"
             )
-        parts, attributes = {names[0]: thing}, {}
-        if isinstance(thing, Aging):
-            more["aging"] = derived(thing)
+        parts, attributes = {names[0]: result}, {}
+        if isinstance(result, Aging):
+            more["aging"] = derived(result)
     container.write(path, parts, attributes, derived=more, force=force)
 
 

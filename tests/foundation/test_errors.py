@@ -7,6 +7,7 @@ import pickle
 
 import pytest
 
+import chemage as ca
 from chemage import ChemageError, ConvergenceError, InputError, PluginError, SceneError, StoreError, UnitError, errors
 
 ALL = [
@@ -73,3 +74,9 @@ def test_a_scene_error_lists_every_problem_with_its_path():
 def test_a_convergence_error_carries_the_history():
     error = ConvergenceError("short", history=(1.0, 0.1), residual=0.1, tolerance=1e-5)
     assert (error.history, error.residual, error.tolerance) == ([1.0, 0.1], 0.1, 1e-5)
+
+
+def test_nearest():
+    assert ca.nearest("hertzz", ["hertz", "fft-bem"]) == " (did you mean 'hertz'?)"
+    assert ca.nearest("qqq", ["hertz", "fft-bem"]) == ""
+    assert ca.nearest("x", []) == ""
