@@ -15,6 +15,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import re
 import shutil
 import socket
 from collections.abc import Iterator, Mapping
@@ -23,7 +24,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.container import archive, check_json, is_intact, read, read_json, sealed_json
@@ -46,8 +47,15 @@ class CannotWrite(StoreError):
     """The disk is full or read-only, which ends the whole sweep rather than one point."""
 
 
-#: keys of points and contacts are hashes, and also names of files: a folder may come from a stranger
-_Key = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{32}$")]
+def _checked_key(key: str) -> str:
+    if not _KEY.fullmatch(key):
+        raise ValueError("is no key of a point or a contact")
+    return key
+
+
+#: a hash, and also the name of a file: a folder may come from a stranger
+_KEY = re.compile(r"[0-9a-f]{32}")
+_Key = Annotated[str, AfterValidator(_checked_key)]
 
 
 class _Part(BaseModel):
