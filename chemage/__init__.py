@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from chemage.foundation import kernel_cache
+from chemage.foundation import machine
 from chemage.foundation.names import HOME, MODULES
 from chemage.foundation.version import __version__ as __version__
 
-kernel_cache.provide()
+machine.provide_kernels()
 
 __all__ = ["__version__", *sorted(HOME), *sorted(MODULES)]  # pyright: ignore[reportUnsupportedDunderAll]
 

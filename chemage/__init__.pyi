@@ -51,7 +51,9 @@ from chemage.ageing.measurements import Measurements as Measurements
 from chemage.ageing.observables import Observable as Observable
 from chemage.ageing.observables import Observed as Observed
 from chemage.ageing.outputs import Output as Output
-from chemage.foundation.warned import PlanWarning as PlanWarning
+from chemage.foundation.errors import PlanWarning as PlanWarning
+from chemage.ageing.observables import PlottedResult as PlottedResult
+from chemage.foundation.errors import PlanWarning as PlanWarning
 from chemage.ageing.observables import PlottedResult as PlottedResult
 from chemage.foundation.errors import PluginError as PluginError
 from chemage.plugins.options import PluginOptions as PluginOptions
@@ -84,6 +86,7 @@ from chemage.foundation.version import __version__ as __version__
 from chemage.ageing.age import age as age
 from chemage.results.arrhenius import arrhenius as arrhenius
 from chemage.lattices.stage import build_lattice as build_lattice
+from chemage.foundation.machine import cache_folder as cache_folder
 from chemage.foundation.checks import check_times as check_times
 from chemage.foundation.checks import checked_count as checked_count
 from chemage.foundation.checks import checked_seed as checked_seed
@@ -94,6 +97,8 @@ from chemage.results.comparison.comparison import compare_files as compare_files
 from chemage.contacts.options import contact_modulus as contact_modulus
 from chemage.lattices.site_grid import contact_sites as contact_sites
 from chemage.lattices.chemistry import contact_statistics as contact_statistics
+from chemage.lattices.chemistry import contact_statistics as contact_statistics
+from chemage.foundation.records import content_hash as content_hash
 from chemage.foundation.units import convert as convert
 from chemage.lattices.chemistry import coordination as coordination
 from chemage.studies.ensembles.running import ensemble as ensemble
@@ -110,7 +115,7 @@ from chemage.studies.sweeps.result import load_sweep as load_sweep
 from chemage.surfaces.stage import make_surface as make_surface
 from chemage.scene.materials import material as material
 from chemage.foundation.messages import nearest as nearest
-from chemage.results.maps import open_maps as open_maps
+from chemage.results.files import open_maps as open_maps
 from chemage.scene.scene_files import override as override
 from chemage.scene.scene import parse_scene as parse_scene
 from chemage.plugins.settings import plugin_options as plugin_options
@@ -121,7 +126,7 @@ from chemage.inference.curves import read_curves as read_curves
 from chemage.ageing.measurements import read_measurements as read_measurements
 from chemage.surfaces.reading import reader_for as reader_for
 from chemage.plugins.registry import register as register
-from chemage.foundation.inputs import regular_file as regular_file
+from chemage.foundation.files import regular_file as regular_file
 from chemage.scene.run import run as run
 from chemage.kinetics.stage import run_kinetics as run_kinetics
 from chemage.friction.stage import rupture_bonds as rupture_bonds
@@ -133,6 +138,7 @@ from chemage.plugins.registry import unregister as unregister
 from chemage.scene.provenance import versions as versions
 from chemage.results.files import write as write
 from chemage.results.page import write_report as write_report
+from chemage.foundation import container as container
 from chemage.foundation import errors as errors
 from chemage.results import figures as figures
 from chemage.foundation import memory as memory

@@ -18,8 +18,8 @@ from chemage.ageing.seeds import Common, check_common
 from chemage.contacts.solution import Contact, ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed, check_times, checked_count, checked_seed, expect, temperature_value
 from chemage.foundation.errors import InputError, PluginError
-from chemage.foundation.logs import counted, logged, of_plugins
 from chemage.foundation.memory import require
+from chemage.foundation.progress import counted, logged, of_plugins
 from chemage.foundation.threads import available
 from chemage.foundation.units import QuantityLike
 from chemage.friction.role import Rupture

@@ -17,11 +17,10 @@ import numpy as np
 
 from chemage.ageing.seeds import origin
 from chemage.contacts.solution import ContactSolution
+from chemage.foundation import container
 from chemage.foundation.checks import Seed, check_times, temperature_value
-from chemage.foundation.codec import read_records, write_records
 from chemage.foundation.errors import DamagedError, InputError, StoreError
-from chemage.foundation.hashes import content_hash
-from chemage.foundation.records import Record
+from chemage.foundation.records import Record, content_hash
 from chemage.foundation.units import QuantityLike
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
@@ -31,7 +30,7 @@ from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins.participation import Plugins
 from chemage.plugins.sources import changed, implementing, would_change
 
-_Kept = TypeVar("_Kept", bound=Record)
+_R = TypeVar("_R", bound=Record)
 _HOOKS = ("chemage_run_kinetics",)
 
 
@@ -42,7 +41,7 @@ class CheckpointWarning(UserWarning):
 def resumed(
     path: Path,
     name: str,
-    kind: type[_Kept],
+    kind: type[_R],
     key: str,
     other: str,
     *,
@@ -50,7 +49,7 @@ def resumed(
     before: Plugins,
     hooks: Sequence[str],
     **arguments: Any,
-) -> _Kept | None:
+) -> _R | None:
     """The object ``name`` that :func:`keep` wrote to ``path`` under ``key``; None if nothing is there.
 
     It is None as well, with a warning, if the plugins in use now would not make the same object: one that took part
@@ -66,33 +65,33 @@ def resumed(
     if not path.exists():
         return None
     try:
-        records, attributes = read_records(path, {name: kind})
+        records, attributes = container.read(path, {name: kind})
     except DamagedError as error:
         warnings.warn(f"{error}; it is computed again", CheckpointWarning, stacklevel=2)
         return None
-    found = records.get(name)
+    record = records.get(name)
     earlier = json.loads(attributes.get("before", "{}"))
     of_this_run = attributes.get("run") == run and (earlier != before or attributes.get("checkpoint") == key)
-    if not of_this_run or not isinstance(found, kind):
+    if not of_this_run or not isinstance(record, kind):
         raise StoreError(other)
     reasons = []
     if earlier != before:
         reasons.append(f"{_listed(earlier)} took part in the stages before, and now {_listed(before)}")
-    reasons += [f"{plugin} was {then} and is {now}" for plugin, (then, now) in changed(found.plugins).items()]
+    reasons += [f"{plugin} was {then} and is {now}" for plugin, (then, now) in changed(record.plugins).items()]
     asked = json.loads(attributes.get("asked", "{}"))
     new = [plugin for plugin, source in implementing(*hooks).items() if asked.get(plugin) != source]
-    if not reasons and new and would_change(new, hooks[-1], found, **arguments):
+    if not reasons and new and would_change(new, hooks[-1], record, **arguments):
         reasons = [f"{', '.join(new)} would answer or change it"]
     if reasons:
         warnings.warn(f"{path} is computed again: {'; '.join(reasons)}", CheckpointWarning, stacklevel=2)
         return None
-    return found
+    return record
 
 
-def keep(path: Path, name: str, thing: Record, key: str, *, run: str, before: Plugins, hooks: Sequence[str]) -> None:
-    """Write ``thing`` to ``path``, in place of what was kept there before; arguments as for :func:`resumed`."""
+def keep(path: Path, name: str, record: Record, key: str, *, run: str, before: Plugins, hooks: Sequence[str]) -> None:
+    """Write ``record`` to ``path``, in place of what was kept there before; arguments as for :func:`resumed`."""
     plugins = {"asked": json.dumps(implementing(*hooks)), "before": json.dumps(dict(before))}
-    write_records(path, {name: thing}, {"checkpoint": key, "run": run, **plugins}, force=True)
+    container.write(path, {name: record}, {"checkpoint": key, "run": run, **plugins}, force=True)
 
 
 def _listed(plugins: Plugins) -> str:

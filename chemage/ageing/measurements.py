@@ -10,9 +10,9 @@ import numpy as np
 
 from chemage.ageing.fitting import UNIT, FitData, Quantity
 from chemage.foundation.checks import check_times
-from chemage.foundation.columns import ColumnTable, factor, number, read_columns
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import frozen
+from chemage.foundation.tables import ColumnTable, factor, number, read_columns
 
 _COLUMNS = ("hold_time", *UNIT, "error")
 _EXAMPLE = "hold_time (s), friction_coefficient_drop, error"

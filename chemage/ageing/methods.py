@@ -19,8 +19,7 @@ from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.foundation.hashes import content_hash
-from chemage.foundation.records import Record
+from chemage.foundation.records import Record, content_hash
 from chemage.foundation.threads import in_order
 from chemage.friction.role import Rupture
 from chemage.kinetics.history import BondHistory

@@ -15,8 +15,8 @@ import numpy as np
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, checked_seed
 from chemage.foundation.errors import InputError
-from chemage.foundation.hashes import content_hash
 from chemage.foundation.random import CommonSeed
+from chemage.foundation.records import content_hash
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.site_grid import site_shape

@@ -18,7 +18,7 @@ import typer.core
 
 from chemage.cli import arrhenius, citing, experiments, inference, kernels, materials, output, plugins, results
 from chemage.cli.tradeoff import tradeoff
-from chemage.foundation.logs import LOGGER
+from chemage.foundation.progress import LOGGER
 from chemage.plugins.in_use import PREFER, preference
 
 #: heading in the help -> its commands
@@ -198,7 +198,7 @@ def _leave(status: int, begin: float) -> None:
 
 def _complain(text: str) -> None:
     """Print on stderr, control characters as escapes; nothing where stderr is closed."""
-    from chemage.foundation.printable import printable
+    from chemage.foundation.errors import printable
     from chemage.foundation.progress import loaded
 
     loaded()

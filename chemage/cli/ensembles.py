@@ -55,7 +55,7 @@ def run(
     where = {"executor": executor or ("processes" if (workers or 1) > 1 else "threads"), "workers": workers}
     sampler = Sampler(one, samples=folder, threads=threads, patience=patience, points=points, **where)
     counted = sampler.request.counted
-    with progress_bars({SAMPLING: counted, SKETCHING: counted, CORRECTING: counted}, alive=True) as report:
+    with progress_bars({SAMPLING: counted, SKETCHING: counted, CORRECTING: counted}) as report:
         with compiled_ahead(one, report, threads, early) as told:
             made = sampler.run(told)
         if not sampler.writes:

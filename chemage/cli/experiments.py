@@ -167,7 +167,7 @@ def _run_one(
             preflight_folder(figures_of(path), force)
     pictures: list[Path] = []
     units = {"contact": "iterations", "ageing": (one.ageing or EVERY_SITE).steps}
-    with progress_bars(units, alive=True) as report, watching(report):
+    with progress_bars(units) as report, watching(report):
         if result is None:
             with compiled_ahead(one, report, threads, early) as told:
                 result = experiments.run(one, progress=told, threads=threads, checkpoints=checkpoints)

@@ -147,7 +147,7 @@ def _candidates(text: str) -> list[dict[str, Any]]:
 
 def _from_file(path: Path) -> list[dict[str, Any]]:
     """Planned measurements in a CSV file: columns hold_time (s), load (nN), temperature (K), error (nN)."""
-    from chemage.foundation.columns import read_columns
+    from chemage.foundation.tables import read_columns
     from chemage.foundation.units import convert
 
     example = "hold_time (s), load (nN), temperature (K), error (nN)"

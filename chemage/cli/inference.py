@@ -141,10 +141,10 @@ def _computed(
     """Infer, forecast, rank, write and draw."""
     from chemage.inference import infer as inferring
     from chemage.results import inference_figures
-    from chemage.results.inference_files import write_inference
+    from chemage.results.files import write_inference
 
     pictures: list[Path] = []
-    with progress_bars({"families": "fits"}, alive=True) as report:
+    with progress_bars({"families": "fits"}) as report:
         inference = inferring.infer(curves, scene, progress=report, **how)
         made = _asked_of(inference, asked, report)
         with reported(report, "writing"):

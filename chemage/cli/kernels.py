@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 import time
 from collections.abc import Iterator
@@ -38,15 +37,14 @@ def warmup(
     first run compiles them. Prints where they are kept, which NUMBA_CACHE_DIR decides.
     """
     loading("loading chemage")
-    from chemage.foundation import compiling, kernel_cache
-    from chemage.foundation.processor import processor
+    from chemage.foundation import compiling, machine
     from chemage.plugins import registry
     from chemage.scene.warm_up import form, warm_up
 
     begin = time.perf_counter()
     failed: dict[str, str] = {}
     with ExitStack() as stack:
-        report = stack.enter_context(progress_bars(alive=True))
+        report = stack.enter_context(progress_bars())
         compiled = stack.enter_context(
             compiling.watched(
                 lambda count: report(compiling.STAGE, count, 0, compiling.NOTE),
@@ -68,8 +66,8 @@ def warmup(
     found: dict[str, Any] = {
         "kernels": compiled.kernels,
         "seconds": round(time.perf_counter() - begin, 2),
-        "folders": sorted((not os.environ.get("NUMBA_CACHE_DIR") and compiled.folders) or kernel_cache.places()),
-        "processor": processor(),
+        "folders": [str(machine.kernel_folder())],
+        "processor": machine.processor(),
         "failed": failed,
     }
     for name, why in failed.items():

@@ -1,7 +1,7 @@
 """The options of every command about what is printed: ``-q``, ``-v`` and ``--log FILE``, and help by ``-h``.
 
 They stand before or after the name of a command. What they show comes from the logger ``chemage``, to which the stages
-report; see :mod:`chemage.foundation.logs`.
+report; see :mod:`chemage.foundation.progress`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Annotated, Any
 import typer
 
 from chemage.foundation import progress
-from chemage.foundation.logs import LOGGER
+from chemage.foundation.progress import LOGGER
 
 
 class _State:
@@ -129,7 +129,7 @@ class _Printable(logging.Formatter):
     """Control characters, as in the name of a file, are written as escapes."""
 
     def format(self, record: logging.LogRecord) -> str:
-        from chemage.foundation.printable import printable
+        from chemage.foundation.errors import printable
 
         return "\n".join(printable(line) for line in super().format(record).splitlines())
 

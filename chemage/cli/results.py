@@ -47,7 +47,7 @@ def show(file: ResultArg, as_json: JsonOpt = False) -> None:
     thing = read(file)
     if isinstance(thing, Inference):
         from chemage.cli import inference
-        from chemage.results.inference_files import read_inference
+        from chemage.results.files import read_inference
 
         if as_json:
             print(json.dumps(read_inference(file).summary()))
@@ -163,8 +163,7 @@ def _plotted(file: Path, out: Path | None, fmt: str, force: bool) -> list[Path]:
     """Draw the figures of a result file."""
     from chemage.inference.inference import Inference
     from chemage.results import ensemble_figure, inference_figures, run_figures
-    from chemage.results.files import read
-    from chemage.results.inference_files import read_inference
+    from chemage.results.files import read, read_inference
     from chemage.scene.run import Run
     from chemage.studies.ensembles.ensemble import Ensemble
 

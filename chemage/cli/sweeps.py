@@ -13,9 +13,8 @@ from typing import Any
 import typer
 
 from chemage.cli import output, terminal
-from chemage.foundation.errors import ChemageError, InputError
-from chemage.foundation.logs import LOGGER
-from chemage.foundation.printable import printable
+from chemage.foundation.errors import ChemageError, InputError, printable
+from chemage.foundation.progress import LOGGER
 from chemage.foundation.text import jsonable
 from chemage.studies.selection import Selection, in_ranges
 from chemage.studies.sweeps.collecting import collect_sweep

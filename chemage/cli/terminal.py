@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from chemage.cli import output
-from chemage.foundation.printable import printable
+from chemage.foundation.errors import printable
 
 if TYPE_CHECKING:
     from rich.table import Table

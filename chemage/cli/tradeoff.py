@@ -80,7 +80,7 @@ def tradeoff(
     if not output.quiet():
         print(f"{one.name}: {planned(one)}", file=sys.stderr)
     done = 0
-    with progress_bars({_STAGE: "steps"}, alive=True) as report:
+    with progress_bars({_STAGE: "steps"}) as report:
 
         def shown(what: str) -> None:
             nonlocal done

@@ -7,7 +7,7 @@ from typing import Any
 from chemage.contacts.role import ContactSolver
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import expect
-from chemage.foundation.logs import logged, of_plugins
+from chemage.foundation.progress import logged, of_plugins
 from chemage.foundation.units import QuantityLike
 from chemage.plugins import registry
 from chemage.plugins.sources import approximation_of, approximations, providers

@@ -13,31 +13,33 @@ from typing import Any
 
 def merged(*lists: Any) -> list[dict[str, Any]]:
     """Join lists of approximations, each entry once; what is no mapping with a ``kind`` is left out."""
-    found: list[dict[str, Any]] = []
-    for one in lists:
-        for entry in one if isinstance(one, Iterable) and not isinstance(one, str | Mapping) else ():
-            if isinstance(entry, Mapping) and isinstance(entry.get("kind"), str) and dict(entry) not in found:
-                found.append(dict(entry))
-    return found
+    entries: list[dict[str, Any]] = []
+    for candidates in lists:
+        if not isinstance(candidates, Iterable) or isinstance(candidates, str | Mapping):
+            continue
+        for entry in candidates:
+            if isinstance(entry, Mapping) and isinstance(entry.get("kind"), str) and dict(entry) not in entries:
+                entries.append(dict(entry))
+    return entries
 
 
 def of_component(component: Any) -> list[dict[str, Any]]:
     """The approximation that a component, or every component of a class, makes; empty if it is exact."""
     if component.exact:
         return []
-    found: dict[str, Any] = {"role": component.role, "kind": component.kind}
+    entry: dict[str, Any] = {"role": component.role, "kind": component.kind}
     if component.declared_error is not None:
-        found |= {"declared_error": float(component.declared_error), "of": component.error_of}
-    return [found]
+        entry |= {"declared_error": float(component.declared_error), "of": component.error_of}
+    return [entry]
 
 
 def in_words(approximations: Iterable[Mapping[str, Any]]) -> str:
     """The one sentence by which everything that prints a number marks it: ``KIND (declared error 2 % of ...)``."""
-    return "; ".join(_in_words(one) for one in approximations)
+    return "; ".join(f"{entry['kind']} ({_error_in_words(entry)})" for entry in approximations)
 
 
-def _in_words(one: Mapping[str, Any]) -> str:
-    error = one.get("declared_error")
+def _error_in_words(entry: Mapping[str, Any]) -> str:
+    error = entry.get("declared_error")
     if not isinstance(error, int | float):
-        return f"{one['kind']} (no error declared)"
-    return f"{one['kind']} (declared error {100 * error:.3g} % of {one.get('of') or 'what it computes'})"
+        return "no error declared"
+    return f"declared error {100 * error:.3g} % of {entry.get('of') or 'what it computes'}"

@@ -1,11 +1,14 @@
-"""Validation of the arguments that users pass to stages: type, load, temperature, seed, hold times."""
+"""Validation: of the arguments of stages (type, load, temperature, seed, hold times), and of every frozen object."""
 
 from __future__ import annotations
 
+import types
 from collections.abc import Sequence
-from typing import Any
+from functools import lru_cache
+from typing import Annotated, Any, Self, Union, get_args, get_origin
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationInfo, ValidatorFunctionWrapHandler, field_validator
 
 from chemage.foundation.errors import InputError, shown
 from chemage.foundation.units import LARGEST, SMALLEST, QuantityLike, convert, has_unit, magnitudes
@@ -23,27 +26,27 @@ MOST_TIMES = 10_000_000
 def expect(name: str, value: object, kind: type, remedy: str) -> None:
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
-        given = f"{shown(value)} ({type(value).__name__})"
-        raise InputError(f"{name} must be {article} {kind.__name__}, got {given}; {remedy}")
+        what = f"{shown(value)} ({type(value).__name__})"
+        raise InputError(f"{name} must be {article} {kind.__name__}, got {what}; {remedy}")
 
 
 def force(load: QuantityLike) -> float:
     """``load`` in nN, finite and ≥ 0."""
-    value = convert(load, "nN", "load")
+    value, remedy = convert(load, "nN", "load"), "give a force such as 20 uN"
     if not np.isfinite(value) or value < 0:
-        raise InputError.of("load", load, "must be finite and not negative", "give a force such as 20 uN")
+        raise InputError.of("load", load, "must be finite and not negative", remedy)
     if value > LARGEST:
-        raise InputError.of("load", load, f"is out of range, above {LARGEST:g} nN", "give a force such as 20 uN")
+        raise InputError.of("load", load, f"is out of range, above {LARGEST:g} nN", remedy)
     return value
 
 
 def temperature_value(temperature: QuantityLike) -> float:
     """``temperature`` in K, finite and > 0."""
-    value = convert(temperature, "K", "temperature")
+    value, remedy = convert(temperature, "K", "temperature"), "give kelvin, such as 300 K"
     if not np.isfinite(value) or value <= 0:
-        raise InputError.of("temperature", temperature, "must be finite and above zero", "give kelvin, such as 300 K")
+        raise InputError.of("temperature", temperature, "must be finite and above zero", remedy)
     if not SMALLEST <= value <= LARGEST:
-        raise InputError.of("temperature", temperature, "is out of range", "give kelvin, such as 300 K")
+        raise InputError.of("temperature", temperature, "is out of range", remedy)
     return value
 
 
@@ -67,17 +70,14 @@ def checked_count(name: str, value: Any, least: int = 1, most: int | None = None
 
 def checked_states(name: str, state: Any, sites: int) -> np.ndarray:
     """``state`` as (sites,) bool."""
+    remedy = "one entry per site, True = bonded"
     try:
         array = np.asarray(state)
     except (TypeError, ValueError, RecursionError):
-        raise InputError.of(name, state, "is no array of bool", "one entry per site, True = bonded") from None
+        raise InputError.of(name, state, "is no array of bool", remedy) from None
     if array.shape != (sites,) or array.dtype != np.bool_:
-        raise InputError.of(
-            name,
-            f"{array.dtype} array of shape {array.shape}",
-            f"expected bool of shape ({sites},)",
-            "one entry per site, True = bonded",
-        )
+        shape = f"{array.dtype} array of shape {array.shape}"
+        raise InputError.of(name, shape, f"expected bool of shape ({sites},)", remedy)
     if not is_boolean(array):
         raise InputError(f"{name}: bytes other than 0 and 1 in an array of bool; make it with values != 0")
     return array
@@ -95,36 +95,73 @@ def check_times(hold_times: Sequence[float] | np.ndarray) -> np.ndarray:
     elif isinstance(hold_times, list | tuple) and any(has_unit(time) for time in hold_times):
         hold_times = [convert(time, "s", "hold_times") for time in hold_times]
     try:
-        given = np.asarray(hold_times)
-        if given.dtype.kind not in "fiu" and given.size:
+        array = np.asarray(hold_times)
+        if array.dtype.kind not in "fiu" and array.size:
             raise TypeError
-        times = np.array(given, dtype=np.float64, ndmin=1)
+        times = np.array(array, dtype=np.float64, ndmin=1)
     except (TypeError, ValueError, OverflowError, RecursionError):
         raise InputError.of("hold_times", hold_times, "not a list of numbers", "give seconds") from None
     if times.ndim != 1 or times.size == 0:
         raise InputError.of("hold_times", times.shape, "must be a list with at least one time", "give seconds")
-    bad = np.flatnonzero(~np.isfinite(times) | (times < 0))
-    if bad.size:
-        raise InputError.of(
-            f"hold_times[{bad[0]}]",
-            float(times[bad[0]]),
-            "must be finite and not negative",
-            "give seconds since the contact was made",
-        )
     if times.size > MOST_TIMES:
         raise InputError.of("hold_times", times.shape, f"are more than {MOST_TIMES}", "give fewer")
-    out = np.flatnonzero((times > LARGEST) | ((times > 0) & (times < SMALLEST)))
-    if out.size:
-        raise InputError.of(
-            f"hold_times[{out[0]}]",
-            float(times[out[0]]),
-            "is out of range",
-            f"give 0, or seconds from {SMALLEST:g} to {LARGEST:g}",
-        )
-    falls = np.flatnonzero(np.diff(times) < 0)
-    if falls.size:
-        at = int(falls[0]) + 1
-        raise InputError.of(
-            f"hold_times[{at}]", float(times[at]), f"comes after {float(times[at - 1])}", "sort the hold times"
-        )
+
+    def refuse(bad: np.ndarray, problem: str, remedy: str) -> None:
+        if bad[at := int(np.argmax(bad))]:
+            raise InputError.of(
+                f"hold_times[{at}]", float(times[at]), problem.format(at and float(times[at - 1])), remedy
+            )
+
+    unreal = ~np.isfinite(times) | (times < 0)
+    refuse(unreal, "must be finite and not negative", "give seconds since the contact was made")
+    too_far = (times > LARGEST) | ((times > 0) & (times < SMALLEST))
+    refuse(too_far, "is out of range", f"give 0, or seconds from {SMALLEST:g} to {LARGEST:g}")
+    refuse(np.diff(times, prepend=0.0) < 0, "comes after {}", "sort the hold times")
     return times
+
+
+# -- frozen objects ---------------------------------------------------------------------------------------------------
+
+_OF_EVERY_MODEL = {name for name in dir(BaseModel) if not name.startswith("_")}
+
+
+class Frozen(BaseModel):
+    """What records, components and the sections of a scene have in common."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, use_attribute_docstrings=True)
+
+    @field_validator("*", mode="wrap")
+    @classmethod
+    def _no_booleans(cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+        """Refuse True and False, also in a list, in a field of numbers: pydantic would read them as 1 and 0."""
+        checked = handler(value)
+        if info.field_name is not None and info.field_name in _numeric_fields(cls):
+            for item in value if isinstance(value, list | tuple) else (value,):
+                if isinstance(item, bool | np.bool_):
+                    raise ValueError(f"{item} is not a number")
+        return checked
+
+    @classmethod
+    def model_construct(cls, _fields_set: set[str] | None = None, **values: Any) -> Self:
+        """As the constructor: compiled code relies on what is checked there."""
+        return cls(**values)
+
+    def __dir__(self) -> list[str]:
+        """What the tab key offers: not the methods of every model, unless a field has the name."""
+        fields = type(self).model_fields
+        return sorted(name for name in super().__dir__() if name not in _OF_EVERY_MODEL or name in fields)
+
+
+@lru_cache(maxsize=512)
+def _numeric_fields(cls: type[BaseModel]) -> frozenset[str]:
+    kinds = {name: set(_kinds(info.annotation)) for name, info in cls.model_fields.items()}
+    return frozenset(name for name, of_field in kinds.items() if of_field & {int, float} and bool not in of_field)
+
+
+def _kinds(annotation: Any) -> list[Any]:
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        return _kinds(get_args(annotation)[0])
+    if origin in (Union, types.UnionType, tuple, list):
+        return [kind for part in get_args(annotation) for kind in _kinds(part)]
+    return [annotation]

@@ -1,21 +1,34 @@
-"""Compilation of kernels: who is told of it, where they are kept, and the processes that share it."""
+"""Compilation of kernels: who is told of it, and the processes that share it.
+
+Processes in the background do something useful of which nothing depends, and end with this one.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+import os
+import pickle
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any
 
-from chemage.foundation import background, kernel_cache
-from chemage.foundation.threads import available
+from chemage.foundation import machine
+from chemage.foundation.threads import available, environment
 
+_BOOT = (
+    "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
+    "from chemage.foundation.compiling import serve; serve()"
+)
+
+Process = subprocess.Popen[bytes]
 #: the processes that compile the kernels of each stage
-Helpers = dict[str, background.Process]
+Helpers = dict[str, Process]
 #: the stage of a run in which kernels are compiled, and what is said of it
 STAGE, NOTE = "compiling", "kernels, once per installation; all of them take about 20 s"
-
-
 #: the stages whose kernels a process of its own compiles. Two also on two processors: the first has to be done when the
 #: contact is solved, and the second one works towards this process from the last kernel of the contact, so that all end
 #: at about the same time
@@ -30,7 +43,7 @@ def begin(scene: str | Mapping[str, Any], changes: Mapping[str, Any] | None, thr
     if min(threads or available(), available()) < 2:
         return {}
     call = "chemage.scene.warm_up:compile_stage"
-    started = {stage: background.start(call, stage, scene, changes) for stage in STAGES}
+    started = {stage: start(call, stage, scene, changes) for stage in STAGES}
     return {stage: process for stage, process in started.items() if process is not None}
 
 
@@ -38,11 +51,11 @@ def begin(scene: str | Mapping[str, Any], changes: Mapping[str, Any] | None, thr
 def begun_early(scene: str, changes: Mapping[str, Any], threads: int | None) -> Iterator[Helpers]:
     """Begin to compile what a scene needs while this process still imports what it needs, where nothing is compiled
     yet; yields the processes, which end with the block."""
-    helpers = begin(scene, changes, threads) if kernel_cache.empty() else {}
+    helpers = begin(scene, changes, threads) if machine.is_cold() else {}
     try:
         yield helpers
     finally:
-        background.end(helpers.values())
+        end(helpers.values())
 
 
 @dataclass
@@ -51,8 +64,6 @@ class Compiled:
 
     #: ``module.function`` of each, in the order in which they were begun
     kernels: list[str] = field(default_factory=list)
-    #: where they are kept
-    folders: set[str] = field(default_factory=set)
 
 
 @contextmanager
@@ -72,15 +83,14 @@ def watched(begin: Callable[[int], None], end: Callable[[int], None]) -> Iterato
 
         def on_start(self, event: Any) -> None:
             self.depth += 1
-            if self.depth == 1 and (folder := _folder(event)):
+            if self.depth == 1 and _is_kept(event):
                 begin(len(compiled.kernels))
                 function = event.data["dispatcher"].py_func
                 compiled.kernels.append(f"{function.__module__}.{function.__qualname__}")
-                compiled.folders.add(folder)
 
         def on_end(self, event: Any) -> None:
             self.depth -= 1
-            if self.depth == 0 and _folder(event):
+            if self.depth == 0 and _is_kept(event):
                 end(len(compiled.kernels))
 
     listener = Listener()
@@ -91,6 +101,58 @@ def watched(begin: Callable[[int], None], end: Callable[[int], None]) -> Iterato
         event.unregister("numba:compile", listener)
 
 
-def _folder(event: Any) -> str:
-    """Where the kernel is kept, "" where it is not: compiled again in every process, as its author chose."""
-    return str(getattr(getattr(event.data["dispatcher"], "_cache", None), "cache_path", None) or "")
+def _is_kept(event: Any) -> bool:
+    """Whether the kernel is kept; else it is compiled again in every process, as its author chose."""
+    return bool(getattr(getattr(event.data["dispatcher"], "_cache", None), "cache_path", None))
+
+
+# -- processes --------------------------------------------------------------------------------------------------------
+
+
+def start(function: str, *args: Any) -> Process | None:
+    """Start a process that calls ``function`` ("module:name") with ``args``; None where there can be none.
+
+    The process has one thread and prints nothing; what the function raises is ignored.
+    """
+    if not sys.executable:
+        return None
+    try:
+        process = subprocess.Popen(
+            [sys.executable, "-c", _BOOT],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **environment(1)},
+            start_new_session=os.name == "posix",
+        )
+    except OSError:
+        return None
+    assert process.stdin is not None
+    paths = [path or os.getcwd() for path in sys.path]
+    with suppress(OSError):  # it has died
+        process.stdin.write(pickle.dumps(paths) + pickle.dumps((function, args)))
+        process.stdin.flush()  # and left open: its end tells the process that this one has ended
+    return process
+
+
+def end(processes: Iterable[Process]) -> None:
+    """End the processes, whatever they are doing."""
+    for process in processes:
+        process.kill()
+        with suppress(OSError):
+            process.communicate()
+
+
+def serve() -> None:
+    """Call the function that :func:`start` names; the main function of the process."""
+    function, args = pickle.load(sys.stdin.buffer)
+
+    def listen() -> None:
+        sys.stdin.buffer.read()
+        os._exit(0)
+
+    threading.Thread(target=listen, daemon=True).start()
+    module, _, name = function.partition(":")
+    with suppress(Exception):
+        getattr(import_module(module), name)(*args)
+    os._exit(0)

@@ -7,26 +7,17 @@ units from :mod:`chemage.foundation.units`. A method never changes its meaning; 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    SerializationInfo,
-    SerializerFunctionWrapHandler,
-    ValidationError,
-    ValidationInfo,
-    ValidatorFunctionWrapHandler,
-    field_validator,
-    model_serializer,
-)
+from pydantic import SerializationInfo, SerializerFunctionWrapHandler, ValidationError, model_serializer
 
-from chemage.foundation.booleans import no_booleans
+from chemage.foundation.checks import Frozen
 from chemage.foundation.errors import InputError
-from chemage.foundation.hashes import content_hash
-from chemage.foundation.listing import without_noise
-from chemage.foundation.messages import explain, nearest
+from chemage.foundation.messages import explain, in_lines, nearest
+from chemage.foundation.records import content_hash
 from chemage.foundation.text import html_table
 
 if TYPE_CHECKING:
@@ -35,10 +26,8 @@ if TYPE_CHECKING:
 _IDENTITY = {"chemage": "identity"}
 
 
-class Component(BaseModel):
+class Component(Frozen):
     """Frozen, validated options of one component. Equal options mean equal objects and equal :meth:`digest`."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, use_attribute_docstrings=True)
 
     role: ClassVar[str] = ""
     #: the name that selects this component in a scene
@@ -72,18 +61,7 @@ class Component(BaseModel):
                     message = f"no such option{nearest(path, known)}; the options are {', '.join(known) or 'none'}"
                 problems.append((path, message))
             name = f"{self.role} {self.kind!r}" if self.kind else type(self).__name__
-            lines = [f"{path}: {message}" if path else message for path, message in problems]
-            raise InputError(f"{name}: " + "; ".join(lines), problems) from None
-
-    @field_validator("*", mode="wrap")
-    @classmethod
-    def _no_booleans(cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-        return no_booleans(cls, value, handler, info)
-
-    @classmethod
-    def model_construct(cls, _fields_set: set[str] | None = None, **values: Any) -> Self:
-        """As the constructor: options are always validated."""
-        return cls(**values)
+            raise InputError(f"{name}: {in_lines(problems)}", problems) from None
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """As :meth:`replace`: options are always validated."""
@@ -96,9 +74,6 @@ class Component(BaseModel):
             fields = {name: value for name, value in fields.items() if name not in self.speed_only} | self.content()
         # a component inside a component keeps its kind too: without it two chemistries would have one digest
         return {"kind": self.kind, **fields} if self.kind else fields
-
-    def __dir__(self) -> list[str]:
-        return without_noise(type(self), super().__dir__())
 
     def __eq__(self, other: object) -> bool:
         # by options alone: pydantic would compare what a class keeps in private attributes as well
@@ -165,3 +140,21 @@ class Component(BaseModel):
         ``component`` is the component of that result, whose options may differ from those of this one.
         """
         raise NotImplementedError(f"{self.role} {self.kind!r} names the figure {figure!r} but does not draw it")
+
+
+def call_with(method: Callable[..., Any], *arguments: Any, **offered: Any) -> Any:
+    """Call ``method`` with ``arguments`` and with those of ``offered`` that its signature names.
+
+    By this, a role's method can be offered more than when the component was written.
+    """
+    named = _named(getattr(method, "__func__", method))
+    return method(*arguments, **{name: value for name, value in offered.items() if named is None or name in named})
+
+
+@lru_cache(maxsize=1024)
+def _named(function: Callable[..., Any]) -> frozenset[str] | None:
+    """The names that a function takes; None: any."""
+    parameters = inspect.signature(function).parameters.values()
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
+        return None
+    return frozenset(parameter.name for parameter in parameters)

@@ -1,4 +1,4 @@
-"""Every exception chemage raises on purpose.
+"""Every exception chemage raises on purpose, and how values are shown in messages.
 
 ChemageError
 ├── InputError           a value the user gave is wrong: names the field, the value and the remedy
@@ -16,7 +16,12 @@ ChemageError
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Sequence
+from typing import Any
+
+#: direction marks that reorder what follows on the screen
+_REORDERING = {*range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x2028, 0x2029, 0xFEFF}
 
 
 def shortened(value: object, most: int = 80) -> str:
@@ -31,6 +36,27 @@ def shown(value: object, most: int = 80) -> str:
         return shortened(repr(value), most)
     except Exception:  # nested too deeply, a whole number of too many digits, or a faulty __repr__
         return f"a {type(value).__name__}"
+
+
+def printable(text: str) -> str:
+    """A text with control characters as escapes, so that a terminal prints and never obeys them.
+
+    Line feeds and tabs stay; terminal escapes, carriage returns and marks that reorder text do not.
+    """
+    if text.isprintable():
+        return text
+    return "".join(letter if _harmless(letter) else _escape(letter) for letter in text)
+
+
+def _harmless(letter: str) -> bool:
+    code = ord(letter)
+    if letter in "\n\t":
+        return True
+    return not (code < 32 or 127 <= code < 160 or 0xD800 <= code < 0xE000 or code in _REORDERING)
+
+
+def _escape(letter: str) -> str:
+    return letter.encode("unicode_escape", "surrogatepass").decode("ascii")
 
 
 class ChemageError(Exception):
@@ -112,3 +138,23 @@ class ExecutorError(ChemageError):
 
 class WorkerLost(ExecutorError):
     """A worker died while it worked on a task, as often as it was tried."""
+
+
+class PlanWarning(UserWarning):
+    """What a user should know of a run before it begins, as ``chemage check`` says it."""
+
+
+def optional_module(name: str, extra: str) -> Any:
+    """Import the library ``name``, which ``pip install 'chemage[extra]'`` installs.
+
+    Raises
+    ------
+    MissingError
+        It is not installed.
+    """
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name != name:
+            raise
+        raise MissingError(f"{name} is not installed; run: pip install 'chemage[{extra}]'") from None

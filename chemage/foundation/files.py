@@ -1,4 +1,9 @@
-"""Files that are written whole or not at all: a temporary name beside the target, renamed at the end."""
+"""Files: what is read of them, and how they are written.
+
+They may come from strangers: a pipe would block for ever, a device never end, and a short file can hold data whose
+depth ends the interpreter; see docs/security.md. They are written whole or not at all: under a temporary name beside
+the target, renamed at the end.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +13,27 @@ import itertools
 import os
 import shutil
 import socket
+import stat
+import uuid
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
-from chemage.foundation.errors import StoreError
+from chemage.foundation.errors import InputError, StoreError, shortened
+from chemage.foundation.memory import capacity, readable
+
+#: tables inside tables, lists inside lists
+DEEPEST = 32
+#: characters of one text, and of a number written out
+LONGEST_TEXT = 1_000_000
+#: whole numbers beyond this many bits are neither counts nor seeds
+MOST_BITS = 256
+#: bytes of a file that describes something: a scene, a cluster, the manifest of a sweep
+LARGEST_DESCRIPTION = 1 << 30
+
+
+# -- writing ----------------------------------------------------------------------------------------------------------
 
 
 def preflight(path: str | os.PathLike[str], *, force: bool = False, size: float = 0) -> Path:
@@ -42,7 +64,7 @@ def preflight(path: str | os.PathLike[str], *, force: bool = False, size: float 
                 f"{target} needs {size / 1e6:.3g} MB, but {folder} has {room / 1e6:.3g} MB left; "
                 "free some room or choose another folder"
             )
-        probe = _beside(target)
+        probe = temporary(target)
         probe.touch()
         probe.unlink(missing_ok=True)
     except StoreError:
@@ -58,9 +80,18 @@ _HOST = socket.gethostname().partition(".")[0]
 _NUMBER = itertools.count()
 
 
-def _beside(target: Path) -> Path:
-    """A temporary name in the same folder; no two threads, processes or hosts get the same."""
-    return target.parent / f".{target.name}.{_HOST}.{os.getpid()}.{next(_NUMBER)}.part"
+@lru_cache(maxsize=1)
+def _mark(process: int) -> str:
+    """A name for this process that no process of another machine or container has."""
+    return uuid.uuid4().hex[:12]
+
+
+def temporary(target: Path, folder: Path | None = None) -> Path:
+    """A name for what is to become ``target``, in its folder or another one of the same disk; no two threads, processes
+    or hosts get the same."""
+    process = os.getpid()
+    name = f".{target.name}.{_HOST}.{process}.{_mark(process)}.{next(_NUMBER)}.part"
+    return (folder or target.parent) / name
 
 
 def _remove_stale(target: Path) -> None:
@@ -81,12 +112,13 @@ def fresh_file(path: str | os.PathLike[str], *, force: bool = False, size: float
     left behind under a temporary name of the same target is removed.
     """
     target = preflight(path, force=force, size=size)
-    part = _beside(target)
+    part = temporary(target)
     try:
         _remove_stale(target)
         yield part
         on_disk(part)
-        _place(part, target, force)
+        if not put(part, target, over=force):
+            raise StoreError(f"{target} appeared while the result was made; nothing was overwritten")
         on_disk(target.parent)
     except StoreError:
         raise
@@ -121,15 +153,106 @@ def _alive(pid: int) -> bool:
     return True
 
 
-def _place(part: Path, target: Path, force: bool) -> None:
-    if force:
-        os.replace(part, target)
-        return
+def put(part: Path, target: Path, *, over: bool) -> bool:
+    """Give a file its name, with ``over`` in place of what has it; else False where something has it, which stays."""
+    if not over:
+        try:
+            os.link(part, target)  # unlike a rename, fails where another process was first
+            return True
+        except FileExistsError:
+            # a network file system repeats a request whose answer was lost
+            with contextlib.suppress(OSError):
+                return os.path.samefile(part, target)
+            return False
+        except FileNotFoundError:
+            raise
+        except OSError:  # a file system without hard links
+            if target.exists():
+                return False
+    os.replace(part, target)
+    return True
+
+
+# -- reading ----------------------------------------------------------------------------------------------------------
+
+
+def regular_file(path: str | os.PathLike[str], most: float | None = None) -> os.stat_result:
+    """Check that ``path`` is an ordinary file, of at most ``most`` bytes (default: what fits into memory).
+
+    Raises
+    ------
+    StoreError
+        It is missing, a folder, a pipe, a device or a loop of links, or larger than that.
+    """
+    shown = shortened(os.fspath(path), 300)
     try:
-        os.link(part, target)  # unlike a rename, fails where another process was first
-    except FileExistsError:
-        raise StoreError(f"{target} appeared while the result was made; nothing was overwritten") from None
-    except OSError:  # a file system without hard links
-        if target.exists():
-            raise StoreError(f"{target} appeared while the result was made; nothing was overwritten") from None
-        os.replace(part, target)
+        status = os.stat(path)
+    except OSError as error:
+        raise StoreError(f"{shown}: {error.strerror or error}") from None
+    except (ValueError, TypeError):  # a null byte in the name
+        raise StoreError(f"{shown!r} is no name of a file") from None
+    if stat.S_ISDIR(status.st_mode):
+        raise StoreError(f"{shown}: Is a directory; name a file")
+    if not stat.S_ISREG(status.st_mode):
+        raise StoreError(f"{shown} is a device or a pipe; name an ordinary file")
+    limit = most if most is not None else capacity()
+    if limit is not None and status.st_size > limit:
+        raise StoreError(f"{shown} has {readable(status.st_size)}, more than the {readable(limit)} that can be read")
+    return status
+
+
+def read_text(path: str | os.PathLike[str], most: float | None = None) -> str:
+    """Read a text file of at most ``most`` bytes, in UTF-8 with or without a byte order mark.
+
+    Raises
+    ------
+    StoreError
+        The file is missing, cannot be read, is too large, or is not text.
+    """
+    regular_file(path, most)
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise StoreError(f"{path} is not a text file") from None
+    except OSError as error:
+        raise StoreError(f"{path}: {error.strerror or error}") from None
+
+
+def described(path: Path) -> str:
+    """The text of a file that describes something."""
+    return read_text(path, LARGEST_DESCRIPTION)
+
+
+def check_data(data: Any) -> None:
+    """Check the size of parsed TOML or JSON data: depth, length of texts, size of whole numbers.
+
+    Raises
+    ------
+    InputError
+        Naming the path of what is too deep, too long or too large.
+    """
+    for path, item in _walk(data):
+        if isinstance(item, int) and item.bit_length() > MOST_BITS:
+            raise InputError("", [(path, f"a whole number of more than {MOST_BITS} bits; give a smaller one")])
+        if isinstance(item, str) and len(item) > LONGEST_TEXT:
+            raise InputError("", [(path, f"a text of {len(item)} characters; give at most {LONGEST_TEXT}")])
+
+
+def _walk(data: Any) -> Iterator[tuple[str, Any]]:
+    left: list[tuple[str, Any, int]] = [("", data, 0)]
+    while left:
+        path, item, depth = left.pop()
+        if depth > DEEPEST:
+            raise InputError("", [(shortened(path), f"is nested more than {DEEPEST} deep; write it flatter")])
+        yield path, item
+        if isinstance(item, dict):
+            if not all(isinstance(name, str) for name in item):
+                raise InputError("", [(shortened(path), "has names that are no texts")])
+            left += [(f"{path}.{name}".lstrip("."), part, depth + 1) for name, part in item.items()]
+        elif isinstance(item, list):
+            # numbers are by far the most frequent, and only large ones matter
+            left += [
+                (f"{path}.{number}", part, depth + 1)
+                for number, part in enumerate(item)
+                if not isinstance(part, float) and not (type(part) is int and abs(part) < 2**63)
+            ]

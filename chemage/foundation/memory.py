@@ -27,8 +27,8 @@ def capacity() -> float | None:
         if match is None:
             raise InputError.of(VARIABLE, text, "is no amount of memory", "write it as '64 GB'")
         return float(match[1]) * _UNITS[match[2]]
-    found = [size for size in (_of_machine(), _of_group(), _of_process()) if size is not None]
-    return min(found, default=None)
+    limits = (_of_machine(), _of_group(), _of_process())
+    return min((limit for limit in limits if limit is not None), default=None)
 
 
 def require(size: float, what: str, remedy: str) -> None:
@@ -68,7 +68,7 @@ def _of_group() -> float | None:
         lines = Path("/proc/self/cgroup").read_text().splitlines()
     except (OSError, UnicodeDecodeError):
         return None
-    found: list[float] = []
+    limits: list[float] = []
     for line in lines:
         if line.count(":") < 2:
             continue
@@ -87,8 +87,8 @@ def _of_group() -> float | None:
             except OSError:
                 continue
             if text.isdigit():
-                found.append(float(text))
-    return min(found, default=None)
+                limits.append(float(text))
+    return min(limits, default=None)
 
 
 def _of_process() -> float | None:

@@ -1,12 +1,14 @@
-"""Error messages in plain words: pydantic's errors, and suggestions for misspelled names."""
+"""Error messages in plain words. Help and errors use it: it imports nothing heavy."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-from pydantic import ValidationError
+from typing import TYPE_CHECKING
 
 from chemage.foundation.errors import shown
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 
 def explain(error: ValidationError, prefix: str = "") -> list[tuple[str, str]]:
@@ -26,6 +28,11 @@ def explain(error: ValidationError, prefix: str = "") -> list[tuple[str, str]]:
             message = message if begins else f"{shown(value)}: {message}"
         problems.append((path, message))
     return problems
+
+
+def in_lines(problems: Sequence[tuple[str, str]]) -> str:
+    """``(path, message)`` pairs as one text."""
+    return "; ".join(f"{path}: {message}" if path else message for path, message in problems)
 
 
 def nearest(word: str, known: Sequence[str]) -> str:

@@ -25,14 +25,14 @@ NAMES = {
     "scene.run": "Run run",
     "scene.scene": "Scene parse_scene",
     "scene.scene_files": "load_scene override scene_data",
+    "foundation.machine": "cache_folder",
+    "foundation.records": "content_hash",
     "foundation.checks": "Seed check_times checked_count checked_seed checked_states force temperature_value",
     "foundation.components": "Component",
-    "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PluginError "
+    "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PlanWarning PluginError "
     "SceneError StoreError UnitError UnknownKindError WorkerLost",
-    "foundation.files": "fresh_file preflight",
-    "foundation.inputs": "regular_file",
+    "foundation.files": "fresh_file preflight regular_file",
     "foundation.messages": "nearest",
-    "foundation.warned": "PlanWarning",
     "foundation.units": "EV_PER_GPA_NM3 Energy Force Frequency KB Length Pressure Temperature Time Unit Volume convert",
     "friction.role": "Bonded Rupture RuptureForce",
     "friction.stage": "rupture rupture_bonds",
@@ -58,8 +58,7 @@ NAMES = {
     "results.arrhenius": "arrhenius",
     "results.comparison.comparison": "compare_files",
     "results.page": "write_report",
-    "results.maps": "open_maps",
-    "results.files": "read write",
+    "results.files": "open_maps read write",
     "surfaces.height_map": "HeightMap",
     "surfaces.measures": "Roughness",
     "surfaces.reading": "Reader reader_for",
@@ -79,6 +78,7 @@ FACTORIES = {"ageing": "ageing_method"}
 PICTURES = "results.pictures"
 #: public modules -> their full name
 MODULES = {
+    "container": "foundation.container",
     "options": "cli.options",
     "memory": "foundation.memory",
     "progress": "foundation.progress",

@@ -1,16 +1,20 @@
-"""Progress on stderr: a bar for each stage on a terminal, lines for slow stages elsewhere."""
+"""How far a computation is: on stderr, a bar for each stage on a terminal and lines for slow stages elsewhere; and in
+the log, each stage with its time.
+
+The logger is ``chemage`` of Python's ``logging``. It prints nothing unless the program that uses chemage asks for it,
+as ``chemage -v`` and ``chemage --log FILE`` do: ``logging.basicConfig(level="INFO")`` is enough.
+"""
 
 from __future__ import annotations
 
+import logging
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, Protocol
-
-from chemage.foundation.logs import logged
 
 #: silence after which a line says that a stage is at work, s; a tenth of the time it has taken so far where that is
 #: longer, up to the largest
@@ -21,9 +25,10 @@ TICK = 0.25
 LOADING = 0.5
 #: and time after which it says so again
 AGAIN = 1.5
-#: seconds between two lines about a stage that came further, where there is no terminal
-_SECONDS = 10.0
 _silent = False
+
+LOGGER = logging.getLogger("chemage")
+LOGGER.addHandler(logging.NullHandler())  # Python itself prints errors of a logger without a handler
 
 
 class Report(Protocol):
@@ -63,13 +68,13 @@ def watched() -> Report | None:
 
 
 @contextmanager
-def progress_bars(units: Mapping[str, str] | None = None, *, alive: bool = False) -> Iterator[Report]:
+def progress_bars(units: Mapping[str, str] | None = None) -> Iterator[Report]:
     """Show progress on stderr during a block, which receives the function to report with.
 
     On a terminal every stage has a bar, followed by the note. Elsewhere a stage that takes more than 2 s prints one
-    line when it ends, and one every 10 s in which it came further. With ``alive`` it also prints lines before it ends,
-    more and more rarely; a stage that is not in ``units`` is printed at once where it begins with a note, and every few
-    seconds as long as it has one. ``units`` says what is counted: stage -> plural.
+    line when it ends, and before, more and more rarely, how far it is; a stage that is not in ``units`` is printed at
+    once where it begins with a note, and every few seconds as long as it has one. ``units`` says what is counted:
+    stage -> plural.
     """
     loaded()
     named = units or {}
@@ -77,11 +82,7 @@ def progress_bars(units: Mapping[str, str] | None = None, *, alive: bool = False
         yield lambda stage, done, total, note="": None
         return
     if not sys.stderr.isatty():
-        lines = _Lines(named)
-        if not alive:
-            yield lines
-            return
-        with lines.alive():
+        with _Lines(named).alive() as lines:
             yield lines
         return
     from rich.console import Console
@@ -127,48 +128,33 @@ class _Lines:
         self._units = units
         self._begun: dict[str, float] = {}
         self._now: dict[str, tuple[int, int, str]] = {}
-        #: when a stage was printed last, and how far it was
-        self._far: dict[str, tuple[float, int]] = {}
         self._lock = threading.Lock()
         self._printed = time.monotonic()
-        self._ticking = False
 
     def __call__(self, stage: str, done: int, total: int, note: str = "") -> None:
         with self._lock:
             begins = stage not in self._begun
             elapsed = time.perf_counter() - self._begun.setdefault(stage, time.perf_counter())
-            noted = self._has_note(stage)
             if total and done == total:
                 self._now.pop(stage, None)
                 del self._begun[stage]
                 if elapsed > 2:
                     self._print(f"{stage}: done in {elapsed:.1f} s")
-                return
-            if noted and not note:
+            elif self._has_note(stage) and not note:
                 del self._now[stage]
-                return
-            self._now[stage] = done, total, note
-            if begins and self._ticking and self._has_note(stage):
-                self._print(f"{stage} {note}")
-            elif not self._ticking:
-                self._further(stage, done, total, note)
+            else:
+                self._now[stage] = done, total, note
+                if begins and self._has_note(stage):
+                    self._print(f"{stage} {note}")
 
     def _has_note(self, stage: str) -> bool:
         """Whether a note is what a stage has to say, and not how far it is."""
         return bool(self._now.get(stage, (0, 0, ""))[2]) and stage not in self._units
 
-    def _further(self, stage: str, done: int, total: int, note: str) -> None:
-        now = time.perf_counter()
-        last, count = self._far.get(stage, (self._begun[stage], 0))
-        how_far = ", ".join(filter(None, (_count(self._units, stage, done, total), note)))
-        if how_far and done > count and now - last > _SECONDS:
-            self._far[stage] = now, done
-            self._print(f"{stage}: {how_far}")
-
     @contextmanager
-    def alive(self) -> Iterator[None]:
+    def alive(self) -> Iterator[_Lines]:
         """Print, during a block, that the stages are at work."""
-        self._ticking, ended = True, threading.Event()
+        ended = threading.Event()
 
         def tick() -> None:
             while not ended.wait(TICK):
@@ -178,7 +164,7 @@ class _Lines:
         thread = threading.Thread(target=tick, daemon=True)
         thread.start()
         try:
-            yield
+            yield self
         finally:
             ended.set()
             thread.join()
@@ -202,39 +188,44 @@ class _Lines:
         print(line, file=sys.stderr, flush=True)
 
 
-_loading: threading.Timer | None = None
+#: ends what :func:`loading` began
+_loading: Callable[[], None] | None = None
 
 
 def loading(message: str) -> None:
     """Print a message on stderr if neither progress nor :func:`loaded` follows within a second, and again every few
     seconds; on a terminal it stands there once and is erased then."""
-    begin = time.monotonic()
+    global _loading
+    begin, ended = time.monotonic(), threading.Event()
 
-    def show(again: bool) -> None:
-        if sys.stderr is not None and _loading is not None and not _silent:
-            if not again or not sys.stderr.isatty():
-                text = f"{message}: {time.monotonic() - begin:.0f} s" if again else message
-                print(text, end="" if sys.stderr.isatty() else "\n", file=sys.stderr, flush=True)
-            after(AGAIN, shown=True)
+    def show() -> None:
+        if ended.wait(LOADING) or sys.stderr is None or _silent:
+            return
+        if sys.stderr.isatty():
+            print(message, end="", file=sys.stderr, flush=True)
+            ended.wait()
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+            return
+        print(message, file=sys.stderr, flush=True)
+        while not ended.wait(AGAIN):
+            print(f"{message}: {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)
 
-    def after(seconds: float, shown: bool) -> None:
-        global _loading
-        _loading = threading.Timer(seconds, show, (shown,))
-        _loading.shown = shown  # pyright: ignore[reportAttributeAccessIssue]
-        _loading.daemon = True
-        _loading.start()
+    thread = threading.Thread(target=show, daemon=True)
+    thread.start()
 
-    after(LOADING, shown=False)
+    def end() -> None:
+        ended.set()
+        thread.join()
+
+    _loading = end
 
 
 def loaded() -> None:
     """End what :func:`loading` began."""
     global _loading
-    timer, _loading = _loading, None
-    if timer is not None:
-        timer.cancel()
-        if getattr(timer, "shown", False) and sys.stderr is not None and sys.stderr.isatty():
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+    end, _loading = _loading, None
+    if end is not None:
+        end()
 
 
 @contextmanager
@@ -244,3 +235,42 @@ def reported(report: Report, stage: str) -> Iterator[None]:
     with logged(stage):
         yield
     report(stage, 1, 1)
+
+
+# -- the log ----------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def logged(stage: str, what: str = "begins") -> Iterator[Callable[[str], None]]:
+    """Log the begin of a block as that of ``stage``, and its end with wall and CPU time.
+
+    The block receives a function that adds words about its outcome to the last line.
+    """
+    LOGGER.info("%s: %s", stage, what)
+    outcome: list[str] = []
+    wall, cpu = time.perf_counter(), time.process_time()
+    try:
+        yield outcome.append
+    except BaseException as error:
+        LOGGER.info("%s: ended by %s after %.2f s", stage, type(error).__name__, time.perf_counter() - wall)
+        raise
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    LOGGER.info(
+        "%s: done in %.2f s (%.2f s of CPU time)%s", stage, wall, cpu, "".join(f"; {words}" for words in outcome)
+    )
+
+
+def counted(stage: str, unit: str, progress: Callable[[int, int], None] | None) -> Callable[[int, int], None]:
+    """A function to report (done, total) with: it logs them, and passes them on to ``progress``."""
+
+    def report(done: int, total: int) -> None:
+        LOGGER.info("%s: %s %d/%d", stage, unit, done, total)
+        if progress is not None:
+            progress(done, total)
+
+    return report
+
+
+def of_plugins(plugins: dict[str, str]) -> str:
+    """Which plugins took part, in words."""
+    return "plugins: " + (", ".join(f"{name} ({source})" for name, source in plugins.items()) or "none")

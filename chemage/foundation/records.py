@@ -13,26 +13,19 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidationInfo,
-    ValidatorFunctionWrapHandler,
-    field_validator,
-)
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError
 
 from chemage.foundation import approximations
-from chemage.foundation.booleans import no_booleans
-from chemage.foundation.checks import is_boolean
+from chemage.foundation.checks import Frozen, is_boolean
 from chemage.foundation.errors import InputError, UnitError, shortened
-from chemage.foundation.listing import without_noise
-from chemage.foundation.messages import explain
+from chemage.foundation.messages import explain, in_lines
 from chemage.foundation.text import html_table
 from chemage.foundation.units import has_unit, in_range, magnitudes
+
+
+def content_hash(content: Any) -> str:
+    """128 bits as 32 hexadecimal digits; the order of the entries of a dict does not count."""
+    return hashlib.blake2b(json.dumps(content, sort_keys=True).encode(), digest_size=16).hexdigest()
 
 
 def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
@@ -44,42 +37,42 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
     if isinstance(array, np.ma.MaskedArray) and np.ma.is_masked(array):
         raise ValueError(f"{np.ma.count_masked(array)} values are masked; fill or crop missing data first")
     try:
-        given = np.asarray(array)
+        values = np.asarray(array)
     except (TypeError, ValueError, OverflowError, RecursionError):
         raise ValueError("expected an array of numbers") from None
-    if given.dtype.kind not in "fiubc":
-        raise ValueError(f"expected numbers, not {_kind(given)}")
-    if dtypes and given.dtype not in [np.dtype(kind) for kind in dtypes]:
+    if values.dtype.kind not in "fiubc":
+        raise ValueError(f"expected numbers, not {_kind(values)}")
+    if dtypes and values.dtype not in [np.dtype(kind) for kind in dtypes]:
         target = np.dtype(dtypes[0])
-        mixed = given.size and (given.dtype.kind == "c" or (given.dtype.kind == "b") != (target.kind == "b"))
-        if mixed and not (target.kind == "b" and _is_zero_or_one(given)):
-            raise ValueError(f"expected {_KINDS[target.kind]}, not {_kind(given)}")
-        if target.kind in "iu" and given.dtype.kind == "f" and given.size:
-            raise ValueError(f"expected whole numbers, not {given.dtype}")
-        if target.kind == "i" and given.dtype.kind in "iu" and given.size:
+        mixed = values.size and (values.dtype.kind == "c" or (values.dtype.kind == "b") != (target.kind == "b"))
+        if mixed and not (target.kind == "b" and _is_zero_or_one(values)):
+            raise ValueError(f"expected {_KINDS[target.kind]}, not {_kind(values)}")
+        if target.kind in "iu" and values.dtype.kind == "f" and values.size:
+            raise ValueError(f"expected whole numbers, not {values.dtype}")
+        if target.kind == "i" and values.dtype.kind in "iu" and values.size:
             limits = np.iinfo(target.name)
-            if int(given.min()) < limits.min or int(given.max()) > limits.max:
-                raise ValueError(f"values from {given.min()} to {given.max()} do not fit {target}")
+            if int(values.min()) < limits.min or int(values.max()) > limits.max:
+                raise ValueError(f"values from {values.min()} to {values.max()} do not fit {target}")
         with np.errstate(over="ignore"):
-            given = given.astype(target)
-        given.setflags(write=False)
-    if given.dtype.kind == "b" and not is_boolean(np.ascontiguousarray(given)):
+            values = values.astype(target)
+        values.setflags(write=False)
+    if values.dtype.kind == "b" and not is_boolean(np.ascontiguousarray(values)):
         raise ValueError("bytes other than 0 and 1 in an array of bool; make it with values != 0")
-    if not (given.flags.c_contiguous and given.flags.aligned and given.dtype.isnative) or _can_change(given):
-        given = np.array(given, given.dtype.newbyteorder("="), order="C", copy=True)
-        given.setflags(write=False)
-    return given
+    if not (values.flags.c_contiguous and values.flags.aligned and values.dtype.isnative) or _can_change(values):
+        values = np.array(values, values.dtype.newbyteorder("="), order="C", copy=True)
+        values.setflags(write=False)
+    return values
 
 
 _KINDS = {"f": "numbers", "i": "whole numbers", "u": "whole numbers", "b": "True or False"}
 
 
-def _is_zero_or_one(given: np.ndarray) -> bool:
-    return given.dtype.kind in "iu" and int(given.min()) >= 0 and int(given.max()) <= 1
+def _is_zero_or_one(values: np.ndarray) -> bool:
+    return values.dtype.kind in "iu" and int(values.min()) >= 0 and int(values.max()) <= 1
 
 
-def _kind(given: np.ndarray) -> str:
-    return "True or False" if given.dtype.kind == "b" else str(given.dtype)
+def _kind(values: np.ndarray) -> str:
+    return "True or False" if values.dtype.kind == "b" else str(values.dtype)
 
 
 def _can_change(array: np.ndarray) -> bool:
@@ -122,29 +115,16 @@ Number = Annotated[float, Field(ge=0, allow_inf_nan=False), _Ranged]
 PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False), _Ranged]
 
 
-class Record(BaseModel):
+class Record(Frozen):
     """Base of the frozen objects."""
 
-    model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
-        arbitrary_types_allowed=True,
-        use_attribute_docstrings=True,
-        allow_inf_nan=True,
-    )
+    model_config = ConfigDict(validate_default=False, arbitrary_types_allowed=True, allow_inf_nan=True)
     #: field name -> (dimension names, unit, meaning)
     arrays: ClassVar[dict[str, tuple[tuple[str, ...], str, str]]] = {}
     #: fields whose arrays have another name in files, that of their dimension
     stored_names: ClassVar[dict[str, str]] = {}
-    #: fields that files of chemage 0.1 lack
-    later: ClassVar[frozenset[str]] = frozenset()
     #: fields that records stored earlier do not have: where empty, no part of the digest, nor of the file
     added: ClassVar[tuple[str, ...]] = ()
-
-    @field_validator("*", mode="wrap")
-    @classmethod
-    def _no_booleans(cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-        return no_booleans(cls, value, handler, info)
 
     def __init__(self, **fields: Any) -> None:
         for name, (_, unit, _) in self.arrays.items():
@@ -156,13 +136,7 @@ class Record(BaseModel):
         try:
             super().__init__(**fields)
         except ValidationError as error:
-            lines = [f"{path}: {message}" if path else message for path, message in explain(error)]
-            raise InputError(f"{type(self).__name__}: " + "; ".join(lines)) from None
-
-    @classmethod
-    def model_construct(cls, _fields_set: set[str] | None = None, **values: Any) -> Self:
-        """As the constructor: compiled code relies on what is checked there."""
-        return cls(**values)
+            raise InputError(f"{type(self).__name__}: {in_lines(explain(error))}") from None
 
     def todict(self) -> dict[str, Any]:
         """Field name -> value; arrays stay arrays."""
@@ -230,22 +204,19 @@ class Record(BaseModel):
     def noting(self, plugins: Mapping[str, str], approximate: Iterable[Mapping[str, Any]] = ()) -> Self:
         """This record, with the plugins that took part in it (name -> version), and the approximations on the way to
         it, added to its ``provenance``."""
-        found = approximations.merged(self.approximate, approximate)
+        approximate_parts = approximations.merged(self.approximate, approximate)
         provenance: dict[str, Any] = dict(getattr(self, "provenance", {}))
         if plugins:
             provenance["plugins"] = {**self.plugins, **plugins}
-        if found:
-            provenance["approximate"] = found
-        return self.model_copy(update={"provenance": provenance}) if plugins or found else self
+        if approximate_parts:
+            provenance["approximate"] = approximate_parts
+        return self.model_copy(update={"provenance": provenance}) if plugins or approximate_parts else self
 
     def __copy__(self) -> Self:
         return self
 
     def __deepcopy__(self, memo: dict[int, Any] | None = None) -> Self:
         return self
-
-    def __dir__(self) -> list[str]:
-        return without_noise(type(self), super().__dir__())
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and other.digest() == self.digest()  # pyright: ignore[reportAttributeAccessIssue]
@@ -267,11 +238,11 @@ class Record(BaseModel):
     __str__ = __repr__
 
 
-def _rebuilt(cls: type[Record], fields: dict[str, Any]) -> Record:
-    return cls(**fields)
-
-
 def require_finite(name: str, values: np.ndarray, remedy: str) -> None:
     bad = int(values.size - np.count_nonzero(np.isfinite(values)))
     if bad:
         raise ValueError(f"{name}: {bad} of {values.size} values are not finite; {remedy}")
+
+
+def _rebuilt(cls: type[Record], fields: dict[str, Any]) -> Record:
+    return cls(**fields)

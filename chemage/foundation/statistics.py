@@ -66,8 +66,8 @@ def half_width(values: np.ndarray, confidence: float = 0.95) -> np.ndarray:
     error = standard_error(values)
     if values.shape[0] < 2:
         return error
-    found = error * student_limit(values.shape[0] - 1, confidence)
-    return np.where((values == values[0]).all(axis=0), np.nan, found)[()]
+    width = error * student_limit(values.shape[0] - 1, confidence)
+    return np.where((values == values[0]).all(axis=0), np.nan, width)[()]
 
 
 def crossed_half_width(values: np.ndarray, factors: int, confidence: float = 0.95) -> np.ndarray:
@@ -88,15 +88,15 @@ def crossed_half_width(values: np.ndarray, factors: int, confidence: float = 0.9
     numpy.ndarray
         (...), in the unit of ``values``; nan where there are fewer than two values along an axis of several.
     """
-    known = np.isfinite(values)
+    finite = np.isfinite(values)
     parts, freedoms = [], []
     for axis in range(factors):
         if values.shape[axis] < 2:
             continue
         others = tuple(other for other in range(factors) if other != axis)
-        held = known.sum(axis=others)
+        held = finite.sum(axis=others)
         with np.errstate(invalid="ignore", divide="ignore"):
-            means = np.where(known, values, 0.0).sum(axis=others) / np.where(held > 0, held, np.nan)
+            means = np.where(finite, values, 0.0).sum(axis=others) / np.where(held > 0, held, np.nan)
             there = held > 0
             count = there.sum(axis=0)
             centre = np.where(there, means, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)

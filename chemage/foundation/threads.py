@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import contextvars
 import os
+import threading
+import weakref
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from typing import TypeVar
+from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
 
@@ -70,8 +72,8 @@ def in_order(
     try:
         running: dict[Future[T], int] = {}
         results: dict[int, T] = {}
-        begun = given = 0
-        while given < count:
+        begun = yielded = 0
+        while yielded < count:
             # one more for each thread, so that none waits; not all, because there may be 10^9
             while begun < count and len(running) < 2 * threads:
                 # options of plugins are context variables, which the threads would not see
@@ -82,8 +84,27 @@ def in_order(
                 results[running.pop(future)] = future.result()
             if progress:
                 progress(begun - len(running), count)
-            while given in results:
-                yield results.pop(given)
-                given += 1
+            while yielded in results:
+                yield results.pop(yielded)
+                yielded += 1
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+class OncePerObject(Generic[T]):
+    """What is computed once for an object, shared by all who ask, and gone with it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._results: dict[int, dict[Any, T]] = {}
+
+    def get(self, owner: Any, key: Any, make: Callable[[], T]) -> T:
+        """The result of ``make`` for ``owner`` and ``key``, which is called once; other threads wait for it."""
+        with self._lock:
+            results = self._results.get(id(owner))
+            if results is None:
+                results = self._results[id(owner)] = {}
+                weakref.finalize(owner, self._results.pop, id(owner), None)
+            if key not in results:
+                results[key] = make()
+            return results[key]

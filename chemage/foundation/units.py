@@ -85,20 +85,17 @@ def convert(value: object, unit: str, field: str = "") -> float:
             return convert(value, unit)
         except UnitError as error:
             raise UnitError(f"{field}: {error}") from None
-    if value is None or type(value).__name__ in ("bool", "bool_"):  # bool_ is numpy's
-        raise UnitError(
-            f"{shown(value)} is not a quantity; give a number in {unit or 'no unit'} or a string with its unit"
-        )
     if isinstance(value, str):
         return _parse(value, unit)
     if has_unit(value):
         return _of_quantity(value, unit)
     try:
+        if value is None or type(value).__name__ in ("bool", "bool_"):  # bool_ is numpy's
+            raise TypeError
         return float(value)  # pyright: ignore[reportArgumentType]
-    except (TypeError, ValueError, OverflowError) as error:
-        raise UnitError(
-            f"{shown(value)} is not a quantity; give a number in {unit or 'no unit'} or a string with its unit"
-        ) from error
+    except (TypeError, ValueError, OverflowError):
+        remedy = f"give a number in {unit or 'no unit'} or a string with its unit"
+        raise UnitError(f"{shown(value)} is not a quantity; {remedy}") from None
 
 
 def has_unit(value: Any) -> bool:
@@ -110,9 +107,8 @@ def has_unit(value: Any) -> bool:
 
 def as_text(value: Any) -> str:
     """A quantity of another library as a string with its unit, such as ``"20.0 micronewton"``."""
-    number = value.magnitude if hasattr(value, "magnitude") else value.value
     unit = value.units if hasattr(value, "units") else value.unit
-    return f"{float(number)!r} {unit}".strip().removesuffix(" dimensionless")
+    return f"{float(_number_of(value))!r} {unit}".strip().removesuffix(" dimensionless")
 
 
 def in_words(data: Any) -> Any:
@@ -123,8 +119,12 @@ def in_words(data: Any) -> Any:
         return [in_words(item) for item in data]
     if not has_unit(data):
         return data
-    values = data.magnitude if hasattr(data, "magnitude") else data.value
-    return [in_words(item) for item in data] if np.ndim(values) else as_text(data)
+    return [in_words(item) for item in data] if np.ndim(_number_of(data)) else as_text(data)
+
+
+def _number_of(value: Any) -> Any:
+    """What a quantity of pint calls magnitude, and one of astropy or unyt value."""
+    return value.magnitude if hasattr(value, "magnitude") else value.value
 
 
 def magnitudes(value: Any, unit: str) -> Any:
@@ -136,12 +136,11 @@ def magnitudes(value: Any, unit: str) -> Any:
         It has another dimension than ``unit``.
     """
     try:
-        found = value.to(unit or "dimensionless") if hasattr(value, "magnitude") else value.to(unit)
-        return found.magnitude if hasattr(found, "magnitude") else found.value
+        return _number_of(value.to(unit or "dimensionless") if hasattr(value, "magnitude") else value.to(unit))
     except Exception as error:  # every library has its own
-        given = value.units if hasattr(value, "units") else getattr(value, "unit", "unknown dimension")
+        own = value.units if hasattr(value, "units") else getattr(value, "unit", "unknown dimension")
         raise UnitError(
-            f'"{shortened(value)}" is a quantity of {given}, but this field is in {unit or "pure numbers"}'
+            f'"{shortened(value)}" is a quantity of {own}, but this field is in {unit or "pure numbers"}'
         ) from error
 
 
@@ -258,9 +257,8 @@ class Unit:
     ) -> None:
         self.unit = unit
         self.wide = wide or unit in ("", "eV")  # barriers are limited by the engines
-        self._bounds: dict[str, Any] = {
-            name: bound for name, bound in (("gt", gt), ("ge", ge), ("lt", lt), ("le", le)) if bound is not None
-        }
+        bounds: dict[str, Any] = {"gt": gt, "ge": ge, "lt": lt, "le": le}
+        self._bounds = {name: bound for name, bound in bounds.items() if bound is not None}
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         number = core_schema.float_schema(allow_inf_nan=False, **self._bounds)

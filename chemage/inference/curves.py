@@ -15,9 +15,9 @@ from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import UNIT, Quantity
 from chemage.ageing.measurements import Measurements
 from chemage.foundation.checks import check_times, force, temperature_value
-from chemage.foundation.columns import factor, number, read_columns
 from chemage.foundation.errors import InputError, shown
 from chemage.foundation.records import Doubles, Plain, PositiveNumber, Record
+from chemage.foundation.tables import factor, number, read_columns
 from chemage.foundation.units import QuantityLike
 
 #: fewer decades of hold times than this say nothing of a distribution of barriers

@@ -36,8 +36,6 @@ class BondHistory(Record):
     stored_names = {"hold_times": "hold_time"}
     added = ("states",)
 
-    later = frozenset({"notes", "provenance"})
-
     hold_times: Doubles
     """(m,) s"""
     bonds: Indices

@@ -10,12 +10,11 @@ from pydantic import Field
 
 from chemage.contacts.solution import Contact, ContactSolution, ContactStatistics
 from chemage.foundation import random
-from chemage.foundation.calls import call_with
 from chemage.foundation.checks import Seed, checked_seed, expect
-from chemage.foundation.components import Component
+from chemage.foundation.components import Component, call_with
 from chemage.foundation.errors import InputError
-from chemage.foundation.kept import Kept
 from chemage.foundation.records import frozen
+from chemage.foundation.threads import OncePerObject
 from chemage.foundation.units import EV_PER_GPA_NM3, KB, Force, Frequency, Pressure, UnitOrWord, Volume
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers, Interaction
@@ -30,7 +29,7 @@ CLASSES = 512
 #: side of the grid, all of it in contact, on which the neighbours of a site are counted
 GRID = 32
 #: graphs of neighbours of the sites of each contact, by interaction, which its replicas share
-_graphs: Kept[np.ndarray] = Kept()
+_graphs: OncePerObject[np.ndarray] = OncePerObject()
 
 
 def effective_forming(intrinsic: np.ndarray, activation_volume: float, pressure: np.ndarray) -> np.ndarray:

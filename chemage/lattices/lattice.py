@@ -43,7 +43,6 @@ class ReactionLattice(Record):
         "coupling": (("site", "slot"), "eV", "what a bonded neighbour adds to the forming barrier"),
     }
 
-    later = frozenset({"provenance"})
     added = ("positions", "pressure", "origin")
 
     pixels: tuple[int, int]

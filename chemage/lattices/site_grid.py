@@ -10,10 +10,10 @@ import numpy as np
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.errors import InputError
-from chemage.foundation.kept import Kept
 from chemage.foundation.memory import require
 from chemage.foundation.records import frozen
 from chemage.foundation.statistics import NORMAL_LIMIT
+from chemage.foundation.threads import OncePerObject
 
 #: what is said of a grid of sites that is that of the pixels
 ONE_PER_PIXEL = "one site per pixel"
@@ -177,7 +177,7 @@ class ContactSites:
 
 
 #: of each contact, by density
-_kept: Kept[ContactSites] = Kept()
+_kept: OncePerObject[ContactSites] = OncePerObject()
 
 
 def contact_sites(contact: ContactSolution, density: Density) -> ContactSites:

@@ -15,7 +15,7 @@ from chemage.inference.shape import peaks
 from chemage.results import inference_figures as draw
 from chemage.results import inference_text as words
 from chemage.results.figures import blank
-from chemage.results.inference_files import read_inference
+from chemage.results.files import read_inference
 from chemage.results.page_parts import Part, Picture, Section, Table, markup, scene_toml, svg
 
 if TYPE_CHECKING:

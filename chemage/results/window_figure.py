@@ -12,7 +12,7 @@ import numpy as np
 from chemage.foundation.errors import InputError
 from chemage.foundation.units import convert
 from chemage.results.figures import draw_map, panels, pooled
-from chemage.results.maps import StoredMap, open_maps
+from chemage.results.files import StoredMap, open_maps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

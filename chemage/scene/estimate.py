@@ -9,9 +9,9 @@ from typing import Any
 from chemage.ageing.kinetics import EVERY_SITE
 from chemage.contacts.options import force_text, modulus_in, pressure_text
 from chemage.contacts.role import ContactTheory
-from chemage.foundation.calls import call_with
+from chemage.foundation.components import call_with
 from chemage.foundation.errors import ChemageError
-from chemage.foundation.processor import slowness
+from chemage.foundation.machine import slowness
 from chemage.foundation.threads import available
 from chemage.foundation.units import EV_PER_GPA_NM3
 from chemage.lattices.independent import Expected, expected_kinetics, rough_pressures, smooth_pressures
@@ -102,7 +102,7 @@ def _time(seconds: float) -> str:
 def cost(scene: Scene, *, here: bool = True) -> Cost:
     """The one estimate of what ``scene`` costs, from what its components state; single scenes and sweeps use it.
 
-    Seconds are those of this machine (:func:`chemage.foundation.processor.slowness`), or with ``here`` False those of
+    Seconds are those of this machine (:func:`chemage.foundation.machine.slowness`), or with ``here`` False those of
     the machine on which components were calibrated.
 
     Raises

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from chemage.ageing.age import kept_bytes
-from chemage.foundation.errors import InputError
+from chemage.foundation.errors import InputError, PlanWarning
 from chemage.foundation.memory import require
 from chemage.foundation.threads import available
-from chemage.foundation.warned import PlanWarning
 from chemage.lattices.site_grid import BYTES_PER_SITE, site_shape
 from chemage.scene.cost import Cost
 from chemage.scene.scene import Scene

@@ -6,7 +6,7 @@ import platform
 from functools import lru_cache
 from importlib import metadata
 
-from chemage.foundation.processor import processor
+from chemage.foundation.machine import processor
 from chemage.foundation.records import Record
 from chemage.foundation.version import __version__
 from chemage.plugins import registry

@@ -24,12 +24,10 @@ from chemage.contacts.stage import solve_contact
 from chemage.foundation import pictures
 from chemage.foundation.approximations import in_words, merged
 from chemage.foundation.datasets import EXTRA
-from chemage.foundation.errors import ChemageError, InputError, StoreError
-from chemage.foundation.optional import optional_module
+from chemage.foundation.errors import ChemageError, InputError, PlanWarning, StoreError, optional_module
 from chemage.foundation.progress import progress_bars
 from chemage.foundation.records import Record
 from chemage.foundation.text import jsonable
-from chemage.foundation.warned import PlanWarning
 from chemage.scene.doubts import doubts
 from chemage.scene.estimate import cost
 from chemage.scene.limits import LongRunWarning, check_limits

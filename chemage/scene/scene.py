@@ -24,9 +24,9 @@ from chemage.contacts.options import force_text, nominal_pressure, normal_force
 from chemage.contacts.role import ContactSolver, ContactTheory
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, UnknownKindError, shown
-from chemage.foundation.hashes import content_hash
-from chemage.foundation.inputs import check_data
+from chemage.foundation.files import check_data
 from chemage.foundation.messages import explain, nearest
+from chemage.foundation.records import content_hash
 from chemage.foundation.units import in_words
 from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine

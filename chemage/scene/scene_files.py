@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from chemage.foundation.errors import InputError, PluginError, SceneError, StoreError, shortened
-from chemage.foundation.inputs import check_data, described
+from chemage.foundation.files import check_data, described
 from chemage.foundation.messages import nearest
 from chemage.plugins import registry
 from chemage.scene.scene import Scene, parse_scene

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from chemage.contacts.role import ContactTheory
-from chemage.foundation.hashes import content_hash
+from chemage.foundation.records import content_hash
 from chemage.scene.scene import Scene
 
 

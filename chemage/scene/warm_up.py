@@ -12,7 +12,7 @@ import numpy as np
 
 from chemage.contacts.role import ContactTheory
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation import background, compiling
+from chemage.foundation import compiling
 from chemage.foundation.progress import Report
 from chemage.kinetics.role import Engine
 from chemage.lattices.stage import build_lattice
@@ -117,10 +117,10 @@ def compiled_ahead(
         with compiling.watched(begin, end):
             yield follow
     finally:
-        background.end(helpers.values())
+        compiling.end(helpers.values())
 
 
-def _wait(helper: background.Process | None, report: Report, compiled: int) -> None:
+def _wait(helper: compiling.Process | None, report: Report, compiled: int) -> None:
     """Wait for a process that has begun to compile what is needed now."""
     if helper is None or helper.poll() is not None:
         return

@@ -13,29 +13,24 @@ complete or absent, after a power failure as well. Every file carries a checksum
 from __future__ import annotations
 
 import contextlib
-import io
-import json
+import math
 import os
+import re
 import shutil
 import socket
-import threading
-import uuid
-import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Self
 
-import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.codec import from_npz
+from chemage.foundation.container import archive, check_json, is_intact, read, read_json, sealed_json
 from chemage.foundation.errors import DamagedError, InputError, StoreError
-from chemage.foundation.files import on_disk
-from chemage.foundation.inputs import LARGEST_DESCRIPTION, regular_file
-from chemage.foundation.seals import check_json_seal, check_seal, from_sealed_json, to_sealed_json
-from chemage.studies.manifest import checked_manifest
+from chemage.foundation.files import LARGEST_DESCRIPTION, check_data, on_disk, put, regular_file, temporary
+from chemage.foundation.messages import explain, in_lines
 
 #: version of the layout; newer layouts are refused. Since 2 every file carries a checksum.
 FORMAT = 2
@@ -50,6 +45,58 @@ class SweepWarning(UserWarning):
 
 class CannotWrite(StoreError):
     """The disk is full or read-only, which ends the whole sweep rather than one point."""
+
+
+def _checked_key(key: str) -> str:
+    if not _KEY.fullmatch(key):
+        raise ValueError("is no key of a point or a contact")
+    return key
+
+
+#: a hash, and also the name of a file: a folder may come from a stranger
+_KEY = re.compile(r"[0-9a-f]{32}")
+_Key = Annotated[str, AfterValidator(_checked_key)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+
+class _Axis(_Part):
+    paths: list[str]
+    values: list[list[Any]] = Field(min_length=1)
+
+
+class _Grid(_Part):
+    axes: list[_Axis]
+    base: dict[str, Any]
+    source: str
+
+
+class _Manifest(_Part):
+    """What is checked of ``sweep.json`` before anything is read or written by the names in it."""
+
+    digest: str
+    versions: dict[str, str]
+    grid: _Grid
+    resolved: list[list[Any]]
+    keys: list[_Key]
+    contacts: list[_Key]
+    contact_of: list[Annotated[int, Field(ge=0)]]
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        axes = self.grid.axes
+        lengths = [len(axis.values) for axis in axes]
+        if any(len(values) != len(axis.paths) for axis in axes for values in axis.values):
+            raise ValueError("an axis of the grid has values for other fields than it names")
+        if math.prod(lengths) != len(self.keys) or [len(values) for values in self.resolved] != lengths:
+            raise ValueError(f"the grid has {math.prod(lengths)} points, but there are {len(self.keys)} keys")
+        if len(self.contact_of) != len(self.keys) or max(self.contact_of, default=0) >= max(len(self.contacts), 1):
+            raise ValueError("contact_of does not name a contact for each point")
+        if "chemage" not in self.versions:
+            raise ValueError("the version of chemage is missing")
+        return self
 
 
 @dataclass(frozen=True)
@@ -84,22 +131,23 @@ class Folder:
         if self.manifest.exists():
             regular_file(self.manifest, LARGEST_DESCRIPTION)
         try:
-            data, is_sealed = from_sealed_json(self.manifest.read_bytes(), self.manifest)
+            data = read_json(self.manifest)
+            check_data(data)
+            if isinstance(layout := data.get("format"), int) and layout > FORMAT:
+                version = data["versions"]["chemage"]
+                raise StoreError(f"{self.path} was made by chemage {version}; update chemage to read it")
+            _Manifest.model_validate(data)
         except FileNotFoundError:
             raise StoreError(f"{self.path} is not the folder of a sweep: it has no sweep.json") from None
-        except DamagedError:
+        except ValidationError as error:
+            raise StoreError(f"{self.manifest} does not describe a sweep: {in_lines(explain(error)[:1])}") from None
+        except InputError as error:
+            raise StoreError(f"{self.manifest} does not describe a sweep: {in_lines(error.problems[:1])}") from None
+        except StoreError:
             raise
         except OSError as error:
             raise StoreError(f"{self.manifest} cannot be read: {error.strerror}") from None
-        if not isinstance(data.get("format"), int):
-            raise StoreError(f"{self.manifest} does not describe a sweep")
-        if data["format"] > FORMAT:
-            raise StoreError(
-                f"{self.path} was made by chemage {data['versions']['chemage']}; update chemage to read it"
-            )
-        if not is_sealed and data["format"] >= 2:
-            raise DamagedError(f"{self.manifest} is damaged: its checksum is missing")
-        return checked_manifest(data, self.manifest)
+        return data
 
     def state(self, key: str) -> str:
         """Find whether a point is ``done``, ``failed``, ``missing`` or ``damaged``."""
@@ -107,7 +155,7 @@ class Folder:
         try:
             text = path.read_bytes()
             # only the beginning is needed of a file that is as it was written
-            if check_json_seal(text, path):
+            if check_json(text, path):
                 return "done" if text.startswith(_DONE) else "failed"
         except (DamagedError, OSError):
             pass
@@ -115,47 +163,30 @@ class Folder:
 
     def read_point(self, key: str) -> dict[str, Any]:
         """Read the file of a point; of one that is missing or damaged, only its ``status``."""
-        path = self.point(key)
         try:
-            content, is_sealed = from_sealed_json(path.read_bytes(), path)
-        except DamagedError:
+            return read_json(self.point(key))
+        except StoreError:
             return {"status": "damaged"}
         except OSError:
             return {"status": "missing"}
-        if not is_sealed and not _is_of_0_1(content):
-            return {"status": "damaged"}
-        return content
 
     def write_point(self, key: str, content: Mapping[str, Any]) -> None:
         """Write the file of a point."""
         if content["status"] != "done" and self.state(key) == "done":
             return  # another process has computed it
         # with the status first: `state` reads no more of it
-        self.place(self.point(key), to_sealed_json({"status": content["status"], **content}))
+        self.place(self.point(key), sealed_json({"status": content["status"], **content}))
 
     def write_manifest(self, content: Mapping[str, Any], *, first: bool = False) -> None:
         """Write ``sweep.json``; with ``first`` only if there is none."""
-        text = to_sealed_json(content, indent=1)
-        if first:
-            self.place_first(self.manifest, text)
-        else:
-            self.place(self.manifest, text)
+        self.place(self.manifest, sealed_json(content, indent=1), over=not first)
 
-    def write_contact(self, key: str, content: bytes | memoryview) -> bool:
-        """Write the file of a contact, with the content made by :func:`chemage.foundation.codec.to_npz`.
-
-        Returns
-        -------
-        bool
-            False if another process has written it before: all points use that one, and ``content`` is not kept.
-        """
-        path = self.contact(key)
-        if self.place_first(path, content):
-            return True
-        if self.intact_contact(key) is not None:
-            return False
-        self.place(path, content)  # it was damaged
-        return True
+    def keep_contact(self, key: str, solution: ContactSolution) -> ContactSolution:
+        """Write a contact, unless another process has done so before: all points use the one that is returned."""
+        path, content = self.contact(key), archive({"contact": solution})
+        if not self.place_first(path, content) and self.intact_contact(key) is None:
+            self.place(path, content)  # it was damaged
+        return self.read_contact(key) or solution
 
     def read_contact(self, key: str) -> ContactSolution | None:
         """Read a contact; None if it is missing.
@@ -166,41 +197,29 @@ class Folder:
             It is not what was written.
         """
         path = self.contact(key)
-        try:
-            content = path.read_bytes()
-        except OSError:
-            return None
-        try:
-            return from_npz(ContactSolution, content, path)
-        except DamagedError:
-            if (old := _of_0_1(content)) is None:
-                raise
-            return old
+        return read(path, {"contact": ContactSolution})[0]["contact"] if path.exists() else None
 
     def has_contact(self, key: str) -> bool:
         """Whether a contact is there and as it was written; its numbers are not read."""
         try:
-            return check_seal(self.contact(key)) or self.intact_contact(key) is not None
-        except (DamagedError, OSError):
+            return is_intact(self.contact(key))
+        except StoreError:
             return False
 
     def intact_contact(self, key: str) -> ContactSolution | None:
         """Read a contact; None if it is missing or damaged."""
         try:
             return self.read_contact(key)
-        except DamagedError:
+        except StoreError:
             return None
-
-    def place(self, target: Path, content: bytes | memoryview) -> None:
-        """Put a file in its place, or in that of another one."""
-        self._place(target, content, _put_over)
 
     def place_first(self, target: Path, content: bytes | memoryview) -> bool:
         """Put a file in its place; False if there is one, which stays."""
-        return self._place(target, content, _put_first)
+        return self.place(target, content, over=False)
 
-    def _place(self, target: Path, content: bytes | memoryview, put: Callable[[Path, Path], bool]) -> bool:
-        part = self.path / ".parts" / f"{target.name}.{process_name()}.{_mark(os.getpid())}.{threading.get_ident()}"
+    def place(self, target: Path, content: bytes | memoryview, *, over: bool = True) -> bool:
+        """Put a file in its place, with ``over`` in that of another one; else False where there is one."""
+        part = temporary(target, self.path / ".parts")
         try:
             try:
                 part.write_bytes(content)
@@ -210,10 +229,10 @@ class Folder:
             if self.durable:
                 on_disk(part)
             try:
-                placed = put(part, target)
+                placed = put(part, target, over=over)
             except FileNotFoundError:
                 target.parent.mkdir(parents=True, exist_ok=True)
-                placed = put(part, target)
+                placed = put(part, target, over=over)
             if self.durable:
                 on_disk(target.parent)
             return placed
@@ -276,34 +295,6 @@ class Folder:
                 stream.truncate(0)
 
 
-def _put_over(part: Path, target: Path) -> bool:
-    os.replace(part, target)
-    return True
-
-
-def _put_first(part: Path, target: Path) -> bool:
-    try:
-        os.link(part, target)
-        return True
-    except FileExistsError:
-        # a network file system repeats a request whose answer was lost
-        with contextlib.suppress(OSError):
-            return os.path.samefile(part, target)
-        return False
-    except FileNotFoundError:
-        raise
-    except OSError:  # a file system without links
-        if target.exists():
-            return False
-        return _put_over(part, target)
-
-
-@lru_cache(maxsize=1)
-def _mark(process: int) -> str:
-    """A name for this process that no process of another machine or container has."""
-    return uuid.uuid4().hex[:12]
-
-
 @lru_cache(maxsize=1)
 def _host() -> str:
     return socket.gethostname()
@@ -314,23 +305,25 @@ def process_name() -> str:
     return f"{_host()}.{os.getpid()}"
 
 
-def _is_of_0_1(content: Mapping[str, Any]) -> bool:
-    """Whether a point was computed by chemage 0.1, which wrote no checksums."""
+def refuse_links(folder: Path) -> None:
+    """Refuse a folder of a sweep in which a link would lead what is written elsewhere.
+
+    Raises
+    ------
+    StoreError
+        Naming the link.
+    """
+    for path in (folder / name for name in ("sweep.json", ".lock", ".parts", ".shares", "contacts", "points")):
+        _refuse_link(path)
     try:
-        return str(content["summary"]["versions"]["chemage"]).startswith("0.1.")
-    except (KeyError, TypeError):
-        return False
+        with os.scandir(folder / "points") as entries:
+            links = [Path(entry.path) for entry in entries if entry.is_symlink()]
+    except OSError:
+        return
+    for path in links:
+        _refuse_link(path)
 
 
-def _of_0_1(content: bytes) -> ContactSolution | None:
-    """A contact as chemage 0.1 kept it: its sites, the pressures there, and the rest as a line of JSON."""
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as file:
-            rest = json.loads(bytes(file["told"]))
-            pressure = np.zeros(tuple(rest["shape"]), dtype=file["pressure"].dtype)
-            pressure.ravel()[file["sites"]] = file["pressure"]
-            gap = file["gap"] if "gap" in file.files else None
-            others = {name: rest[name] for name in ("convergence", "provenance")}
-            return ContactSolution(pressure=pressure, gap=gap, notes=tuple(rest["notes"]), **others, **rest["fields"])
-    except (OSError, ValueError, LookupError, EOFError, TypeError, InputError, zipfile.BadZipFile):
-        return None
+def _refuse_link(path: Path) -> None:
+    if path.is_symlink():
+        raise StoreError(f"{path} is a link, which is not followed; remove it, or choose another folder")

@@ -21,7 +21,7 @@ from chemage.contacts.role import ContactTheory
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
 from chemage.foundation import threads as thread_budget
-from chemage.foundation.codec import from_npz, to_json, to_npz
+from chemage.foundation.codec import to_json
 from chemage.foundation.errors import ChemageError, ExecutorError, StoreError
 from chemage.foundation.version import __version__
 from chemage.plugins import registry
@@ -256,11 +256,8 @@ class _Worker:
             return self._solution(task)
         if (stored := folder.intact_contact(task.contact)) is not None:
             return stored
-        content = to_npz(self._solution(task))
-        mine = folder.write_contact(task.contact, content)
         # tasks always use the stored contact, so that an interruption or another process does not change them
-        stored = None if mine else folder.intact_contact(task.contact)
-        return stored or from_npz(ContactSolution, content, folder.contact(task.contact))
+        return folder.keep_contact(task.contact, self._solution(task))
 
     def _solution(self, task: Task) -> ContactSolution:
         # the name contains the study: in another one other plugins may change the surface of the same options

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from chemage.foundation.checks import Seed, expect
-from chemage.foundation.logs import logged, of_plugins
+from chemage.foundation.progress import logged, of_plugins
 from chemage.plugins import registry
 from chemage.plugins.sources import approximations, providers
 from chemage.surfaces.role import SurfaceMaker

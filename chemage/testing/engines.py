@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.foundation.calls import call_with
+from chemage.foundation.components import call_with
 from chemage.foundation.units import KB
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.foundation.calls import call_with
+from chemage.foundation.components import call_with
 from chemage.foundation.errors import InputError
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Interaction

@@ -5,17 +5,13 @@ missing at random, run beside those of the same sites without interaction, with 
 noise. The bonds without interaction are known exactly and serve as a control variate (Law, Simulation Modeling and
 Analysis, section 11.4). The sites of the thinned contacts are sorted by the neighbours that they have.
 
-Tables are kept in the cache folder of the user, one file each, with a checksum, written whole or not at all.
+Tables are kept in the cache folder of the user, one container each.
 """
 
 from __future__ import annotations
 
-import hashlib
-import io
 import json
 import math
-import os
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,13 +21,15 @@ import numpy as np
 
 from chemage import (
     KB,
-    ChemageError,
     Chemistry,
     ContactSolution,
+    DamagedError,
     Engine,
     ReactionLattice,
+    StoreError,
     build_lattice,
-    fresh_file,
+    container,
+    content_hash,
     random,
     run_kinetics,
 )
@@ -57,8 +55,7 @@ STEP = 1.0
 #: shares of bonded sites below this are none
 NONE = 1e-250
 #: what a file of a table begins with, and the fields of a node that it holds
-_BEGIN = b"chemage closure table\n"
-_ARRAYS = ("change", "error")
+_KINDS = {"table": container.Arrays}
 
 
 @dataclass(frozen=True)
@@ -286,60 +283,41 @@ class _Samples:
 # -- files ------------------------------------------------------------------------------------------------------------
 
 
-def cache_folder() -> Path:
-    """The folder of the user for what can be computed again."""
-    if home := os.environ.get("XDG_CACHE_HOME"):
-        return Path(home) / "chemage"
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "chemage" / "Cache"
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "chemage"
-    return Path.home() / ".cache" / "chemage"
-
-
 def path_of(setting: Setting, folder: Path) -> Path:
     """The file of a table."""
-    text = json.dumps(setting.identity(), sort_keys=True, default=str)
-    return folder / f"closure-{hashlib.blake2b(text.encode(), digest_size=16).hexdigest()}.table"
+    return folder / f"closure-{content_hash(setting.identity())}.npz"
 
 
 def load(path: Path, setting: Setting, took: Took) -> tuple[dict[int, Node], str]:
     """The nodes that a file holds, and what is wrong with it in words; none where it does not exist."""
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
+    if not path.exists():
         return {}, ""
-    except OSError as error:
-        return {}, f"{path} cannot be read ({error.strerror})"
-    begin = len(_BEGIN)
-    body = content[begin + 33 :]
-    if content[:begin] != _BEGIN or content[begin : begin + 32].decode("ascii", "replace") != _checksum(body):
+    try:
+        parts, about = container.read(path, _KINDS)
+    except DamagedError:
         return {}, f"{path} is damaged"
-    with np.load(io.BytesIO(body), allow_pickle=False) as file:
-        about = json.loads(bytes(file["about"]))
-        if about != _about(setting, took):
-            return {}, f"{path} was made with other plugins"
-        numbers, replicas = file["numbers"].tolist(), file["replicas"].tolist()
-        parts = [file[name] for name in _ARRAYS]
-    nodes = {number: Node(*(part[k] for part in parts), replicas=replicas[k]) for k, number in enumerate(numbers)}
-    return nodes, ""
+    except StoreError as error:
+        return {}, str(error)
+    if about != _about(setting, took):
+        return {}, f"{path} was made with other plugins"
+    arrays = parts["table"].values
+    rows = zip(*(arrays[name] for name in ("numbers", "change", "error", "replicas")), strict=True)
+    return {int(number): Node(change, error, int(replicas)) for number, change, error, replicas in rows}, ""
 
 
 def keep(path: Path, setting: Setting, took: Took, nodes: dict[int, Node]) -> str:
     """Write a table; what prevents it in words, else nothing."""
     numbers = sorted(nodes)
-    buffer = io.BytesIO()
-    arrays: dict[str, Any] = {name: np.stack([getattr(nodes[number], name) for number in numbers]) for name in _ARRAYS}
-    arrays["about"] = np.frombuffer(json.dumps(_about(setting, took)).encode(), dtype=np.uint8)
-    arrays["numbers"] = np.array(numbers)
-    arrays["replicas"] = np.array([nodes[number].replicas for number in numbers])
-    np.savez(buffer, **arrays)
-    body = buffer.getvalue()
+    arrays = {
+        "numbers": np.array(numbers),
+        **{name: np.stack([getattr(nodes[number], name) for number in numbers]) for name in ("change", "error")},
+        "replicas": np.array([nodes[number].replicas for number in numbers]),
+    }
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with fresh_file(path, force=True, size=len(body)) as part:
-            part.write_bytes(_BEGIN + _checksum(body).encode() + b"\n" + body)
-    except (OSError, ChemageError) as error:
+        table = container.Arrays(values=arrays)
+        container.write(path, {"table": table}, _about(setting, took), compact=True, force=True)
+    except OSError as error:  # a StoreError is one as well
         return f"the table could not be kept in {path.parent} ({error})"
     return ""
 
@@ -347,7 +325,3 @@ def keep(path: Path, setting: Setting, took: Took, nodes: dict[int, Node]) -> st
 def _about(setting: Setting, took: Took) -> dict[str, Any]:
     about = {"identity": setting.identity(), "plugins": took.plugins, "approximate": took.approximate}
     return json.loads(json.dumps(about, default=str))
-
-
-def _checksum(body: bytes) -> str:
-    return hashlib.blake2b(body, digest_size=16).hexdigest()

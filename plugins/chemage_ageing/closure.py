@@ -22,6 +22,7 @@ from chemage import (
     Engine,
     InputError,
     build_lattice,
+    cache_folder,
     contact_statistics,
     coordination,
 )
@@ -181,7 +182,7 @@ class Closure(AgeingMethod):
         self, setting: _table.Setting, needed: list[int], took: _table.Took, request: AgeingRequest
     ) -> tuple[dict[int, _table.Node], tuple[str, ...]]:
         """The table at the pressures that are needed: known, read, or computed now and kept."""
-        path = _table.path_of(setting, Path(self.folder) if self.folder else _table.cache_folder())
+        path = _table.path_of(setting, Path(self.folder) if self.folder else cache_folder())
         name = path, repr(took)
         with _lock:
             nodes = dict(_tables.get(name, {}))

@@ -119,7 +119,7 @@ def test_the_quadrature_is_exact_within_its_stated_error(case):
 def test_no_table_is_made_without_interaction(small_tables):
     aged(uniform(2.0), chemistry())
     aged(uniform(2.0), chemistry(interaction=ca.interaction("elastic-pairs", strength=0.1)), hold_times=[1.0])
-    assert len(list(small_tables.glob("*.table"))) == 1
+    assert len(list(small_tables.glob("*.npz"))) == 1
 
 
 def test_a_contact_without_pressure_has_no_bonds():
@@ -278,7 +278,7 @@ def test_a_table_grows_with_the_pressure_and_its_nodes_do_not_change(small_table
     aged(uniform(4.0), interacting())
     monkeypatch.setattr("chemage_ageing.closure._tables", {})
     np.testing.assert_array_equal(aged(uniform(0.3), interacting()).bonds, low.bonds)
-    assert len(list(small_tables.glob("*.table"))) == 1
+    assert len(list(small_tables.glob("*.npz"))) == 1
 
 
 @pytest.mark.long
@@ -288,7 +288,7 @@ def test_every_chemistry_temperature_and_accuracy_has_a_table_of_its_own(small_t
     aged(contact, interacting(hydroxylation=0.9))
     aged(contact, interacting(), temperature=310.0)
     aged(contact, interacting(), method=ca.ageing_method("closure", accuracy=0.02))
-    assert len(list(small_tables.glob("*.table"))) == 4
+    assert len(list(small_tables.glob("*.npz"))) == 4
 
 
 @pytest.mark.parametrize(
@@ -300,7 +300,7 @@ def test_every_chemistry_temperature_and_accuracy_has_a_table_of_its_own(small_t
 )
 def test_a_damaged_table_is_computed_again_and_that_is_said(small_tables, monkeypatch, damage):
     first = aged(uniform(0.3), interacting())
-    (path,) = small_tables.glob("*.table")
+    (path,) = small_tables.glob("*.npz")
     path.write_bytes(damage(path.read_bytes()))
     monkeypatch.setattr("chemage_ageing.closure._tables", {})
     again = aged(uniform(0.3), interacting())
@@ -316,11 +316,6 @@ def test_a_folder_that_cannot_be_written_is_a_note(tmp_path):
     assert found.bonds[0, -1] > 0
     assert any("could not be kept" in note or "cannot be read" in note for note in found.notes)
     assert method.digest() == ca.ageing_method("closure").digest()
-
-
-def test_cache_folders(monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
-    assert _table.cache_folder().as_posix() == "/somewhere/chemage"
 
 
 # -- refusals ---------------------------------------------------------------------------------------------------------

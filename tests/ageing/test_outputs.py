@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from pathlib import Path
 from typing import ClassVar
 
 import h5py
@@ -13,7 +12,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError, Output, PluginError, SceneError, parse_scene
-from chemage.foundation.codec import from_json, from_npz, to_json, to_npz
+from chemage.foundation.codec import from_json, to_json
 from chemage.results import page
 from chemage.results.comparison import compare_files
 
@@ -170,7 +169,8 @@ def test_dimensions_units_and_descriptions_are_stored_and_read(told, tmp_path):
     assert again.measured["bond_map"].output == Slip.outputs["bond_map"]
     assert again.measured["barriers_start"].unit == "1/eV"
     assert from_json(ca.Aging, json.loads(json.dumps(to_json(run.aging)))) == run.aging
-    assert from_npz(ca.Aging, to_npz(run.aging), Path("aging.npz")) == run.aging
+    ca.container.write(tmp_path / "a.npz", {"aging": run.aging}, compact=True)
+    assert ca.container.read(tmp_path / "a.npz", {"aging": ca.Aging})[0]["aging"] == run.aging
     with h5py.File(tmp_path / "a.h5") as file:
         stored = file["aging/observables/bond_energy"]
         assert (stored.attrs["units"], stored.attrs["long_name"]) == ("eV", Slip.outputs["bond_energy"].description)

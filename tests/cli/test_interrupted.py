@@ -25,7 +25,7 @@ from chemage.foundation import codec, files
 
 from pathlib import Path
 
-array, place, whole = codec._write_array, files._place, Path.write_bytes
+array, place, whole = codec._write_array, files.put, Path.write_bytes
 
 def say(word):
     print(word, file=sys.stderr, flush=True)
@@ -48,7 +48,7 @@ def slow_place(*args):
     place(*args)
     say("placed")
 
-codec._write_array, files._place, Path.write_bytes = slow_array, slow_place, slow_bytes
+codec._write_array, files.put, Path.write_bytes = slow_array, slow_place, slow_bytes
 """
 
 

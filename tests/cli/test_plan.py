@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-pytestmark = pytest.mark.filterwarnings("default::chemage.foundation.warned.PlanWarning")
+pytestmark = pytest.mark.filterwarnings("default::chemage.foundation.errors.PlanWarning")
 
 LATE = ("--set", "fit.start=1e6", "--set", "fit.stop=1e7")
 SAID = "beta will not be fitted: no hold time lies between 1e+06 and 1e+07 s"

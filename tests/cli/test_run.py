@@ -213,13 +213,13 @@ def lines_until(capsys, wanted, seconds=20.0):
 
 
 def test_a_long_stage_says_that_it_is_at_work(capsys, quick_lines):
-    with progress_bars(alive=True) as tell:
+    with progress_bars() as tell:
         tell("ageing", 3, 10)
         assert "ageing: 3/10, 0 s\n" in lines_until(capsys, "3/10")
 
 
 def test_kernels_are_announced_at_once_and_their_line_ends_with_them(capsys, quick_lines):
-    with progress_bars(alive=True) as tell:
+    with progress_bars() as tell:
         tell("contact", 0, 0)
         tell("compiling", 0, 0, "kernels, once")
         assert "compiling kernels, once\n" in capsys.readouterr().err

@@ -20,7 +20,7 @@ import numpy as np
 
 import chemage
 from chemage import Aging, BondHistory, ContactSolution, ReactionLattice, Surface
-from chemage.foundation.codec import from_npz, read_records, to_npz, write_records
+from chemage.foundation import container
 from chemage.studies.folder import Folder
 
 count, folder = int(sys.argv[1]), Path(sys.argv[2])
@@ -49,11 +49,11 @@ def stored(thing):
 
 
 def checkpoint(path):
-    write_records(path, {"history": history, "contact": contact}, {"checkpoint": "key", "run": "run"}, force=True)
+    container.write(path, {"history": history, "contact": contact}, {"checkpoint": "key", "run": "run"}, force=True)
 
 
 def read_checkpoint(path):
-    return read_records(path, {"history": BondHistory, "contact": ContactSolution})
+    return container.read(path, {"history": BondHistory, "contact": ContactSolution})
 
 
 def in_sweep(place, write, read):
@@ -68,6 +68,11 @@ def in_sweep(place, write, read):
     return put, get
 
 
+def keep_contact():
+    sweep.contact("aa").unlink(missing_ok=True)
+    sweep.keep_contact("aa", contact)
+
+
 def state_and_point():
     content = sweep.read_point("aa")
     if sweep.state("aa") != content["status"]:
@@ -80,7 +85,7 @@ def state_and_point():
 WAYS = {
     "aging": stored(aging), "contact": stored(contact), "history": stored(history), "lattice": stored(lattice),
     "surface": stored(surface), "checkpoint": (checkpoint, read_checkpoint),
-    "contact of a sweep": in_sweep(sweep.contact("aa"), lambda: sweep.write_contact("aa", to_npz(contact)),
+    "contact of a sweep": in_sweep(sweep.contact("aa"), keep_contact,
                                    lambda: sweep.read_contact("aa")),
     "point of a sweep": in_sweep(sweep.point("aa"), lambda: sweep.write_point("aa", point), state_and_point),
     "manifest": in_sweep(sweep.manifest, lambda: sweep.write_manifest(manifest),

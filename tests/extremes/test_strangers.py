@@ -13,7 +13,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError, SceneError, StoreError
-from chemage.foundation.printable import printable
+from chemage.foundation.errors import printable
 from chemage.studies.folder import Folder
 
 

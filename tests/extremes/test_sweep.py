@@ -170,12 +170,15 @@ def test_the_folder_of_another_sweep_is_refused(tiny, tmp_path):
     assert contents(tmp_path / "out") == before
 
 
-@pytest.mark.parametrize("text", ["{}", '{"format": 99, "versions": {"chemage": "9.0"}}'])
-def test_a_manifest_of_something_else_is_an_error(tiny, tmp_path, text):
+OF_LATER = chemage.container.sealed_json({"format": 99, "versions": {"chemage": "9.0"}})
+
+
+@pytest.mark.parametrize("content", [b"{}", b'{"name": "a package"}', OF_LATER])
+def test_a_manifest_of_something_else_is_an_error(tiny, tmp_path, content):
     chemage.sweep(swept(tiny), tmp_path / "out")
-    (tmp_path / "out" / "sweep.json").write_text(text)
+    (tmp_path / "out" / "sweep.json").write_bytes(content)
     for again in (lambda: chemage.load_sweep(tmp_path / "out"), lambda: chemage.sweep(swept(tiny), tmp_path / "out")):
-        with pytest.raises(StoreError, match=r"does not describe a sweep|was made by chemage 9\.0; update"):
+        with pytest.raises(StoreError, match=r"is no file of chemage|was made by chemage 9\.0; update"):
             again()
 
 

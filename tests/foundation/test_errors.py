@@ -7,12 +7,13 @@ import pickle
 
 import pytest
 
+import chemage as ca
 from chemage import ChemageError, ConvergenceError, InputError, PluginError, SceneError, StoreError, UnitError, errors
 
 ALL = [
     value
     for _, value in inspect.getmembers(errors, inspect.isclass)
-    if issubclass(value, Exception) and value.__module__ == errors.__name__
+    if issubclass(value, ChemageError) and value.__module__ == errors.__name__
 ]
 
 EXAMPLES = [
@@ -73,3 +74,9 @@ def test_a_scene_error_lists_every_problem_with_its_path():
 def test_a_convergence_error_carries_the_history():
     error = ConvergenceError("short", history=(1.0, 0.1), residual=0.1, tolerance=1e-5)
     assert (error.history, error.residual, error.tolerance) == ([1.0, 0.1], 0.1, 1e-5)
+
+
+def test_nearest():
+    assert ca.nearest("hertzz", ["hertz", "fft-bem"]) == " (did you mean 'hertz'?)"
+    assert ca.nearest("qqq", ["hertz", "fft-bem"]) == ""
+    assert ca.nearest("x", []) == ""

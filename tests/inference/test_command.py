@@ -12,7 +12,7 @@ from made_inference import made_forecast, made_inference
 import chemage as ca
 from chemage.inference import infer as inferring
 from chemage.inference.result import InferenceResult
-from chemage.results.inference_files import read_inference, write_inference
+from chemage.results.files import read_inference, write_inference
 
 SCENE = """
 name = "bare-tip"

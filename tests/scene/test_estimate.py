@@ -8,7 +8,7 @@ import pytest
 
 import chemage
 from chemage import load_scene
-from chemage.foundation import processor
+from chemage.foundation import container, machine
 from chemage.lattices.independent import expected_kinetics, rough_pressures
 from chemage.scene.estimate import cost, plan
 
@@ -146,31 +146,32 @@ def test_seconds_follow_the_speed_of_the_machine(small, monkeypatch):
     assert ("speed of this machine", "4 times the reference, measured once") in fast.rows()
 
 
-def test_the_speed_is_measured_once_and_kept_beside_the_kernels(tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+def test_the_speed_is_measured_once_and_kept(tmp_path, monkeypatch):
+    monkeypatch.setenv("CHEMAGE_CACHE", str(tmp_path))
     measured = []
-    monkeypatch.setattr(processor, "_measured", lambda: measured.append(1) or 2 * processor.REFERENCE_SECONDS)
-    slowness = processor.slowness.__wrapped__
+    monkeypatch.setattr(machine, "_seconds_of_load", lambda: measured.append(1) or 2 * machine.REFERENCE_SECONDS)
+    slowness = machine.slowness.__wrapped__
     assert (slowness(), slowness(), len(measured)) == (2.0, 2.0, 1)
     (file,) = tmp_path.iterdir()
-    good = json.loads(file.read_text())
+    good = container.read_json(file)
     other = {**good, "processor": "other"}
     for content in (
         "",
         "{",
         "[]",
         "3",
-        json.dumps({**good, "seconds": -1}),
-        json.dumps({"version": 0}),
-        json.dumps(other),
+        json.dumps(good),
+        container.sealed_json({**good, "seconds": -1}).decode(),
+        container.sealed_json({"version": 0}).decode(),
+        container.sealed_json(other).decode(),
     ):
         file.write_text(content)
         measured.clear()
         assert (slowness(), len(measured)) == (2.0, 1), content
-        assert json.loads(file.read_text()) == good
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(file / "no folder"))
+        assert container.read_json(file) == good
+    monkeypatch.setenv("CHEMAGE_CACHE", str(file / "no folder"))
     assert slowness() == 2.0
 
 
 def test_the_measured_speed_is_a_time():
-    assert 1e-5 < processor._measured() < 1
+    assert 1e-5 < machine._seconds_of_load() < 1

@@ -12,7 +12,7 @@ from llvmlite import binding
 
 import chemage
 from chemage import load_scene, parse_scene, registry
-from chemage.foundation.processor import processor
+from chemage.foundation.machine import processor
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage.foundation import background, compiling, kernel_cache
+from chemage.foundation import compiling, machine
 from chemage.scene import warm_up
 
 #: most kernels that a scene compiles in a fresh installation: fewer is better, more needs a reason
@@ -28,7 +27,7 @@ SMALL = [
 COUNT = """
 import json, sys
 from numba.core import event
-from chemage.foundation import background, compiling, kernel_cache
+from chemage.foundation import compiling, machine
 with compiling.watched(lambda count: None, lambda count: None) as compiled:
     {code}
 print(json.dumps(compiled.kernels))
@@ -153,7 +152,7 @@ def scene(name: str = "silica-tip") -> ca.Scene:
 
 def test_one_thread_starts_no_process(monkeypatch):
     monkeypatch.setenv("CHEMAGE_THREADS", "1")
-    monkeypatch.setattr(background, "start", lambda *_: pytest.fail("a process was started"))
+    monkeypatch.setattr(compiling, "start", lambda *_: pytest.fail("a process was started"))
     with a_kernel_is_compiled(), warm_up.compiled_ahead(scene("silica-rough"), lambda *_, **__: None):
         pass
 
@@ -197,9 +196,9 @@ def test_a_process_that_cannot_be_started_fails_no_run(monkeypatch):
 def test_the_process_that_compiles_ahead_ends_with_the_block_and_gets_the_scene(monkeypatch):
     monkeypatch.setenv("CHEMAGE_THREADS", "2")
     # it waits for what it is told, as one that compiles would
-    monkeypatch.setattr(background, "_BOOT", "import sys; sys.stdin.buffer.read()")
+    monkeypatch.setattr(compiling, "_BOOT", "import sys; sys.stdin.buffer.read()")
     started, asked = [], []
-    real = background.start
+    real = compiling.start
 
     def kept(function, stage, data, changes):
         assert function == "chemage.scene.warm_up:compile_stage"
@@ -208,7 +207,7 @@ def test_the_process_that_compiles_ahead_ends_with_the_block_and_gets_the_scene(
         started.append(real(function, stage, data, changes))
         return started[-1]
 
-    monkeypatch.setattr(background, "start", kept)
+    monkeypatch.setattr(compiling, "start", kept)
     with a_kernel_is_compiled(), warm_up.compiled_ahead(scene("silica-rough"), lambda *_, **__: None):
         assert asked == ["ageing", "contact"]
         assert [one.poll() for one in started] == [None, None]
@@ -216,26 +215,26 @@ def test_the_process_that_compiles_ahead_ends_with_the_block_and_gets_the_scene(
 
 
 def test_a_background_process_calls_what_it_is_given(tmp_path):
-    process = background.start("os:mkdir", str(tmp_path / "made"))
+    process = compiling.start("os:mkdir", str(tmp_path / "made"))
     process.wait(60)
     assert (tmp_path / "made").is_dir()
-    background.end([process])
-    process = background.start("os:no_such_function")
+    compiling.end([process])
+    process = compiling.start("os:no_such_function")
     assert process.wait(60) == 0
-    background.end([process])
+    compiling.end([process])
 
 
 def test_early_only_where_nothing_is_compiled(tmp_path, monkeypatch):
     started = []
     monkeypatch.setenv("CHEMAGE_THREADS", "4")
-    monkeypatch.setattr(background, "start", lambda *args: started.append(args))
+    monkeypatch.setattr(compiling, "start", lambda *args: started.append(args))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     with compiling.begun_early("silica-tip", {"hold.replicas": 2}, None):
         assert [stage for _, stage, *_ in started] == ["ageing", "contact"]
     started.clear()
     (tmp_path / "foundation_1").mkdir()
     (tmp_path / "foundation_1" / "random._fill-1.py311.nbi").touch()
-    assert not kernel_cache.empty()
+    assert not machine.is_cold()
     with compiling.begun_early("silica-tip", {}, None) as begun:
         assert not begun
     assert started == []
@@ -265,7 +264,7 @@ def test_the_ageing_waits_for_the_process_that_compiles_it_but_not_for_ever():
 
 
 def test_nothing_compiled_starts_nothing_and_says_nothing(monkeypatch):
-    monkeypatch.setattr(background, "start", lambda *_: pytest.fail("a process was started"))
+    monkeypatch.setattr(compiling, "start", lambda *_: pytest.fail("a process was started"))
     said = []
     with warm_up.compiled_ahead(scene(), lambda *words, **_: said.append(words)):
         np.zeros(3)
@@ -326,10 +325,14 @@ def test_scenes_that_differ_in_numbers_have_one_form():
     assert warm_up.form(scene()) != warm_up.form(ca.load_scene("silica-tip", {"engine.kind": "bkl"}))
 
 
-def test_the_folder_of_a_kernel_is_known():
+def test_a_kernel_that_is_kept_is_told_from_others():
+    import numba
+
     from chemage_contact import _kernels
 
     class Begun:
         data = {"dispatcher": _kernels.scale}
 
-    assert re.search("chemage_contact", compiling._folder(Begun()))
+    assert compiling._is_kept(Begun())
+    Begun.data = {"dispatcher": numba.njit(lambda x: x)}
+    assert not compiling._is_kept(Begun())

@@ -15,12 +15,11 @@ import numpy as np
 
 from chemage.ageing.members import BARRIERS
 from chemage.foundation.approximations import merged
-from chemage.foundation.errors import InputError
+from chemage.foundation.errors import InputError, PlanWarning
 from chemage.foundation.progress import Report
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
 from chemage.foundation.threads import restored as threads_restored
-from chemage.foundation.warned import PlanWarning
 from chemage.scene.doubts import doubts
 from chemage.scene.estimate import cost
 from chemage.scene.limits import check_limits, in_hours

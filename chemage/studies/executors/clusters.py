@@ -20,7 +20,7 @@ from typing import Any
 
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.errors import ChemageError, ExecutorError, InputError, StoreError, WorkerLost
-from chemage.foundation.inputs import check_data, described
+from chemage.foundation.files import check_data, described
 from chemage.foundation.messages import nearest
 from chemage.foundation.units import convert
 from chemage.studies.executors.pool import RETRIES, Pool, shares

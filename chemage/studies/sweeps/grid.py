@@ -20,8 +20,8 @@ import numpy as np
 from chemage.contacts.options import nominal_pressure
 from chemage.contacts.role import ContactTheory, no_map
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
-from chemage.foundation.hashes import content_hash
 from chemage.foundation.messages import nearest
+from chemage.foundation.records import content_hash
 from chemage.foundation.units import unit_of
 from chemage.plugins.sources import implementing, stage_hooks
 from chemage.scene.doubts import doubts

@@ -20,6 +20,7 @@ import numpy as np
 from chemage.foundation.errors import (
     DamagedError,
     InputError,
+    PlanWarning,
     SceneError,
     StoreError,
 )
@@ -27,7 +28,6 @@ from chemage.foundation.memory import readable
 from chemage.foundation.threads import restored as threads_restored
 from chemage.foundation.units import in_words
 from chemage.foundation.version import __version__
-from chemage.foundation.warned import PlanWarning
 from chemage.plugins.settings import completed
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
@@ -37,8 +37,7 @@ from chemage.studies.design import PATIENCE, Part, carry_out
 from chemage.studies.executors.clusters import seconds
 from chemage.studies.executors.opening import open_pool
 from chemage.studies.executors.pool import Pool
-from chemage.studies.folder import FORMAT, Folder, SweepWarning
-from chemage.studies.manifest import refuse_links
+from chemage.studies.folder import FORMAT, Folder, SweepWarning, refuse_links
 from chemage.studies.runner import Runner
 from chemage.studies.selection import Selection
 from chemage.studies.sweeps.freshness import Outdated, outdated

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from chemage.foundation.container import read_json, sealed_json
 from chemage.foundation.errors import DamagedError, InputError
-from chemage.foundation.seals import from_sealed_json, to_sealed_json
 from chemage.studies.folder import Folder
 from chemage.studies.selection import Selection, in_ranges
 from chemage.studies.sweeps.grid import Survey, order_of
@@ -172,11 +172,11 @@ def read_partition(folder: Folder, count: int, digest: str, points: int) -> list
     """The division of the ``points`` points of a sweep into ``count`` shares, if it is in the folder."""
     path = _partition_file(folder, count)
     try:
-        content, sealed = from_sealed_json(path.read_bytes(), path)
+        content = read_json(path)
     except (OSError, DamagedError):
         return None
     of = content.get("shares")
-    if not (sealed and content.get("digest") == digest and isinstance(of, list) and len(of) == points):
+    if not (content.get("digest") == digest and isinstance(of, list) and len(of) == points):
         return None
     return of if all(type(share) is int and 1 <= share <= count for share in of) else None
 
@@ -193,7 +193,7 @@ def agree(folder: Folder, found: Survey, count: int) -> None:
     if not there():
         path = _partition_file(folder, count)
         path.parent.mkdir(parents=True, exist_ok=True)
-        content = to_sealed_json({"digest": found.digest, "shares": partition(found, count)})
+        content = sealed_json({"digest": found.digest, "shares": partition(found, count)})
         if not folder.place_first(path, content) and not there():
             folder.place(path, content)  # it was damaged, or that of a sweep that was replaced
 

@@ -17,9 +17,9 @@ from chemage.ageing import elasticity
 from chemage.ageing.aging import CURVES, FIT
 from chemage.ageing.fitting import LN10
 from chemage.contacts.solution import MEASURES
+from chemage.foundation.container import seal
+from chemage.foundation.errors import optional_module
 from chemage.foundation.files import fresh_file
-from chemage.foundation.optional import optional_module
-from chemage.foundation.seals import seal
 from chemage.studies.sweeps.dimensions import Dimension, dimensions
 from chemage.studies.sweeps.grid import Axis, shown
 

@@ -12,8 +12,7 @@ from typing import Any
 
 from chemage.ageing.methods import check_method
 from chemage.contacts.role import ContactTheory
-from chemage.foundation.calls import call_with
-from chemage.foundation.components import Component
+from chemage.foundation.components import Component, call_with
 from chemage.foundation.errors import ChemageError
 from chemage.plugins import registry
 from chemage.scene.estimate import cost

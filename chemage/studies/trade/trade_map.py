@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from chemage.foundation.container import read_json, sealed_json
 from chemage.foundation.errors import DamagedError, InputError, StoreError
 from chemage.foundation.files import fresh_file
-from chemage.foundation.processor import processor
-from chemage.foundation.seals import from_sealed_json, to_sealed_json
+from chemage.foundation.machine import processor
 from chemage.foundation.statistics import student_limit
 from chemage.foundation.text import jsonable, percent, power_text
 from chemage.foundation.threads import processors
@@ -330,7 +330,7 @@ class TradeMap:
             It cannot be written, or exists and ``force`` is false.
         """
         with fresh_file(path, force=force) as part:
-            part.write_bytes(to_sealed_json({"trade_map": FORMAT, **self.todict()}, indent=1))
+            part.write_bytes(sealed_json({"trade_map": FORMAT, **self.todict()}, indent=1))
 
     @classmethod
     def read(cls, path: str | Path) -> TradeMap:
@@ -344,13 +344,16 @@ class TradeMap:
             It is not what was written.
         """
         try:
-            text = Path(path).read_bytes()
+            content = read_json(path)
+        except DamagedError:
+            raise
+        except StoreError:
+            content = {}
         except OSError as error:
             raise StoreError(f"cannot read the map {path}: {error.strerror}") from error
         except ValueError as error:  # a null byte in the name
             raise StoreError(f"cannot read the map {str(path)!r}: {error}") from error
-        content, sealed = from_sealed_json(text, Path(path))
-        if content.pop("trade_map", None) != FORMAT or not sealed:
+        if content.pop("trade_map", None) != FORMAT:
             raise StoreError(f"{path} is no map; `chemage tradeoff SCENE -o {path}` writes one")
         try:
             return cls.fromdict(content)

@@ -255,15 +255,14 @@ def test_points_that_fail_are_listed_and_tried_again(tiny, scene, tmp_path):
 def test_the_first_contact_is_the_one_of_all_points(tmp_path, examples):
     folder = Folder(tmp_path)
     folder.make_parts()
-    pack = chemage.foundation.codec.to_npz
     key = "0" * 32
     one, other = examples.contact(load=1.0), examples.contact(load=2.0)
-    assert folder.write_contact(key, pack(one))
-    assert not folder.write_contact(key, pack(other))
+    assert folder.keep_contact(key, one) == one
+    assert folder.keep_contact(key, other) == one
     assert folder.read_contact(key) == one
     content = folder.contact(key).read_bytes()
     folder.contact(key).write_bytes(content[:-200])
-    assert folder.write_contact(key, pack(other)), "one that is damaged is replaced"
+    assert folder.keep_contact(key, other) == other, "one that is damaged is replaced"
     assert folder.read_contact(key) == other
     assert not list((tmp_path / ".parts").iterdir())
 

@@ -15,8 +15,8 @@ import pytest
 import xarray
 
 import chemage
-from chemage import Aging, ContactSolution, InputError, SceneError, StoreError, override, parse_scene
-from chemage.foundation.codec import from_json, from_npz, to_json, to_npz
+from chemage import Aging, InputError, SceneError, StoreError, override, parse_scene
+from chemage.foundation.codec import from_json, to_json
 from chemage.scene.estimate import REPLICA_SECONDS
 from chemage.scene.schema import scene_schema
 from chemage.studies.sweeps.dimensions import short_names
@@ -465,33 +465,6 @@ def test_sections_and_words_are_text_in_the_table(tiny, tmp_path):
 
 
 # -- what is kept -----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", [np.float64, np.float32])
-@pytest.mark.parametrize("gap", [False, True])
-def test_a_packed_contact_is_the_same_contact(kind, gap):
-    rng = np.random.default_rng(0)
-    pressure = np.where(rng.random((7, 5)) < 0.4, rng.random((7, 5)), 0).astype(kind)
-    contact = ContactSolution(
-        pressure=pressure,
-        gap=rng.random((7, 5)) if gap else None,
-        load=3.7,
-        pixel_size=0.4518,
-        modulus=35.3,
-        periodic=False,
-        rms_height=0.1 + 0.2,
-        displacement=None,
-        iterations=12,
-        residual=1e-7,
-        convergence={"history": [[1.0, 0.5]], "levels": []},
-        notes=("a note",),
-        provenance={"kind": "x", "options": {"a": None}},
-    )
-    again = from_npz(ContactSolution, to_npz(contact), Path("contact.npz"))
-    assert again == contact
-    assert again.pressure.dtype == kind
-    assert np.isnan(again.rms_slope)
-    assert again.summary()["patches"] == contact.summary()["patches"]
 
 
 def test_packed_ageing_is_the_same_ageing():

@@ -1,4 +1,4 @@
-"""Kernels are kept where numba would keep them; where it could not, chemage still works."""
+"""Where what is made once for this machine is kept; without such a folder chemage still works."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from chemage.foundation import kernel_cache
+import chemage
+from chemage.foundation import machine
 
 SCRIPT = """
 import os
@@ -29,9 +30,9 @@ def test_without_a_folder_to_write_to_kernels_go_to_a_temporary_one(tmp_path):
     home, temporary = tmp_path / "home", tmp_path / "temporary"
     home.mkdir()
     temporary.mkdir()
-    shut = (str(Path(kernel_cache.__file__).parents[1]), str(home))
+    shut = (str(home),)
     environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
-    environment |= {"XDG_CACHE_HOME": str(home), "TMPDIR": str(temporary)}
+    environment |= {"CHEMAGE_CACHE": str(home), "TMPDIR": str(temporary)}
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT.format(shut=shut)],
         env=environment,
@@ -49,14 +50,27 @@ def test_without_a_folder_to_write_to_kernels_go_to_a_temporary_one(tmp_path):
 
 def test_a_folder_that_somebody_else_may_write_to_is_not_used(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    first = kernel_cache._temporary()
-    assert kernel_cache._temporary() == first
+    first = machine._temporary()
+    assert machine._temporary() == first
     first.chmod(0o777)
-    assert kernel_cache._temporary() != first
+    assert machine._temporary() != first
 
 
 @pytest.mark.parametrize("given", ["there", "not-yet/there"])
 def test_a_folder_that_was_chosen_is_left_alone(tmp_path, monkeypatch, given):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / given))
-    kernel_cache.provide()
+    machine.provide_kernels()
     assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path / given)
+
+
+@pytest.mark.parametrize(("variable", "below"), [("CHEMAGE_CACHE", "."), ("XDG_CACHE_HOME", "chemage")])
+def test_everything_that_can_be_computed_again_is_in_one_folder(tmp_path, monkeypatch, variable, below):
+    if variable.startswith("XDG") and sys.platform != "linux":
+        pytest.skip("a convention of Linux")
+    for name in ("CHEMAGE_CACHE", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv(variable, str(tmp_path))
+    assert chemage.cache_folder() == tmp_path / below
+    monkeypatch.setattr("numba.config.CACHE_DIR", "")
+    machine.provide_kernels()
+    assert Path(os.environ["NUMBA_CACHE_DIR"]) == machine.kernel_folder() == tmp_path / below / "kernels"
