@@ -34,7 +34,7 @@ from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.site_grid import ONE_PER_PIXEL
 from chemage.lattices.stage import build_lattice
-from chemage.plugins.participation import Plugins
+from chemage.plugins.context import Plugins
 from chemage.plugins.sources import approximations, components_in, providers
 
 

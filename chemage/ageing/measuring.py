@@ -14,7 +14,7 @@ from chemage.foundation.errors import PluginError
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
-from chemage.plugins.participation import Plugins, taking_part
+from chemage.plugins.context import Plugins, taking_part
 from chemage.plugins.sources import providers
 
 

@@ -22,7 +22,7 @@ from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.plugins import registry
-from chemage.plugins.participation import Plugins
+from chemage.plugins.context import Plugins
 from chemage.plugins.sources import implementing
 
 #: hooks that see the sites of a replica

@@ -11,8 +11,7 @@ from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import expect
 from chemage.foundation.components import Component
 from chemage.foundation.units import QuantityLike
-from chemage.surfaces.measures import Roughness
-from chemage.surfaces.surface import Surface
+from chemage.surfaces.surface import Roughness, Surface
 
 
 class ContactSolver(Component, ABC):

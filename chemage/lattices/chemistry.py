@@ -17,7 +17,7 @@ from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.neighbours import coupling_of, graph_of, neighbours_of
 from chemage.lattices.role import Barriers, Interaction
 from chemage.lattices.site_grid import ContactSites, Density, contact_sites
-from chemage.plugins.choices import Choice
+from chemage.plugins.options import Choice
 
 #: sites per nm²: hydroxyl groups of fully hydroxylated amorphous silica, the arithmetic mean of Zhuravlev, Colloids
 #: Surf. A 173, 1 (2000); least squares give 4.6 there

@@ -28,7 +28,8 @@ from importlib import metadata
 from typing import Any, TypeVar
 
 from chemage.foundation.errors import InputError, PluginError, UnknownKindError
-from chemage.plugins import hooks, in_use
+from chemage.plugins import context, hooks
+from chemage.plugins.context import Plugins, record_participation, taking_part
 from chemage.plugins.loading import (
     Hooks,
     PluginRecord,
@@ -48,12 +49,13 @@ from chemage.plugins.loading import (
     trace_before,
     versions,
 )
-from chemage.plugins.participation import Plugins, record_participation, taking_part
+from chemage.plugins.stages import Stage, in_order
 
 __all__ = ["PluginRecord", "PluginWarning", "Registry", "scene_text", "source_version"]
 
 GROUP = "chemage"
-#: modules in which the rooms of chemage declare roles (``ROLES``), hooks, and their own answers (``Default``)
+#: modules in which the rooms of chemage declare roles (``ROLES``), stages (``STAGES``), hooks, and their own answers
+#: (``Default``)
 ROOMS = (
     "chemage.plugins.hooks",
     "chemage.surfaces.hooks",
@@ -84,8 +86,13 @@ class Registry:
         self.records: list[PluginRecord] = []
         #: role -> "module:Class" of its abstract class
         self.roles: dict[str, str] = {}
+        #: modules that declare roles, stages and hooks
+        self.rooms: list[Any] = []
+        self._stages: list[Stage] | None = None
         self._classes: dict[tuple[str, str], type] = {}
-        self._add_rooms(self.manager)
+        self._monitor(self.manager)
+        for name in ROOMS:
+            self.add_room(importlib.import_module(name))
         found = selected(metadata.entry_points(group=GROUP)) if entry_points is None else entry_points
         # by name: the order never depends on the file system; pluggy asks those first that were registered last
         for point in sorted(found, key=lambda p: (_is_own(p), p.name), reverse=True):
@@ -97,16 +104,29 @@ class Registry:
                     f"plugin {record.name!r} ({record.source}) was skipped: {record.error}", PluginWarning, stacklevel=2
                 )
 
-    def _add_rooms(self, manager: Hooks) -> None:
+    def add_room(self, room: Any) -> None:
+        """Add what a module declares: roles (``ROLES``), stages (``STAGES``), hooks and own answers (``Default``)."""
+        self.rooms.append(room)
+        self._attach_room(self.manager, room)
+        self.roles |= getattr(room, "ROLES", {})
+        self._stages = None
+        self._preferring.clear()
+
+    def _attach_room(self, manager: Hooks, room: Any) -> None:
+        if any(getattr(function, "chemage_spec", None) for function in vars(room).values()):
+            manager.add_hookspecs(room)
+        if (default := getattr(room, "Default", None)) is not None:
+            manager.register(default(), room.__name__.removesuffix(".hooks"))
+
+    def _monitor(self, manager: Hooks) -> None:
         if os.environ.get("CHEMAGE_TRACE", "") not in ("", "0"):
             manager.add_hookcall_monitoring(trace_before, trace_after)
-        for name in ROOMS:
-            room = importlib.import_module(name)
-            manager.add_hookspecs(room)
-            self.roles |= getattr(room, "ROLES", {})
-            default = getattr(room, "Default", None)
-            if default is not None:
-                manager.register(default(), name.removesuffix(".hooks"))
+
+    def stages(self) -> list[Stage]:
+        """What the rooms declare of their stages, each after those that it rests on."""
+        if self._stages is None:
+            self._stages = in_order(stage for room in self.rooms for stage in getattr(room, "STAGES", ()))
+        return self._stages
 
     def _load(self, point: metadata.EntryPoint) -> None:
         dist = point.dist
@@ -211,7 +231,7 @@ class Registry:
             A plugin answered with something else than ``expected``.
         """
         with taking_part() as plugins:
-            result = getattr(self._in_order(in_use.preference()).hook, hook)(**arguments)
+            result = getattr(self._in_order(context.preference()).hook, hook)(**arguments)
         if not isinstance(result, expected):
             raise PluginError(
                 f"a plugin answered {hook} with {type(result).__name__}; expected {expected.__name__} or None"
@@ -239,7 +259,9 @@ class Registry:
             records = {full_name(record): record for record in self.records}
             first = {name: record for name, record in records.items() if record.name in prefer}
             manager = Hooks([self.manager.get_plugin(name) for name in first])
-            self._add_rooms(manager)
+            self._monitor(manager)
+            for room in self.rooms:
+                self._attach_room(manager, room)
             rest = [name for name, _ in self.manager.list_name_plugin() if name in records and name not in first]
             preferred = sorted(first, key=lambda name: prefer.index(first[name].name), reverse=True)
             for name in [*rest, *preferred]:
@@ -284,7 +306,7 @@ class Registry:
         if not record.options:
             return record.source
         try:
-            options = in_use.options().get(record.name) or self.options_class(record.name)()
+            options = context.options().get(record.name) or self.options_class(record.name)()
         except (PluginError, InputError):
             return record.source  # a hook that reads them raises this error
         return f"{record.source} [{options.text()}]"
@@ -316,9 +338,8 @@ class Registry:
             raise PluginError(
                 f"{where}: {record.options} cannot be imported: {type(error).__name__}: {error}"
             ) from error
-        from chemage.plugins.options import PluginOptions
-
-        if not (isinstance(cls, type) and issubclass(cls, PluginOptions)):
+        # known by its methods, because the module of the base imports this one
+        if not (isinstance(cls, type) and hasattr(cls, "changed") and hasattr(cls, "current")):
             raise PluginError(f"{where}: {record.options} is not a chemage.PluginOptions")
         if required := [option for option, info in cls.model_fields.items() if info.is_required()]:
             raise PluginError(f"{where}: {', '.join(required)} must have a default, for scenes that do not set it")
@@ -466,7 +487,7 @@ class Registry:
             if record.seconds > SLOW
         ]
         for name in self.stage_hooks():
-            implementations = getattr(self._in_order(in_use.preference()).hook, name).get_hookimpls()
+            implementations = getattr(self._in_order(context.preference()).hook, name).get_hookimpls()
             for wraps, verb, wins in ((False, "answer", "is asked first"), (True, "wrap", "has the last word")):
                 order = [one.plugin_name for one in reversed(implementations) if _wraps(one) == wraps]
                 sharing = [record for full in order for record in self.records if full_name(record) == full]
@@ -513,7 +534,7 @@ class Registry:
 
 def prefer_another(name: str) -> str:
     """How a user changes the order of plugins."""
-    return f'write prefer = ["{name}"] below [plugins] in the scene, or set {in_use.PREFER}={name}'
+    return f'write prefer = ["{name}"] below [plugins] in the scene, or set {context.PREFER}={name}'
 
 
 def _is_own(point: metadata.EntryPoint) -> bool:

@@ -7,7 +7,6 @@ not listed.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
@@ -15,9 +14,9 @@ import pluggy
 
 from chemage.foundation.approximations import merged, of_component
 from chemage.foundation.errors import ChemageError
+from chemage.plugins.context import Plugins, note
 from chemage.plugins.hooks import hookimpl
-from chemage.plugins.participation import Plugins, note
-from chemage.plugins.registry import ROOMS, Registry, current, source_version
+from chemage.plugins.registry import Registry, current, source_version
 
 
 def components_in(value: Any) -> Iterator[Any]:
@@ -100,8 +99,8 @@ def would_change(names: Iterable[str], hook: str, answer: Any, **arguments: Any)
     """
     plugins: Registry = current()
     manager = pluggy.PluginManager("chemage")
-    for room in ROOMS:
-        manager.add_hookspecs(importlib.import_module(room))
+    for room in plugins.rooms:
+        manager.add_hookspecs(room)
     given = type("Given", (), {hook: hookimpl(trylast=True)(lambda self: answer)})
     manager.register(given(), "given")
     for name in names:

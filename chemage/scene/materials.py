@@ -23,16 +23,18 @@ from chemage.plugins import registry
 
 #: how a value may be known
 HOW = ("measured", "calculated", "calibrated", "estimated")
-#: sections of a scene that a material fills -> role of its component; None: the options of the chemistry
-SECTIONS: dict[str, str | None] = {
-    "contact": "contact",
-    "forming": "barriers",
-    "breaking": "barriers",
-    "interaction": "interaction",
-    "chemistry": None,
-}
 _ENTRIES = ("value", "how", "source", "note")
 _TEXTS = ("title", "about")
+
+
+def filled_sections() -> dict[str, str]:
+    """Sections of a scene that a material fills -> role of its component; "" for the options of the chemistry."""
+    return {
+        name: role
+        for stage in registry.current().stages()
+        if stage.of_material
+        for name, role in {**stage.parts, stage.section: stage.role}.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -81,8 +83,8 @@ class Material:
         """
         parts = {
             name: registry.current().fromdict(role, self.options(name))
-            for name, role in SECTIONS.items()
-            if role is not None and name in Chemistry.model_fields and name not in changes and self.options(name)
+            for name, role in filled_sections().items()
+            if role and name in Chemistry.model_fields and name not in changes and self.options(name)
         }
         return Chemistry(**{**parts, **self.options("chemistry"), **changes})
 
@@ -99,7 +101,7 @@ class Material:
     def toml(self) -> str:
         """The sections of a scene that the material fills, with the source of each value as a comment."""
         lines = [f"# {self.name}: {self.title}"]
-        for section in SECTIONS:
+        for section in filled_sections():
             values = [one for one in self.values if one.path.partition(".")[0] == section]
             if values:
                 lines += ["", f"[{section}]"]
@@ -155,8 +157,8 @@ def _read(name: str, data: Mapping[str, Any], source: str) -> Material:
             if not isinstance(options, str):
                 raise InputError(f"{section}: give a text")
             continue
-        if section not in SECTIONS:
-            known = [*_TEXTS, *SECTIONS]
+        if section not in filled_sections():
+            known = [*_TEXTS, *filled_sections()]
             raise InputError(
                 f"{section}: no such section{nearest(section, known)}; the sections are {', '.join(known)}"
             )
@@ -198,12 +200,12 @@ def problems_of(one: Material) -> list[str]:
     refuse."""
     found: list[str] = []
     plugins = registry.current()
-    for section, role in SECTIONS.items():
+    for section, role in filled_sections().items():
         options = one.options(section)
         if section == "contact":
             for name, value in options.items():
                 found += _contact_problems(f"{section}.{name}", name, value)
-        elif role is None:
+        elif not role:
             for name, value in options.items():
                 found += _field_problems(f"{section}.{name}", Chemistry, name, value)
         elif options:
@@ -227,7 +229,7 @@ def _contact_problems(path: str, name: str, value: Any) -> list[str]:
 
 
 def _field_problems(path: str, cls: Any, name: str, value: Any) -> list[str]:
-    known = [option for option in cls.model_fields if option not in SECTIONS]
+    known = [option for option in cls.model_fields if option not in filled_sections()]
     if name not in known:
         return [f"{path}: no such option{nearest(name, known)}; the options are {', '.join(known)}"]
     info = cls.model_fields[name]
@@ -260,7 +262,7 @@ def filled(data: Mapping[str, Any]) -> tuple[dict[str, Any], Material | None, tu
     chosen = material(data["material"])
     used: list[MaterialValue] = []
     bonds = "hold" in made or isinstance(made.get("forming"), Mapping)
-    for section in SECTIONS:
+    for section in filled_sections():
         if made.get(section) is False and section != "contact":
             del made[section]
             continue

@@ -32,14 +32,12 @@ from chemage.foundation.progress import progress_bars
 from chemage.foundation.records import Record
 from chemage.foundation.text import jsonable
 from chemage.foundation.warned import PlanWarning
-from chemage.scene.doubts import doubts
-from chemage.scene.estimate import cost
-from chemage.scene.limits import LongRunWarning, check_limits
-from chemage.scene.provenance import versions
-from chemage.scene.scene import Scene, parse_scene, with_plugins
-from chemage.scene.scene_files import load_scene
-from chemage.scene.sections import scatter_of
-from chemage.surfaces.scatter import Scatter
+from chemage.scene.files import load_scene
+from chemage.scene.parsing import parse_scene
+from chemage.scene.plan import LongRunWarning, cost
+from chemage.scene.provenance import scatter_of, versions
+from chemage.scene.scene import Scene, with_plugins
+from chemage.surfaces.role import Scatter
 from chemage.surfaces.stage import make_surface
 from chemage.surfaces.surface import Surface
 
@@ -307,9 +305,9 @@ def run(
         )
     with ExitStack() as stack:
         stack.enter_context(scene.in_use())
-        known = cost(scene)
-        check_limits(scene, known)
-        for doubt in doubts(scene, known) if warn else ():
+        plan = cost(scene)
+        plan.check()
+        for doubt in plan.doubts() if warn else ():
             category = LongRunWarning if doubt.kind == "long" else PlanWarning
             warnings.warn(doubt.text, category, stacklevel=2)
         report = stack.enter_context(progress_bars()) if progress is True else (progress or None)

@@ -1,19 +1,58 @@
-"""Reading from files of other formats: the role of a reader, and the one look-up of readers by file ending."""
+"""Reading from files of other formats: what a file holds, the role of a reader, and the one look-up of readers."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, PluginError, StoreError
-from chemage.plugins import in_use, registry
+from chemage.plugins import context, registry
 from chemage.plugins.loading import PluginRecord
 from chemage.plugins.sources import note_providers
-from chemage.surfaces.height_map import HeightMap
 from chemage.surfaces.surface import Surface
+
+
+@dataclass(frozen=True, eq=False)
+class HeightMap:
+    """An image as its file holds it: heights may be missing, pixels may have two sides, units may be unknown.
+
+    A :class:`chemage.Surface` has none of these; steps that the user chooses lead from one to the other.
+    """
+
+    #: (nx, ny), float32 or float64, higher = nearer to the counter-body; nan where a height is missing
+    heights: np.ndarray
+    #: nm per unit of the heights; None: the file does not state it
+    height_unit: float | None
+    #: edges of a pixel along x and y, nm; None: the file does not state them
+    pixel_size: tuple[float, float] | None
+    #: whether the file says that the image repeats
+    periodic: bool = False
+    #: what to call the file in messages
+    source: str = "the file"
+    #: what else identifies the image, such as its format and channel: plain JSON values
+    notes: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        heights = self.heights
+        if not isinstance(heights, np.ndarray) or heights.dtype.kind != "f":
+            raise InputError.of("heights", type(heights).__name__, "is no array of real numbers")
+        if heights.ndim != 2 or heights.size == 0:
+            raise InputError(
+                f"{self.source} holds an array of shape {heights.shape}; an image has two dimensions (nx, ny)"
+            )
+        sizes = (*(self.pixel_size or ()), *(() if self.height_unit is None else (self.height_unit,)))
+        if not all(np.isfinite(size) and size > 0 for size in sizes):
+            raise InputError(
+                f"{self.source} states pixels of {self.pixel_size} nm and a height unit of {self.height_unit} nm; "
+                "both must be above 0: give pixel_size and height_unit"
+            )
 
 
 class Reader(Component, ABC):
@@ -90,7 +129,7 @@ def _readers() -> dict[str, dict[str, PluginRecord]]:
 
 def _first(kinds: dict[str, PluginRecord]) -> tuple[dict[str, PluginRecord], str]:
     """Those of the readers ``kinds`` that come first, and why."""
-    preferred = in_use.preference()
+    preferred = context.preference()
     registry.current().check_preference(preferred, "the preference of plugins")
     for name in preferred:
         if found := {kind: record for kind, record in kinds.items() if record.name == name}:

@@ -12,8 +12,7 @@ from chemage.contacts.role import ContactSolver
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.theories import ContactTheory
 from chemage.foundation.errors import InputError
-from chemage.surfaces.measures import Roughness
-from chemage.surfaces.surface import Surface
+from chemage.surfaces.surface import Roughness, Surface
 from chemage.testing.checks import (
     check_of,
     options_of,

@@ -11,7 +11,7 @@ import chemage as ca
 from chemage.cli.sweeps import check as check_sweep
 from chemage.contacts.loads import nominal_pressure, pressure_text
 from chemage.contacts.modulus import modulus_in
-from chemage.scene.estimate import plan
+from chemage.scene.plan import plan
 from chemage.studies.sweeps.grid import Grid, survey
 from chemage.testing import rough_surface
 
