@@ -33,6 +33,7 @@ from chemage.studies.ensembles.ensemble import ErrorPart as ErrorPart
 from chemage.studies.ensembles.ensemble import Estimate as Estimate
 from chemage.foundation.errors import ExecutorError as ExecutorError
 from chemage.ageing.fitting import FIT_WINDOW as FIT_WINDOW
+from chemage.foundation.units import FilePath as FilePath
 from chemage.ageing.fitting import Fit as Fit
 from chemage.foundation.units import Force as Force
 from chemage.inference.forecast import Forecast as Forecast

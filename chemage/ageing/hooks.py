@@ -47,13 +47,13 @@ class _Ageing(Stage):
             yield from [(f"{path}.{name}", text) for name, text in error.problems] or [(path, str(error))]
 
     def estimate(self, parts: Parts, known: Known) -> Mapping[str, float]:
-        """``cpu_seconds`` of all replicas, also ``_least`` and ``_most`` of a range, and ``bytes`` of one of them."""
+        """``cpu_seconds`` of all replicas, with least and most where it is a range, and ``bytes`` of one of them."""
         from chemage.ageing.age import wants_states
         from chemage.foundation.calls import call_with
 
         if "engine" not in parts:
             return {"cpu_seconds": 0.0, "bytes": 0.0}
-        hold, method, replica, sites = parts["hold"], parts.get(self.section), known["engine"], None
+        hold, method, replica = parts["hold"], parts.get(self.section), known["engine"]
         mapped = "pixels" in known["contact"]
         sites = known["chemistry"].get("sites") if mapped else 0.0
         if sites is None:
@@ -77,21 +77,22 @@ class _Ageing(Stage):
         from chemage.lattices.site_grid import site_shape
 
         surface, method = known["surface"], parts.get(self.section)
-        if method is not None and {"nx", "ny", "pixel_size"} <= surface.keys():
+        if "engine" not in parts:
+            return
+        if {"nx", "ny", "pixel_size"} <= surface.keys():
             pixels = int(surface["nx"]), int(surface["ny"])
             shape = site_shape(pixels, surface["pixel_size"], parts["chemistry"].site_density)
-            for text in method.check_sites(shape, known["chemistry"].get("sites")) or ():
-                yield Doubt("parts", text)
+            if method is not None:
+                for text in method.check_sites(shape, known["chemistry"].get("sites")) or ():
+                    yield Doubt("parts", text)
         yield from self._pressure(parts, known)
-        if "engine" in parts:
-            yield from self._bonds(parts, known)
+        yield from self._bonds(parts, known)
 
     def _pressure(self, parts: Parts, known: Known) -> Iterator[Doubt]:
         """A mean pressure at which the material would flow."""
         from chemage.ageing.elasticity import NOTED
 
-        limits = parts["chemistry"].given_limits() if "chemistry" in parts else {}
-        hardness, mean = limits.get("hardness"), known["contact"].get("mean_pressure")
+        hardness, mean = parts["chemistry"].hardness, known["contact"].get("mean_pressure")
         if hardness is None or mean is None:
             return
         ratio = hardness / mean

@@ -68,7 +68,7 @@ PIXELS, SITES, PIXEL_SIZE = 4, 12, 0.45
 
 class _Engine(Stage):
     def estimate(self, parts: Parts, known: Known) -> Mapping[str, float]:
-        """Of one replica on all sites: ``cpu_seconds``, also ``_least`` and ``_most`` of a range, and ``bytes``."""
+        """Of one replica on all sites: ``cpu_seconds``, with least and most where it is a range, and ``bytes``."""
         from chemage.foundation.calls import call_with
 
         sites, events = known["chemistry"].get("sites"), known["chemistry"].get("events")
@@ -125,7 +125,7 @@ STAGES = (
     _Engine(
         "engine",
         role="engine",
-        required_with=("forming", "where bonds form"),
+        required_with=("forming", "is required where bonds form"),
         needs="forming",
         only_with="hold",
         inputs=("chemistry",),

@@ -114,7 +114,8 @@ STAGES = (
     _Chemistry(
         "chemistry",
         parts={"forming": "barriers", "breaking": "barriers", "interaction": "interaction"},
-        about={"forming": "the barriers to forming a bond", "chemistry": "what turns a contact into reactive sites"},
+        about="what turns a contact into reactive sites",
+        missing={"forming": "needs [forming], the barriers to forming a bond; add it, or leave this out"},
         needs="forming",
         inputs=("contact",),
         key="aging",

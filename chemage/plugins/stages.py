@@ -47,15 +47,17 @@ class Stage:
     role: str = ""
     #: options of :meth:`model` that are sections of their own -> role
     parts: Mapping[str, str] = field(default_factory=dict)
-    #: what this section, and each of ``parts``, is in words
-    about: Mapping[str, str] = field(default_factory=dict)
+    #: what its section is, in words
+    about: str = ""
+    #: one of ``parts`` -> what is said of the sections that need it where it is missing
+    missing: Mapping[str, str] = field(default_factory=dict)
     #: [[section]]: any number of components
     many: bool = False
     #: entries of the section beside the options of its component
     beside: Mapping[str, Beside] = field(default_factory=dict)
     #: whether every scene has it
     required: bool = False
-    #: a section with which it is required, and where that is, in words
+    #: a section with which it is required, and what is said where it is missing then
     required_with: tuple[str, str] | None = None
     #: a section without which it is an error
     needs: str = ""

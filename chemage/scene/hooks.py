@@ -73,7 +73,7 @@ class _Accuracy(Stage):
 STAGES = (
     _Hold(
         "hold",
-        required_with=("forming", "where bonds form"),
+        required_with=("forming", "is required where bonds form"),
         needs="forming",
         inputs=("engine",),
         key="aging",

@@ -3,7 +3,8 @@ said at once."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from pydantic import ValidationError
@@ -109,9 +110,9 @@ class _Parser:
         tables = {name: self._table(name) for name in (*stage.parts, stage.section) if not stage.many}
         names = [name for name in (*stage.parts, stage.section) if name in self.data]
         if stage.needs and stage.needs not in self.data:
-            declared = {name: text for each in registry.current().stages() for name, text in each.about.items()}
-            what = f"[{stage.needs}], {declared[stage.needs]}" if stage.needs in declared else f"[{stage.needs}]"
-            self.problems += [(name, f"needs {what}; add it, or leave this out") for name in names]
+            missing = {name: text for each in registry.current().stages() for name, text in each.missing.items()}
+            text = missing.get(stage.needs, f"needs [{stage.needs}]; add it, or leave this out")
+            self.problems += [(name, text) for name in names]
             return
         if stage.many:
             self._read_many(stage)
@@ -120,7 +121,7 @@ class _Parser:
             if stage.required:
                 self.problems.append((stage.section, "is required; every scene needs a surface and a contact"))
             elif stage.required_with and stage.required_with[0] in self.data:
-                self.problems.append((stage.section, f"is required {stage.required_with[1]}"))
+                self.problems.append((stage.section, stage.required_with[1]))
         options = tables[stage.section]
         beside = {name: options.pop(name, None) for name in stage.beside} if options is not None else {}
         for name, role in stage.parts.items():
@@ -166,16 +167,23 @@ class _Parser:
         name, model = stage.section, stage.model()
         if stage.role:
             return self._component(stage.role, name, options)
+        if model is None:
+            return self._made(stage.make, stage, options)
         for part in [part for part in stage.parts if part in options]:
             self.problems.append((f"{name}.{part}", f"is a section of its own; write [{part}]"))
             del options[part]
         parts = {part: self.parts[part] for part in stage.parts if part in self.parts}
         if any(part not in parts for part in stage.parts if model.model_fields[part].is_required()):
             return None  # what is wrong with it is said
+        return self._made(partial(model, **parts), stage, options)
+
+    def _made(self, make: Callable[..., Any], stage: Stage, options: dict[str, Any]) -> Any:
+        """What ``make`` returns; None, and what is wrong is noted, where it refuses the options."""
+        model, name = stage.model(), stage.section
         try:
-            return stage.make(options) if model is None else model(**parts, **options)
+            return make(options) if model is None else make(**options)
         except ValidationError as error:
-            known = list(model.model_fields)
+            known = list(model.model_fields) if model is not None else []
             self.problems += [
                 (path, text + nearest(path.rpartition(".")[2], known) if text == "no such option" else text)
                 for path, text in explain(error, name)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any, Self
 
-from pydantic import Field, SerializeAsAny, field_validator
+from pydantic import BaseModel, Field, SerializeAsAny, field_validator
 
 from chemage.ageing.age import wants_states
 from chemage.ageing.methods import AgeingMethod
@@ -135,7 +135,7 @@ class Scene(Section):
         if path in beside:
             return beside[path]
         owner = self.plugins.get(section.removeprefix("plugins.")) or self.parts.get(section)
-        info = type(owner).model_fields.get(option) if hasattr(type(owner), "model_fields") else None
+        info = type(owner).model_fields.get(option) if isinstance(owner, BaseModel) else None
         return unit_of(info) if info is not None else ""
 
     def todict(self) -> dict[str, Any]:
@@ -144,7 +144,7 @@ class Scene(Section):
         def options_of(component: Component) -> dict[str, Any]:
             return component.todict()
 
-        data = {"name": self.name, **({"title": self.title} if self.title else {})}
+        data: dict[str, Any] = {"name": self.name, **({"title": self.title} if self.title else {})}
         data |= _sections(self.parts, options_of)
         if self.plugins or self.prefer:
             prefer = {"prefer": list(self.prefer)} if self.prefer else {}

@@ -91,8 +91,7 @@ def _of_model(stage: Stage, refs: Any, definitions: dict[str, Any]) -> dict[str,
         return ref
     whole = definitions[ref["$ref"].removeprefix("#/$defs/")]
     properties = {name: part for name, part in whole["properties"].items() if name not in stage.parts}
-    about = stage.about.get(stage.section, "")
-    return {"type": "object", "additionalProperties": False, "properties": properties, "description": about}
+    return {"type": "object", "additionalProperties": False, "properties": properties, "description": stage.about}
 
 
 _SWEEP: dict[str, Any] = {
