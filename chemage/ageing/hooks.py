@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from chemage.plugins.hooks import hookspec
-from chemage.plugins.stages import Doubt, Known, Parts, Stage
+from chemage.plugins.stages import Doubt, Parts, Stage, Stated
 
 if TYPE_CHECKING:
     from chemage.contacts.solution import ContactSolution
@@ -46,16 +46,16 @@ class _Ageing(Stage):
             path = "engine" if method is None else self.section
             yield from [(f"{path}.{name}", text) for name, text in error.problems] or [(path, str(error))]
 
-    def estimate(self, parts: Parts, known: Known) -> Mapping[str, float]:
+    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         """``cpu_seconds`` of all replicas, with least and most where it is a range, and ``bytes`` of one of them."""
         from chemage.ageing.age import wants_states
         from chemage.foundation.calls import call_with
 
         if "engine" not in parts:
             return {"cpu_seconds": 0.0, "bytes": 0.0}
-        hold, method, replica = parts["hold"], parts.get(self.section), known["engine"]
-        mapped = "pixels" in known["contact"]
-        sites = known["chemistry"].get("sites") if mapped else 0.0
+        hold, method, replica = parts["hold"], parts.get(self.section), stated["engine"]
+        mapped = "pixels" in stated["contact"]
+        sites = stated["chemistry"].get("sites") if mapped else 0.0
         if sites is None:
             return {}
         if method is None:
@@ -67,37 +67,37 @@ class _Ageing(Stage):
             return numbers
         return dict(call_with(method.expected, sites, replica, hold.replicas, interacting="interaction" in parts))
 
-    def rows(self, parts: Parts, known: Known) -> Mapping[str, str]:
+    def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         if (method := parts.get(self.section)) is None:
             return {}
         means = "" if method.replicates else ": the mean over replicas alone"
         return {self.section: f"{method.kind}, instead of the kinetics of every site{means}"}
 
-    def doubts(self, parts: Parts, known: Known) -> Iterator[Doubt]:
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         from chemage.lattices.site_grid import site_shape
 
-        surface, method = known["surface"], parts.get(self.section)
+        surface, method = stated["surface"], parts.get(self.section)
         if "engine" not in parts:
             return
         if {"nx", "ny", "pixel_size"} <= surface.keys():
             pixels = int(surface["nx"]), int(surface["ny"])
             shape = site_shape(pixels, surface["pixel_size"], parts["chemistry"].site_density)
             if method is not None:
-                for text in method.check_sites(shape, known["chemistry"].get("sites")) or ():
+                for text in method.check_sites(shape, stated["chemistry"].get("sites")) or ():
                     yield Doubt("parts", text)
-        yield from self._pressure(parts, known)
-        yield from self._bonds(parts, known)
+        yield from self._pressure(parts, stated)
+        yield from self._bonds(parts, stated)
 
-    def _pressure(self, parts: Parts, known: Known) -> Iterator[Doubt]:
+    def _pressure(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         """A mean pressure at which the material would flow."""
         from chemage.ageing.elasticity import NOTED
 
-        hardness, mean = parts["chemistry"].hardness, known["contact"].get("mean_pressure")
+        hardness, mean = parts["chemistry"].hardness, stated["contact"].get("mean_pressure")
         if hardness is None or mean is None:
             return
         ratio = hardness / mean
         # Hertz: p0 = 3/2 of the mean; rough: a Rayleigh distribution
-        tip = "radius" in known["surface"]
+        tip = "radius" in stated["surface"]
         share = max(1 - (ratio / 1.5) ** 2, 0.0) if tip else math.exp(-math.pi / 4 * ratio**2)
         if share > NOTED or mean > hardness:
             yield Doubt(
@@ -107,20 +107,20 @@ class _Ageing(Stage):
                 "rms slope, or check modulus and hardness",
             )
 
-    def _bonds(self, parts: Parts, known: Known) -> Iterator[Doubt]:
+    def _bonds(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         """Hold times and temperature beside the barriers."""
         import numpy as np
 
         from chemage.foundation.units import KB
 
-        chemistry, hold, expected = parts["chemistry"], parts["hold"], known["chemistry"]
+        chemistry, hold, expected = parts["chemistry"], parts["hold"], stated["chemistry"]
         times, nu = hold.hold_times, chemistry.attempt_frequency
         lowest, median, highest = map(float, chemistry.forming.quantile(np.array([0.05, 0.5, 0.95])))
         active = KB * hold.temperature * np.log(max(nu * times[-1], 1.0))
         if median < 0:
             text = f"half of the forming barriers are below {median:.3g} eV: no barrier is left to cross"
             yield Doubt("barriers", text)
-        cold = self._celsius(parts, known) if active < lowest else ""
+        cold = self._celsius(parts, stated) if active < lowest else ""
         if {"bonded", "sites"} <= expected.keys() and times[-1] > 0 and parts["contact.load"] > 0:
             bonds = expected["bonded"] * expected["sites"] * hold.replicas
             if bonds < NO_BOND and expected["sites"] >= NO_SITE:
@@ -138,11 +138,11 @@ class _Ageing(Stage):
         elif KB * hold.temperature * np.log(max(nu * max(times[0], 1e-300), 1.0)) > highest:
             yield Doubt("bonds", f"at {times[0]:g} s nearly every forming barrier is already crossed; start earlier")
 
-    def _celsius(self, parts: Parts, known: Known) -> str:
+    def _celsius(self, parts: Parts, stated: Stated) -> str:
         """A question about the unit of the temperature, where in °C it would make sense."""
         from chemage.lattices.expected import expected_kinetics, rough_pressures
 
-        hold, pressure = parts["hold"], known["contact"].get("mean_pressure")
+        hold, pressure = parts["hold"], stated["contact"].get("mean_pressure")
         if hold.temperature >= COLD or not pressure:
             return ""
         warm = hold.temperature + ZERO_CELSIUS

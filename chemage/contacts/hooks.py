@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from chemage.plugins.hooks import hookimpl, hookspec
-from chemage.plugins.stages import Beside, Doubt, Known, Parts, Stage, options_in
+from chemage.plugins.stages import Beside, Doubt, Parts, Stage, Stated, options_in
 
 if TYPE_CHECKING:
     from chemage.contacts.role import ContactSolver
@@ -67,10 +67,10 @@ class _Contact(Stage):
     def recorded(self, aging: Mapping[str, Any], contact: Mapping[str, Any]) -> Mapping[str, Any]:
         return {self.section: options_in(contact)}
 
-    def estimate(self, parts: Parts, known: Known) -> Mapping[str, float]:
+    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         from chemage.contacts.theories import ContactTheory
 
-        surface, load = known["surface"], parts["contact.load"]
+        surface, load = stated["surface"], parts["contact.load"]
         numbers = dict(parts[self.section].expected(surface, load))
         pixels = surface.get("nx", 0.0) * surface.get("ny", 0.0)
         area = numbers["nominal_area"] = pixels * surface.get("pixel_size", 0.0) ** 2
@@ -83,21 +83,21 @@ class _Contact(Stage):
                 numbers["cpu_seconds"] += surface.get("cpu_seconds", 0.0) + PIXEL_SECONDS * pixels
         return numbers
 
-    def rows(self, parts: Parts, known: Known) -> Mapping[str, str]:
+    def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         """Kind, load, nominal pressure where there is one, and contact modulus, in words."""
         from chemage.contacts.loads import force_text, pressure_text
         from chemage.contacts.modulus import modulus_in
 
-        solver, load, area = parts[self.section], parts["contact.load"], known[self.section]["nominal_area"]
+        solver, load, area = parts[self.section], parts["contact.load"], stated[self.section]["nominal_area"]
         text = f"{solver.kind} at {force_text(load)}"
-        if area > 0 and solver.is_nominally_flat(known["surface"].get("periodic", 1.0) != 0):
+        if area > 0 and solver.is_nominally_flat(stated["surface"].get("periodic", 1.0) != 0):
             text += f", nominal pressure {pressure_text(load / area)}"
         if (modulus := modulus_in(solver)) is not None:
             text += f", E* {modulus:.6g} GPa"
-        return {self.section: text + ("" if "pixels" in known[self.section] else ", a theory: statistics and no map")}
+        return {self.section: text + ("" if "pixels" in stated[self.section] else ", a theory: statistics and no map")}
 
-    def doubts(self, parts: Parts, known: Known) -> Iterator[Doubt]:
-        surface, load, numbers = known["surface"], parts["contact.load"], known[self.section]
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        surface, load, numbers = stated["surface"], parts["contact.load"], stated[self.section]
         for text in parts[self.section].check(surface, load) or ():
             yield Doubt("parts", text)
         if load == 0:
@@ -105,7 +105,7 @@ class _Contact(Stage):
             return
         fraction = numbers.get("area_fraction")
         pixels = fraction * numbers["pixels"] if fraction is not None and numbers.get("pixels") else math.inf
-        all_sites = known.get("chemistry", {"sites": pixels}).get("sites")
+        all_sites = stated.get("chemistry", {"sites": pixels}).get("sites")
         sites, where = (pixels, "pixels") if pixels < NO_SITE or all_sites is None else (all_sites, "sites")
         if sites < NO_SITE:
             cause = ""

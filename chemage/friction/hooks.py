@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from chemage.plugins.hooks import hookimpl, hookspec
-from chemage.plugins.stages import Known, Parts, Stage
+from chemage.plugins.stages import Parts, Stage, Stated
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,9 +38,9 @@ class Default:
 
 
 class _Rupture(Stage):
-    def rows(self, parts: Parts, known: Known) -> Mapping[str, str]:
+    def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         if "engine" not in parts or self.section in parts:
-            return super().rows(parts, known)
+            return super().rows(parts, stated)
         chemistry = parts["chemistry"]
         mean = f"mean force of {chemistry.bond_force:g} nN per bond, front factor {chemistry.front_factor:g}"
         return {self.section: mean}

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from chemage.plugins.hooks import hookimpl, hookspec
-from chemage.plugins.stages import Doubt, Known, Parts, Stage
+from chemage.plugins.stages import Doubt, Parts, Stage, Stated
 
 if TYPE_CHECKING:
     import numpy as np
@@ -67,12 +67,12 @@ PIXELS, SITES, PIXEL_SIZE = 4, 12, 0.45
 
 
 class _Engine(Stage):
-    def estimate(self, parts: Parts, known: Known) -> Mapping[str, float]:
+    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         """Of one replica on all sites: ``cpu_seconds``, with least and most where it is a range, and ``bytes``."""
         from chemage.foundation.calls import call_with
 
-        sites, events = known["chemistry"].get("sites"), known["chemistry"].get("events")
-        if sites is None or "pixels" not in known["contact"]:  # without a map there is no site in memory
+        sites, events = stated["chemistry"].get("sites"), stated["chemistry"].get("events")
+        if sites is None or "pixels" not in stated["contact"]:  # without a map there is no site in memory
             return {}
         coupled = "interaction" in parts
         replica = dict(call_with(parts[self.section].expected, sites, coupled, events=events))
@@ -80,7 +80,7 @@ class _Engine(Stage):
             replica[name] += REPLICA_SECONDS + (SITE_SECONDS if coupled else SITE_SECONDS / 2) * sites
         return replica
 
-    def rows(self, parts: Parts, known: Known) -> Mapping[str, str]:
+    def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         if (engine := parts.get(self.section)) is None:
             return {}
         hold, method = parts["hold"], parts.get("ageing")
@@ -89,7 +89,7 @@ class _Engine(Stage):
         held = f"{hold.temperature:g} K, {times.size} hold times from {times[0]:g} to {times[-1]:g} s{replicas}"
         return {"kinetics": f"{engine.kind}, {held}"}
 
-    def doubts(self, parts: Parts, known: Known) -> Iterator[Doubt]:
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         if self.section in parts:
             for text in parts[self.section].check("interaction" in parts) or ():
                 yield Doubt("parts", text)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from chemage.plugins.hooks import hookimpl, hookspec
-from chemage.plugins.stages import Known, Parts, Stage
+from chemage.plugins.stages import Parts, Stage, Stated
 
 if TYPE_CHECKING:
     import numpy as np
@@ -66,10 +66,10 @@ class _Chemistry(Stage):
     def recorded(self, aging: Mapping[str, Any], contact: Mapping[str, Any]) -> Mapping[str, Any]:
         return {name: aging.get(name) or aging.get(self.section, {}).get(name) for name in self.parts}
 
-    def estimate(self, parts: Parts, known: Known) -> Mapping[str, float]:
+    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         from chemage.lattices.expected import expected_kinetics, rough_pressures, smooth_pressures
 
-        chemistry, contact, grids = parts[self.section], known["contact"], parts.get("grids")
+        chemistry, contact, grids = parts[self.section], stated["contact"], parts.get("grids")
         fraction, density, pressure = contact.get("area_fraction"), chemistry.site_density, contact.get("mean_pressure")
         numbers: dict[str, float] = {}
         whole = contact.get("pixels")
@@ -80,13 +80,13 @@ class _Chemistry(Stage):
         if fraction is not None and whole:
             numbers["sites"] = fraction * whole * chemistry.hydroxylation
         if "hold" in parts and pressure is not None:
-            spread = smooth_pressures if "radius" in known["surface"] else rough_pressures
+            spread = smooth_pressures if "radius" in stated["surface"] else rough_pressures
             last, temperature = float(parts["hold"].hold_times[-1]), parts["hold"].temperature
             expected = expected_kinetics(chemistry, spread(pressure), last, temperature)
             numbers |= {"events": expected.events, "bonded": expected.bonded}
         return numbers
 
-    def rows(self, parts: Parts, known: Known) -> Mapping[str, str]:
+    def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         from chemage.foundation.units import EV_PER_GPA_NM3
         from chemage.lattices.site_grid import in_words, nominal_ratio
 
@@ -105,7 +105,7 @@ class _Chemistry(Stage):
         }
         if grids:
             gap = getattr(parts["contact"], "gap", False) is True
-            ratio = nominal_ratio(known["surface"]["pixel_size"], chemistry.site_density)
+            ratio = nominal_ratio(stated["surface"]["pixel_size"], chemistry.site_density)
             rows["sites"] = in_words(*grids, gap=gap, ratio=ratio)
         return rows
 

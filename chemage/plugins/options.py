@@ -45,8 +45,8 @@ def _chosen(role: Any, value: Any) -> Any:
     except ChemageError as error:
         raise ValueError(str(error)) from None
     if not isinstance(value, role):
-        made = f'chemage.{FACTORIES.get(role.role, role.role)}("...")' if role.role != "reader" else "a reader"
-        raise ValueError(f"expected a component made with {made}, its kind, or a table with kind and options")
+        maker = f'chemage.{FACTORIES.get(role.role, role.role)}("...")' if role.role != "reader" else "a reader"
+        raise ValueError(f"expected a component made with {maker}, its kind, or a table with kind and options")
     return value
 
 
@@ -64,9 +64,9 @@ class PluginOptions(Component):
         A thread that a plugin starts itself sees the defaults, unless it runs in a copy of the context of its parent
         (``contextvars.copy_context().run``).
         """
-        for given in context.options().values():
-            if type(given) is cls:
-                return given
+        for options in context.options().values():
+            if type(options) is cls:
+                return options
         return cls()
 
     def changed(self) -> dict[str, Any]:
@@ -81,7 +81,7 @@ class PluginOptions(Component):
         return ", ".join(f"{name} = {value} {unit_of(fields[name])}".rstrip() for name, value in shown.items())
 
 
-def options_for(name: str, given: Mapping[str, Any]) -> PluginOptions:
+def options_for(name: str, options: Mapping[str, Any]) -> PluginOptions:
     """The validated options of the plugin ``name``.
 
     Raises
@@ -89,17 +89,17 @@ def options_for(name: str, given: Mapping[str, Any]) -> PluginOptions:
     InputError
         There is no such plugin, it has no options, or some are not valid (listed in ``problems``).
     """
-    return current().options_class(name)(**given)
+    return current().options_class(name)(**options)
 
 
 def joined(outer: Mapping[str, PluginOptions], inner: Mapping[str, PluginOptions]) -> dict[str, PluginOptions]:
     """Options of plugins, where those that ``inner`` sets replace those of ``outer``, each by itself."""
-    found = dict(outer)
+    together = dict(outer)
     for name, options in inner.items():
         # two classes: the plugin was imported again in between
-        same = name in found and type(found[name]) is type(options)
-        found[name] = found[name].replace(**_set(options)) if same else options
-    return found
+        same = name in together and type(together[name]) is type(options)
+        together[name] = together[name].replace(**_set(options)) if same else options
+    return together
 
 
 def _set(options: PluginOptions) -> dict[str, Any]:
@@ -112,19 +112,19 @@ def completed(data: Mapping[str, Any]) -> dict[str, Any]:
     Worker processes know the scene only.
     """
     section = data.get("plugins", {})
-    given = {
+    in_block = {
         name: {field: value for field, value in options.todict().items() if field in options.model_fields_set}
         for name, options in context.options().items()
     }
-    if not isinstance(section, Mapping) or not (given or context.preference()):
+    if not isinstance(section, Mapping) or not (in_block or context.preference()):
         return dict(data)
-    made: dict[str, Any] = {**section}
+    joint: dict[str, Any] = {**section}
     if context.preference():
-        made.setdefault("prefer", list(context.preference()))
-    for name, options in given.items():
-        own = made.get(name, {})
-        made[name] = {**options, **own} if isinstance(own, Mapping) else own
-    return {**data, "plugins": made}
+        joint.setdefault("prefer", list(context.preference()))
+    for name, options in in_block.items():
+        own = joint.get(name, {})
+        joint[name] = {**options, **own} if isinstance(own, Mapping) else own
+    return {**data, "plugins": joint}
 
 
 @contextmanager
@@ -141,13 +141,13 @@ def plugin_options(name: str, /, **options: Any) -> Iterator[PluginOptions]:
         There is no such plugin, it has no options, or some are not valid.
     """
     try:
-        made = options_for(name, options)
+        inner = options_for(name, options)
     except InputError as error:
         if not error.problems:
             raise
         lines = "; ".join(f"{path}: {message}" for path, message in error.problems)
         raise InputError(f"options of plugin {name!r}: {lines}", error.problems) from None
-    together = joined(context.options(), {name: made})
+    together = joined(context.options(), {name: inner})
     with context.applied(together, None):
         yield together[name]
 

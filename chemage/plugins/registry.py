@@ -93,11 +93,11 @@ class Registry:
         self._monitor(self.manager)
         for name in ROOMS:
             self.add_room(importlib.import_module(name))
-        found = selected(metadata.entry_points(group=GROUP)) if entry_points is None else entry_points
+        points = selected(metadata.entry_points(group=GROUP)) if entry_points is None else entry_points
         # by name: the order never depends on the file system; pluggy asks those first that were registered last
-        for point in sorted(found, key=lambda p: (_is_own(p), p.name), reverse=True):
+        for point in sorted(points, key=lambda p: (_is_own(p), p.name), reverse=True):
             self._load(point)
-        self.records.sort(key=lambda one: (one.distribution != "chemage", one.name, one.distribution))
+        self.records.sort(key=lambda record: (record.distribution != "chemage", record.name, record.distribution))
         for record in self.records:
             if record.error:
                 warnings.warn(
@@ -240,14 +240,14 @@ class Registry:
 
     def check_preference(self, names: Iterable[str], where: str) -> None:
         """Raise an InputError if one of these plugins, named in ``where``, is not in use."""
-        known = [record.name for record in self.records if not record.error]
-        if unknown := [name for name in names if name not in known]:
+        in_use = [record.name for record in self.records if not record.error]
+        if unknown := [name for name in names if name not in in_use]:
             from chemage.foundation.messages import nearest
 
-            hint = nearest(unknown[0], known) if len(unknown) == 1 else ""
+            hint = nearest(unknown[0], in_use) if len(unknown) == 1 else ""
             raise InputError(
                 f"{where} names {', '.join(map(repr, unknown))}, which is not installed{hint}; "
-                f"the plugins are {', '.join(sorted(known))}"
+                f"the plugins are {', '.join(sorted(in_use))}"
             )
 
     def _in_order(self, prefer: tuple[str, ...]) -> Hooks:
@@ -278,28 +278,30 @@ class Registry:
             for name in hook_names
             for implementation in getattr(self.manager.hook, name).get_hookimpls()
         }
-        found = [one for one in sorted(self.records, key=lambda r: r.name) if full_name(one) in names]
-        return {one.name: self.source_in_use(one) for one in found}
+        records = [record for record in sorted(self.records, key=lambda r: r.name) if full_name(record) in names]
+        return {record.name: self.source_in_use(record) for record in records}
 
     def functions(self, hook: str) -> list[tuple[PluginRecord, Any]]:
         """Each plugin that implements ``hook``, with its function, sorted by the name of the plugin."""
-        found = {one.plugin_name: one.function for one in getattr(self.manager.hook, hook).get_hookimpls()}
+        implementations = {
+            record.plugin_name: record.function for record in getattr(self.manager.hook, hook).get_hookimpls()
+        }
         records = sorted(self.records, key=lambda record: record.name)
-        return [(one, found[name]) for one in records if (name := full_name(one)) in found]
+        return [(record, implementations[name]) for record in records if (name := full_name(record)) in implementations]
 
     def implementation(self, name: str) -> Any:
         """The module or object with the hooks of the plugin ``name``."""
-        return self.manager.get_plugin(next(full_name(one) for one in self.records if one.name == name))
+        return self.manager.get_plugin(next(full_name(record) for record in self.records if record.name == name))
 
     def state(self) -> str:
         """A hash of all plugins with their versions."""
-        text = "\n".join(sorted(f"{one.name} {one.source} {one.error}" for one in self.records))
+        text = "\n".join(sorted(f"{record.name} {record.source} {record.error}" for record in self.records))
         return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
 
     def source(self, name: str) -> str | None:
         """The source of the plugin ``name``, with its version and the options in use; None if it is not in use."""
-        found = next((one for one in self.records if one.name == name and not one.error), None)
-        return None if found is None else self.source_in_use(found)
+        record = next((each for each in self.records if each.name == name and not each.error), None)
+        return None if record is None else self.source_in_use(record)
 
     def source_in_use(self, record: PluginRecord) -> str:
         """The source of a plugin with its version and, in square brackets, its options in use."""
@@ -321,14 +323,14 @@ class Registry:
         PluginError
             The class cannot be imported, or is not as it must be.
         """
-        record = next((one for one in self.records if one.name == name), None)
+        record = next((each for each in self.records if each.name == name), None)
         if record is None or record.error or not record.options:
             from chemage.foundation.messages import nearest
 
-            known = [one.name for one in self.records if one.options]
-            hint = f"; plugins with options: {', '.join(known) or 'none'}"
+            with_options = [each.name for each in self.records if each.options]
+            hint = f"; plugins with options: {', '.join(with_options) or 'none'}"
             if record is None:
-                raise InputError(f"no plugin {name!r}{nearest(name, known)} is installed{hint}")
+                raise InputError(f"no plugin {name!r}{nearest(name, with_options)} is installed{hint}")
             problem = f"was skipped: {record.error}" if record.error else f"has no options{hint}"
             raise InputError(f"plugin {name!r} {problem}")
         where = f"the options of plugin {record.name!r} ({record.source})"
@@ -371,11 +373,11 @@ class Registry:
     def clashes(self) -> list[str]:
         """A sentence for each kind, scene and name of a plugin that is claimed more than once."""
         kinds = [(role, kind, self.offers(role, kind)) for role in self.roles for kind in self.kinds(role)]
-        scenes = [("scene", name, [one for one in self.records if name in one.scenes]) for name in self.scenes()]
+        scenes = [("scene", name, [each for each in self.records if name in each.scenes]) for name in self.scenes()]
         materials = [
-            ("material", name, [one for one in self.records if name in one.materials]) for name in self.materials()
+            ("material", name, [each for each in self.records if name in each.materials]) for name in self.materials()
         ]
-        called = {record.name: [one for one in self.records if one.name == record.name] for record in self.records}
+        called = {record.name: [each for each in self.records if each.name == record.name] for record in self.records}
         names = [("the name", name, records) for name, records in called.items()]
         return [clash(*claimed) for claimed in (*kinds, *scenes, *materials, *names) if len(claimed[2]) > 1]
 
@@ -489,10 +491,10 @@ class Registry:
         for name in self.stage_hooks():
             implementations = getattr(self._in_order(context.preference()).hook, name).get_hookimpls()
             for wraps, verb, wins in ((False, "answer", "is asked first"), (True, "wrap", "has the last word")):
-                order = [one.plugin_name for one in reversed(implementations) if _wraps(one) == wraps]
+                order = [each.plugin_name for each in reversed(implementations) if _wraps(each) == wraps]
                 sharing = [record for full in order for record in self.records if full_name(record) == full]
                 if len(sharing) > 1:
-                    listed = " and ".join(f"{one.name!r} ({one.source})" for one in sharing)
+                    listed = " and ".join(f"{each.name!r} ({each.source})" for each in sharing)
                     how = prefer_another(sharing[1].name)
                     said.append(f"{listed} {verb} {name}; {sharing[0].name!r} {wins}; to change this, {how}")
         return said

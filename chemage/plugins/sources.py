@@ -37,15 +37,15 @@ def components_in(value: Any) -> Iterator[Any]:
 def providers(*components: Any) -> Plugins:
     """The plugins other than chemage that provide the components and their parts: name -> source."""
     plugins = current()
-    found: Plugins = {}
+    sources: Plugins = {}
     for part in components_in(components):
         cls = type(part)
         record = plugins.provider(cls)
         if record is None:
-            found[f"{cls.__module__}.{cls.__qualname__}"] = source_version(cls)
+            sources[f"{cls.__module__}.{cls.__qualname__}"] = source_version(cls)
         elif record.distribution != "chemage":
-            found[record.name] = plugins.source_in_use(record)
-    return found
+            sources[record.name] = plugins.source_in_use(record)
+    return sources
 
 
 def approximations(*components: Any) -> list[dict[str, Any]]:
@@ -101,8 +101,8 @@ def would_change(names: Iterable[str], hook: str, answer: Any, **arguments: Any)
     manager = pluggy.PluginManager("chemage")
     for room in plugins.rooms:
         manager.add_hookspecs(room)
-    given = type("Given", (), {hook: hookimpl(trylast=True)(lambda self: answer)})
-    manager.register(given(), "given")
+    answering = type("Given", (), {hook: hookimpl(trylast=True)(lambda self: answer)})
+    manager.register(answering(), "given")
     for name in names:
         manager.register(plugins.implementation(name), name)
     try:

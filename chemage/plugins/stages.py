@@ -3,7 +3,7 @@
 The module ``hooks`` of a room has its declarations in ``STAGES``. Scenes, their schema, keys, plans and provenance are
 loops over all of them. A stage is given the *parts* of a scene: by section its component or its options (``surface``,
 ``forming``, ``hold``), and what stands beside the options of a component (``surface.seed``, ``contact.load``); and what
-is *known* before anything is computed: by section the numbers that its :meth:`Stage.estimate` stated.
+is *stated* before anything is computed: by section the numbers that its :meth:`Stage.estimate` stated.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeAlias
 
 Parts: TypeAlias = Mapping[str, Any]
-Known: TypeAlias = Mapping[str, Mapping[str, float]]
+Stated: TypeAlias = Mapping[str, Mapping[str, float]]
 
 #: the keys of a scene, each of which contains the one before it
 KEYS = ("surface", "contact", "aging", "result")
@@ -122,16 +122,16 @@ class Stage:
         """Path -> plain options with kind, as the provenance of an ageing curve and of its contact has them."""
         return {self.section: aging.get(self.section)}
 
-    def estimate(self, parts: Parts, known: Known) -> Mapping[str, float]:
-        """What is known of it before anything is computed; ``cpu_seconds`` among it, on the machine of reference."""
+    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
+        """What is stated of it before anything is computed; ``cpu_seconds`` among it, on the machine of reference."""
         return {}
 
-    def rows(self, parts: Parts, known: Known) -> Mapping[str, str]:
+    def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         """Name -> what is modelled, in words."""
         component = parts.get(self.section)
         return {self.section: component.kind} if self.role and not self.many and component is not None else {}
 
-    def doubts(self, parts: Parts, known: Known) -> Iterator[Doubt]:
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         """What to warn of; raises InputError for what the run would refuse."""
         yield from ()
 

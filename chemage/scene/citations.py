@@ -48,10 +48,10 @@ class Reference:
 
 def bibtex_problem(entry: str) -> str:
     """Why ``entry`` is not one BibTeX entry; "" where it is."""
-    if (found := _ENTRY.match(entry)) is None:
+    if (match := _ENTRY.match(entry)) is None:
         return "is not of the form @type{key, field = {value}, ...}"
     depth = 0
-    for letter in found[3]:  # BibTeX counts those after a backslash as well
+    for letter in match[3]:  # BibTeX counts those after a backslash as well
         depth += (letter == "{") - (letter == "}")
         if depth < 0:
             break
@@ -62,18 +62,18 @@ def references(
     texts: Iterable[str], components: Iterable[Component | type[Component]], version: str = __version__
 ) -> list[Reference]:
     """What to cite: chemage itself, the paper of its model, and ``texts``, whose entries ``components`` may know."""
-    known = {PAPER: _PAPER_BIBTEX}
+    entries = {PAPER: _PAPER_BIBTEX}
     for component in components:
         cls = component if isinstance(component, type) else type(component)
-        known |= {text: entry for text, entry in entries_of(cls).items() if entry}
+        entries |= {text: entry for text, entry in entries_of(cls).items() if entry}
     title = "chemage: chemical ageing of frictional contacts"
     own = Reference(f"The chemage developers, {title}, version {version}", _own(title, version))
-    return [own, *(Reference(text, known.get(text, "")) for text in dict.fromkeys([PAPER, *texts]))]
+    return [own, *(Reference(text, entries.get(text, "")) for text in dict.fromkeys([PAPER, *texts]))]
 
 
 def entries_of(cls: type[Component]) -> dict[str, str]:
     """Text -> BibTeX entry of a component; a class with texts of its own does not inherit entries."""
-    owner = next(one for one in cls.__mro__ if "cite" in vars(one))
+    owner = next(base for base in cls.__mro__ if "cite" in vars(base))
     return dict(zip(vars(owner)["cite"], vars(owner).get("bibtex", ()), strict=False))
 
 
@@ -85,11 +85,14 @@ def _own(title: str, version: str) -> str:
 }}"""
 
 
-def bibtex(found: Iterable[Reference]) -> str:
+def bibtex(cited: Iterable[Reference]) -> str:
     """References as the content of a ``.bib`` file; each entry has a key of its own."""
-    entries = [one.bibtex if one.bibtex and not bibtex_problem(one.bibtex) else _misc(one.text) for one in found]
+    entries = [
+        reference.bibtex if reference.bibtex and not bibtex_problem(reference.bibtex) else _misc(reference.text)
+        for reference in cited
+    ]
     used: dict[str, int] = {}
-    made = []
+    texts = []
     for entry in dict.fromkeys(entries):
         match = _ENTRY.match(entry)
         assert match is not None
@@ -98,13 +101,13 @@ def bibtex(found: Iterable[Reference]) -> str:
             used[key.lower()] += 1
             name = f"{key}{_suffix(used[key.lower()])}"
         used[name.lower()] = 0
-        made.append(f"@{match[1]}{{{name},\n  {match[3].strip()}\n}}\n")
-    return "\n".join(made)
+        texts.append(f"@{match[1]}{{{name},\n  {match[3].strip()}\n}}\n")
+    return "\n".join(texts)
 
 
-def text(found: Iterable[Reference]) -> str:
+def text(cited: Iterable[Reference]) -> str:
     """References as lines of text."""
-    return "".join(f"{one.text}\n" for one in found)
+    return "".join(f"{reference.text}\n" for reference in cited)
 
 
 def latex(words: str) -> str:

@@ -92,58 +92,74 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 def located(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """A copy of scene data in which every relative path, also one that is swept, starts from ``folder``.
 
-    Paths are known by the type of their option, see :data:`chemage.FilePath`. Where the kind of a component is swept,
-    or not said, an option counts that is one of any installed kind.
+    Paths are known by the type of their option, see :data:`chemage.FilePath`. An option that the kind of its component
+    does not have, as where the kind is swept or left to a material, counts as that of any installed kind.
     """
-    copy = {name: _located(section, folder, *_classes(name, section)) for name, section in data.items()}
-    plugins = data.get("plugins")
+    copy = {name: _located(section, folder, name) for name, section in data.items()}
+    plugins, axes = data.get("plugins"), data.get("sweep")
     if isinstance(plugins, Mapping):
-        copy["plugins"] = {
-            name: _located(options, folder, *_options_classes(name)) for name, options in plugins.items()
-        }
-    if isinstance(data.get("sweep"), Mapping):
-        groups = [data["sweep"], *(data["sweep"].get("zip") or ())]
-        copy["sweep"] = _located_axes(data["sweep"], folder, {**data, **{name: {} for name in _swept_kinds(groups)}})
+        options = {name: _options_classes(name) for name in plugins}
+        copy["plugins"] = {name: _in_options(table, folder, options[name]) for name, table in plugins.items()}
+    if isinstance(axes, Mapping):
+        copy["sweep"] = _located_axes(axes, folder, data, "")
     return copy
 
 
-def _swept_kinds(groups: Sequence[Any]) -> Iterator[str]:
-    """The sections whose kind is swept."""
-    for group in groups:
-        for name, lines in group.items() if isinstance(group, Mapping) else ():
-            if name.endswith(".kind") or (isinstance(lines, Mapping) and "kind" in lines):
-                yield name.removesuffix(".kind")
-
-
-def _located_axes(axes: Any, folder: Path, data: Mapping[str, Any], parents: tuple[str, ...] = ()) -> Any:
+def _located_axes(axes: Mapping[str, Any], folder: Path, data: Mapping[str, Any], prefix: str) -> dict[str, Any]:
     """Axes of a sweep, nested or dotted, of the scene ``data``."""
-    if not isinstance(axes, Mapping):
-        return axes
     copy: dict[str, Any] = {}
     for name, value in axes.items():
-        if name == "zip" and not parents and isinstance(value, list):
-            copy[name] = [_located_axes(group, folder, data) for group in value]
+        path = f"{prefix}{name}"
+        if path == "zip" and isinstance(value, list):
+            groups = [group if isinstance(group, Mapping) else {} for group in value]
+            copy[name] = [_located_axes(group, folder, data, "") for group in groups] if all(groups) else value
         elif isinstance(value, Mapping):
-            copy[name] = _located_axes(value, folder, data, (*parents, name))
+            copy[name] = _located_axes(value, folder, data, f"{path}.")
+        elif isinstance(value, list):
+            copy[name] = [_located_at(path, item, folder, data) for item in value]
         else:
-            section, *options = [word for parent in (*parents, name) for word in parent.split(".")]
-            items = value if isinstance(value, list) else [value]
-            for option in reversed(options):
-                items = [{option: item} for item in items]
-            tables = [data.get(section) if options else item for item in items]
-            items = [
-                _located(item, folder, *_classes(section, table)) for item, table in zip(items, tables, strict=True)
-            ]
-            for option in options:
-                items = [item[option] for item in items]
-            copy[name] = items if isinstance(value, list) else items[0]
+            copy[name] = value
     return copy
 
 
-def _located(table: Any, folder: Path, *classes: Any) -> Any:
-    """The options of a component of one of ``classes``, at any depth."""
+def _located_at(path: str, value: Any, folder: Path, data: Mapping[str, Any]) -> Any:
+    """One value of an axis, in the place that it has in its section."""
+    section, *options = path.split(".")
+    if not isinstance(value, str | Mapping | list):
+        return value
+    kind = {"kind": data[section]["kind"]} if options and "kind" in (data.get(section) or ()) else {}
+    table = value
+    for number, option in enumerate(reversed(options), 1):
+        table = {option: table, **(kind if number == len(options) else {})}
+    table = _located(table, folder, section)
+    for option in options:
+        table = table[option]
+    return table
+
+
+def _located(table: Any, folder: Path, section: str) -> Any:
+    """The content of a section."""
+    for stage in registry.current().stages():
+        if role := stage.parts.get(section, "") or (stage.role if stage.section == section else ""):
+            return _in_component(table, folder, role)
+        if stage.section == section and (model := stage.model()) is not None:
+            return _in_options(table, folder, [model])
+    return table
+
+
+def _in_component(table: Any, folder: Path, role: str) -> Any:
     if isinstance(table, list):
-        return [_located(item, folder, *classes) for item in table]
+        return [_in_component(item, folder, role) for item in table]
+    if not isinstance(table, Mapping):
+        return table
+    kind = table.get("kind")
+    own = _kinds(role, kind) if isinstance(kind, str) else []
+    complete = all(any(name in cls.model_fields for cls in own) for name in table if name != "kind")
+    return _in_options(table, folder, own if complete else _kinds(role))
+
+
+def _in_options(table: Any, folder: Path, classes: Sequence[Any]) -> Any:
+    """The options of one of ``classes``, components among them at any depth."""
     if not isinstance(table, Mapping):
         return table
     copy = dict(table)
@@ -152,30 +168,18 @@ def _located(table: Any, folder: Path, *classes: Any) -> Any:
         if any(is_file_path(field) for field in fields):
             copy[name] = str(folder / value) if isinstance(value, str) else value
         elif isinstance(value, list | Mapping):
-            roles = {role for field in fields for role in _roles(field.annotation)}
-            copy[name] = _located(value, folder, *(cls for role in roles for cls in _kinds(role, value)))
+            for role in {role for field in fields for role in _roles(field.annotation)}:
+                copy[name] = _in_component(copy[name], folder, role)
     return copy
 
 
-def _classes(section: str, table: Any) -> list[Any]:
-    """The classes whose options may stand in a section."""
-    for stage in registry.current().stages():
-        role = stage.role if stage.section == section else stage.parts.get(section, "")
-        if role:
-            return _kinds(role, table)
-        if stage.section == section:
-            return [model] if (model := stage.model()) is not None else []
-    return []
-
-
-def _kinds(role: str, table: Any) -> list[Any]:
-    """The class of a component, or every installed one of its role where its kind is not said."""
+def _kinds(role: str, *kinds: str) -> list[Any]:
+    """The classes of these kinds, or of every installed one."""
     plugins = registry.current()
-    kind = table.get("kind") if isinstance(table, Mapping) else None
     classes = []
-    for name in [kind] if isinstance(kind, str) else plugins.kinds(role):
+    for kind in kinds or plugins.kinds(role):
         with suppress(ChemageError):  # reported where the scene is read
-            classes.append(plugins.component(role, name))
+            classes.append(plugins.component(role, kind))
     return classes
 
 
@@ -232,11 +236,11 @@ def named(text: str, name: str) -> str:
     """The text of a scene with another name, and without its title; everything else, comments included, stays."""
     lines = text.splitlines()
     line = f"name = {json.dumps(name, ensure_ascii=False)}"
-    top = next((at for at, one in enumerate(lines) if one.lstrip().startswith("[")), len(lines))
-    lines[:top] = [one for one in lines[:top] if one.partition("=")[0].strip() != "title"]
-    old = next((at for at, one in enumerate(lines[:top]) if one.partition("=")[0].strip() == "name"), None)
+    top = next((at for at, written in enumerate(lines) if written.lstrip().startswith("[")), len(lines))
+    lines[:top] = [written for written in lines[:top] if written.partition("=")[0].strip() != "title"]
+    old = next((at for at, written in enumerate(lines[:top]) if written.partition("=")[0].strip() == "name"), None)
     if old is None:
-        lines.insert(next((at for at, one in enumerate(lines) if not one.startswith("#")), 0), line)
+        lines.insert(next((at for at, written in enumerate(lines) if not written.startswith("#")), 0), line)
     else:
         lines[old] = line
     return "\n".join(lines) + "\n"

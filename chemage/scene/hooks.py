@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from chemage.plugins.hooks import hookspec
-from chemage.plugins.stages import Doubt, Known, Parts, Stage
+from chemage.plugins.stages import Doubt, Parts, Stage, Stated
 
 
 @hookspec
@@ -32,7 +32,7 @@ class _Fit(Stage):
 
         return FitWindow
 
-    def doubts(self, parts: Parts, known: Known) -> Iterator[Doubt]:
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         import numpy as np
 
         from chemage.ageing.fitting import why_not_fitted

@@ -183,9 +183,9 @@ class _Parser:
         try:
             return make(options) if model is None else make(**options)
         except ValidationError as error:
-            known = list(model.model_fields) if model is not None else []
+            options_known = list(model.model_fields) if model is not None else []
             self.problems += [
-                (path, text + nearest(path.rpartition(".")[2], known) if text == "no such option" else text)
+                (path, text + nearest(path.rpartition(".")[2], options_known) if text == "no such option" else text)
                 for path, text in explain(error, name)
             ]
         except InputError as error:

@@ -21,7 +21,7 @@ from chemage.foundation.units import unit_of
 from chemage.foundation.warned import PlanWarning
 from chemage.lattices.site_grid import BYTES_PER_SITE
 from chemage.plugins import registry
-from chemage.plugins.stages import KEYS, Doubt, Known
+from chemage.plugins.stages import KEYS, Doubt, Stated
 from chemage.scene.provenance import nested
 from chemage.scene.scene import Scene
 
@@ -50,69 +50,59 @@ class LongRunWarning(PlanWarning):
     """A run will take hours."""
 
 
+def _stated(section: str, name: str) -> property:
+    """A number that the stage of a section states; None where it does not."""
+
+    def number(plan: Plan) -> float | None:
+        return plan.stated.get(section, {}).get(name)
+
+    return property(number)
+
+
 @dataclass(frozen=True)
 class Plan:
     """Estimates of what a scene needs; what no component states is None, or absent."""
 
     scene: Scene
     #: section -> what its stage states beforehand, seconds on the machine on which components were calibrated
-    known: Known
+    stated: Stated
     #: how much slower this machine is
     slowness: float = 1.0
 
-    # -- what is known of it ------------------------------------------------------------------------------------------
+    # -- what is stated of it ------------------------------------------------------------------------------------------
 
     @property
     def surface(self) -> Mapping[str, float]:
         """What the maker of the surface states: nx, ny, pixel_size, rms_slope, ..."""
-        return self.known["surface"]
+        return self.stated["surface"]
 
     @property
     def pixels(self) -> float:
-        """Number of pixels; 0 where it is not known, and for a contact without a map."""
-        return self.known["contact"].get("pixels", 0.0)
+        """Number of pixels; 0 where it is not stated, and for a contact without a map."""
+        return self.stated["contact"].get("pixels", 0.0)
 
-    @property
-    def area_fraction(self) -> float | None:
-        """Expected contact area over the nominal area."""
-        return self.known["contact"].get("area_fraction")
-
-    @property
-    def mean_pressure(self) -> float | None:
-        """Expected mean of the pressure in contact, GPa."""
-        return self.known["contact"].get("mean_pressure")
+    #: expected contact area over the nominal area
+    area_fraction = _stated("contact", "area_fraction")
+    #: expected mean of the pressure in contact, GPa
+    mean_pressure = _stated("contact", "mean_pressure")
+    #: bonds formed and broken per site of a replica
+    events = _stated("chemistry", "events")
+    #: the share of the sites that is bonded at the last hold time
+    bonded = _stated("chemistry", "bonded")
+    #: peak memory of the contact, and of one replica, bytes
+    contact_bytes, replica_bytes = _stated("contact", "bytes"), _stated("ageing", "bytes")
 
     @property
     def sites(self) -> float | None:
         """Expected reactive sites in contact; without a chemistry, pixels."""
-        if "chemistry" in self.known:
-            return self.known["chemistry"].get("sites")
+        if "chemistry" in self.stated:
+            return self.stated["chemistry"].get("sites")
         return self.area_fraction * self.pixels if self.area_fraction is not None and self.pixels else None
-
-    @property
-    def events(self) -> float | None:
-        """Bonds formed and broken per site of a replica."""
-        return self.known.get("chemistry", {}).get("events")
-
-    @property
-    def bonded(self) -> float | None:
-        """The share of the sites that is bonded at the last hold time."""
-        return self.known.get("chemistry", {}).get("bonded")
-
-    @property
-    def contact_bytes(self) -> float | None:
-        """Peak memory of the contact."""
-        return self.known["contact"].get("bytes")
-
-    @property
-    def replica_bytes(self) -> float | None:
-        """Peak memory of one replica."""
-        return self.known["ageing"].get("bytes")
 
     @property
     def gap_bytes(self) -> float:
         """Of the gap, if the contact has one."""
-        return self.known["contact"].get("gap_bytes", 0.0)
+        return self.stated["contact"].get("gap_bytes", 0.0)
 
     @property
     def contact_file(self) -> float:
@@ -123,12 +113,12 @@ class Plan:
     @property
     def has_map(self) -> bool:
         """Whether the contact gives the pressure at each pixel."""
-        return "pixels" in self.known["contact"]
+        return "pixels" in self.stated["contact"]
 
     # -- time ---------------------------------------------------------------------------------------------------------
 
     def _seconds(self, section: str, name: str = "cpu_seconds") -> float | None:
-        seconds = self.known.get(section, {}).get(name)
+        seconds = self.stated.get(section, {}).get(name)
         return None if seconds is None else seconds * self.slowness
 
     @property
@@ -140,8 +130,8 @@ class Plan:
     def _of_others(self, keys: Sequence[str]) -> float:
         """CPU seconds of the stages in these keys, but for those that contact and ageing state themselves."""
         stages = [stage for stage in registry.current().stages() if stage.key in keys]
-        stated = {"surface", "contact", "engine", "ageing"}
-        return sum(self._seconds(stage.section) or 0.0 for stage in stages if stage.section not in stated)
+        own = {"surface", "contact", "engine", "ageing"}
+        return sum(self._seconds(stage.section) or 0.0 for stage in stages if stage.section not in own)
 
     @property
     def kinetics_cpu_seconds(self) -> float | None:
@@ -218,15 +208,15 @@ class Plan:
         InputError
             A part of the scene would refuse it during the run.
         """
-        found = [Doubt("long", text)] if (text := self._long_run()) else []
+        doubts = [Doubt("long", text)] if (text := self._long_run()) else []
         parts = self.scene.solved_parts
         for stage in registry.current().stages():
             try:
-                found += stage.doubts(parts, self.known)
+                doubts += stage.doubts(parts, self.stated)
             except InputError as error:
                 error.add_note(f"in the stage {stage.section!r} of scene {self.scene.name!r}")
                 raise
-        return [*found, *self._units()]
+        return [*doubts, *self._units()]
 
     def _long_run(self) -> str:
         """What to say of a run that takes hours; "" of any other."""
@@ -264,7 +254,7 @@ class Plan:
             if scene.material and not stage.required:
                 values = ", ".join(f"{value.path} = {value.text}" for value in scene.from_material)
                 rows.setdefault("material", f"{scene.material}: {values or 'the scene gives every value itself'}")
-            rows |= stage.rows(parts, self.known)
+            rows |= stage.rows(parts, self.stated)
         return rows
 
     @cached_property
@@ -292,7 +282,7 @@ class Plan:
         return {name: value for name, value in numbers.items() if value is not None}
 
     def seconds_text(self) -> str:
-        """The CPU time in words; "" where it is not known."""
+        """The CPU time in words; "" where it is not stated."""
         once = "once kernels are compiled"
         if self.seconds_range and self.seconds_range[1] > SHORT:
             least, most = (_time(value) for value in self.seconds_range)
@@ -344,20 +334,20 @@ def cost(scene: Scene, *, here: bool = True) -> Plan:
     ChemageError
         A surface file cannot be read.
     """
-    known: dict[str, Mapping[str, float]] = {}
+    stated: dict[str, Mapping[str, float]] = {}
     with scene.in_use():
         parts = scene.solved_parts
         for stage in registry.current().stages():
             if stage.section not in parts and stage.section != "ageing":  # where there is no method, all sites age
                 continue
             try:
-                known[stage.section] = stage.estimate(parts, known)
+                stated[stage.section] = stage.estimate(parts, stated)
             except ChemageError as error:
                 error.add_note(f"in [{stage.section}] of scene {scene.name!r}")
                 raise
-        if "pixels" not in known["contact"]:
-            known["surface"] = {name: value for name, value in known["surface"].items() if name not in _MAP}
-        return Plan(scene, known, slowness() if here else 1.0)
+        if "pixels" not in stated["contact"]:
+            stated["surface"] = {name: value for name, value in stated["surface"].items() if name not in _MAP}
+        return Plan(scene, stated, slowness() if here else 1.0)
 
 
 def plan(scene: Scene) -> Plan:

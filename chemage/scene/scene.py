@@ -250,7 +250,10 @@ class Scene(Section):
         stages, parts = registry.current().stages(), self.solved_parts
         sections = _without_none(_sections(parts, lambda component: component.identity()))
         content: dict[str, list[Any]] = {key: [] for key in KEYS}
-        for stage in (*(one for one in stages if one.always_in_key), *(one for one in stages if not one.always_in_key)):
+        for stage in (
+            *(stage for stage in stages if stage.always_in_key),
+            *(stage for stage in stages if not stage.always_in_key),
+        ):
             if stage.key:
                 content[stage.key] += stage.key_entries(sections)
         for stage in stages:

@@ -51,13 +51,13 @@ def scene_schema() -> dict[str, Any]:
             elif installed and stage.of_material and not stage.required:
                 part = {"anyOf": [part, _OF_MATERIAL, {"const": False}]}
             properties[section] = {"type": "array", "items": part} if stage.many else part
-        given = _of_materials(stage.section) if stage.of_material and stage.required else set()
+        from_materials = _of_materials(stage.section) if stage.of_material and stage.required else set()
         extra = {name: {**entry.schema} for name, entry in stage.beside.items()}
         required = [name for name, entry in stage.beside.items() if entry.required]
-        for cls in components.get(stage.role, ()) if extra or given else ():
+        for cls in components.get(stage.role, ()) if extra or from_materials else ():
             own = definitions[target(cls)]
             own["properties"].update(extra)
-            own["required"] = [*(name for name in own["required"] if name not in given), *required]
+            own["required"] = [*(name for name in own["required"] if name not in from_materials), *required]
     properties["plugins"] = _plugins_section(plugins, definitions)
     definitions |= _SWEEP
     properties["sweep"] = {"$ref": "#/$defs/Sweep"}
@@ -121,13 +121,13 @@ _OF_MATERIAL = {"type": "object", "not": {"required": ["kind"]}}
 
 def _of_materials(section: str) -> set[str]:
     """The options in a section that some installed material gives, so that a scene need not."""
-    found: set[str] = set()
+    options: set[str] = set()
     for name in registry.current().materials():
         try:
-            found |= material(name).options(section).keys()
+            options |= material(name).options(section).keys()
         except PluginError as error:
             warnings.warn(f"not in the schema: {error}", registry.PluginWarning, stacklevel=3)
-    return found
+    return options
 
 
 def _plugins_section(plugins: registry.Registry, definitions: dict[str, Any]) -> dict[str, Any]:
@@ -148,14 +148,14 @@ def _plugins_section(plugins: registry.Registry, definitions: dict[str, Any]) ->
 
 def plugins_with_options(plugins: registry.Registry) -> dict[str, Any]:
     """Name of each plugin with options -> the class of its options; one that cannot be imported is left out."""
-    found: dict[str, Any] = {}
+    classes: dict[str, Any] = {}
     for record in plugins.records:
         if record.options:
             try:
-                found[record.name] = plugins.options_class(record.name)
+                classes[record.name] = plugins.options_class(record.name)
             except PluginError as error:
                 warnings.warn(f"not in the schema: {error}", registry.PluginWarning, stacklevel=2)
-    return found
+    return classes
 
 
 def options_of(cls: type[Component]) -> list[dict[str, str]]:
@@ -178,4 +178,4 @@ def options_of(cls: type[Component]) -> list[dict[str, str]]:
 def _unit(part: dict[str, Any]) -> str:
     """The unit of a property, also where the quantity may be left out, or is one of a list."""
     inner = [*part.get("anyOf", []), *([part["items"]] if isinstance(part.get("items"), dict) else [])]
-    return part.get("unit", "") or next((unit for one in inner if (unit := _unit(one))), "")
+    return part.get("unit", "") or next((unit for item in inner if (unit := _unit(item))), "")

@@ -31,13 +31,13 @@ def coarser(scene: Scene, factor: int) -> Scene | None:
     has no coarser grid. Sites that are pixels get the density of the scene's own pixels."""
     if isinstance(scene.contact, ContactTheory):
         return None
-    known = scene.surface.expected()
+    expected = scene.surface.expected()
     maker = scene.surface.coarser(factor)
-    if maker is None or "pixel_size" not in known:
+    if maker is None or "pixel_size" not in expected:
         return None
     update: dict[str, Any] = {"surface": maker}
     if scene.chemistry is not None and scene.chemistry.site_density == "pixel":
-        update["chemistry"] = scene.chemistry.replace(site_density=known["pixel_size"] ** -2)
+        update["chemistry"] = scene.chemistry.replace(site_density=expected["pixel_size"] ** -2)
     return scene.model_copy(update=update)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from chemage.plugins.hooks import hookimpl, hookspec
-from chemage.plugins.stages import Beside, Doubt, Known, Parts, Stage, options_in
+from chemage.plugins.stages import Beside, Doubt, Parts, Stage, Stated, options_in
 
 if TYPE_CHECKING:
     from chemage.foundation.checks import Seed
@@ -38,16 +38,16 @@ class _Surface(Stage):
     def recorded(self, aging: Mapping[str, Any], contact: Mapping[str, Any]) -> Mapping[str, Any]:
         return {self.section: options_in(contact.get(self.section))}
 
-    def estimate(self, parts: Parts, known: Known) -> Mapping[str, float]:
+    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         return dict(parts[self.section].expected())
 
-    def rows(self, parts: Parts, known: Known) -> Mapping[str, str]:
-        numbers, seed = known[self.section], parts["surface.seed"]
+    def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
+        numbers, seed = stated[self.section], parts["surface.seed"]
         grid = f", {numbers['nx']:.0f} x {numbers['ny']:.0f} pixels" if {"nx", "ny"} <= numbers.keys() else ""
         return {self.section: f"{parts[self.section].kind}{grid}, seed {seed}"}
 
-    def doubts(self, parts: Parts, known: Known) -> Iterator[Doubt]:
-        numbers = known[self.section]
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        numbers = stated[self.section]
         slope = numbers.get("rms_slope")
         if slope is not None and slope > 0 and not SLOPES[0] <= slope <= SLOPES[1]:
             yield Doubt(

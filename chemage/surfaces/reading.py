@@ -72,11 +72,11 @@ class Reader(Component, ABC):
 
         Here it is the surface that :meth:`read` returns. Override it for a format of instruments.
         """
-        found = self.read(path)
-        if not isinstance(found, Surface):
-            raise InputError(f"{path}: reader {self.kind!r} gives a {type(found).__name__}, not a surface")
-        size = found.pixel_size
-        return HeightMap(found.heights, 1.0, (size, size), found.periodic, source=str(path))
+        surface = self.read(path)
+        if not isinstance(surface, Surface):
+            raise InputError(f"{path}: reader {self.kind!r} gives a {type(surface).__name__}, not a surface")
+        size = surface.pixel_size
+        return HeightMap(surface.heights, 1.0, (size, size), surface.periodic, source=str(path))
 
 
 def reader_for(path: str | PathLike[str]) -> Reader:
@@ -116,15 +116,15 @@ def reader_for(path: str | PathLike[str]) -> Reader:
 def _readers() -> dict[str, dict[str, PluginRecord]]:
     """Ending -> kind of each reader that accepts it -> the plugin it is from."""
     plugins = registry.current()
-    found: dict[str, dict[str, PluginRecord]] = {}
+    readers: dict[str, dict[str, PluginRecord]] = {}
     for kind in plugins.kinds("reader"):
         try:
             cls = plugins.component("reader", kind)
         except PluginError:
             continue
         for ending in cls.suffixes:
-            found.setdefault(ending, {})[kind] = plugins.offers("reader", kind)[0]
-    return found
+            readers.setdefault(ending, {})[kind] = plugins.offers("reader", kind)[0]
+    return readers
 
 
 def _first(kinds: dict[str, PluginRecord]) -> tuple[dict[str, PluginRecord], str]:
@@ -132,8 +132,8 @@ def _first(kinds: dict[str, PluginRecord]) -> tuple[dict[str, PluginRecord], str
     preferred = context.preference()
     registry.current().check_preference(preferred, "the preference of plugins")
     for name in preferred:
-        if found := {kind: record for kind, record in kinds.items() if record.name == name}:
-            return found, "its plugin is preferred"
+        if first := {kind: record for kind, record in kinds.items() if record.name == name}:
+            return first, "its plugin is preferred"
     own = {kind: record for kind, record in kinds.items() if record.distribution == "chemage"}
     return (own, "it comes with chemage") if own else (kinds, "")
 
@@ -147,7 +147,7 @@ def shared_endings() -> list[str]:
         first, why = _first(kinds)
         listed = " and ".join(f"{kind!r} ({record.source})" for kind, record in sorted(kinds.items()))
         wins = f"{next(iter(first))!r} is used, because {why}" if len(first) == 1 else "none is used by default"
-        other = next(iter({kind: one for kind, one in kinds.items() if kind not in first} or kinds))
+        other = next(iter({kind: record for kind, record in kinds.items() if kind not in first} or kinds))
         said.append(
             f"the readers {listed} all read {ending}; {wins}; to change this, write reader = "
             f'"{other}" where the file is named, or {registry.prefer_another(kinds[other].name)}'

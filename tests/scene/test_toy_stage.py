@@ -14,7 +14,7 @@ import jsonschema
 import pytest
 
 import chemage as ca
-from chemage.plugins.stages import Doubt, Known, Parts, Stage
+from chemage.plugins.stages import Doubt, Parts, Stage, Stated
 from chemage.scene.plan import plan
 from chemage.scene.provenance import components_of
 from chemage.scene.schema import scene_schema
@@ -49,10 +49,10 @@ class WearStage(Stage):
         if self.section in parts and parts[self.section].slip > 1e6:
             yield f"{self.section}.slip", "is longer than any surface"
 
-    def estimate(self, parts: Parts, known: Known) -> Mapping[str, float]:
-        return {"cpu_seconds": 1000.0 + known["contact"]["area_fraction"]}
+    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
+        return {"cpu_seconds": 1000.0 + stated["contact"]["area_fraction"]}
 
-    def doubts(self, parts: Parts, known: Known) -> Iterator[Doubt]:
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         if self.section in parts and parts[self.section].slip < 1:
             yield Doubt("slip", f"a slip of {parts[self.section].slip:g} nm wears nothing off")
 
