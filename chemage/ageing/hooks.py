@@ -31,11 +31,12 @@ class _Ageing(Stage):
         from chemage.ageing.methods import check_contact, check_method
         from chemage.contacts.theories import ContactTheory
         from chemage.foundation.errors import InputError
+        from chemage.friction.role import Rupture
 
         if "engine" not in parts:
             return
         method, contact, chemistry = parts.get(self.section), parts["contact"], parts["chemistry"]
-        rupture, observe = parts.get("rupture"), parts.get("observe", ())
+        rupture, observe = parts.get(Rupture.role), parts.get("observe", ())
         try:
             check_contact(f"contact {contact.kind!r}", isinstance(contact, ContactTheory), method, chemistry)
             if method is None:
@@ -50,6 +51,7 @@ class _Ageing(Stage):
         """``cpu_seconds`` of all replicas, with least and most where it is a range, and ``bytes`` of one of them."""
         from chemage.ageing.age import wants_states
         from chemage.foundation.calls import call_with
+        from chemage.friction.role import Rupture
 
         if "engine" not in parts:
             return {"cpu_seconds": 0.0, "bytes": 0.0}
@@ -62,7 +64,7 @@ class _Ageing(Stage):
             numbers = {name: value * (1 if name == "bytes" else hold.replicas) for name, value in replica.items()}
             if not mapped:
                 numbers = {"cpu_seconds": 0.0, "bytes": 0.0}
-            if "bytes" in numbers and wants_states(parts["engine"], parts.get("rupture"), parts.get("observe", ())):
+            if "bytes" in numbers and wants_states(parts["engine"], parts.get(Rupture.role), parts.get("observe", ())):
                 numbers["bytes"] += sites * hold.hold_times.size
             return numbers
         return dict(call_with(method.expected, sites, replica, hold.replicas, interacting="interaction" in parts))

@@ -14,7 +14,7 @@ import pluggy
 
 from chemage.foundation.approximations import merged, of_component
 from chemage.foundation.errors import ChemageError
-from chemage.plugins.context import Plugins, note
+from chemage.plugins.context import Plugins
 from chemage.plugins.hooks import hookimpl
 from chemage.plugins.registry import Registry, current, source_version
 
@@ -59,12 +59,6 @@ def approximation_of(role: str, kind: str) -> list[dict[str, Any]]:
         return of_component(current().component(role, kind))
     except ChemageError:
         return []
-
-
-def note_providers(*components: Any) -> None:
-    """Note that the plugins providing these components take part in the stage that is running."""
-    for name, source in providers(*components).items():
-        note(name, source)
 
 
 def changed(recorded: Plugins, *, options: bool = True) -> dict[str, tuple[str, str]]:

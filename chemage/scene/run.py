@@ -27,6 +27,7 @@ from chemage.foundation import pictures
 from chemage.foundation.approximations import in_words, merged
 from chemage.foundation.datasets import EXTRA
 from chemage.foundation.errors import ChemageError, InputError, StoreError
+from chemage.foundation.hashes import content_hash
 from chemage.foundation.optional import optional_module
 from chemage.foundation.progress import progress_bars
 from chemage.foundation.records import Record
@@ -37,7 +38,7 @@ from chemage.scene.files import load_scene
 from chemage.scene.parsing import parse_scene
 from chemage.scene.plan import LongRunWarning, cost
 from chemage.scene.provenance import scatter_of, versions
-from chemage.scene.scene import Scene, with_plugins
+from chemage.scene.scene import Scene
 from chemage.surfaces.role import Scatter
 from chemage.surfaces.stage import make_surface
 from chemage.surfaces.surface import Surface
@@ -397,7 +398,7 @@ def run_keys(scene: Scene, contact: ContactSolution | ContactStatistics, aging: 
     below = contact.provenance.get("surface")
     plugins = {"surface": below.get("plugins", {}) if isinstance(below, Mapping) else {}, "contact": contact.plugins}
     plugins["aging"] = plugins["result"] = contact.plugins if aging is None else aging.plugins
-    return with_plugins(scene.keys(), plugins)
+    return {key: content_hash([own, plugins[key]]) if plugins[key] else own for key, own in scene.keys().items()}
 
 
 @contextmanager

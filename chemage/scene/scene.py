@@ -12,7 +12,6 @@ from typing import Any, Self
 
 from pydantic import BaseModel, Field, SerializeAsAny, field_validator
 
-from chemage.ageing.age import wants_states
 from chemage.ageing.methods import AgeingMethod
 from chemage.ageing.observables import Observable
 from chemage.contacts.loads import force_text
@@ -192,13 +191,6 @@ class Scene(Section):
         """:attr:`parts` with the :attr:`solver` for the contact, and the :attr:`site_grids` as ``grids``."""
         return {**self.parts, "contact": self.solver, "grids": self.site_grids}
 
-    @property
-    def keeps_states(self) -> bool:
-        """Whether the rupture law or an observable asks for the state of every site at every hold time."""
-        if self.engine is None or self.ageing is not None:
-            return False
-        return wants_states(self.engine, self.rupture, self.observe)
-
     def in_use(self) -> AbstractContextManager[None]:
         """A block in which plugins have the options that this scene sets, and come in its order."""
         return context.applied(self.plugins, self.prefer or None)
@@ -294,11 +286,6 @@ def heading(scene: Mapping[str, Any], name: str = "") -> str:
     if kind is None or not isinstance(load, int | float):
         return name
     return f"{name}: {kind} at {force_text(load)}"
-
-
-def with_plugins(keys: Mapping[str, str], plugins: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
-    """The keys of stages in which ``plugins`` (stage -> name -> source) took part."""
-    return {stage: content_hash([key, plugins[stage]]) if plugins.get(stage) else key for stage, key in keys.items()}
 
 
 def _without_none(data: Any) -> Any:

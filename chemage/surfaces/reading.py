@@ -14,8 +14,9 @@ import numpy as np
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, PluginError, StoreError
 from chemage.plugins import context, registry
+from chemage.plugins.context import note
 from chemage.plugins.loading import PluginRecord
-from chemage.plugins.sources import note_providers
+from chemage.plugins.sources import providers
 from chemage.surfaces.surface import Surface
 
 
@@ -109,7 +110,8 @@ def reader_for(path: str | PathLike[str]) -> Reader:
             f"prefer the plugin of one of them ({', '.join(sorted({kinds[kind].name for kind in kinds}))})"
         )
     reader = registry.current().component("reader", next(iter(kinds)))()
-    note_providers(reader)
+    for name, source in providers(reader).items():
+        note(name, source)
     return reader
 
 
