@@ -31,11 +31,6 @@ _DOI = re.compile(r"\b10\.\d{4,9}/[^\s,;]+")
 _SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
 _SPECIAL |= {letter: f"\\{letter}" for letter in "&%$#_"}
 _SPECIAL |= {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
-_LETTERS = {"ß": r"{\ss}", "ø": r"{\o}", "Ø": r"{\O}", "æ": r"{\ae}", "ł": r"{\l}", "Ł": r"{\L}", "ı": r"{\i}"}
-_LETTERS |= {"µ": r"$\mu$", "μ": r"$\mu$", "–": "--", "—": "---", "“": "``", "”": "''", "’": "'", "°": r"$^\circ$"}
-#: combining mark -> accent
-_ACCENTS = {"\u0300": "`", "\u0301": "'", "\u0302": "^", "\u0303": "~", "\u0308": '"', "\u0304": "=", "\u0307": "."}
-_ACCENTS |= {"\u030c": "v ", "\u0327": "c ", "\u030a": "r ", "\u0306": "u ", "\u030b": "H "}
 
 
 @dataclass(frozen=True)
@@ -111,19 +106,8 @@ def text(cited: Iterable[Reference]) -> str:
 
 
 def latex(words: str) -> str:
-    """``words`` so that LaTeX prints them: special characters escaped, accents as commands, on one line."""
-    letters = []
-    for letter in unicodedata.normalize("NFC", " ".join(words.split())):
-        parts = unicodedata.normalize("NFD", letter)
-        if letter in _SPECIAL:
-            letters.append(_SPECIAL[letter])
-        elif letter in _LETTERS:
-            letters.append(_LETTERS[letter])
-        elif len(parts) == 2 and parts[1] in _ACCENTS and parts[0].isascii():
-            letters.append(f"{{\\{_ACCENTS[parts[1]]}{parts[0]}}}")
-        else:
-            letters.append(letter)
-    return "".join(letters)
+    """``words`` on one line, so that LaTeX prints them: special characters escaped, letters as they are (UTF-8)."""
+    return "".join(_SPECIAL.get(letter, letter) for letter in " ".join(words.split()))
 
 
 def _misc(words: str) -> str:
