@@ -114,6 +114,12 @@ def versions(libraries: Any) -> dict[str, str]:
     return {name: metadata.version(name) for name in libraries}
 
 
+def add_specifications(manager: pluggy.PluginManager, room: Any) -> None:
+    """Add the hooks that a room specifies, if it does."""
+    if any(getattr(function, "chemage_spec", None) for function in vars(room).values()):
+        manager.add_hookspecs(room)
+
+
 def is_stage(hook: Any) -> bool:
     return hook.spec is not None and bool(hook.spec.opts["firstresult"])
 

@@ -34,6 +34,7 @@ from chemage.plugins.loading import (
     Hooks,
     PluginRecord,
     PluginWarning,
+    add_specifications,
     check_hook_names,
     check_signatures,
     checked_options,
@@ -113,8 +114,7 @@ class Registry:
         self._preferring.clear()
 
     def _attach_room(self, manager: Hooks, room: Any) -> None:
-        if any(getattr(function, "chemage_spec", None) for function in vars(room).values()):
-            manager.add_hookspecs(room)
+        add_specifications(manager, room)
         if (default := getattr(room, "Default", None)) is not None:
             manager.register(default(), room.__name__.removesuffix(".hooks"))
 

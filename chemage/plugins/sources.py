@@ -16,6 +16,7 @@ from chemage.foundation.approximations import merged, of_component
 from chemage.foundation.errors import ChemageError
 from chemage.plugins.context import Plugins
 from chemage.plugins.hooks import hookimpl
+from chemage.plugins.loading import add_specifications
 from chemage.plugins.registry import Registry, current, source_version
 
 
@@ -94,7 +95,7 @@ def would_change(names: Iterable[str], hook: str, answer: Any, **arguments: Any)
     plugins: Registry = current()
     manager = pluggy.PluginManager("chemage")
     for room in plugins.rooms:
-        manager.add_hookspecs(room)
+        add_specifications(manager, room)
     answering = type("Given", (), {hook: hookimpl(trylast=True)(lambda self: answer)})
     manager.register(answering(), "given")
     for name in names:
