@@ -93,7 +93,7 @@ def quick_figures(request):
 def no_speed():
     """Estimates are those of the reference machine: no test depends on the speed of this one."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("chemage.scene.estimate.slowness", lambda: 1.0)
+        patch.setattr("chemage.scene.plan.slowness", lambda: 1.0)
         yield
 
 

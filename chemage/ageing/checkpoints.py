@@ -27,7 +27,7 @@ from chemage.kinetics.role import Engine
 from chemage.kinetics.stage import run_kinetics
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
-from chemage.plugins.participation import Plugins
+from chemage.plugins.context import Plugins
 from chemage.plugins.sources import changed, implementing, would_change
 
 _R = TypeVar("_R", bound=Record)

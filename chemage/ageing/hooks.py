@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from chemage.plugins.hooks import hookspec
+from chemage.plugins.stages import Doubt, Parts, Stage, Stated
 
 if TYPE_CHECKING:
     from chemage.contacts.solution import ContactSolution
@@ -21,3 +23,162 @@ ROLES = {
 @hookspec
 def chemage_observe(contact: ContactSolution, lattice: ReactionLattice, history: BondHistory) -> Mapping[str, Any]:  # pyright: ignore[reportReturnType]
     """Measure named numbers or arrays on a finished replica; they are kept in ``Aging.observables``."""
+
+
+class _Ageing(Stage):
+    def problems(self, parts: Parts) -> Iterable[tuple[str, str]]:
+        from chemage.ageing.kinetics import EVERY_SITE
+        from chemage.ageing.methods import check_contact, check_method
+        from chemage.foundation.errors import InputError
+        from chemage.friction.role import Rupture
+
+        if "engine" not in parts:
+            return
+        method, contact, chemistry = parts.get(self.section, EVERY_SITE), parts["contact"], parts["chemistry"]
+        rupture, observe = parts.get(Rupture.role), parts.get("observe", ())
+        try:
+            check_contact(f"contact {contact.kind!r}", contact.gives_map, method, chemistry)
+            check_method(method, chemistry, parts["engine"], rupture, observe)
+        except InputError as error:
+            path = self.section if self.section in parts else "engine"
+            yield from [(f"{path}.{name}", text) for name, text in error.problems] or [(path, str(error))]
+
+    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
+        """``cpu_seconds`` of all replicas, with least and most where it is a range, and ``bytes`` of one of them."""
+        from chemage.ageing.kinetics import EVERY_SITE
+        from chemage.foundation.components import call_with
+
+        if "engine" not in parts:
+            return {"cpu_seconds": 0.0, "bytes": 0.0}
+        hold, method, replica = parts["hold"], parts.get(self.section, EVERY_SITE), stated["engine"]
+        mapped = "pixels" in stated["contact"]
+        sites = stated["chemistry"].get("sites") if mapped else 0.0
+        if sites is None:
+            return {}
+        if not mapped and method is EVERY_SITE:
+            return {"cpu_seconds": 0.0, "bytes": 0.0}
+        numbers = dict(call_with(method.expected, sites, replica, hold.replicas, interacting="interaction" in parts))
+        if "bytes" in numbers and method is EVERY_SITE and self._states(parts):
+            numbers["bytes"] += sites * hold.hold_times.size
+        return numbers
+
+    def _states(self, parts: Parts) -> bool:
+        from chemage.ageing.methods import wants_states
+        from chemage.friction.role import Rupture
+
+        return wants_states(parts["engine"], parts.get(Rupture.role), parts.get("observe", ()))
+
+    def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
+        if (method := parts.get(self.section)) is None:
+            return {}
+        means = "" if method.replicates else ": the mean over replicas alone"
+        return {self.section: f"{method.kind}, instead of the kinetics of every site{means}"}
+
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        from chemage.lattices.site_grid import site_shape
+
+        surface, method = stated["surface"], parts.get(self.section)
+        if "engine" not in parts:
+            return
+        if {"nx", "ny", "pixel_size"} <= surface.keys():
+            pixels = int(surface["nx"]), int(surface["ny"])
+            shape = site_shape(pixels, surface["pixel_size"], parts["chemistry"].site_density)
+            if method is not None:
+                for text in method.check_sites(shape, stated["chemistry"].get("sites")) or ():
+                    yield Doubt("parts", text)
+        yield from self._pressure(parts, stated)
+        yield from self._bonds(parts, stated)
+
+    def _pressure(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        """A mean pressure at which the material would flow."""
+        from chemage.ageing.elasticity import NOTED
+
+        hardness, mean = parts["chemistry"].hardness, stated["contact"].get("mean_pressure")
+        if hardness is None or mean is None:
+            return
+        ratio = hardness / mean
+        # Hertz: p0 = 3/2 of the mean; rough: a Rayleigh distribution
+        tip = "radius" in stated["surface"]
+        share = max(1 - (ratio / 1.5) ** 2, 0.0) if tip else math.exp(-math.pi / 4 * ratio**2)
+        if share > NOTED or mean > hardness:
+            yield Doubt(
+                "hardness",
+                f"the mean contact pressure is expected to be {mean:.3g} GPa, with {100 * share:.0f} % of the contact "
+                f"area above the hardness of {hardness:g} GPa, where the material would flow: use a smaller load or "
+                "rms slope, or check modulus and hardness",
+            )
+
+    def _bonds(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        """Hold times and temperature beside the barriers."""
+        import numpy as np
+
+        from chemage.foundation.units import KB
+
+        chemistry, hold, expected = parts["chemistry"], parts["hold"], stated["chemistry"]
+        times, nu = hold.hold_times, chemistry.attempt_frequency
+        lowest, median, highest = map(float, chemistry.forming.quantile(np.array([0.05, 0.5, 0.95])))
+        active = KB * hold.temperature * np.log(max(nu * times[-1], 1.0))
+        if median < 0:
+            text = f"half of the forming barriers are below {median:.3g} eV: no barrier is left to cross"
+            yield Doubt("barriers", text)
+        cold = self._celsius(parts, stated) if active < lowest else ""
+        if {"bonded", "sites"} <= expected.keys() and times[-1] > 0 and parts["contact.load"] > 0:
+            bonds = expected["bonded"] * expected["sites"] * hold.replicas
+            if bonds < NO_BOND and expected["sites"] >= NO_SITE:
+                few = f"{bonds:.1g}" if bonds > 1e-3 else "none"
+                why = "bonds break sooner than they form, or few sites are reactive"
+                if active < lowest:
+                    react = f"barriers up to {active:.2f} eV react"
+                    why = f"{react}, and 95 % of the forming barriers are above {lowest:.2f} eV{cold}"
+                where = f"at {hold.temperature:g} K and {times[-1]:g} s"
+                yield Doubt("bonds", f"no bond is expected {where}, {few} in all replicas together: {why}")
+                return
+        if active < lowest:
+            react = f"by {times[-1]:g} s only barriers up to {active:.2f} eV react"
+            yield Doubt("bonds", f"{react}, below 95 % of the forming barriers{cold}")
+        elif KB * hold.temperature * np.log(max(nu * max(times[0], 1e-300), 1.0)) > highest:
+            yield Doubt("bonds", f"at {times[0]:g} s nearly every forming barrier is already crossed; start earlier")
+
+    def _celsius(self, parts: Parts, stated: Stated) -> str:
+        """A question about the unit of the temperature, where in °C it would make sense."""
+        from chemage.lattices.independent import expected_kinetics, rough_pressures
+
+        hold, pressure = parts["hold"], stated["contact"].get("mean_pressure")
+        if hold.temperature >= COLD or not pressure:
+            return ""
+        warm = hold.temperature + ZERO_CELSIUS
+        last = float(hold.hold_times[-1])
+        if expected_kinetics(parts["chemistry"], rough_pressures(pressure), last, warm).bonded < 1e-3:
+            return ""
+        return (
+            f'; is {hold.temperature:g} °C meant? Write temperature = "{hold.temperature:g} degC", which is {warm:g} K'
+        )
+
+
+class _Observe(Stage):
+    def problems(self, parts: Parts) -> Iterable[tuple[str, str]]:
+        from chemage.ageing.observables import check_outputs
+        from chemage.foundation.errors import PluginError
+
+        try:
+            check_outputs(parts.get(self.section, ()))
+        except PluginError as error:
+            yield self.section, str(error)
+
+
+#: sites, and bonds of all replicas together, below which a scene gives no number
+NO_SITE, NO_BOND = 1.0, 1.0
+#: below this temperature one in °C may be meant
+COLD, ZERO_CELSIUS = 150.0, 273.15
+STAGES = (
+    _Ageing("ageing", role="ageing", needs="forming", only_with="hold", inputs=("engine",), key="aging"),
+    _Observe(
+        "observe",
+        role="observable",
+        many=True,
+        inputs=("hold",),
+        key="aging",
+        always_in_key=True,
+        hooks=("chemage_observe",),
+    ),
+)

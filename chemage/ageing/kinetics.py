@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +38,10 @@ class Kinetics(AgeingMethod):
             observables=stacked([replica.seen.values for replica in replicas]),
             outputs=replicas[0].seen.outputs,
         )
+
+    def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:
+        """See :meth:`chemage.AgeingMethod.expected`."""
+        return {name: value * (1 if name == "bytes" else replicas) for name, value in kinetics.items()}
 
 
 #: in place of a method that is not chosen

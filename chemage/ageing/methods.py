@@ -29,7 +29,7 @@ from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.stage import build_lattice
 from chemage.plugins import registry
-from chemage.plugins.participation import Plugins
+from chemage.plugins.context import Plugins
 from chemage.plugins.sources import components_in, implementing
 
 T = TypeVar("T")

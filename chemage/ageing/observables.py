@@ -18,7 +18,7 @@ from chemage.kinetics.history import BondHistory
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
-from chemage.plugins.participation import Plugins, taking_part
+from chemage.plugins.context import Plugins, taking_part
 from chemage.plugins.sources import providers
 from chemage.surfaces.surface import Surface
 

@@ -19,7 +19,7 @@ import typer.core
 from chemage.cli import arrhenius, citing, experiments, inference, kernels, materials, output, plugins, results
 from chemage.cli.tradeoff import tradeoff
 from chemage.foundation.progress import LOGGER
-from chemage.plugins.in_use import PREFER, preference
+from chemage.plugins.context import PREFER, preference
 
 #: heading in the help -> its commands
 COMMANDS = {

@@ -37,8 +37,8 @@ def _references(what: str) -> list[Reference]:
     from chemage.plugins import registry
     from chemage.results.files import read
     from chemage.scene.citations import references
-    from chemage.scene.scene import parse_scene
-    from chemage.scene.scene_files import scene_data
+    from chemage.scene.files import scene_data
+    from chemage.scene.parsing import parse_scene
     from chemage.studies.sweeps.grid import Grid
     from chemage.studies.sweeps.result import load_sweep
 
@@ -83,8 +83,8 @@ def _of_result(thing: Any) -> tuple[list[str], list[Component], str]:
     from chemage.ageing.aging import Aging
     from chemage.foundation.version import __version__
     from chemage.inference.inference import Inference
+    from chemage.scene.provenance import components_of
     from chemage.scene.run import Run
-    from chemage.scene.sections import components_of
     from chemage.studies.ensembles.ensemble import Ensemble
     from chemage.surfaces.surface import Surface
 

@@ -94,7 +94,7 @@ def run(
     request = requested_fields(accuracy, budget, surfaces, measured)
     values = changed_fields(changes, replicas, seed) | request
     with compiling.begun_early(scene, values, threads) as early:
-        from chemage.scene.scene_files import is_sweep, load_scene
+        from chemage.scene.files import is_sweep, load_scene
 
         if is_sweep(scene):
             from chemage.cli import sweeps
@@ -157,7 +157,7 @@ def _run_one(
     from chemage.results import run_figures
     from chemage.results.files import write
     from chemage.scene import run as experiments
-    from chemage.scene.estimate import plan
+    from chemage.scene.plan import plan
     from chemage.scene.warm_up import compiled_ahead
 
     result = _without_figures(one, path) if figures and not force else None
@@ -239,7 +239,7 @@ def sweep(
     rerun the same command to resume.
     """
     from chemage.cli import sweeps
-    from chemage.scene.scene_files import is_sweep
+    from chemage.scene.files import is_sweep
 
     if collect is not None:
         given = {"SCENE": scene, "--out": out, "--points": points, "--set": changes, "--executor": executor}
@@ -284,8 +284,8 @@ def check(
     All points of a sweep are validated; nothing is computed.
     """
     from chemage.foundation.text import jsonable
-    from chemage.scene.estimate import plan
-    from chemage.scene.scene_files import is_sweep, load_scene
+    from chemage.scene.files import is_sweep, load_scene
+    from chemage.scene.plan import plan
 
     request = requested_fields(accuracy, budget, surfaces, measured)
     if is_sweep(scene):
@@ -361,8 +361,8 @@ def init(
     from chemage.foundation.files import fresh_file
     from chemage.foundation.messages import nearest
     from chemage.plugins import registry
+    from chemage.scene.files import installed_text, named
     from chemage.scene.scene import file_name
-    from chemage.scene.scene_files import installed_text, named
 
     file = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
     if name.suffix not in ("", ".toml") and not name.suffix[1:].isdigit():  # tip-0.5 has no ending

@@ -117,7 +117,7 @@ def read_share(text: str | None) -> float | None:
 
 
 def _forecast(text: str) -> Mapping[str, Any]:
-    from chemage.scene.scene_files import load_scene
+    from chemage.scene.files import load_scene
 
     found: dict[str, Any] = _pairs("--predict", text, PREDICT)
     arguments: dict[str, Any] = {}

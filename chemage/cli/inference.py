@@ -73,7 +73,7 @@ def infer(
     from chemage.cli import infer_words
     from chemage.foundation.files import preflight
     from chemage.inference.unexplained import UnexplainedError
-    from chemage.scene.scene_files import load_scene
+    from chemage.scene.files import load_scene
 
     path = out or Path(f"{measured[0].stem}-inferred.h5")
     if out is not None:

@@ -90,7 +90,7 @@ def warmup(
 
 def _forms(name: str) -> Iterator[Scene]:
     """A scene, or the points of a sweep."""
-    from chemage.scene.scene_files import is_sweep, load_scene
+    from chemage.scene.files import is_sweep, load_scene
 
     if not is_sweep(name):
         yield load_scene(name)

@@ -66,7 +66,7 @@ def tradeoff(
     """
     from chemage.foundation.files import fresh_file, preflight
     from chemage.results import tradeoff_figure
-    from chemage.scene.scene_files import load_scene
+    from chemage.scene.files import load_scene
     from chemage.studies.trade.settings import planned
     from chemage.studies.trade.tradeoff import tradeoff as measure
 

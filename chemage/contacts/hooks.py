@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 from chemage.plugins.hooks import hookimpl, hookspec
+from chemage.plugins.stages import Beside, Doubt, Parts, Stage, Stated, options_in
 
 if TYPE_CHECKING:
     from chemage.contacts.role import ContactSolver
@@ -32,3 +35,113 @@ class Default:
         self, solver: ContactSolver, surface: Surface, load: float, start: ContactSolution | None
     ) -> ContactSolution:
         return solver.solve(surface, load, start=start)
+
+
+#: CPU seconds of each pixel beside surface and solver, measured on a 2-core Intel Xeon machine
+#: (``tests/benchmarks/estimates.py``)
+PIXEL_SECONDS = 2e-8
+#: sites below which a scene gives no number
+NO_SITE = 1.0
+#: the load in a section of a scene
+_LOAD = {
+    "anyOf": [{"type": "number", "minimum": 0}, {"type": "string"}],
+    "description": "normal force (nN), or a nominal pressure such as 10 MPa, on the nominal area of the surface",
+    "unit": "nN",
+}
+
+
+class _Contact(Stage):
+    def read_beside(self, name: str, value: Any, parts: Parts) -> Any:
+        """The load in nN; a nominal pressure is multiplied by the nominal area that the surface will have."""
+        from chemage.contacts.options import nominal_pressure, normal_force
+        from chemage.foundation.errors import InputError
+
+        if value is None:
+            raise InputError('is required; give the normal force, such as load = "20 uN", or a nominal pressure')
+        if nominal_pressure(value) is None:
+            return normal_force(value, None, flat=True)
+        solver, maker = parts.get(self.section), parts.get("surface")
+        # what is wrong with them is said by themselves
+        return None if solver is None or maker is None else solver.normal_force(value, maker.expected())
+
+    def recorded(self, aging: Mapping[str, Any], contact: Mapping[str, Any]) -> Mapping[str, Any]:
+        return {self.section: options_in(contact)}
+
+    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
+        from chemage.contacts.role import ContactTheory
+
+        surface, load = stated["surface"], parts["contact.load"]
+        numbers = dict(parts[self.section].expected(surface, load))
+        pixels = surface.get("nx", 0.0) * surface.get("ny", 0.0)
+        area = numbers["nominal_area"] = pixels * surface.get("pixel_size", 0.0) ** 2
+        touching = area * numbers.get("area_fraction", 0.0)
+        if touching > 0:
+            numbers["mean_pressure"] = load / touching
+        if not isinstance(parts[self.section], ContactTheory):
+            numbers["pixels"] = pixels
+            if "cpu_seconds" in numbers:
+                numbers["cpu_seconds"] += surface.get("cpu_seconds", 0.0) + PIXEL_SECONDS * pixels
+        return numbers
+
+    def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
+        """Kind, load, nominal pressure where there is one, and contact modulus, in words."""
+        from chemage.contacts.options import force_text, modulus_in, pressure_text
+
+        solver, load, area = parts[self.section], parts["contact.load"], stated[self.section]["nominal_area"]
+        text = f"{solver.kind} at {force_text(load)}"
+        if area > 0 and solver.is_nominally_flat(stated["surface"].get("periodic", 1.0) != 0):
+            text += f", nominal pressure {pressure_text(load / area)}"
+        if (modulus := modulus_in(solver)) is not None:
+            text += f", E* {modulus:.6g} GPa"
+        return {self.section: text + ("" if "pixels" in stated[self.section] else ", a theory: statistics and no map")}
+
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        surface, load, numbers = stated["surface"], parts["contact.load"], stated[self.section]
+        for text in parts[self.section].check(surface, load) or ():
+            yield Doubt("parts", text)
+        if load == 0:
+            yield Doubt("load", "the load is 0: nothing touches, the friction drop is 0 and its coefficient undefined")
+            return
+        fraction = numbers.get("area_fraction")
+        pixels = fraction * numbers["pixels"] if fraction is not None and numbers.get("pixels") else math.inf
+        all_sites = stated.get("chemistry", {"sites": pixels}).get("sites")
+        sites, where = (pixels, "pixels") if pixels < NO_SITE or all_sites is None else (all_sites, "sites")
+        if sites < NO_SITE:
+            cause = ""
+            if fraction and (size := surface.get("pixel_size")):
+                area = fraction * numbers["nominal_area"]
+                cause = f": the contact area is about {area:.2g} nm², and a pixel {size * size:.2g} nm²"
+            yield Doubt(
+                "sites",
+                f"about {sites:.1g} {where} will be in contact{cause}; no number of this scene will mean anything. Is "
+                f'load = {load:g} nN meant? A bare number is in nN; give another unit as text, such as "20 uN", or '
+                "use smaller pixels",
+            )
+        elif all_sites is not None and all_sites < 100:
+            yield Doubt(
+                "sites",
+                f"only about {all_sites:.0f} sites will be in contact; averages need many replicas or seeds",
+            )
+        if (fraction or 0.0) > 0.95:
+            yield Doubt("area", "the contact is expected to be nearly full")
+
+    def warm_up(self, parts: Parts) -> None:
+        from chemage.contacts.role import ContactTheory
+
+        if not isinstance(parts[self.section], ContactTheory):
+            parts[self.section].warm_up(parts["surface"].expected(), parts["contact.load"])
+
+
+STAGES = (
+    _Contact(
+        "contact",
+        role="contact",
+        required=True,
+        inputs=("surface",),
+        key="contact",
+        always_in_key=True,
+        of_material=True,
+        beside={"load": Beside("load", _LOAD, "nN", required=True)},
+        hooks=("chemage_solve_contact",),
+    ),
+)

@@ -13,9 +13,8 @@ from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.units import QuantityLike
 from chemage.plugins.sources import approximations, providers
-from chemage.surfaces.measures import Roughness
 from chemage.surfaces.role import SurfaceMaker
-from chemage.surfaces.surface import Surface
+from chemage.surfaces.surface import Roughness, Surface
 
 
 class ContactSolver(Component, ABC):

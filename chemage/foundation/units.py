@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias, get_args
 
 import ase.units
 import numpy as np
-from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import BeforeValidator, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.fields import FieldInfo
 from pydantic_core import core_schema
 
@@ -304,9 +305,23 @@ class UnitOrWord(Unit):
 
 def unit_of(field: FieldInfo) -> str:
     """The unit of a field of a model; empty where it is no quantity."""
-    # the unit of an optional field is one level deeper
-    places = [field.metadata, *(getattr(part, "__metadata__", ()) for part in get_args(field.annotation))]
-    return next((mark.unit for place in places for mark in place if isinstance(mark, Unit)), "")
+    return next((mark.unit for mark in _marks(field) if isinstance(mark, Unit)), "")
+
+
+def is_file_path(field: FieldInfo) -> bool:
+    """Whether a field of a model is a :data:`FilePath`."""
+    return any(mark is _FILE for mark in _marks(field))
+
+
+def _marks(field: FieldInfo) -> Iterator[Any]:
+    # those of an optional field are one level deeper
+    for place in (field.metadata, *(getattr(part, "__metadata__", ()) for part in get_args(field.annotation))):
+        yield from place
+
+
+_FILE = BeforeValidator(lambda value: str(value) if isinstance(value, Path) else value)
+#: the path of a file, a text or a ``Path``: where a scene in a file has a relative one, it starts from that folder
+FilePath: TypeAlias = Annotated[str, _FILE]
 
 
 if TYPE_CHECKING:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from chemage.plugins.hooks import hookimpl, hookspec
+from chemage.plugins.stages import Parts, Stage, Stated
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,3 +34,25 @@ class Default:
 
             return np.asarray(rupture.force(bonded))
         return bonded.bonds * (bonded.chemistry.bond_force * bonded.chemistry.front_factor)
+
+
+class _Rupture(Stage):
+    def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
+        if "engine" not in parts or self.section in parts:
+            return super().rows(parts, stated)
+        chemistry = parts["chemistry"]
+        mean = f"mean force of {chemistry.bond_force:g} nN per bond, front factor {chemistry.front_factor:g}"
+        return {self.section: mean}
+
+
+STAGES = (
+    _Rupture(
+        "rupture",
+        role="rupture",
+        needs="forming",
+        only_with="hold",
+        inputs=("ageing",),
+        key="aging",
+        hooks=("chemage_rupture_bonds",),
+    ),
+)

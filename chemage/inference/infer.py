@@ -27,9 +27,10 @@ from chemage.inference.problem import Problem
 from chemage.inference.rounds import estimated, linear_problem, sampled
 from chemage.inference.sampling import Samples
 from chemage.inference.unknowns import UNITS, Unknowns, unknowns_of
+from chemage.scene.files import load_scene
+from chemage.scene.parsing import parse_scene
 from chemage.scene.provenance import versions
-from chemage.scene.scene import Scene, parse_scene
-from chemage.scene.scene_files import load_scene
+from chemage.scene.scene import Scene
 
 #: parametric families with which the smooth density is compared
 FAMILIES = ("uniform", "triangle", "gaussian", "piecewise")

@@ -17,8 +17,9 @@ from chemage.foundation.units import QuantityLike
 from chemage.inference.curves import MeasuredCurve
 from chemage.inference.forecast import Forecast, band
 from chemage.inference.forecasting import Forecaster, forecast_of, ranked
-from chemage.scene.scene import Scene, parse_scene
-from chemage.scene.scene_files import load_scene
+from chemage.scene.files import load_scene
+from chemage.scene.parsing import parse_scene
+from chemage.scene.scene import Scene
 
 
 class Inference(Record):

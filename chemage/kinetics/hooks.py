@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from chemage.plugins.hooks import hookimpl, hookspec
+from chemage.plugins.stages import Doubt, Parts, Stage, Stated
 
 if TYPE_CHECKING:
     import numpy as np
@@ -52,3 +54,83 @@ class Default:
         start: BondHistory | None,
     ) -> BondHistory:
         return engine.run(lattice, hold_times, temperature=temperature, seed=seed, start=start)
+
+
+#: CPU seconds of a replica beside its engine, and for each of its sites (half of it where none interacts): measured on
+#: a 2-core Intel Xeon machine (``tests/benchmarks/estimates.py``)
+REPLICA_SECONDS, SITE_SECONDS = 2.5e-3, 1e-6
+#: what is stated of CPU seconds: one number, and its least and most where it is a range
+SECONDS = ("cpu_seconds", "cpu_seconds_least", "cpu_seconds_most")
+#: of the contact on which kernels are compiled: pixels along its sides, a quarter of them in contact; least number of
+#: sites; and pixels where the surface does not say them, nm
+PIXELS, SITES, PIXEL_SIZE = 4, 12, 0.45
+
+
+class _Engine(Stage):
+    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
+        """Of one replica on all sites: ``cpu_seconds``, with least and most where it is a range, and ``bytes``."""
+        from chemage.foundation.components import call_with
+
+        sites, events = stated["chemistry"].get("sites"), stated["chemistry"].get("events")
+        if sites is None or "pixels" not in stated["contact"]:  # without a map there is no site in memory
+            return {}
+        coupled = "interaction" in parts
+        replica = dict(call_with(parts[self.section].expected, sites, coupled, events=events))
+        for name in (name for name in SECONDS if name in replica):
+            replica[name] += REPLICA_SECONDS + (SITE_SECONDS if coupled else SITE_SECONDS / 2) * sites
+        return replica
+
+    def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
+        if (engine := parts.get(self.section)) is None:
+            return {}
+        hold, method = parts["hold"], parts.get("ageing")
+        times = hold.hold_times
+        replicas = f", {hold.replicas} replicas, seed {hold.seed}" if method is None or method.replicates else ""
+        held = f"{hold.temperature:g} K, {times.size} hold times from {times[0]:g} to {times[-1]:g} s{replicas}"
+        return {"kinetics": f"{engine.kind}, {held}"}
+
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        if self.section in parts:
+            for text in parts[self.section].check("interaction" in parts) or ():
+                yield Doubt("parts", text)
+
+    def warm_up(self, parts: Parts) -> None:
+        """Compile what lattice and kinetics need, on a contact of a few pixels under 1 GPa."""
+        import numpy as np
+
+        from chemage.contacts.role import ContactTheory
+        from chemage.contacts.solution import ContactSolution
+        from chemage.lattices.stage import build_lattice
+
+        solver = parts["contact"]
+        if self.section not in parts or isinstance(solver, ContactTheory):
+            return
+        surface, density = parts["surface"].expected(), parts["chemistry"].site_density
+        pixel = surface.get("pixel_size", PIXEL_SIZE)
+        n = PIXELS if isinstance(density, str) else max(PIXELS, round(SITES / (pixel * density**0.5)))
+        pressure = np.zeros((n, n))
+        pressure[n // 4 : n // 4 + n // 2, n // 4 : n // 4 + n // 2] = 1.0
+        contact = ContactSolution(
+            pressure=pressure,
+            gap=np.where(pressure > 0, 0.0, pixel) if getattr(solver, "gap", False) else None,
+            load=float(pressure.sum()) * pixel**2,
+            pixel_size=pixel,
+            modulus=getattr(solver, "modulus", 1.0),
+            periodic=bool(surface.get("periodic", 1)),
+        )
+        parts[self.section].warm_up(build_lattice(parts["chemistry"], contact), parts["hold"].temperature)
+
+
+STAGES = (
+    _Engine(
+        "engine",
+        role="engine",
+        required_with=("forming", "is required where bonds form"),
+        needs="forming",
+        only_with="hold",
+        inputs=("chemistry",),
+        key="aging",
+        always_in_key=True,
+        hooks=("chemage_run_kinetics",),
+    ),
+)

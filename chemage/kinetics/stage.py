@@ -16,7 +16,7 @@ from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
-from chemage.plugins.participation import Plugins
+from chemage.plugins.context import Plugins
 from chemage.plugins.sources import approximation_of, approximations, providers
 
 

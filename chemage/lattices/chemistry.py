@@ -19,7 +19,7 @@ from chemage.foundation.units import EV_PER_GPA_NM3, KB, Force, Frequency, Press
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers, Interaction
 from chemage.lattices.site_grid import ONE_PER_PIXEL, ContactSites, Density, contact_sites
-from chemage.plugins.choices import Choice
+from chemage.plugins.options import Choice
 
 #: sites per nm²: hydroxyl groups of fully hydroxylated amorphous silica, the arithmetic mean of Zhuravlev, Colloids
 #: Surf. A 173, 1 (2000); least squares give 4.6 there

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from chemage.plugins.hooks import hookimpl, hookspec
+from chemage.plugins.stages import Parts, Stage, Stated
 
 if TYPE_CHECKING:
     import numpy as np
@@ -36,3 +38,89 @@ class Default:
         self, chemistry: Chemistry, contact: ContactSolution, seed: Seed, sites: np.ndarray | None
     ) -> ReactionLattice:
         return chemistry.on(contact, seed, sites=sites)
+
+
+class _Chemistry(Stage):
+    def model(self) -> Any:
+        from chemage.lattices.chemistry import Chemistry
+
+        return Chemistry
+
+    def key_entries(self, sections: Mapping[str, Any]) -> list[Any]:
+        own = sections.get(self.section)
+        if own is not None:  # what the density makes of the sites is in the key, see key_ends
+            own = {name: value for name, value in own.items() if name != "site_density"}
+        return super().key_entries({**sections, self.section: own})
+
+    def key_ends(self, parts: Parts) -> Mapping[str, Any]:
+        chemistry, grids = parts.get(self.section), parts.get("grids")
+        if chemistry is None or "hold" not in parts:
+            return {}
+        ends: dict[str, Any] = {}
+        if not (grids and grids[0] == grids[1]):
+            ends[self.key] = {"sites": grids[1] if grids else chemistry.site_density}
+        if limits := chemistry.given_limits():
+            ends["result"] = limits
+        return ends
+
+    def recorded(self, aging: Mapping[str, Any], contact: Mapping[str, Any]) -> Mapping[str, Any]:
+        return {name: aging.get(name) or aging.get(self.section, {}).get(name) for name in self.parts}
+
+    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
+        from chemage.lattices.independent import expected_kinetics, rough_pressures, smooth_pressures
+
+        chemistry, contact, grids = parts[self.section], stated["contact"], parts.get("grids")
+        fraction, density, pressure = contact.get("area_fraction"), chemistry.site_density, contact.get("mean_pressure")
+        numbers: dict[str, float] = {}
+        whole = contact.get("pixels")
+        if whole is None and not isinstance(density, str):  # no map, and so no grid of sites
+            whole = contact["nominal_area"] * density
+        elif whole and grids:
+            whole = float(grids[1][0] * grids[1][1])
+        if fraction is not None and whole:
+            numbers["sites"] = fraction * whole * chemistry.hydroxylation
+        if "hold" in parts and pressure is not None:
+            spread = smooth_pressures if "radius" in stated["surface"] else rough_pressures
+            last, temperature = float(parts["hold"].hold_times[-1]), parts["hold"].temperature
+            expected = expected_kinetics(chemistry, spread(pressure), last, temperature)
+            numbers |= {"events": expected.events, "bonded": expected.bonded}
+        return numbers
+
+    def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
+        from chemage.foundation.units import EV_PER_GPA_NM3
+        from chemage.lattices.site_grid import in_words, nominal_ratio
+
+        if "hold" not in parts:
+            return {self.section: "not modelled: contact mechanics only"}
+        chemistry, grids = parts[self.section], parts.get("grids")
+        rows = {
+            "forming": chemistry.forming.kind
+            + (
+                f", lowered by {chemistry.activation_volume * EV_PER_GPA_NM3:.3g} eV/GPa"
+                if chemistry.activation_volume
+                else ", pressure only decides who is in contact"
+            ),
+            "breaking": chemistry.breaking.kind if chemistry.breaking else "not modelled: bonds last",
+            "interaction": chemistry.interaction.kind if chemistry.interaction else "not modelled: no neighbour list",
+        }
+        if grids:
+            gap = getattr(parts["contact"], "gap", False) is True
+            ratio = nominal_ratio(stated["surface"]["pixel_size"], chemistry.site_density)
+            rows["sites"] = in_words(*grids, gap=gap, ratio=ratio)
+        return rows
+
+
+STAGES = (
+    _Chemistry(
+        "chemistry",
+        parts={"forming": "barriers", "breaking": "barriers", "interaction": "interaction"},
+        about="what turns a contact into reactive sites",
+        missing={"forming": "needs [forming], the barriers to forming a bond; add it, or leave this out"},
+        needs="forming",
+        inputs=("contact",),
+        key="aging",
+        always_in_key=True,
+        of_material=True,
+        hooks=("chemage_build_lattice",),
+    ),
+)

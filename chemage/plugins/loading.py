@@ -62,14 +62,14 @@ class Hooks(pluggy.PluginManager):
     def parse_hookimpl_opts(self, plugin: Any, name: str) -> Any:
         """The options of a hook implementation, as its marker gave them."""
         options = super().parse_hookimpl_opts(plugin, name)
-        if options is not None and any(plugin is one for one in self._first):
+        if options is not None and any(plugin is preferred for preferred in self._first):
             return {**options, "tryfirst": True, "trylast": False}
         return options
 
 
-def selected(found: Iterable[metadata.EntryPoint]) -> list[metadata.EntryPoint]:
+def selected(installed_points: Iterable[metadata.EntryPoint]) -> list[metadata.EntryPoint]:
     """The entry points that ``CHEMAGE_PLUGINS`` allows: names besides chemage's own, or ``-name`` to leave out."""
-    points = list(found)
+    points = list(installed_points)
     words = [word.strip() for word in os.environ.get("CHEMAGE_PLUGINS", "").split(",") if word.strip()]
     without = {word[1:] for word in words if word.startswith("-")}
     only = {word for word in words if not word.startswith("-")}
@@ -114,30 +114,36 @@ def versions(libraries: Any) -> dict[str, str]:
     return {name: metadata.version(name) for name in libraries}
 
 
+def add_specifications(manager: pluggy.PluginManager, room: Any) -> None:
+    """Add the hooks that a room specifies, if it does."""
+    if any(getattr(function, "chemage_spec", None) for function in vars(room).values()):
+        manager.add_hookspecs(room)
+
+
 def is_stage(hook: Any) -> bool:
     return hook.spec is not None and bool(hook.spec.opts["firstresult"])
 
 
-def check_hook_names(plugin: Any, known: list[str]) -> None:
+def check_hook_names(plugin: Any, hooks: list[str]) -> None:
     """Refuse what pluggy would silently ignore: a misspelled hook, a hook without ``@chemage.hookimpl``, no hook."""
     from chemage.foundation.messages import nearest
 
-    found = 0
+    count = 0
     for name in dir(plugin):
         function = getattr(plugin, name)
         marked = getattr(function, "chemage_impl", None)
         if not callable(function) or (marked is None and not name.startswith("chemage_")):
             continue
         hook = (marked or {}).get("specname") or name
-        if hook not in known:
+        if hook not in hooks:
             raise PluginError(
-                f"implements {hook}, which is not a hook{nearest(hook, known)}; the hooks are {', '.join(known)}"
+                f"implements {hook}, which is not a hook{nearest(hook, hooks)}; the hooks are {', '.join(hooks)}"
             )
         if marked is None:
             raise PluginError(f"{name} is not marked as a hook; write @chemage.hookimpl above it")
-        found += 1
-    if not found:
-        raise PluginError(f"implements no hook; the hooks are {', '.join(known)}")
+        count += 1
+    if not count:
+        raise PluginError(f"implements no hook; the hooks are {', '.join(hooks)}")
 
 
 def clash(role: str, kind: str, offers: list[PluginRecord]) -> str:
@@ -196,18 +202,22 @@ def check_signatures(cls: type, role: type, where: str) -> None:
         if base.__module__.startswith("chemage.foundation") or not base.__module__.startswith("chemage."):
             continue
         for name, expected in vars(base).items():
-            found = inspect.getattr_static(cls, name, expected)
-            if name.startswith("__") or found is expected or not inspect.isfunction(expected):
+            method = inspect.getattr_static(cls, name, expected)
+            if name.startswith("__") or method is expected or not inspect.isfunction(expected):
                 continue
-            if not inspect.isfunction(found):
+            if not inspect.isfunction(method):
                 continue
             parameters = list(inspect.signature(expected).parameters.values())
-            needed = [one for one in parameters if one.kind in (one.POSITIONAL_ONLY, one.POSITIONAL_OR_KEYWORD)]
+            needed = [
+                parameter
+                for parameter in parameters
+                if parameter.kind in (parameter.POSITIONAL_ONLY, parameter.POSITIONAL_OR_KEYWORD)
+            ]
             try:
-                inspect.signature(found).bind(*needed)
+                inspect.signature(method).bind(*needed)
             except TypeError as error:
-                call = ", ".join(one.name for one in needed[1:])
+                call = ", ".join(parameter.name for parameter in needed[1:])
                 raise PluginError(
-                    f"{where}: {cls.__name__}.{name}{inspect.signature(found)} cannot be called as "
+                    f"{where}: {cls.__name__}.{name}{inspect.signature(method)} cannot be called as "
                     f"{name}({call}): {error}"
                 ) from None

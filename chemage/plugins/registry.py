@@ -28,11 +28,13 @@ from importlib import metadata
 from typing import Any, TypeVar
 
 from chemage.foundation.errors import InputError, PluginError, UnknownKindError
-from chemage.plugins import hooks, in_use
+from chemage.plugins import context, hooks
+from chemage.plugins.context import Plugins, record_participation, taking_part
 from chemage.plugins.loading import (
     Hooks,
     PluginRecord,
     PluginWarning,
+    add_specifications,
     check_hook_names,
     check_signatures,
     checked_options,
@@ -48,12 +50,13 @@ from chemage.plugins.loading import (
     trace_before,
     versions,
 )
-from chemage.plugins.participation import Plugins, record_participation, taking_part
+from chemage.plugins.stages import Stage, in_order
 
 __all__ = ["PluginRecord", "PluginWarning", "Registry", "scene_text", "source_version"]
 
 GROUP = "chemage"
-#: modules in which the rooms of chemage declare roles (``ROLES``), hooks, and their own answers (``Default``)
+#: modules in which the rooms of chemage declare roles (``ROLES``), stages (``STAGES``), hooks, and their own answers
+#: (``Default``)
 ROOMS = (
     "chemage.plugins.hooks",
     "chemage.surfaces.hooks",
@@ -84,29 +87,46 @@ class Registry:
         self.records: list[PluginRecord] = []
         #: role -> "module:Class" of its abstract class
         self.roles: dict[str, str] = {}
+        #: modules that declare roles, stages and hooks
+        self.rooms: list[Any] = []
+        self._stages: list[Stage] | None = None
         self._classes: dict[tuple[str, str], type] = {}
-        self._add_rooms(self.manager)
-        found = selected(metadata.entry_points(group=GROUP)) if entry_points is None else entry_points
+        self._monitor(self.manager)
+        for name in ROOMS:
+            self.add_room(importlib.import_module(name))
+        points = selected(metadata.entry_points(group=GROUP)) if entry_points is None else entry_points
         # by name: the order never depends on the file system; pluggy asks those first that were registered last
-        for point in sorted(found, key=lambda p: (_is_own(p), p.name), reverse=True):
+        for point in sorted(points, key=lambda p: (_is_own(p), p.name), reverse=True):
             self._load(point)
-        self.records.sort(key=lambda one: (one.distribution != "chemage", one.name, one.distribution))
+        self.records.sort(key=lambda record: (record.distribution != "chemage", record.name, record.distribution))
         for record in self.records:
             if record.error:
                 warnings.warn(
                     f"plugin {record.name!r} ({record.source}) was skipped: {record.error}", PluginWarning, stacklevel=2
                 )
 
-    def _add_rooms(self, manager: Hooks) -> None:
+    def add_room(self, room: Any) -> None:
+        """Add what a module declares: roles (``ROLES``), stages (``STAGES``), hooks and own answers (``Default``)."""
+        self.rooms.append(room)
+        self._attach_room(self.manager, room)
+        self.roles |= getattr(room, "ROLES", {})
+        self._stages = None
+        self._preferring.clear()
+
+    def _attach_room(self, manager: Hooks, room: Any) -> None:
+        add_specifications(manager, room)
+        if (default := getattr(room, "Default", None)) is not None:
+            manager.register(default(), room.__name__.removesuffix(".hooks"))
+
+    def _monitor(self, manager: Hooks) -> None:
         if os.environ.get("CHEMAGE_TRACE", "") not in ("", "0"):
             manager.add_hookcall_monitoring(trace_before, trace_after)
-        for name in ROOMS:
-            room = importlib.import_module(name)
-            manager.add_hookspecs(room)
-            self.roles |= getattr(room, "ROLES", {})
-            default = getattr(room, "Default", None)
-            if default is not None:
-                manager.register(default(), name.removesuffix(".hooks"))
+
+    def stages(self) -> list[Stage]:
+        """What the rooms declare of their stages, each after those that it rests on."""
+        if self._stages is None:
+            self._stages = in_order(stage for room in self.rooms for stage in getattr(room, "STAGES", ()))
+        return self._stages
 
     def _load(self, point: metadata.EntryPoint) -> None:
         dist = point.dist
@@ -211,7 +231,7 @@ class Registry:
             A plugin answered with something else than ``expected``.
         """
         with taking_part() as plugins:
-            result = getattr(self._in_order(in_use.preference()).hook, hook)(**arguments)
+            result = getattr(self._in_order(context.preference()).hook, hook)(**arguments)
         if not isinstance(result, expected):
             raise PluginError(
                 f"a plugin answered {hook} with {type(result).__name__}; expected {expected.__name__} or None"
@@ -220,14 +240,14 @@ class Registry:
 
     def check_preference(self, names: Iterable[str], where: str) -> None:
         """Raise an InputError if one of these plugins, named in ``where``, is not in use."""
-        known = [record.name for record in self.records if not record.error]
-        if unknown := [name for name in names if name not in known]:
+        in_use = [record.name for record in self.records if not record.error]
+        if unknown := [name for name in names if name not in in_use]:
             from chemage.foundation.messages import nearest
 
-            hint = nearest(unknown[0], known) if len(unknown) == 1 else ""
+            hint = nearest(unknown[0], in_use) if len(unknown) == 1 else ""
             raise InputError(
                 f"{where} names {', '.join(map(repr, unknown))}, which is not installed{hint}; "
-                f"the plugins are {', '.join(sorted(known))}"
+                f"the plugins are {', '.join(sorted(in_use))}"
             )
 
     def _in_order(self, prefer: tuple[str, ...]) -> Hooks:
@@ -239,7 +259,9 @@ class Registry:
             records = {full_name(record): record for record in self.records}
             first = {name: record for name, record in records.items() if record.name in prefer}
             manager = Hooks([self.manager.get_plugin(name) for name in first])
-            self._add_rooms(manager)
+            self._monitor(manager)
+            for room in self.rooms:
+                self._attach_room(manager, room)
             rest = [name for name, _ in self.manager.list_name_plugin() if name in records and name not in first]
             preferred = sorted(first, key=lambda name: prefer.index(first[name].name), reverse=True)
             for name in [*rest, *preferred]:
@@ -256,35 +278,37 @@ class Registry:
             for name in hook_names
             for implementation in getattr(self.manager.hook, name).get_hookimpls()
         }
-        found = [one for one in sorted(self.records, key=lambda r: r.name) if full_name(one) in names]
-        return {one.name: self.source_in_use(one) for one in found}
+        records = [record for record in sorted(self.records, key=lambda r: r.name) if full_name(record) in names]
+        return {record.name: self.source_in_use(record) for record in records}
 
     def functions(self, hook: str) -> list[tuple[PluginRecord, Any]]:
         """Each plugin that implements ``hook``, with its function, sorted by the name of the plugin."""
-        found = {one.plugin_name: one.function for one in getattr(self.manager.hook, hook).get_hookimpls()}
+        implementations = {
+            record.plugin_name: record.function for record in getattr(self.manager.hook, hook).get_hookimpls()
+        }
         records = sorted(self.records, key=lambda record: record.name)
-        return [(one, found[name]) for one in records if (name := full_name(one)) in found]
+        return [(record, implementations[name]) for record in records if (name := full_name(record)) in implementations]
 
     def implementation(self, name: str) -> Any:
         """The module or object with the hooks of the plugin ``name``."""
-        return self.manager.get_plugin(next(full_name(one) for one in self.records if one.name == name))
+        return self.manager.get_plugin(next(full_name(record) for record in self.records if record.name == name))
 
     def state(self) -> str:
         """A hash of all plugins with their versions."""
-        text = "\n".join(sorted(f"{one.name} {one.source} {one.error}" for one in self.records))
+        text = "\n".join(sorted(f"{record.name} {record.source} {record.error}" for record in self.records))
         return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
 
     def source(self, name: str) -> str | None:
         """The source of the plugin ``name``, with its version and the options in use; None if it is not in use."""
-        found = next((one for one in self.records if one.name == name and not one.error), None)
-        return None if found is None else self.source_in_use(found)
+        record = next((each for each in self.records if each.name == name and not each.error), None)
+        return None if record is None else self.source_in_use(record)
 
     def source_in_use(self, record: PluginRecord) -> str:
         """The source of a plugin with its version and, in square brackets, its options in use."""
         if not record.options:
             return record.source
         try:
-            options = in_use.options().get(record.name) or self.options_class(record.name)()
+            options = context.options().get(record.name) or self.options_class(record.name)()
         except (PluginError, InputError):
             return record.source  # a hook that reads them raises this error
         return f"{record.source} [{options.text()}]"
@@ -299,14 +323,14 @@ class Registry:
         PluginError
             The class cannot be imported, or is not as it must be.
         """
-        record = next((one for one in self.records if one.name == name), None)
+        record = next((each for each in self.records if each.name == name), None)
         if record is None or record.error or not record.options:
             from chemage.foundation.messages import nearest
 
-            known = [one.name for one in self.records if one.options]
-            hint = f"; plugins with options: {', '.join(known) or 'none'}"
+            with_options = [each.name for each in self.records if each.options]
+            hint = f"; plugins with options: {', '.join(with_options) or 'none'}"
             if record is None:
-                raise InputError(f"no plugin {name!r}{nearest(name, known)} is installed{hint}")
+                raise InputError(f"no plugin {name!r}{nearest(name, with_options)} is installed{hint}")
             problem = f"was skipped: {record.error}" if record.error else f"has no options{hint}"
             raise InputError(f"plugin {name!r} {problem}")
         where = f"the options of plugin {record.name!r} ({record.source})"
@@ -316,9 +340,8 @@ class Registry:
             raise PluginError(
                 f"{where}: {record.options} cannot be imported: {type(error).__name__}: {error}"
             ) from error
-        from chemage.plugins.options import PluginOptions
-
-        if not (isinstance(cls, type) and issubclass(cls, PluginOptions)):
+        # known by its methods, because the module of the base imports this one
+        if not (isinstance(cls, type) and hasattr(cls, "changed") and hasattr(cls, "current")):
             raise PluginError(f"{where}: {record.options} is not a chemage.PluginOptions")
         if required := [option for option, info in cls.model_fields.items() if info.is_required()]:
             raise PluginError(f"{where}: {', '.join(required)} must have a default, for scenes that do not set it")
@@ -350,11 +373,11 @@ class Registry:
     def clashes(self) -> list[str]:
         """A sentence for each kind, scene and name of a plugin that is claimed more than once."""
         kinds = [(role, kind, self.offers(role, kind)) for role in self.roles for kind in self.kinds(role)]
-        scenes = [("scene", name, [one for one in self.records if name in one.scenes]) for name in self.scenes()]
+        scenes = [("scene", name, [each for each in self.records if name in each.scenes]) for name in self.scenes()]
         materials = [
-            ("material", name, [one for one in self.records if name in one.materials]) for name in self.materials()
+            ("material", name, [each for each in self.records if name in each.materials]) for name in self.materials()
         ]
-        called = {record.name: [one for one in self.records if one.name == record.name] for record in self.records}
+        called = {record.name: [each for each in self.records if each.name == record.name] for record in self.records}
         names = [("the name", name, records) for name, records in called.items()]
         return [clash(*claimed) for claimed in (*kinds, *scenes, *materials, *names) if len(claimed[2]) > 1]
 
@@ -466,12 +489,12 @@ class Registry:
             if record.seconds > SLOW
         ]
         for name in self.stage_hooks():
-            implementations = getattr(self._in_order(in_use.preference()).hook, name).get_hookimpls()
+            implementations = getattr(self._in_order(context.preference()).hook, name).get_hookimpls()
             for wraps, verb, wins in ((False, "answer", "is asked first"), (True, "wrap", "has the last word")):
-                order = [one.plugin_name for one in reversed(implementations) if _wraps(one) == wraps]
+                order = [each.plugin_name for each in reversed(implementations) if _wraps(each) == wraps]
                 sharing = [record for full in order for record in self.records if full_name(record) == full]
                 if len(sharing) > 1:
-                    listed = " and ".join(f"{one.name!r} ({one.source})" for one in sharing)
+                    listed = " and ".join(f"{each.name!r} ({each.source})" for each in sharing)
                     how = prefer_another(sharing[1].name)
                     said.append(f"{listed} {verb} {name}; {sharing[0].name!r} {wins}; to change this, {how}")
         return said
@@ -513,7 +536,7 @@ class Registry:
 
 def prefer_another(name: str) -> str:
     """How a user changes the order of plugins."""
-    return f'write prefer = ["{name}"] below [plugins] in the scene, or set {in_use.PREFER}={name}'
+    return f'write prefer = ["{name}"] below [plugins] in the scene, or set {context.PREFER}={name}'
 
 
 def _is_own(point: metadata.EntryPoint) -> bool:

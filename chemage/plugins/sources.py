@@ -7,7 +7,6 @@ not listed.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
@@ -15,9 +14,10 @@ import pluggy
 
 from chemage.foundation.approximations import merged, of_component
 from chemage.foundation.errors import ChemageError
+from chemage.plugins.context import Plugins
 from chemage.plugins.hooks import hookimpl
-from chemage.plugins.participation import Plugins, note
-from chemage.plugins.registry import ROOMS, Registry, current, source_version
+from chemage.plugins.loading import add_specifications
+from chemage.plugins.registry import Registry, current, source_version
 
 
 def components_in(value: Any) -> Iterator[Any]:
@@ -38,15 +38,15 @@ def components_in(value: Any) -> Iterator[Any]:
 def providers(*components: Any) -> Plugins:
     """The plugins other than chemage that provide the components and their parts: name -> source."""
     plugins = current()
-    found: Plugins = {}
+    sources: Plugins = {}
     for part in components_in(components):
         cls = type(part)
         record = plugins.provider(cls)
         if record is None:
-            found[f"{cls.__module__}.{cls.__qualname__}"] = source_version(cls)
+            sources[f"{cls.__module__}.{cls.__qualname__}"] = source_version(cls)
         elif record.distribution != "chemage":
-            found[record.name] = plugins.source_in_use(record)
-    return found
+            sources[record.name] = plugins.source_in_use(record)
+    return sources
 
 
 def approximations(*components: Any) -> list[dict[str, Any]]:
@@ -60,12 +60,6 @@ def approximation_of(role: str, kind: str) -> list[dict[str, Any]]:
         return of_component(current().component(role, kind))
     except ChemageError:
         return []
-
-
-def note_providers(*components: Any) -> None:
-    """Note that the plugins providing these components take part in the stage that is running."""
-    for name, source in providers(*components).items():
-        note(name, source)
 
 
 def changed(recorded: Plugins, *, options: bool = True) -> dict[str, tuple[str, str]]:
@@ -100,10 +94,10 @@ def would_change(names: Iterable[str], hook: str, answer: Any, **arguments: Any)
     """
     plugins: Registry = current()
     manager = pluggy.PluginManager("chemage")
-    for room in ROOMS:
-        manager.add_hookspecs(importlib.import_module(room))
-    given = type("Given", (), {hook: hookimpl(trylast=True)(lambda self: answer)})
-    manager.register(given(), "given")
+    for room in plugins.rooms:
+        add_specifications(manager, room)
+    answering = type("Given", (), {hook: hookimpl(trylast=True)(lambda self: answer)})
+    manager.register(answering(), "given")
     for name in names:
         manager.register(plugins.implementation(name), name)
     try:

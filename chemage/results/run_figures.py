@@ -32,9 +32,9 @@ from chemage.results.figures import (
 )
 from chemage.results.plugin_figures import Brought, Source, chemistry_of, plugin_figures
 from chemage.results.published import draw_published
+from chemage.scene.provenance import components_of
 from chemage.scene.run import Run
 from chemage.scene.scene import heading
-from chemage.scene.sections import components_of
 from chemage.surfaces.surface import Surface
 
 #: least distance, in decades, of the hold times between which a local slope is taken

@@ -31,11 +31,6 @@ _DOI = re.compile(r"\b10\.\d{4,9}/[^\s,;]+")
 _SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
 _SPECIAL |= {letter: f"\\{letter}" for letter in "&%$#_"}
 _SPECIAL |= {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
-_LETTERS = {"ß": r"{\ss}", "ø": r"{\o}", "Ø": r"{\O}", "æ": r"{\ae}", "ł": r"{\l}", "Ł": r"{\L}", "ı": r"{\i}"}
-_LETTERS |= {"µ": r"$\mu$", "μ": r"$\mu$", "–": "--", "—": "---", "“": "``", "”": "''", "’": "'", "°": r"$^\circ$"}
-#: combining mark -> accent
-_ACCENTS = {"\u0300": "`", "\u0301": "'", "\u0302": "^", "\u0303": "~", "\u0308": '"', "\u0304": "=", "\u0307": "."}
-_ACCENTS |= {"\u030c": "v ", "\u0327": "c ", "\u030a": "r ", "\u0306": "u ", "\u030b": "H "}
 
 
 @dataclass(frozen=True)
@@ -48,10 +43,10 @@ class Reference:
 
 def bibtex_problem(entry: str) -> str:
     """Why ``entry`` is not one BibTeX entry; "" where it is."""
-    if (found := _ENTRY.match(entry)) is None:
+    if (match := _ENTRY.match(entry)) is None:
         return "is not of the form @type{key, field = {value}, ...}"
     depth = 0
-    for letter in found[3]:  # BibTeX counts those after a backslash as well
+    for letter in match[3]:  # BibTeX counts those after a backslash as well
         depth += (letter == "{") - (letter == "}")
         if depth < 0:
             break
@@ -62,18 +57,18 @@ def references(
     texts: Iterable[str], components: Iterable[Component | type[Component]], version: str = __version__
 ) -> list[Reference]:
     """What to cite: chemage itself, the paper of its model, and ``texts``, whose entries ``components`` may know."""
-    known = {PAPER: _PAPER_BIBTEX}
+    entries = {PAPER: _PAPER_BIBTEX}
     for component in components:
         cls = component if isinstance(component, type) else type(component)
-        known |= {text: entry for text, entry in entries_of(cls).items() if entry}
+        entries |= {text: entry for text, entry in entries_of(cls).items() if entry}
     title = "chemage: chemical ageing of frictional contacts"
     own = Reference(f"The chemage developers, {title}, version {version}", _own(title, version))
-    return [own, *(Reference(text, known.get(text, "")) for text in dict.fromkeys([PAPER, *texts]))]
+    return [own, *(Reference(text, entries.get(text, "")) for text in dict.fromkeys([PAPER, *texts]))]
 
 
 def entries_of(cls: type[Component]) -> dict[str, str]:
     """Text -> BibTeX entry of a component; a class with texts of its own does not inherit entries."""
-    owner = next(one for one in cls.__mro__ if "cite" in vars(one))
+    owner = next(base for base in cls.__mro__ if "cite" in vars(base))
     return dict(zip(vars(owner)["cite"], vars(owner).get("bibtex", ()), strict=False))
 
 
@@ -85,11 +80,14 @@ def _own(title: str, version: str) -> str:
 }}"""
 
 
-def bibtex(found: Iterable[Reference]) -> str:
+def bibtex(cited: Iterable[Reference]) -> str:
     """References as the content of a ``.bib`` file; each entry has a key of its own."""
-    entries = [one.bibtex if one.bibtex and not bibtex_problem(one.bibtex) else _misc(one.text) for one in found]
+    entries = [
+        reference.bibtex if reference.bibtex and not bibtex_problem(reference.bibtex) else _misc(reference.text)
+        for reference in cited
+    ]
     used: dict[str, int] = {}
-    made = []
+    texts = []
     for entry in dict.fromkeys(entries):
         match = _ENTRY.match(entry)
         assert match is not None
@@ -98,29 +96,18 @@ def bibtex(found: Iterable[Reference]) -> str:
             used[key.lower()] += 1
             name = f"{key}{_suffix(used[key.lower()])}"
         used[name.lower()] = 0
-        made.append(f"@{match[1]}{{{name},\n  {match[3].strip()}\n}}\n")
-    return "\n".join(made)
+        texts.append(f"@{match[1]}{{{name},\n  {match[3].strip()}\n}}\n")
+    return "\n".join(texts)
 
 
-def text(found: Iterable[Reference]) -> str:
+def text(cited: Iterable[Reference]) -> str:
     """References as lines of text."""
-    return "".join(f"{one.text}\n" for one in found)
+    return "".join(f"{reference.text}\n" for reference in cited)
 
 
 def latex(words: str) -> str:
-    """``words`` so that LaTeX prints them: special characters escaped, accents as commands, on one line."""
-    letters = []
-    for letter in unicodedata.normalize("NFC", " ".join(words.split())):
-        parts = unicodedata.normalize("NFD", letter)
-        if letter in _SPECIAL:
-            letters.append(_SPECIAL[letter])
-        elif letter in _LETTERS:
-            letters.append(_LETTERS[letter])
-        elif len(parts) == 2 and parts[1] in _ACCENTS and parts[0].isascii():
-            letters.append(f"{{\\{_ACCENTS[parts[1]]}{parts[0]}}}")
-        else:
-            letters.append(letter)
-    return "".join(letters)
+    """``words`` on one line, so that LaTeX prints them: special characters escaped, letters as they are (UTF-8)."""
+    return "".join(_SPECIAL.get(letter, letter) for letter in " ".join(words.split()))
 
 
 def _misc(words: str) -> str:

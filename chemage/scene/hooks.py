@@ -1,10 +1,12 @@
-"""What can be plugged into experiments: scenes and materials that a plugin ships."""
+"""What a scene says beside the stages of other rooms, and the scenes and materials that a plugin ships."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from chemage.plugins.hooks import hookspec
+from chemage.plugins.stages import Doubt, Parts, Stage, Stated
 
 
 @hookspec
@@ -15,3 +17,69 @@ def chemage_scenes() -> Mapping[str, str]:  # pyright: ignore[reportReturnType]
 @hookspec
 def chemage_materials() -> Mapping[str, str]:  # pyright: ignore[reportReturnType]
     """Ship materials: ``{name: "package:file.toml"}``; their values fill what a scene does not say."""
+
+
+class _Hold(Stage):
+    def model(self) -> Any:
+        from chemage.scene.sections import Hold
+
+        return Hold
+
+
+class _Fit(Stage):
+    def model(self) -> Any:
+        from chemage.scene.sections import FitWindow
+
+        return FitWindow
+
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        import numpy as np
+
+        from chemage.ageing.fitting import why_not_fitted
+        from chemage.ageing.hold_times import within
+
+        if self.section not in parts:
+            return
+        window, times = (parts[self.section].start, parts[self.section].stop), parts["hold"].hold_times
+        if reason := why_not_fitted(times, window):
+            yield Doubt("fit", f"beta will not be fitted: {reason}")
+        elif (count := np.count_nonzero(within(times, window))) < 3:
+            yield Doubt("fit", f"only {count} hold times lie in the fit window; beta will be poor or absent")
+
+
+class _Ensemble(Stage):
+    def model(self) -> Any:
+        from chemage.scene.sections import EnsembleOptions
+
+        return EnsembleOptions
+
+
+class _Accuracy(Stage):
+    def make(self, options: Mapping[str, Any]) -> Any:
+        from chemage.scene.sections import accuracies
+
+        return accuracies(options)
+
+    def schema(self) -> Mapping[str, Any]:
+        numbers = {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}
+        return {
+            "type": "object",
+            "description": "quantity (beta, friction_drop, friction_coefficient_drop, a measure of the contact; "
+            'name@time at a hold time) -> half the width of its 95 % interval over the mean: 0.02, or "2 %"',
+            "additionalProperties": {"anyOf": [numbers, {"type": "string"}]},
+        }
+
+
+STAGES = (
+    _Hold(
+        "hold",
+        required_with=("forming", "is required where bonds form"),
+        needs="forming",
+        inputs=("engine",),
+        key="aging",
+        always_in_key=True,
+    ),
+    _Fit("fit", only_with="hold", key="result", always_in_key=True),
+    _Ensemble("ensemble"),
+    _Accuracy("accuracy"),
+)

@@ -23,16 +23,18 @@ from chemage.plugins import registry
 
 #: how a value may be known
 HOW = ("measured", "calculated", "calibrated", "estimated")
-#: sections of a scene that a material fills -> role of its component; None: the options of the chemistry
-SECTIONS: dict[str, str | None] = {
-    "contact": "contact",
-    "forming": "barriers",
-    "breaking": "barriers",
-    "interaction": "interaction",
-    "chemistry": None,
-}
 _ENTRIES = ("value", "how", "source", "note")
 _TEXTS = ("title", "about")
+
+
+def filled_sections() -> dict[str, str]:
+    """Sections of a scene that a material fills -> role of its component; "" for the options of the chemistry."""
+    return {
+        name: role
+        for stage in registry.current().stages()
+        if stage.of_material
+        for name, role in {**stage.parts, stage.section: stage.role}.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,16 @@ class MaterialValue:
     source: str
     #: what else a user should know of it
     note: str = ""
+
+    @property
+    def section(self) -> str:
+        """The section that it stands in."""
+        return self.path.partition(".")[0]
+
+    @property
+    def option(self) -> str:
+        """Its name there."""
+        return self.path.partition(".")[2]
 
     @property
     def text(self) -> str:
@@ -69,7 +81,7 @@ class Material:
 
     def options(self, section: str) -> dict[str, Any]:
         """The values in one section of a scene: ``ca.contact(kind, **silica.options("contact"))``."""
-        return {one.path.partition(".")[2]: one.value for one in self.values if one.path.partition(".")[0] == section}
+        return {entry.option: entry.value for entry in self.values if entry.section == section}
 
     def chemistry(self, **changes: Any) -> Chemistry:
         """The :class:`chemage.Chemistry` of the material, with ``changes`` to its options.
@@ -81,35 +93,35 @@ class Material:
         """
         parts = {
             name: registry.current().fromdict(role, self.options(name))
-            for name, role in SECTIONS.items()
-            if role is not None and name in Chemistry.model_fields and name not in changes and self.options(name)
+            for name, role in filled_sections().items()
+            if role and name in Chemistry.model_fields and name not in changes and self.options(name)
         }
         return Chemistry(**{**parts, **self.options("chemistry"), **changes})
 
     @property
     def cite(self) -> tuple[str, ...]:
         """The sources, each once."""
-        return tuple(dict.fromkeys(one.source for one in self.values))
+        return tuple(dict.fromkeys(entry.source for entry in self.values))
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        values = [{"path": one.path, **{name: getattr(one, name) for name in _ENTRIES}} for one in self.values]
+        values = [{"path": entry.path, **{name: getattr(entry, name) for name in _ENTRIES}} for entry in self.values]
         return {"name": self.name, "title": self.title, "about": self.about, "from": self.source, "values": values}
 
     def toml(self) -> str:
         """The sections of a scene that the material fills, with the source of each value as a comment."""
         lines = [f"# {self.name}: {self.title}"]
-        for section in SECTIONS:
-            values = [one for one in self.values if one.path.partition(".")[0] == section]
+        for section in filled_sections():
+            values = [entry for entry in self.values if entry.section == section]
             if values:
                 lines += ["", f"[{section}]"]
-            for one in values:
-                lines.append(f"# {one.how}: {one.source}" + (f"; {one.note}" if one.note else ""))
-                lines.append(f"{one.path.partition('.')[2]} = {_toml_value(one.value)}")
+            for entry in values:
+                lines.append(f"# {entry.how}: {entry.source}" + (f"; {entry.note}" if entry.note else ""))
+                lines.append(f"{entry.option} = {_toml_value(entry.value)}")
         return "\n".join(lines) + "\n"
 
     def _repr_html_(self) -> str:
-        rows = ((one.path, one.text, one.how, one.source, one.note) for one in self.values)
+        rows = ((entry.path, entry.text, entry.how, entry.source, entry.note) for entry in self.values)
         return html_table(f"material {self.name}: {self.title}", rows)
 
 
@@ -134,10 +146,10 @@ def material(name: str) -> Material:
         Its file cannot be read, or two plugins ship a material of this name.
     """
     plugins = registry.current()
-    known = plugins.materials()
-    if not isinstance(name, str) or name not in known:
-        installed = f"installed: {', '.join(sorted(known)) or 'none'}"
-        raise UnknownKindError(f"no material {shown(name)}{nearest(str(name)[:200], list(known))}; {installed}")
+    targets = plugins.materials()
+    if not isinstance(name, str) or name not in targets:
+        installed = f"installed: {', '.join(sorted(targets)) or 'none'}"
+        raise UnknownKindError(f"no material {shown(name)}{nearest(str(name)[:200], list(targets))}; {installed}")
     record, target = plugins.material_target(name)
     where = f"material {name!r} of plugin {record.name!r} ({record.source}): {target}"
     try:
@@ -155,10 +167,10 @@ def _read(name: str, data: Mapping[str, Any], source: str) -> Material:
             if not isinstance(options, str):
                 raise InputError(f"{section}: give a text")
             continue
-        if section not in SECTIONS:
-            known = [*_TEXTS, *SECTIONS]
+        if section not in filled_sections():
+            names = [*_TEXTS, *filled_sections()]
             raise InputError(
-                f"{section}: no such section{nearest(section, known)}; the sections are {', '.join(known)}"
+                f"{section}: no such section{nearest(section, names)}; the sections are {', '.join(names)}"
             )
         if not isinstance(options, Mapping):
             raise InputError(f"{section}: write each value as [{section}.NAME] with value, how and source below it")
@@ -176,42 +188,42 @@ def _value(path: str, entry: Any) -> MaterialValue:
     if entry.get("how") not in HOW:
         raise InputError(f"{path}.how = {shown(entry.get('how'))}: give one of {', '.join(HOW)}")
     for text in ("source", "note"):
-        given = entry.get(text, "")
-        if not isinstance(given, str) or (text == "source" and not given.strip()):
+        words = entry.get(text, "")
+        if not isinstance(words, str) or (text == "source" and not words.strip()):
             raise InputError(f"{path}.{text}: give a text, such as the paper in which the value is")
     return MaterialValue(path, entry["value"], entry["how"], entry["source"].strip(), entry.get("note", "").strip())
 
 
 def material_problems(name: str | None = None) -> list[str]:
     """What is wrong with the installed materials, or with one of them, a sentence each."""
-    found: list[str] = []
-    for one in sorted(registry.current().materials()) if name is None else [name]:
+    problems: list[str] = []
+    for each in sorted(registry.current().materials()) if name is None else [name]:
         try:
-            found += problems_of(material(one))
+            problems += problems_of(material(each))
         except ChemageError as error:
-            found.append(str(error))
-    return found
+            problems.append(str(error))
+    return problems
 
 
-def problems_of(one: Material) -> list[str]:
+def problems_of(material: Material) -> list[str]:
     """What is wrong with the values of a material, a sentence each: options that do not exist, values that components
     refuse."""
-    found: list[str] = []
+    problems: list[str] = []
     plugins = registry.current()
-    for section, role in SECTIONS.items():
-        options = one.options(section)
+    for section, role in filled_sections().items():
+        options = material.options(section)
         if section == "contact":
             for name, value in options.items():
-                found += _contact_problems(f"{section}.{name}", name, value)
-        elif role is None:
+                problems += _contact_problems(f"{section}.{name}", name, value)
+        elif not role:
             for name, value in options.items():
-                found += _field_problems(f"{section}.{name}", Chemistry, name, value)
+                problems += _field_problems(f"{section}.{name}", Chemistry, name, value)
         elif options:
             try:
                 plugins.fromdict(role, options)
             except ChemageError as error:
-                found.append(f"{section}: {error}")
-    return [f"material {one.name!r} ({one.source}): {problem}" for problem in found]
+                problems.append(f"{section}: {error}")
+    return [f"material {material.name!r} ({material.source}): {problem}" for problem in problems]
 
 
 def _contact_problems(path: str, name: str, value: Any) -> list[str]:
@@ -227,9 +239,9 @@ def _contact_problems(path: str, name: str, value: Any) -> list[str]:
 
 
 def _field_problems(path: str, cls: Any, name: str, value: Any) -> list[str]:
-    known = [option for option in cls.model_fields if option not in SECTIONS]
-    if name not in known:
-        return [f"{path}: no such option{nearest(name, known)}; the options are {', '.join(known)}"]
+    names = [option for option in cls.model_fields if option not in filled_sections()]
+    if name not in names:
+        return [f"{path}: no such option{nearest(name, names)}; the options are {', '.join(names)}"]
     info = cls.model_fields[name]
     kind: Any = info.annotation
     for mark in info.metadata:
@@ -254,36 +266,36 @@ def filled(data: Mapping[str, Any]) -> tuple[dict[str, Any], Material | None, tu
     UnknownKindError, PluginError
         See :func:`material`.
     """
-    made = {name: section for name, section in data.items() if name != "material"}
+    sections = {name: section for name, section in data.items() if name != "material"}
     if "material" not in data:
-        return made, None, ()
+        return sections, None, ()
     chosen = material(data["material"])
     used: list[MaterialValue] = []
-    bonds = "hold" in made or isinstance(made.get("forming"), Mapping)
-    for section in SECTIONS:
-        if made.get(section) is False and section != "contact":
-            del made[section]
+    bonds = "hold" in sections or isinstance(sections.get("forming"), Mapping)
+    for section in filled_sections():
+        if sections.get(section) is False and section != "contact":
+            del sections[section]
             continue
-        given = made.get(section, {})
-        values = {one.path.partition(".")[2]: one for one in chosen.values if one.path.partition(".")[0] == section}
-        if not values or not isinstance(given, Mapping) or not (bonds if section != "contact" else given):
+        table = sections.get(section, {})
+        values = {entry.option: entry for entry in chosen.values if entry.section == section}
+        if not values or not isinstance(table, Mapping) or not (bonds if section != "contact" else table):
             continue
-        fitting = _fitting(section, given, values)
-        own = {name: value for name, value in given.items() if value is not False or name not in fitting}
-        added = {name: one for name, one in fitting.items() if name not in given}
-        made[section] = {**{name: one.value for name, one in added.items()}, **own}
+        fitting = _fitting(section, table, values)
+        own = {name: value for name, value in table.items() if value is not False or name not in fitting}
+        added = {name: entry for name, entry in fitting.items() if name not in table}
+        sections[section] = {**{name: entry.value for name, entry in added.items()}, **own}
         used += added.values()
-    return made, chosen, tuple(used)
+    return sections, chosen, tuple(used)
 
 
-def _fitting(section: str, given: Mapping[str, Any], values: Mapping[str, MaterialValue]) -> dict[str, MaterialValue]:
+def _fitting(section: str, table: Mapping[str, Any], values: Mapping[str, MaterialValue]) -> dict[str, MaterialValue]:
     """The values of a material that a section can use."""
     if section == "contact":
         try:
-            known = registry.current().component("contact", given.get("kind", "")).model_fields
+            fields = registry.current().component("contact", table.get("kind", "")).model_fields
         except ChemageError:  # reported where the scene is read
             return {}
-        return {name: one for name, one in values.items() if name in known}
-    if "kind" in given and "kind" in values and given["kind"] != values["kind"].value:
+        return {name: entry for name, entry in values.items() if name in fields}
+    if "kind" in table and "kind" in values and table["kind"] != values["kind"].value:
         return {}
     return dict(values)

@@ -26,16 +26,15 @@ from chemage.foundation.approximations import in_words, merged
 from chemage.foundation.datasets import EXTRA
 from chemage.foundation.errors import ChemageError, InputError, PlanWarning, StoreError, optional_module
 from chemage.foundation.progress import progress_bars
-from chemage.foundation.records import Record
+from chemage.foundation.records import Record, content_hash
 from chemage.foundation.text import jsonable
-from chemage.scene.doubts import doubts
-from chemage.scene.estimate import cost
-from chemage.scene.limits import LongRunWarning, check_limits
-from chemage.scene.provenance import versions
-from chemage.scene.scene import Scene, parse_scene, with_plugins
-from chemage.scene.scene_files import load_scene
-from chemage.scene.sections import scatter_of
-from chemage.surfaces.scatter import Scatter
+from chemage.plugins import registry
+from chemage.scene.files import load_scene
+from chemage.scene.parsing import parse_scene
+from chemage.scene.plan import LongRunWarning, cost
+from chemage.scene.provenance import scatter_of, versions
+from chemage.scene.scene import Scene
+from chemage.surfaces.role import Scatter
 from chemage.surfaces.stage import make_surface
 from chemage.surfaces.surface import Surface
 
@@ -122,8 +121,8 @@ class Run:
     def beta_errors(self) -> dict[str, float]:
         """What an error of β beside the scatter of the replicas is due to -> relative standard error."""
         barriers = self.barriers_error
-        known = {} if barriers is None else {BARRIERS: barriers}
-        return {**beta_errors(self.aging, self.window), **known}
+        errors = {} if barriers is None else {BARRIERS: barriers}
+        return {**beta_errors(self.aging, self.window), **errors}
 
     def _fitted(self) -> tuple[Fit | None, str]:
         return (None, "") if self.aging is None else fit_or_reason(self.aging, self.window)
@@ -135,9 +134,8 @@ class Run:
         numbers: dict[str, Any] = {
             "name": self.name,
             "solver": self.scene["contact"]["kind"],
+            **_kinds(aging),
             "engine": aging.engine if aging else None,
-            **({"ageing": aging.method} if aging and aging.method else {}),
-            "rupture": aging.rupture if aging else None,
             **contact.summary(),
             **_solve(contact),
             "notes": list(self.notes),
@@ -149,7 +147,7 @@ class Run:
             "hold_times": aging.hold_times.tolist() if aging else [],
             **(curves(aging) if aging else {name: [] for name in CURVES}),
             **bond_errors(aging),
-            "observables": {name: one.summary() for name, one in aging.measured.items()} if aging else {},
+            "observables": {name: quantity.summary() for name, quantity in aging.measured.items()} if aging else {},
             **(fit_numbers(fit) if fit else dict.fromkeys(FIT)),
             "fit_range": list(fit.span) if fit else None,
             "beta_reason": reason or None,
@@ -206,8 +204,8 @@ class Run:
         """The objects to store, by group name."""
         statistics = isinstance(self.contact, ContactStatistics)
         contact = {"statistics" if statistics else "contact": self.contact}
-        found = {"surface": self.surface, **contact, "aging": self.aging}
-        return {name: part for name, part in found.items() if part is not None}
+        records = {"surface": self.surface, **contact, "aging": self.aging}
+        return {name: part for name, part in records.items() if part is not None}
 
     def attributes(self) -> dict[str, str]:
         """The attributes of the root of the file."""
@@ -232,6 +230,16 @@ class Run:
             aging=parts.get("aging"),
             **{**fields, "cite": tuple(fields["cite"])},
         )
+
+
+def _kinds(aging: Aging | None) -> dict[str, str | None]:
+    """Section -> kind of the component of each stage of the ageing; None where there is none."""
+    kinds: dict[str, str | None] = {}
+    for stage in registry.current().stages():
+        if stage.role and stage.key == "aging" and not stage.many:
+            part = aging.provenance.get(stage.section) if aging is not None else None
+            kinds[stage.section] = part.get("kind") if isinstance(part, Mapping) else None
+    return kinds
 
 
 def _solve(contact: ContactSolution | ContactStatistics) -> dict[str, Any]:
@@ -303,9 +311,9 @@ def run(
         )
     with ExitStack() as stack:
         stack.enter_context(scene.in_use())
-        known = cost(scene)
-        check_limits(scene, known)
-        for doubt in doubts(scene, known) if warn else ():
+        plan = cost(scene)
+        plan.check()
+        for doubt in plan.doubts() if warn else ():
             category = LongRunWarning if doubt.kind == "long" else PlanWarning
             warnings.warn(doubt.text, category, stacklevel=2)
         report = stack.enter_context(progress_bars()) if progress is True else (progress or None)
@@ -355,18 +363,15 @@ def aged(scene: Scene, contact: ContactSolution | ContactStatistics, **changes: 
 
 
 def _ageing_arguments(scene: Scene) -> dict[str, Any]:
-    assert scene.hold is not None
-    return {
-        "engine": scene.engine,
-        "hold_times": scene.hold.hold_times,
-        "temperature": scene.hold.temperature,
-        "replicas": scene.hold.replicas,
-        "seed": scene.hold.seed,
-        "common": scene.hold.common,
-        "method": scene.ageing,
-        "rupture": scene.rupture,
-        "observe": scene.observe,
-    }
+    hold = scene.hold
+    assert hold is not None
+    return dict(
+        **{name: getattr(hold, name) for name in ("hold_times", "temperature", "replicas", "seed", "common")},
+        engine=scene.engine,
+        method=scene.ageing,
+        rupture=scene.rupture,
+        observe=scene.observe,
+    )
 
 
 def _with_members(
@@ -385,10 +390,10 @@ def _with_members(
 
 def run_keys(scene: Scene, contact: ContactSolution | ContactStatistics, aging: Aging | None) -> dict[str, str]:
     """The keys of the stages of a finished run, in which the plugins that took part enter."""
-    made = contact.provenance.get("surface")
-    plugins = {"surface": made.get("plugins", {}) if isinstance(made, Mapping) else {}, "contact": contact.plugins}
+    below = contact.provenance.get("surface")
+    plugins = {"surface": below.get("plugins", {}) if isinstance(below, Mapping) else {}, "contact": contact.plugins}
     plugins["aging"] = plugins["result"] = contact.plugins if aging is None else aging.plugins
-    return with_plugins(scene.keys(), plugins)
+    return {key: content_hash([own, plugins[key]]) if plugins[key] else own for key, own in scene.keys().items()}
 
 
 @contextmanager

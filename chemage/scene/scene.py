@@ -1,4 +1,4 @@
-"""A scene: one experiment, written down; TOML data in, a validated :class:`Scene` out.
+"""A scene: one experiment, written down and validated, nothing computed yet.
 
 A section that is absent is not modelled: no ``[interaction]``, no neighbour list; no ``[breaking]``, bonds last; no
 ``[forming]``, contact mechanics only. A number is in the internal unit of its field, a string carries its own.
@@ -6,40 +6,30 @@ A section that is absent is not modelled: no ``[interaction]``, no neighbour lis
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any, Self
 
-from pydantic import (
-    Field,
-    SerializeAsAny,
-    ValidationError,
-    field_validator,
-)
+from pydantic import BaseModel, Field, SerializeAsAny, field_validator
 
-from chemage.ageing.kinetics import EVERY_SITE
-from chemage.ageing.methods import AgeingMethod, check_contact, check_method, wants_states
-from chemage.ageing.observables import Observable, check_outputs
-from chemage.contacts.options import force_text, nominal_pressure, normal_force
+from chemage.ageing.methods import AgeingMethod
+from chemage.ageing.observables import Observable
+from chemage.contacts.options import force_text
 from chemage.contacts.role import ContactSolver, ContactTheory
 from chemage.foundation.components import Component
-from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, UnknownKindError, shown
-from chemage.foundation.files import check_data
-from chemage.foundation.messages import explain, nearest
+from chemage.foundation.errors import ChemageError
 from chemage.foundation.records import content_hash
-from chemage.foundation.units import in_words
+from chemage.foundation.units import unit_of
 from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.site_grid import site_rule, site_shape
-from chemage.plugins import in_use, registry
-from chemage.plugins.options import PluginOptions
-from chemage.plugins.settings import joined, options_for
+from chemage.plugins import context, registry
+from chemage.plugins.options import PluginOptions, joined
 from chemage.plugins.sources import implementing, providers, stage_hooks
-from chemage.scene.asked import EnsembleOptions, accuracies
-from chemage.scene.holding import FitWindow, Hold
-from chemage.scene.materials import MaterialValue, filled
-from chemage.scene.section import Section
+from chemage.plugins.stages import KEYS
+from chemage.scene.materials import MaterialValue
+from chemage.scene.sections import EnsembleOptions, FitWindow, Hold, Section
 from chemage.surfaces.role import SurfaceMaker
 
 
@@ -66,6 +56,8 @@ class Scene(Section):
     """over how many surfaces the answer is a mean; None: the one surface of this scene"""
     accuracy: Mapping[str, float] = {}
     """quantity -> relative half width of its 95 % interval; the answer is a mean over as many surfaces as that needs"""
+    others: Mapping[str, SerializeAsAny[Component]] = {}
+    """components of stages that have no field here, by section"""
     plugins: Mapping[str, SerializeAsAny[PluginOptions]] = {}
     """options of plugins, by the name of the plugin"""
     material: str = ""
@@ -80,12 +72,89 @@ class Scene(Section):
     def _file_name(cls, name: str) -> str:
         return file_name(name)
 
+    # -- what it consists of ------------------------------------------------------------------------------------------
+
+    @classmethod
+    def fields_of(cls, parts: Mapping[str, Any]) -> dict[str, Any]:
+        """The fields of a scene with these :attr:`parts`."""
+        fields: dict[str, Any] = {"others": {}}
+        for stage in registry.current().stages():
+            if stage.section in parts:
+                place = fields if stage.section in cls.model_fields else fields["others"]
+                place[stage.section] = parts[stage.section]
+            paths = {beside.field: f"{stage.section}.{name}" for name, beside in stage.beside.items()}
+            fields |= {name: parts[path] for name, path in paths.items() if path in parts}
+        return fields
+
+    @property
+    def parts(self) -> dict[str, Any]:
+        """What it says to each stage, as :mod:`chemage.plugins.stages` has it: ``parts["forming"]`` is a component,
+        ``parts["contact.load"]`` a number; what it does not model is not there."""
+        parts: dict[str, Any] = {}
+        for stage in registry.current().stages():
+            value = getattr(self, stage.section) if stage.section in Scene.model_fields else None
+            value = self.others.get(stage.section) if value is None else value
+            if value is None or value == () or value == {}:
+                continue
+            if stage.only_with and getattr(self, stage.only_with) is None:
+                continue
+            parts |= {name: part for name in stage.parts if (part := getattr(value, name)) is not None}
+            parts[stage.section] = value
+            parts |= {f"{stage.section}.{name}": getattr(self, beside.field) for name, beside in stage.beside.items()}
+        return parts
+
+    def sections(self) -> dict[str, Component]:
+        """Every component by the path of its section, such as ``forming`` or ``observe.0``, in the order of stages."""
+        components: dict[str, Component] = {}
+        for path, part in self.parts.items():
+            if isinstance(part, tuple):
+                components |= {f"{path}.{number}": component for number, component in enumerate(part)}
+            elif isinstance(part, Component) and part.role:
+                components[path] = part
+        return components
+
+    def component(self, section: str) -> Any:
+        """The component or the options of a section; None where the scene has none."""
+        return self.parts.get(section)
+
+    def components(self) -> list[Component]:
+        """Every component of the scene, those of the chemistry last."""
+        chemical = {name for stage in registry.current().stages() for name in stage.parts}
+        return [part for _, part in sorted(self.sections().items(), key=lambda item: item[0] in chemical)]
+
+    def unit(self, path: str) -> str:
+        """The unit of the option at ``path``, such as ``contact.load``; "" where it is no quantity."""
+        section, _, option = path.rpartition(".")
+        beside = {
+            f"{stage.section}.{name}": entry.unit
+            for stage in registry.current().stages()
+            for name, entry in stage.beside.items()
+        }
+        if path in beside:
+            return beside[path]
+        owner = self.plugins.get(section.removeprefix("plugins.")) or self.parts.get(section)
+        info = type(owner).model_fields.get(option) if isinstance(owner, BaseModel) else None
+        return unit_of(info) if info is not None else ""
+
     def todict(self) -> dict[str, Any]:
         """The scene as plain TOML-like data, every option spelled out; :func:`parse_scene` reads it back."""
-        data: dict[str, Any] = {"name": self.name}
-        if self.title:
-            data["title"] = self.title
-        return {**data, **self._sections(lambda component: component.todict())}
+
+        def options_of(component: Component) -> dict[str, Any]:
+            return component.todict()
+
+        data: dict[str, Any] = {"name": self.name, **({"title": self.title} if self.title else {})}
+        data |= _sections(self.parts, options_of)
+        if self.plugins or self.prefer:
+            prefer = {"prefer": list(self.prefer)} if self.prefer else {}
+            data["plugins"] = prefer | {name: options_of(options) for name, options in self.plugins.items()}
+        return _without_none(data)
+
+    def cite(self) -> list[str]:
+        """What to cite when a result of this scene is used."""
+        sources = [value.source for value in self.from_material]
+        return list(dict.fromkeys([*(text for part in self.components() for text in part.cite), *sources]))
+
+    # -- what it asks for ---------------------------------------------------------------------------------------------
 
     @property
     def is_ensemble(self) -> bool:
@@ -104,9 +173,9 @@ class Scene(Section):
         if self.chemistry is None or not self.ages or isinstance(self.contact, ContactTheory):
             return None
         try:
-            known = self.surface.expected()
-            pixels = int(known["nx"]), int(known["ny"])
-            return pixels, site_shape(pixels, known["pixel_size"], self.chemistry.site_density)
+            expected = self.surface.expected()
+            pixels = int(expected["nx"]), int(expected["ny"])
+            return pixels, site_shape(pixels, expected["pixel_size"], self.chemistry.site_density)
         except (ChemageError, KeyError):  # reported where the scene is checked
             return None
 
@@ -117,65 +186,21 @@ class Scene(Section):
         return self.contact.with_gap() if grids and site_rule(*grids) == "reconstructed" else self.contact
 
     @property
-    def keeps_states(self) -> bool:
-        """Whether the rupture law or an observable asks for the state of every site at every hold time."""
-        if self.engine is None or self.ageing is not None:
-            return False
-        return wants_states(self.engine, self.rupture, self.observe)
-
-    def components(self) -> list[Component]:
-        """Every component of the scene."""
-        parts: list[Component | None] = [self.surface, self.contact, self.engine, self.ageing, self.rupture]
-        parts += self.observe
-        if self.chemistry is not None:
-            parts += [self.chemistry.forming, self.chemistry.breaking, self.chemistry.interaction]
-        return [part for part in parts if part is not None]
-
-    def _sections(
-        self, options_of: Callable[[Component], dict[str, Any]], solver: ContactSolver | None = None
-    ) -> dict[str, Any]:
-        """Every section that is there; ``options_of`` gives the options of a component."""
-        data: dict[str, Any] = {
-            "surface": {**options_of(self.surface), "seed": self.surface_seed},
-            "contact": {**options_of(solver or self.contact), "load": self.load},
-        }
-        if self.chemistry is not None:
-            parts = self.chemistry
-            data["forming"] = options_of(parts.forming)
-            if parts.breaking is not None:
-                data["breaking"] = options_of(parts.breaking)
-            if parts.interaction is not None:
-                data["interaction"] = options_of(parts.interaction)
-            own = options_of(parts)
-            data["chemistry"] = {name: own[name] for name in _CHEMISTRY_OPTIONS if name in own}
-        if self.hold is not None and self.engine is not None:
-            data["engine"] = options_of(self.engine)
-            if self.ageing is not None:
-                data["ageing"] = options_of(self.ageing)
-            if self.rupture is not None:
-                data["rupture"] = options_of(self.rupture)
-            data["hold"] = self.hold.model_dump(mode="json", exclude_none=True)
-            data["fit"] = self.fit.model_dump(mode="json")
-        if self.ensemble is not None:
-            data["ensemble"] = self.ensemble.model_dump(mode="json", exclude_none=True)
-        if self.accuracy:
-            data["accuracy"] = dict(self.accuracy)
-        if self.observe:
-            data["observe"] = [options_of(one) for one in self.observe]
-        if self.plugins or self.prefer:
-            prefer = {"prefer": list(self.prefer)} if self.prefer else {}
-            data["plugins"] = prefer | {name: options_of(options) for name, options in self.plugins.items()}
-        return _without_none(data)
+    def solved_parts(self) -> dict[str, Any]:
+        """:attr:`parts` with the :attr:`solver` for the contact, and the :attr:`site_grids` as ``grids``."""
+        return {**self.parts, "contact": self.solver, "grids": self.site_grids}
 
     def in_use(self) -> AbstractContextManager[None]:
         """A block in which plugins have the options that this scene sets, and come in its order."""
-        return in_use.applied(self.plugins, self.prefer or None)
+        return context.applied(self.plugins, self.prefer or None)
 
     def completed(self) -> Self:
         """This scene with the options of plugins that a block (:func:`chemage.plugin_options`) sets and it does not."""
-        if not in_use.options():
+        if not context.options():
             return self
-        return self.model_copy(update={"plugins": joined(in_use.options(), self.plugins)})
+        return self.model_copy(update={"plugins": joined(context.options(), self.plugins)})
+
+    # -- keys ---------------------------------------------------------------------------------------------------------
 
     def keys(self) -> dict[str, str]:
         """Content hash of each stage: of its own options, of the stages it rests on, and of nothing else.
@@ -196,14 +221,16 @@ class Scene(Section):
         """
         if not (self.plugins or self.prefer):
             return self.keys()
-        hooks = {"surface": ["chemage_make_surface"], "contact": ["chemage_solve_contact"]}
-        hooks["aging"] = sorted({*stage_hooks()} - {*hooks["surface"], *hooks["contact"]})
-        parts = {"surface": [self.surface], "contact": [self.contact]}
-        parts["aging"] = [one for one in self.components() if one is not self.surface and one is not self.contact]
+        stages, parts = registry.current().stages(), self.parts
         extra: dict[str, Any] = {}
-        for stage, components in parts.items():
-            names = {*implementing(*hooks[stage]), *providers(*components)}
-            extra[stage] = {
+        for key in ("surface", "contact", "aging"):
+            within = [stage for stage in stages if (stage.key or "aging") == key]
+            hooks = {hook for stage in within for hook in stage.hooks}
+            if key == "aging":  # and every hook of no declared stage
+                hooks |= {*stage_hooks()} - {hook for stage in stages for hook in stage.hooks}
+            components = [parts.get(name) for stage in within for name in (stage.section, *stage.parts)]
+            names = {*implementing(*sorted(hooks)), *providers(*components)}
+            extra[key] = {
                 name: changed for name in names & set(self.plugins) if (changed := self.plugins[name].changed())
             }
         if self.prefer:
@@ -211,40 +238,35 @@ class Scene(Section):
         return self._keys(extra)
 
     def _keys(self, extra: Mapping[str, Any]) -> dict[str, str]:
-        data = self._sections(lambda component: component.identity(), self.solver)
-
-        def key(stage: str, *parts: Any) -> str:
-            more = [extra[stage]] if extra.get(stage) else []
-            return content_hash([*parts, *more] if len(parts) + len(more) > 1 else parts[0])
-
-        surface = key("surface", data["surface"])
-        contact = key("contact", surface, data["contact"])
-        if "chemistry" in data:
-            data["chemistry"].pop("site_density", None)  # see _site_key
-        kinetic = [data.get(name) for name in ("forming", "breaking", "interaction", "chemistry", "engine", "hold")]
-        # without these the key is that of scenes written before there were any
-        law = [{name: data[name]} for name in ("ageing", "rupture") if name in data]
-        aging = key("aging", contact, *kinetic, data.get("observe"), *law, *self._site_key())
-        result = [aging, data.get("fit")]
-        if limits := self.chemistry.given_limits() if self.chemistry is not None else {}:
-            result.append(limits)
-        return {"surface": surface, "contact": contact, "aging": aging, "result": content_hash(result)}
-
-    def _site_key(self) -> list[Any]:
-        """What the key of ageing contains of the sites: nothing where they are pixels, as before there was a choice."""
-        grids = self.site_grids
-        if self.chemistry is None or not self.ages or (grids and grids[0] == grids[1]):
-            return []
-        return [{"sites": grids[1] if grids else self.chemistry.site_density}]
+        stages, parts = registry.current().stages(), self.solved_parts
+        sections = _without_none(_sections(parts, lambda component: component.identity()))
+        content: dict[str, list[Any]] = {key: [] for key in KEYS}
+        for stage in (
+            *(stage for stage in stages if stage.always_in_key),
+            *(stage for stage in stages if not stage.always_in_key),
+        ):
+            if stage.key:
+                content[stage.key] += stage.key_entries(sections)
+        for stage in stages:
+            for key, end in stage.key_ends(parts).items():
+                content[key].append(end)
+        keys: dict[str, str] = {}
+        for key, entries in content.items():
+            whole = [*list(keys.values())[-1:], *entries, *([extra[key]] if extra.get(key) else [])]
+            keys[key] = content_hash(whole if len(whole) > 1 else whole[0])
+        return keys
 
     def digest(self) -> str:
         """Content hash of the whole scene."""
         return content_hash(self.todict())
 
-    def cite(self) -> list[str]:
-        """What to cite when a result of this scene is used."""
-        sources = [one.source for one in self.from_material]
-        return list(dict.fromkeys([*(text for part in self.components() for text in part.cite), *sources]))
+
+def _sections(parts: Mapping[str, Any], options_of: Callable[[Component], dict[str, Any]]) -> dict[str, Any]:
+    """Every section that is there, lists of tables last; ``options_of`` gives the options of a component."""
+    data: dict[str, Any] = {}
+    for stage in sorted(registry.current().stages(), key=lambda stage: stage.many):
+        data |= stage.todict(parts, options_of)
+    return data
 
 
 def file_name(name: str) -> str:
@@ -265,282 +287,9 @@ def heading(scene: Mapping[str, Any], name: str = "") -> str:
     return f"{name}: {kind} at {force_text(load)}"
 
 
-_CHEMISTRY_OPTIONS = [name for name in Chemistry.model_fields if name not in ("forming", "breaking", "interaction")]
-ROLE_OF = {
-    "surface": "surface",
-    "contact": "contact",
-    "forming": "barriers",
-    "breaking": "barriers",
-    "interaction": "interaction",
-    "engine": "engine",
-    "ageing": "ageing",
-    "rupture": "rupture",
-}
-SECTIONS = [
-    *("name", "title", "material", *ROLE_OF, "chemistry", "hold", "fit", "observe", "ensemble", "accuracy"),
-    *("plugins", "sweep"),
-]
-#: sections that no scene can do without
-REQUIRED = ("surface", "contact")
-
-
-def with_plugins(keys: Mapping[str, str], plugins: Mapping[str, Mapping[str, str]]) -> dict[str, str]:
-    """The keys of stages in which ``plugins`` (stage -> name -> source) took part."""
-    return {stage: content_hash([key, plugins[stage]]) if plugins.get(stage) else key for stage, key in keys.items()}
-
-
 def _without_none(data: Any) -> Any:
     if isinstance(data, dict):
         return {key: _without_none(value) for key, value in data.items() if value is not None}
     if isinstance(data, list | tuple):
         return [_without_none(value) for value in data]
     return data
-
-
-class _Problems(list[tuple[str, str]]):
-    """Collects what is wrong, so that a user sees all of it at once."""
-
-    def take(self, path: str, error: Exception) -> None:
-        if isinstance(error, ValidationError):
-            self.extend(explain(error, path))
-        elif isinstance(error, InputError) and error.problems:
-            self.extend((f"{path}.{field}" if field else path, message) for field, message in error.problems)
-        else:
-            self.append((path, str(error)))
-
-
-def parse_scene(data: Mapping[str, Any], source: str = "the scene") -> Scene:
-    """A validated scene from plain data (a parsed TOML file); ``[sweep]`` must have been taken out before.
-
-    Raises
-    ------
-    SceneError
-        Listing everything that is wrong, each with its path in the file.
-    """
-    problems, made = _Problems(), {}
-    _check_size(data, source)
-    data = in_words(data)
-    data, material, from_material = _with_material(data, problems)
-    for name in data:
-        if name not in SECTIONS:
-            problems.append((name, f"no such section{nearest(name, SECTIONS)}; the sections are {', '.join(SECTIONS)}"))
-    sections: dict[str, dict[str, Any]] = {}
-    for name in (*ROLE_OF, "chemistry", "hold", "fit", "ensemble"):
-        if name in data:
-            if isinstance(data[name], Mapping):
-                sections[name] = dict(data[name])
-            else:
-                problems.append((name, f"{shown(data[name])} is not a section; write [{name}] with options below it"))
-    for name in REQUIRED:
-        if name not in data:
-            problems.append((name, "is required; every scene needs a surface and a contact"))
-    surface_seed = sections.get("surface", {}).pop("seed", 0)
-    given, load = sections.get("contact", {}).pop("load", None), 0.0
-    for name, role in ROLE_OF.items():
-        if name in sections:
-            made[name] = _choice(role, name, sections[name], problems)
-    if "contact" in sections:
-        load = _load(given, made.get("surface"), made.get("contact"), problems)
-    chemistry = _chemistry(sections, made, problems)
-    hold, engine = _kinetics(sections, made, problems)
-    fit = _section(FitWindow, "fit", sections, problems) or FitWindow()
-    wish, accuracy = _asked(sections, data.get("accuracy", {}), problems)
-    observe = []
-    items = data.get("observe", [])
-    if not isinstance(items, list):
-        problems.append(("observe", "write each observable as [[observe]] with its kind"))
-        items = []
-    for number, item in enumerate(items):
-        if isinstance(item, Mapping):
-            observe.append(_choice("observable", f"observe.{number}", dict(item), problems))
-        else:
-            problems.append((f"observe.{number}", f"{shown(item)} is not a section; write [[observe]] with its kind"))
-    prefer, settings = _plugins(data.get("plugins", {}), problems)
-    if not problems:
-        try:
-            check_outputs(observe)
-        except PluginError as error:
-            problems.append(("observe", str(error)))
-    if engine is not None and chemistry is not None and not problems:
-        _check_ageing(made, chemistry, engine, observe, problems)
-    if not problems:
-        try:
-            return Scene(
-                name=data.get("name", "scene"),
-                title=data.get("title", ""),
-                surface=made["surface"],
-                surface_seed=surface_seed,
-                contact=made["contact"],
-                load=float(load or 0.0),
-                chemistry=chemistry,
-                engine=engine,
-                ageing=made.get("ageing"),
-                rupture=made.get("rupture"),
-                hold=hold,
-                fit=fit,
-                observe=tuple(observe),
-                ensemble=wish,
-                accuracy=accuracy,
-                plugins=settings,
-                prefer=prefer,
-                material=material,
-                from_material=from_material,
-            )
-        except ValidationError as error:
-            problems.extend((path.replace("surface_seed", "surface.seed"), message) for path, message in explain(error))
-    raise SceneError(source, problems)
-
-
-def _asked(
-    sections: Mapping[str, Any], accuracy: Any, problems: _Problems
-) -> tuple[EnsembleOptions | None, dict[str, float]]:
-    """Over how many surfaces the answer is a mean, and how accurate it is to be."""
-    wish = _section(EnsembleOptions, "ensemble", sections, problems)
-    try:
-        return wish, accuracies(accuracy)
-    except InputError as error:
-        text = str(error)
-        field, _, message = text.removeprefix("accuracy").partition(" = ")
-        problems.append((f"accuracy{field}", message))
-    return wish, {}
-
-
-def _with_material(
-    data: Mapping[str, Any], problems: _Problems
-) -> tuple[dict[str, Any], str, tuple[MaterialValue, ...]]:
-    """The data of a scene with the values of its material, the name of the material, and the values that are its."""
-    try:
-        made, material, used = filled(data)
-    except UnknownKindError as error:
-        problems.append(("material", str(error)))
-        return {name: part for name, part in data.items() if name != "material"}, "", ()
-    return made, material.name if material is not None else "", used
-
-
-def _load(given: Any, surface: SurfaceMaker | None, contact: ContactSolver | None, problems: _Problems) -> float:
-    """The load in nN; a nominal pressure is multiplied by the nominal area that the surface will have."""
-    try:
-        if given is None:
-            raise InputError('is required; give the normal force, such as load = "20 uN", or a nominal pressure')
-        if nominal_pressure(given) is None:
-            return normal_force(given, None, flat=True)
-        if surface is None or contact is None:
-            return 0.0  # what is wrong with them is reported
-        return contact.normal_force(given, surface.expected())
-    except ChemageError as error:
-        problems.append(("contact.load", str(error).removeprefix("load = ").removeprefix("load: ")))
-    return 0.0
-
-
-def _check_ageing(
-    made: Mapping[str, Any],
-    chemistry: Chemistry,
-    engine: Engine,
-    observe: Sequence[Observable],
-    problems: _Problems,
-) -> None:
-    method, rupture, contact = made.get("ageing"), made.get("rupture"), made["contact"]
-    try:
-        check_contact(f"contact {contact.kind!r}", contact.gives_map, method or EVERY_SITE, chemistry)
-        check_method(method or EVERY_SITE, chemistry, engine, rupture, observe)
-    except InputError as error:
-        problems.take("engine" if method is None else "ageing", error)
-
-
-def _check_size(data: Any, source: str) -> None:
-    if not isinstance(data, Mapping) or not all(isinstance(name, str) for name in data):
-        raise SceneError(source, [("", f"{shown(data)} is not a table of sections")])
-    try:
-        check_data(dict(data))
-    except InputError as error:
-        raise SceneError(source, error.problems) from None
-
-
-def _plugins(section: Any, problems: _Problems) -> tuple[tuple[str, ...], dict[str, PluginOptions]]:
-    if not isinstance(section, Mapping):
-        problems.append(("plugins", f"{section!r} is not a section; write [plugins.NAME] with options below it"))
-        return (), {}
-    prefer, made = section.get("prefer", []), {}
-    if not isinstance(prefer, list | tuple) or not all(isinstance(name, str) for name in prefer):
-        problems.append(("plugins.prefer", f'{prefer!r}: give a list of names of plugins, such as ["my-plugin"]'))
-    else:
-        try:
-            registry.current().check_preference(prefer, "it")
-        except InputError as error:
-            problems.append(("plugins.prefer", str(error)))
-    for name, options in section.items():
-        if name == "prefer":
-            continue
-        path = f"plugins.{name}"
-        if not isinstance(options, Mapping):
-            problems.append((path, f"{options!r} is not a section; write [{path}] with options below it"))
-            continue
-        try:
-            made[name] = options_for(name, options)
-        except InputError as error:
-            problems.take(path, error)
-    return tuple(prefer), made
-
-
-def _choice(role: str, path: str, options: dict[str, Any], problems: _Problems) -> Any:
-    plugins = registry.current()
-    kind = options.pop("kind", None)
-    if not isinstance(kind, str):
-        problems.append((f"{path}.kind", f"is required; installed: {', '.join(plugins.kinds(role)) or 'none'}"))
-        return None
-    try:
-        return plugins.make(role, kind, options)
-    except PluginError:
-        raise
-    except ChemageError as error:
-        problems.take(f"{path}.kind" if not getattr(error, "problems", None) else path, error)
-        return None
-
-
-def _section(cls: type[Any], name: str, sections: Mapping[str, Any], problems: _Problems) -> Any:
-    if name not in sections:
-        return None
-    known = list(cls.model_fields)
-    try:
-        return cls(**sections[name])
-    except ValidationError as error:
-        problems.extend(
-            (path, message + nearest(path.rpartition(".")[2], known) if message == "no such option" else message)
-            for path, message in explain(error, name)
-        )
-    except ChemageError as error:
-        problems.take(name, error)
-    return None
-
-
-def _chemistry(sections: Mapping[str, Any], made: Mapping[str, Any], problems: _Problems) -> Chemistry | None:
-    if "forming" not in sections:
-        for name in ("breaking", "interaction", "chemistry", "hold", "ageing", "rupture"):
-            if name in sections:
-                problems.append((name, "needs [forming], the barriers to forming a bond; add it, or leave this out"))
-        return None
-    parts = {name: made.get(name) for name in ("forming", "breaking", "interaction")}
-    options = dict(sections.get("chemistry", {}))
-    for name in [name for name in parts if name in options]:
-        problems.append((f"chemistry.{name}", f"is a section of its own; write [{name}]"))
-        del options[name]
-    if parts["forming"] is None:
-        return None
-    try:
-        return Chemistry(**{name: part for name, part in parts.items() if part is not None}, **options)
-    except InputError as error:
-        problems.take("chemistry", error)
-    return None
-
-
-def _kinetics(
-    sections: Mapping[str, Any], made: Mapping[str, Any], problems: _Problems
-) -> tuple[Hold | None, Engine | None]:
-    if "forming" not in sections:
-        if "engine" in sections:
-            problems.append(("engine", "needs [forming] and [hold]; add them, or leave this out"))
-        return None, None
-    for name in ("hold", "engine"):
-        if name not in sections:
-            problems.append((name, "is required where bonds form"))
-    return _section(Hold, "hold", sections, problems), made.get("engine")

@@ -9,27 +9,18 @@ from pydantic.json_schema import models_json_schema
 
 from chemage.foundation.components import Component
 from chemage.foundation.errors import PluginError
-from chemage.lattices.chemistry import Chemistry
 from chemage.plugins import registry
-from chemage.scene.asked import EnsembleOptions
-from chemage.scene.holding import FitWindow, Hold
-from chemage.scene.materials import SECTIONS as FILLED
+from chemage.plugins.stages import Stage
 from chemage.scene.materials import material
-from chemage.scene.scene import ROLE_OF
 
 
 def scene_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of a scene, for editors that complete and check TOML."""
     plugins = registry.current()
-    components: dict[str, list[Any]] = {role: [] for role in plugins.roles}
-    for role in plugins.roles:
-        for kind in plugins.kinds(role):
-            try:
-                components[role].append(plugins.component(role, kind))
-            except PluginError as error:
-                warnings.warn(f"not in the schema: {error}", registry.PluginWarning, stacklevel=2)
+    stages, components = plugins.stages(), _components(plugins)
     models: list[Any] = [cls for classes in components.values() for cls in classes]
-    refs, top = models_json_schema([(model, "validation") for model in [*models, Hold, FitWindow, EnsembleOptions]])
+    others: list[Any] = [model for stage in stages if (model := stage.model()) is not None]
+    refs, top = models_json_schema([(model, "validation") for model in [*models, *others]])
     definitions = top.get("$defs", {})
 
     def target(model: Any) -> str:
@@ -49,38 +40,58 @@ def scene_schema() -> dict[str, Any]:
         # an option that is itself a component: a table with its kind, or the kind alone where the plugin takes that
         if cls.__name__ in definitions and role in by_role:
             definitions[cls.__name__] = {"anyOf": [by_role[role], {"type": "string"}]}
-    given = _of_materials("contact")
-    properties: dict[str, Any] = {"name": {"type": "string"}, "title": {"type": "string"}}
     installed = sorted(plugins.materials())
+    properties: dict[str, Any] = {"name": {"type": "string"}, "title": {"type": "string"}}
     properties["material"] = {"enum": installed, "description": "material that fills what the scene does not say"}
-    for section, role in ROLE_OF.items():
-        properties[section] = by_role.get(role, {"type": "object"})
-        if installed and section in FILLED and section != "contact":
-            properties[section] = {"anyOf": [properties[section], _OF_MATERIAL, {"const": False}]}
-    for section, extra in (("surface", _SURFACE_EXTRA), ("contact", _CONTACT_EXTRA)):
-        for cls in components[section]:
-            definitions[target(cls)]["properties"].update(extra)
-            if section == "contact":
-                own = definitions[target(cls)]["required"]
-                definitions[target(cls)]["required"] = [*(name for name in own if name not in given), "load"]
-    properties["chemistry"] = _chemistry_section()
-    properties["hold"] = refs[Hold, "validation"]
-    properties["fit"] = refs[FitWindow, "validation"]
-    properties["ensemble"] = refs[EnsembleOptions, "validation"]
-    properties["accuracy"] = _ACCURACY
+    for stage in stages:
+        for section, role in {**stage.parts, stage.section: stage.role}.items():
+            part = by_role.get(role, {"type": "object"})
+            if not role:
+                part = stage.schema() if stage.model() is None else _of_model(stage, refs, definitions)
+            elif installed and stage.of_material and not stage.required:
+                part = {"anyOf": [part, _OF_MATERIAL, {"const": False}]}
+            properties[section] = {"type": "array", "items": part} if stage.many else part
+        from_materials = _of_materials(stage.section) if stage.of_material and stage.required else set()
+        extra = {name: {**entry.schema} for name, entry in stage.beside.items()}
+        required = [name for name, entry in stage.beside.items() if entry.required]
+        for cls in components.get(stage.role, ()) if extra or from_materials else ():
+            own = definitions[target(cls)]
+            own["properties"].update(extra)
+            own["required"] = [*(name for name in own["required"] if name not in from_materials), *required]
     properties["plugins"] = _plugins_section(plugins, definitions)
-    properties["observe"] = {"type": "array", "items": by_role.get("observable", {"type": "object"})}
     definitions |= _SWEEP
     properties["sweep"] = {"$ref": "#/$defs/Sweep"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "chemage scene",
         "type": "object",
-        "required": ["surface", "contact"],
+        "required": [stage.section for stage in stages if stage.required],
         "additionalProperties": False,
         "properties": properties,
         "$defs": definitions,
     }
+
+
+def _components(plugins: registry.Registry) -> dict[str, list[Any]]:
+    """Role -> the class of each installed kind; one that cannot be imported is left out."""
+    components: dict[str, list[Any]] = {role: [] for role in plugins.roles}
+    for role in plugins.roles:
+        for kind in plugins.kinds(role):
+            try:
+                components[role].append(plugins.component(role, kind))
+            except PluginError as error:
+                warnings.warn(f"not in the schema: {error}", registry.PluginWarning, stacklevel=3)
+    return components
+
+
+def _of_model(stage: Stage, refs: Any, definitions: dict[str, Any]) -> dict[str, Any]:
+    """A section whose options are those of a class, but for the sections of their own among them."""
+    ref = refs[stage.model(), "validation"]
+    if not stage.parts:
+        return ref
+    whole = definitions[ref["$ref"].removeprefix("#/$defs/")]
+    properties = {name: part for name, part in whole["properties"].items() if name not in stage.parts}
+    return {"type": "object", "additionalProperties": False, "properties": properties, "description": stage.about}
 
 
 _SWEEP: dict[str, Any] = {
@@ -104,35 +115,19 @@ _SWEEP: dict[str, Any] = {
     },
     "SweepValues": {"anyOf": [{"type": "array", "minItems": 1}, {"$ref": "#/$defs/SweepLines"}]},
 }
-_ACCURACY = {
-    "type": "object",
-    "description": "quantity (beta, friction_drop, friction_coefficient_drop, a measure of the contact; name@time at a "
-    'hold time) -> half the width of its 95 % interval over the mean: 0.02, or "2 %"',
-    "additionalProperties": {
-        "anyOf": [{"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}, {"type": "string"}]
-    },
-}
 #: a section whose kind the material gives
 _OF_MATERIAL = {"type": "object", "not": {"required": ["kind"]}}
-_SURFACE_EXTRA = {"seed": {"type": "integer", "minimum": 0, "default": 0, "description": "of the surface"}}
-_CONTACT_EXTRA = {
-    "load": {
-        "anyOf": [{"type": "number", "minimum": 0}, {"type": "string"}],
-        "description": "normal force (nN), or a nominal pressure such as 10 MPa, on the nominal area of the surface",
-        "unit": "nN",
-    }
-}
 
 
 def _of_materials(section: str) -> set[str]:
     """The options in a section that some installed material gives, so that a scene need not."""
-    found: set[str] = set()
+    options: set[str] = set()
     for name in registry.current().materials():
         try:
-            found |= material(name).options(section).keys()
+            options |= material(name).options(section).keys()
         except PluginError as error:
             warnings.warn(f"not in the schema: {error}", registry.PluginWarning, stacklevel=3)
-    return found
+    return options
 
 
 def _plugins_section(plugins: registry.Registry, definitions: dict[str, Any]) -> dict[str, Any]:
@@ -153,27 +148,14 @@ def _plugins_section(plugins: registry.Registry, definitions: dict[str, Any]) ->
 
 def plugins_with_options(plugins: registry.Registry) -> dict[str, Any]:
     """Name of each plugin with options -> the class of its options; one that cannot be imported is left out."""
-    found: dict[str, Any] = {}
+    classes: dict[str, Any] = {}
     for record in plugins.records:
         if record.options:
             try:
-                found[record.name] = plugins.options_class(record.name)
+                classes[record.name] = plugins.options_class(record.name)
             except PluginError as error:
                 warnings.warn(f"not in the schema: {error}", registry.PluginWarning, stacklevel=2)
-    return found
-
-
-def _chemistry_section() -> dict[str, Any]:
-    whole = Chemistry.model_json_schema()
-    properties = {
-        name: part for name, part in whole["properties"].items() if name not in ("forming", "breaking", "interaction")
-    }
-    return {
-        "type": "object",
-        "additionalProperties": False,
-        "properties": properties,
-        "description": "what turns a contact into reactive sites",
-    }
+    return classes
 
 
 def options_of(cls: type[Component]) -> list[dict[str, str]]:
@@ -196,4 +178,4 @@ def options_of(cls: type[Component]) -> list[dict[str, str]]:
 def _unit(part: dict[str, Any]) -> str:
     """The unit of a property, also where the quantity may be left out, or is one of a list."""
     inner = [*part.get("anyOf", []), *([part["items"]] if isinstance(part.get("items"), dict) else [])]
-    return part.get("unit", "") or next((unit for one in inner if (unit := _unit(one))), "")
+    return part.get("unit", "") or next((unit for item in inner if (unit := _unit(item))), "")

@@ -1,113 +1,161 @@
-"""The components of a scene by the path of their section, such as ``forming``, ``contact.inner`` or ``observe.0``."""
+"""The sections of a scene beside its components: how long a contact is held, where ageing is fitted, what is asked."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
 
-from chemage.ageing.aging import Aging
-from chemage.foundation.components import Component
-from chemage.foundation.errors import ChemageError
-from chemage.plugins import registry
-from chemage.scene.scene import ROLE_OF, Scene
-from chemage.surfaces.role import SurfaceMaker
-from chemage.surfaces.scatter import Scatter
+import numpy as np
+from pydantic import (
+    Field,
+    field_validator,
+    model_validator,
+)
 
-#: what a section holds besides the options of its component
-_BESIDES = {"surface": "seed", "contact": "load"}
+from chemage.ageing.fitting import FIT_WINDOW
+from chemage.ageing.hold_times import hold_times
+from chemage.ageing.seeds import Common
+from chemage.foundation.checks import Frozen, check_times
+from chemage.foundation.errors import ChemageError, InputError, shown
+from chemage.foundation.units import FilePath, Temperature, Time, convert, has_unit
 
-
-def sections(scene: Scene) -> dict[str, Component]:
-    """Every section of ``scene`` that is a component: path -> component."""
-    found: dict[str, Component] = {}
-    for name in type(scene).model_fields:
-        value = getattr(scene, name)
-        if isinstance(value, Component) and value.role:
-            found[name] = value
-        elif isinstance(value, Component):  # the chemistry, whose components are sections of their own
-            parts = {part: getattr(value, part) for part in type(value).model_fields}
-            found |= {part: one for part, one in parts.items() if isinstance(one, Component)}
-        elif isinstance(value, tuple):
-            found |= {f"{name}.{number}": one for number, one in enumerate(value) if isinstance(one, Component)}
-    return found
+_PERCENT = re.compile(r"\s*([-+0-9.eE]+)\s*%\s*")
+#: surfaces of an ensemble, unless more are allowed
+MOST_SURFACES = 10_000
+#: and this is the least that may be allowed: the first samples, and some that these lead to
+LEAST = 10
+REMEDY = 'give "2 %" or 0.02'
 
 
-def nested(component: Component, path: str) -> Iterator[tuple[str, Component]]:
-    """``component`` and the components that are options of it, at any depth: (path, component)."""
-    yield path, component
-    for name in type(component).model_fields:
-        value = getattr(component, name)
-        if isinstance(value, Component):
-            yield from nested(value, f"{path}.{name}")
-        elif isinstance(value, list | tuple):
-            for number, one in enumerate(value):
-                if isinstance(one, Component):
-                    yield from nested(one, f"{path}.{name}.{number}")
-        elif isinstance(value, Mapping):
-            for key, one in value.items():
-                if isinstance(one, Component):
-                    yield from nested(one, f"{path}.{name}.{key}")
+class Section(Frozen):
+    """A frozen set of options that is no component."""
 
 
-def scatter_of(
-    scene: Mapping[str, Any],
-    aging: Aging | None,
-    contact: Mapping[str, float],
-    recorded: Mapping[str, Any] | None = None,
-) -> Scatter | None:
-    """What the maker of a result's surface knows of the scatter between surfaces (:meth:`SurfaceMaker.scatter`).
+class Hold(Section):
+    """How long, how hot, how often."""
 
-    ``contact`` are the measures of the contact; the other arguments are those of :func:`components_of`.
+    temperature: Temperature = 300.0
+    """K"""
+    start: Time | None = None
+    """first hold time, s"""
+    stop: Time | None = None
+    """last hold time, s"""
+    per_decade: int = Field(default=4, ge=1, le=1000)
+    """hold times to a decade"""
+    times: tuple[Time, ...] | None = None
+    """the hold times themselves, s, instead of start, stop and per_decade"""
+    replicas: int = Field(default=10, ge=1)
+    """independent draws of the disorder and the kinetic noise"""
+    seed: int = Field(default=0, ge=0)
+    """of disorder and noise"""
+    common: Common = "none"
+    """random numbers that replica r has in common with replica r of other runs with this seed: "none", "disorder"
+    (barriers, couplings and hydroxylation of a pixel) or "all" (the kinetic noise as well)"""
+
+    @field_validator("times", mode="before")
+    @classmethod
+    def _times(cls, value: Any) -> Any:
+        if has_unit(value):
+            return tuple(check_times(value).tolist())
+        if isinstance(value, Sequence) and not isinstance(value, str):
+            return tuple(check_times([convert(item, "s") for item in value]).tolist())
+        return value
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if self.times is None:
+            if self.start is None or self.stop is None:
+                raise ValueError('give start and stop (such as "1 ms" and "1e5 s"), or times')
+            hold_times(self.start, self.stop, self.per_decade)
+        elif self.start is not None or self.stop is not None:
+            raise ValueError("give either times, or start and stop")
+        return self
+
+    @property
+    def hold_times(self) -> np.ndarray:
+        """(m,) s."""
+        if self.times is not None:
+            return np.array(self.times)
+        assert self.start is not None
+        assert self.stop is not None
+        return hold_times(self.start, self.stop, self.per_decade)
+
+
+class FitWindow(Section):
+    """Where the line of Δμ against log t is fitted."""
+
+    start: Time = FIT_WINDOW[0]
+    """s"""
+    stop: Time = FIT_WINDOW[1]
+    """s"""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.stop <= self.start:
+            raise ValueError(f"stop ({self.stop:g} s) must be after start ({self.start:g} s)")
+        return self
+
+
+class EnsembleOptions(Section):
+    """Over how many surfaces the answer is a mean."""
+
+    surfaces: int | None = Field(default=None, ge=1)
+    """how many; 1: the one of the scene alone; default: as many as the accuracy or the budget decides"""
+    budget: Time | None = Field(default=None, gt=0)
+    """wall time that may be taken, s"""
+    most: int = Field(default=MOST_SURFACES, ge=LEAST)
+    """surfaces that are allowed"""
+    map: FilePath | None = None
+    """file with the map of this scene (``chemage tradeoff SCENE -o FILE``), by whose measured costs and errors the
+    settings are chosen; default: by estimates"""
+
+
+def accuracies(options: Any) -> dict[str, float]:
+    """A mapping of quantities, written as ``name`` or ``name@time``, to relative accuracies: numbers, or strings with a
+    percent sign.
+
+    Raises
+    ------
+    InputError
+        It is no mapping, or an accuracy is not above 0 and below 1.
     """
-    for path, role, fields in _recorded(scene, aging, recorded):
-        if path == "surface":  # the other components need not be imported
-            maker = _installed(role, fields)
-            return maker.scatter(contact) if isinstance(maker, SurfaceMaker) else None
-    return None
+    if not isinstance(options, Mapping):
+        raise InputError(f'accuracy = {shown(options)}: give names and accuracies, such as {{"beta": "2 %"}}')
+    return {str(name): _accuracy(str(name), value) for name, value in options.items()}
 
 
-def components_of(
-    scene: Mapping[str, Any], aging: Aging | None = None, contact: Mapping[str, Any] | None = None
-) -> list[tuple[str, Component]]:
-    """The components that a result was made with, as far as their plugins are installed: (path, component).
+def _accuracy(name: str, value: Any) -> float:
+    number = value
+    if isinstance(value, str):
+        percent = _PERCENT.fullmatch(value)
+        try:
+            number = float(percent[1]) / 100 if percent else float(value)
+        except ValueError:
+            number = math.nan
+    if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
+        problem = "is no number"
+    elif not 0 < number < 1:
+        problem = "must lie between 0 and 1: it is half the width of the 95 % interval over the mean"
+    else:
+        return float(number)
+    message = f"{shown(value)}: {problem}; {REMEDY}"
+    raise InputError(f"accuracy.{name} = {message}", [(name, message)])
 
-    They are found in the plain data of its scene, or else in the provenance of the ageing curve or of the ``contact``.
+
+def budget(value: Any) -> float:
+    """A budget of wall time, s.
+
+    Raises
+    ------
+    InputError
+        It is no time, or not above zero.
     """
-    found: list[tuple[str, Component]] = []
-    for path, role, fields in _recorded(scene, aging, contact):
-        if (component := _installed(role, fields)) is not None:
-            found += nested(component, path)
-    return found
-
-
-def _installed(role: str, fields: Mapping[str, Any]) -> Component | None:
     try:
-        return registry.current().fromdict(role, fields)
-    except ChemageError:  # another version of the plugin, or none
-        return None
-
-
-def _recorded(
-    scene: Mapping[str, Any], aging: Aging | None, contact: Mapping[str, Any] | None
-) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
-    """(path, role, plain options with kind) of each component."""
-    provenance = aging.provenance if aging is not None else {}
-    chemistry = provenance.get("chemistry", {})
-    below = contact or provenance.get("contact") or {}
-    made = {"contact": _options(below), "surface": _options(below.get("surface"))}
-    for path, role in ROLE_OF.items():
-        # the provenance of ageing has under "contact" that of the contact, which is no table of options
-        recorded = made[path] if path in made else provenance.get(path) or chemistry.get(path)
-        fields = scene.get(path) or recorded
-        if isinstance(fields, Mapping) and "kind" in fields:
-            besides = _BESIDES.get(path) if path in scene else None
-            yield path, role, {name: value for name, value in fields.items() if name != besides}
-    for number, fields in enumerate(provenance.get("observe") or scene.get("observe", ())):
-        yield f"observe.{number}", "observable", fields
-
-
-def _options(provenance: Any) -> dict[str, Any]:
-    """The component that made a surface or a contact, where its provenance has ``kind`` and ``options``."""
-    if not isinstance(provenance, Mapping) or not isinstance(provenance.get("options"), Mapping):
-        return {}
-    return {**provenance["options"], "kind": provenance.get("kind")}
+        seconds = convert(value, "s")
+    except ChemageError as error:
+        raise InputError(f"budget: {error}") from None
+    if not 0 < seconds < math.inf:
+        raise InputError.of("budget", value, "must be above zero and finite", 'give a time such as "60 s"')
+    return seconds

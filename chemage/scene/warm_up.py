@@ -8,45 +8,26 @@ from contextlib import contextmanager, suppress
 from subprocess import TimeoutExpired
 from typing import Any
 
-import numpy as np
-
-from chemage.contacts.role import ContactTheory
-from chemage.contacts.solution import ContactSolution
 from chemage.foundation import compiling
 from chemage.foundation.progress import Report
-from chemage.kinetics.role import Engine
-from chemage.lattices.stage import build_lattice
-from chemage.scene.scene import Scene, parse_scene
-from chemage.scene.scene_files import load_scene
+from chemage.plugins import registry
+from chemage.plugins.stages import KEYS
+from chemage.scene.files import load_scene
+from chemage.scene.parsing import parse_scene
+from chemage.scene.scene import Scene
 
-#: pixels along the sides of the small contact, of which a quarter is in contact, and of its sites at least
-PIXELS, SITES = 4, 12
-#: of that contact where the surface does not say it, nm
-PIXEL_SIZE = 0.45
+#: what a process of its own compiles (:data:`chemage.foundation.compiling.STAGES`) -> keys of the stages it is for
+COMPILED = {"contact": KEYS[:2], "ageing": KEYS[2:]}
 
 
-def warm_up_ageing(scene: Scene) -> None:
-    """Compile what lattice and kinetics of ``scene`` need, on a contact of a few pixels."""
-    if not scene.ages or isinstance(scene.contact, ContactTheory):
-        return
-    assert scene.chemistry is not None
-    assert scene.hold is not None
-    assert isinstance(scene.engine, Engine)
+def warm_up(scene: Scene, *compiled: str) -> None:
+    """Compile what a run of ``scene`` needs, or of that what ``compiled`` names, without computing anything of it."""
+    keys = {key for name in compiled or COMPILED for key in COMPILED[name]}
     with scene.in_use():
-        lattice = build_lattice(scene.chemistry, _small_contact(scene))
-        scene.engine.warm_up(lattice, scene.hold.temperature)
-
-
-def warm_up_contact(scene: Scene) -> None:
-    """Compile what the contact of ``scene`` needs; what comes last in a solve comes first here."""
-    if not isinstance(scene.contact, ContactTheory):
-        scene.solver.warm_up(scene.surface.expected(), scene.load)
-
-
-def warm_up(scene: Scene) -> None:
-    """Compile what a run of ``scene`` needs, without computing anything of it."""
-    warm_up_contact(scene)
-    warm_up_ageing(scene)
+        parts = scene.solved_parts
+        for stage in registry.current().stages():
+            if stage.key in keys and stage.section in parts:
+                stage.warm_up(parts)
 
 
 def form(scene: Scene) -> str:
@@ -62,24 +43,6 @@ def _without_numbers(value: Any) -> Any:
     if isinstance(value, list):
         return [_without_numbers(item) for item in value]
     return type(value).__name__ if isinstance(value, int | float) and not isinstance(value, bool) else value
-
-
-def _small_contact(scene: Scene) -> ContactSolution:
-    """A contact like that of ``scene`` on a few pixels of the same size, under 1 GPa."""
-    known: Mapping[str, float] = scene.surface.expected()
-    pixel = known.get("pixel_size", PIXEL_SIZE)
-    density = scene.chemistry.site_density if scene.chemistry is not None else "pixel"
-    n = PIXELS if isinstance(density, str) else max(PIXELS, round(SITES / (pixel * density**0.5)))
-    pressure = np.zeros((n, n))
-    pressure[n // 4 : n // 4 + n // 2, n // 4 : n // 4 + n // 2] = 1.0
-    return ContactSolution(
-        pressure=pressure,
-        gap=np.where(pressure > 0, 0.0, pixel) if getattr(scene.solver, "gap", False) else None,
-        load=float(pressure.sum()) * pixel**2,
-        pixel_size=pixel,
-        modulus=getattr(scene.contact, "modulus", 1.0),
-        periodic=bool(known.get("periodic", 1)),
-    )
 
 
 @contextmanager
@@ -132,5 +95,4 @@ def _wait(helper: compiling.Process | None, report: Report, compiled: int) -> No
 
 def compile_stage(stage: str, scene: Mapping[str, Any] | str, changes: Mapping[str, Any] | None) -> None:
     """Compile the kernels of a stage of a scene, given as data, or by name with ``changes``."""
-    one = load_scene(scene, changes) if isinstance(scene, str) else parse_scene(scene)
-    {"ageing": warm_up_ageing, "contact": warm_up_contact}[stage](one)
+    warm_up(load_scene(scene, changes) if isinstance(scene, str) else parse_scene(scene), stage)

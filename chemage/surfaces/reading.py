@@ -1,19 +1,59 @@
-"""Reading from files of other formats: the role of a reader, and the one look-up of readers by file ending."""
+"""Reading from files of other formats: what a file holds, the role of a reader, and the one look-up of readers."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, PluginError, StoreError
-from chemage.plugins import in_use, registry
+from chemage.plugins import context, registry
+from chemage.plugins.context import note
 from chemage.plugins.loading import PluginRecord
-from chemage.plugins.sources import note_providers
-from chemage.surfaces.height_map import HeightMap
+from chemage.plugins.sources import providers
 from chemage.surfaces.surface import Surface
+
+
+@dataclass(frozen=True, eq=False)
+class HeightMap:
+    """An image as its file holds it: heights may be missing, pixels may have two sides, units may be unknown.
+
+    A :class:`chemage.Surface` has none of these; steps that the user chooses lead from one to the other.
+    """
+
+    #: (nx, ny), float32 or float64, higher = nearer to the counter-body; nan where a height is missing
+    heights: np.ndarray
+    #: nm per unit of the heights; None: the file does not state it
+    height_unit: float | None
+    #: edges of a pixel along x and y, nm; None: the file does not state them
+    pixel_size: tuple[float, float] | None
+    #: whether the file says that the image repeats
+    periodic: bool = False
+    #: what to call the file in messages
+    source: str = "the file"
+    #: what else identifies the image, such as its format and channel: plain JSON values
+    notes: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        heights = self.heights
+        if not isinstance(heights, np.ndarray) or heights.dtype.kind != "f":
+            raise InputError.of("heights", type(heights).__name__, "is no array of real numbers")
+        if heights.ndim != 2 or heights.size == 0:
+            raise InputError(
+                f"{self.source} holds an array of shape {heights.shape}; an image has two dimensions (nx, ny)"
+            )
+        sizes = (*(self.pixel_size or ()), *(() if self.height_unit is None else (self.height_unit,)))
+        if not all(np.isfinite(size) and size > 0 for size in sizes):
+            raise InputError(
+                f"{self.source} states pixels of {self.pixel_size} nm and a height unit of {self.height_unit} nm; "
+                "both must be above 0: give pixel_size and height_unit"
+            )
 
 
 class Reader(Component, ABC):
@@ -33,11 +73,11 @@ class Reader(Component, ABC):
 
         Here it is the surface that :meth:`read` returns. Override it for a format of instruments.
         """
-        found = self.read(path)
-        if not isinstance(found, Surface):
-            raise InputError(f"{path}: reader {self.kind!r} gives a {type(found).__name__}, not a surface")
-        size = found.pixel_size
-        return HeightMap(found.heights, 1.0, (size, size), found.periodic, source=str(path))
+        surface = self.read(path)
+        if not isinstance(surface, Surface):
+            raise InputError(f"{path}: reader {self.kind!r} gives a {type(surface).__name__}, not a surface")
+        size = surface.pixel_size
+        return HeightMap(surface.heights, 1.0, (size, size), surface.periodic, source=str(path))
 
 
 def reader_for(path: str | PathLike[str]) -> Reader:
@@ -70,31 +110,32 @@ def reader_for(path: str | PathLike[str]) -> Reader:
             f"prefer the plugin of one of them ({', '.join(sorted({kinds[kind].name for kind in kinds}))})"
         )
     reader = registry.current().component("reader", next(iter(kinds)))()
-    note_providers(reader)
+    for name, source in providers(reader).items():
+        note(name, source)
     return reader
 
 
 def _readers() -> dict[str, dict[str, PluginRecord]]:
     """Ending -> kind of each reader that accepts it -> the plugin it is from."""
     plugins = registry.current()
-    found: dict[str, dict[str, PluginRecord]] = {}
+    readers: dict[str, dict[str, PluginRecord]] = {}
     for kind in plugins.kinds("reader"):
         try:
             cls = plugins.component("reader", kind)
         except PluginError:
             continue
         for ending in cls.suffixes:
-            found.setdefault(ending, {})[kind] = plugins.offers("reader", kind)[0]
-    return found
+            readers.setdefault(ending, {})[kind] = plugins.offers("reader", kind)[0]
+    return readers
 
 
 def _first(kinds: dict[str, PluginRecord]) -> tuple[dict[str, PluginRecord], str]:
     """Those of the readers ``kinds`` that come first, and why."""
-    preferred = in_use.preference()
+    preferred = context.preference()
     registry.current().check_preference(preferred, "the preference of plugins")
     for name in preferred:
-        if found := {kind: record for kind, record in kinds.items() if record.name == name}:
-            return found, "its plugin is preferred"
+        if first := {kind: record for kind, record in kinds.items() if record.name == name}:
+            return first, "its plugin is preferred"
     own = {kind: record for kind, record in kinds.items() if record.distribution == "chemage"}
     return (own, "it comes with chemage") if own else (kinds, "")
 
@@ -108,7 +149,7 @@ def shared_endings() -> list[str]:
         first, why = _first(kinds)
         listed = " and ".join(f"{kind!r} ({record.source})" for kind, record in sorted(kinds.items()))
         wins = f"{next(iter(first))!r} is used, because {why}" if len(first) == 1 else "none is used by default"
-        other = next(iter({kind: one for kind, one in kinds.items() if kind not in first} or kinds))
+        other = next(iter({kind: record for kind, record in kinds.items() if kind not in first} or kinds))
         said.append(
             f"the readers {listed} all read {ending}; {wins}; to change this, write reader = "
             f'"{other}" where the file is named, or {registry.prefer_another(kinds[other].name)}'

@@ -1,16 +1,47 @@
-"""The role that makes a surface."""
+"""The role that makes a surface, and how much results differ between the surfaces that it makes."""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from chemage.foundation.checks import Seed
 from chemage.foundation.components import Component
-from chemage.surfaces.measures import Roughness
-from chemage.surfaces.scatter import Scatter
-from chemage.surfaces.surface import Surface
+from chemage.foundation.errors import InputError
+from chemage.foundation.text import percent
+from chemage.surfaces.surface import Roughness, Surface
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """How much β differs between surfaces that are equal but for their seed; replicas on one surface do not show it."""
+
+    #: standard deviation of β over its mean; 0: the seed does not change the surface; None: it does, by how much is
+    #: not known here
+    relative: float | None
+    #: how this is known, in words
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        if self.relative is not None and not 0 <= self.relative < math.inf:
+            raise InputError.of(
+                "relative", self.relative, "must be finite and at least 0", "or None if it is not known"
+            )
+
+    def text(self, replicas: float = math.nan) -> str:
+        """One sentence for users; ``replicas`` is the relative standard error of β over replicas."""
+        if self.relative == 0:
+            return ""
+        if self.relative is None:
+            text = "β differs between surface seeds by more than between replicas; an ensemble measures it"
+        else:
+            text = f"β differs by about {percent(self.relative)} between surface seeds (standard deviation)"
+            if math.isfinite(replicas):
+                text += f", the standard error of the replicas is {percent(replicas)}"
+        return f"{text}; {self.source}" if self.source else text
 
 
 class SurfaceMaker(Component, ABC):

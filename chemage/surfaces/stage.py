@@ -24,7 +24,7 @@ def make_surface(maker: SurfaceMaker, seed: Seed = 0) -> Surface:
     """
     expect("maker", maker, SurfaceMaker, 'make one with chemage.surface("sphere", ...)')
     with logged("surface", maker.kind) as outcome:
-        made, plugins = registry.current().answer("chemage_make_surface", Surface, maker=maker, seed=seed)
-        made = made.noting(providers(maker) | plugins, approximations(maker))
-        outcome(f"{made.shape[0]} x {made.shape[1]} pixels; {of_plugins(made.plugins)}")
-    return made
+        answer, plugins = registry.current().answer("chemage_make_surface", Surface, maker=maker, seed=seed)
+        answer = answer.noting(providers(maker) | plugins, approximations(maker))
+        outcome(f"{answer.shape[0]} x {answer.shape[1]} pixels; {of_plugins(answer.plugins)}")
+    return answer

@@ -1,7 +1,8 @@
-"""The surface: heights on a pixel grid."""
+"""The surface: heights on a pixel grid, and what theories of contact need of it instead, its roughness."""
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import TYPE_CHECKING, Self
 
@@ -12,7 +13,7 @@ from chemage.foundation import pictures
 from chemage.foundation.checks import MOST_BINS, checked_count
 from chemage.foundation.datasets import dataset, map_frame
 from chemage.foundation.errors import InputError
-from chemage.foundation.records import Plain, PositiveNumber, Reals, Record, require_finite
+from chemage.foundation.records import Number, Plain, PositiveNumber, Reals, Record, require_finite
 from chemage.surfaces import roughness
 
 if TYPE_CHECKING:
@@ -112,3 +113,26 @@ class Surface(Record):
         return f"<Surface {nx}x{ny} pixels of {self.pixel_size:g} nm, rms height {self.rms_height:.4g} nm>"
 
     __str__ = __repr__
+
+
+class Roughness(Record):
+    """The roughness of a surface that need not exist as a map."""
+
+    rms_slope: Number
+    """h'_rms"""
+    nominal_area: PositiveNumber
+    """nm²"""
+    rms_height: float = math.nan
+    """nm; nan where it is not known"""
+    provenance: Plain = {}
+    """how the surface would be made: plain JSON values"""
+
+    @classmethod
+    def of(cls, surface: Surface) -> Roughness:
+        """The roughness of a surface that is there."""
+        return cls(
+            rms_slope=surface.rms_slope,
+            nominal_area=surface.nominal_area,
+            rms_height=surface.rms_height,
+            provenance=surface.provenance,
+        )

@@ -11,8 +11,7 @@ import numpy as np
 from chemage.contacts.role import ContactSolver, ContactTheory
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.errors import InputError
-from chemage.surfaces.measures import Roughness
-from chemage.surfaces.surface import Surface
+from chemage.surfaces.surface import Roughness, Surface
 from chemage.testing.checks import (
     check_of,
     options_of,

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from chemage.foundation.errors import InputError
-from chemage.surfaces.role import SurfaceMaker
-from chemage.surfaces.scatter import Scatter
+from chemage.surfaces.role import Scatter, SurfaceMaker
 from chemage.surfaces.surface import Surface
 from chemage.testing.checks import (
     check_of,

@@ -6,12 +6,12 @@ import hashlib
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
-from chemage import Barriers, Inference, InputError, StoreError, read, regular_file
+from chemage import Barriers, FilePath, Inference, InputError, StoreError, read, regular_file
 from chemage_barriers.piecewise import PiecewiseLinearDensity
 
 #: eV above the last energy, and width of the range, where barriers lie that do not react within the measured times
@@ -92,7 +92,7 @@ class Inferred(Barriers):
 
     kind = "inferred"
 
-    path: Annotated[str, BeforeValidator(lambda value: str(value) if isinstance(value, Path) else value)]
+    path: FilePath
     """result file of ``chemage infer``"""
     member: int = Field(default=0, ge=0)
     """0: the mean of the posterior; 1, 2, …: a sample of it; default: 0"""

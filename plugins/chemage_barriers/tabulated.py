@@ -8,7 +8,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import BeforeValidator, PrivateAttr, model_validator
 
-from chemage import Barriers, StoreError, Unit
+from chemage import Barriers, FilePath, StoreError, Unit
 from chemage.foundation.tables import data_lines, numbers, read_text, separator_of
 from chemage_barriers.piecewise import EmpiricalQuantile, PiecewiseLinearDensity
 
@@ -83,7 +83,7 @@ class Tabulated(Barriers):
     """probability density at ``energies``, ≥ 0, in any unit; it is normalised"""
     samples: Numbers | None = None
     """barriers in ``energy_unit``, in any order, for example from molecular dynamics"""
-    path: str | None = None
+    path: FilePath | None = None
     """text file with ``energies`` and ``weights``, or with ``samples``"""
     energy_unit: Annotated[float, Unit("eV", gt=0), BeforeValidator(_named_unit)] = 1.0
     """unit of the given energies: its name, such as "meV", or its value in eV; default: 1 eV"""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from functools import lru_cache
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -29,7 +28,6 @@ def _sides(value: Any) -> tuple[Any, Any]:
 
 
 #: a path as text
-FilePath = Annotated[str, BeforeValidator(lambda value: str(value) if isinstance(value, Path) else value)]
 #: nm per unit of heights, from a number or the name of a unit
 HeightUnit = Annotated[float, Unit("nm", gt=0), BeforeValidator(_named_unit)]
 #: edges of a pixel along x and y, nm, from one length (a square) or two

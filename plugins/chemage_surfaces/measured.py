@@ -9,12 +9,23 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage import Choice, InputError, Length, Reader, Scatter, Seed, Surface, SurfaceMaker, Unit, reader_for
+from chemage import (
+    Choice,
+    FilePath,
+    InputError,
+    Length,
+    Reader,
+    Scatter,
+    Seed,
+    Surface,
+    SurfaceMaker,
+    Unit,
+    reader_for,
+)
 from chemage.foundation.memory import require
 from chemage_surfaces import _steps
 from chemage_surfaces._maps import (
     SQUARE,
-    FilePath,
     HeightUnit,
     PixelSides,
     Stamp,

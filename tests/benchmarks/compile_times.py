@@ -21,7 +21,7 @@ TABLE = """
 import sys, time
 import chemage as ca
 from numba.core import event
-from chemage.scene.warm_up import warm_up_ageing, warm_up_contact
+from chemage.scene.warm_up import warm_up
 stack, rows = [], []
 class Clock(event.Listener):
     def on_start(self, event):
@@ -31,8 +31,7 @@ class Clock(event.Listener):
         print(len(stack), f"{seconds:.3f}", f"{function.__module__}.{function.__name__}", sep="\\t")
 event.register("numba:compile", Clock())
 one = ca.load_scene(sys.argv[1])
-warm_up_contact(one)
-warm_up_ageing(one)
+warm_up(one)
 """
 
 

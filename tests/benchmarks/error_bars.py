@@ -29,7 +29,7 @@ from chemage.ageing.models import Interval
 from chemage.ageing.outputs import Measured, Output
 from chemage.foundation.statistics import crossed_half_width
 from chemage.foundation.units import KB
-from chemage.scene.extrapolation import vanishing_pixels
+from chemage.scene.variants import vanishing_pixels
 from chemage.studies.arrhenius import activation_energies
 from chemage.studies.ensembles.allocation import Spread, half_width, spread_of
 from chemage.studies.ensembles.control import regressed

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import chemage as ca
-from chemage.scene.estimate import cost, plan
+from chemage.scene.plan import cost, plan
 
 #: what is shorter is stated as less than this, s
 SHORT = 0.5

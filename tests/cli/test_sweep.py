@@ -15,7 +15,7 @@ import pytest
 
 import chemage
 from chemage.foundation.text import plus_minus
-from chemage.scene.estimate import REPLICA_SECONDS
+from chemage.kinetics.hooks import REPLICA_SECONDS
 from chemage.studies.sweeps import running as sweeps
 
 SCENE = """

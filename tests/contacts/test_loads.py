@@ -10,7 +10,7 @@ import pytest
 import chemage as ca
 from chemage.cli.sweeps import check as check_sweep
 from chemage.contacts.options import modulus_in, nominal_pressure, pressure_text
-from chemage.scene.estimate import plan
+from chemage.scene.plan import plan
 from chemage.studies.sweeps.grid import Grid, survey
 from chemage.testing import rough_surface
 

@@ -113,8 +113,8 @@ def test_everything_wrong_is_told_at_once(command, small):
     message, _ = refuse(command, small, small)
     assert [line.split(":")[0].strip() for line in message.splitlines()[1:]] == [
         "surface.pixels",
-        "forming.kind",
         "contact.load",
+        "forming.kind",
     ]
 
 

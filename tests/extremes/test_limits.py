@@ -12,7 +12,7 @@ import chemage as ca
 from chemage import InputError
 from chemage.foundation import memory
 from chemage.foundation.threads import in_order
-from chemage.scene.limits import LongRunWarning
+from chemage.scene.plan import LongRunWarning
 
 #: changes to a small scene that no run survives, and what the message says
 BAD_SCENES = [

@@ -360,7 +360,7 @@ def scene(pixels=32, size="0.9036 nm", **chemical):
 
 
 def test_a_scene_asks_for_the_gap_and_says_what_was_reconstructed(tmp_path):
-    from chemage.scene.estimate import plan
+    from chemage.scene.plan import plan
 
     made = parse_scene(scene())
     words = "64 x 64 sites on 32 x 32 pixels, 4 sites per pixel: pressure and rim reconstructed below the pixel"
@@ -392,7 +392,7 @@ def test_keys_contain_the_sites_where_they_are_not_pixels():
 
 
 def test_a_scene_whose_sites_do_not_fit_is_refused_before_it_runs():
-    from chemage.scene.estimate import plan
+    from chemage.scene.plan import plan
 
     for density in (1e40, 1e-40, 1e12):
         with pytest.raises(InputError, match="site_density"):

@@ -70,9 +70,9 @@ def test_texts_that_are_stated_twice_are_listed_once():
 @pytest.mark.parametrize(
     ("words", "written"),
     [
-        ("Röttger, Šmíd & Åse", r"R{\"o}ttger, {\v S}m{\'i}d \& {\r A}se"),
+        ("Röttger, Šmíd & Åse", r"Röttger, Šmíd \& Åse"),
         ("a_b^c~d #1 $x$", r"a\_b\textasciicircum{}c\textasciitilde{}d \#1 \$x\$"),
-        ("1–2\nnext\\", r"1--2 next\textbackslash{}"),
+        ("1–2\nnext\\", r"1–2 next\textbackslash{}"),
         ("北京", "北京"),
     ],
 )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage.scene.estimate import plan
+from chemage.scene.plan import plan
 from chemage.scene.run import run
 
 PATCH, TIP = "silica-patch", "silica-tip"

@@ -10,7 +10,7 @@ import chemage
 from chemage import load_scene
 from chemage.foundation import container, machine
 from chemage.lattices.independent import expected_kinetics, rough_pressures
-from chemage.scene.estimate import cost, plan
+from chemage.scene.plan import cost, plan
 
 
 @pytest.fixture
@@ -138,7 +138,7 @@ def test_what_takes_hours_is_said():
 def test_seconds_follow_the_speed_of_the_machine(small, monkeypatch):
     scene = load_scene(small)
     once = plan(scene).numbers
-    monkeypatch.setattr("chemage.scene.estimate.slowness", lambda: 0.25)
+    monkeypatch.setattr("chemage.scene.plan.slowness", lambda: 0.25)
     fast = plan(scene)
     assert fast.numbers["cpu_seconds"] == pytest.approx(once["cpu_seconds"] / 4)
     assert fast.numbers["seconds"] == pytest.approx(once["seconds"] / 4)

@@ -308,9 +308,9 @@ def test_the_command_without_figures_does_not_import_matplotlib(small):
 
 
 def test_what_check_says_of_a_scene_is_not_found_out_where_nobody_reads_it(calls):
-    from chemage.scene import run
+    from chemage.scene.plan import Plan
 
-    calls(run, "doubts")
+    calls(Plan, "doubts")
     ca.run(TIP, warn=False)
     assert not calls.made["doubts"]
     ca.run(TIP)

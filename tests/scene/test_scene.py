@@ -220,6 +220,33 @@ def test_a_scene_without_a_name_has_that_of_its_file(small):
     assert load_scene(small.rename("other.scene.toml")).name == "other.scene"
 
 
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ('[surface]\nkind = "from-file"\npath = "a"', ("surface", "path")),
+        ('[forming]\nkind = "tabulated"\npath = "a"', ("forming", "path")),
+        ('[surface]\nkind = "roughened"\nsurface = {kind = "from-file", path = "a"}', ("surface", "surface", "path")),
+        ('[surface]\npath = "a"', ("surface", "path")),
+        ('[ensemble]\nmap = "a"', ("ensemble", "map")),
+        ('[sweep]\nsurface = [{kind = "from-file", path = "a"}]', ("sweep", "surface", 0, "path")),
+        ('[surface]\nkind = "from-file"\n[sweep]\n"surface.path" = ["a"]', ("sweep", "surface.path", 0)),
+        (
+            '[surface]\nkind = "sphere"\n[sweep.surface]\nkind = ["from-file"]\npath = ["a"]',
+            ("sweep", "surface", "path", 0),
+        ),
+        ('[[sweep.zip]]\n"forming.path" = ["a"]', ("sweep", "zip", 0, "forming.path", 0)),
+    ],
+)
+def test_relative_paths_start_from_the_folder_of_the_scene(tmp_path, text, place):
+    """Paths are known by their type: a text that is called otherwise is one, and another called "path" is none."""
+    (tmp_path / "mine.toml").write_text(text + '\n[hold]\npath = "a"\n', "utf-8")
+    value, _ = scene_data(tmp_path / "mine.toml")
+    assert value["hold"]["path"] == "a"
+    for word in place:
+        value = value[word]
+    assert value == str(tmp_path / "a")
+
+
 def test_a_scene_that_is_not_there():
     with pytest.raises(StoreError, match="silica-rough"):
         load_scene("no-such-scene")

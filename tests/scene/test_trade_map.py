@@ -14,7 +14,7 @@ import chemage as ca
 from chemage import ContactSolution, ContactSolver, DamagedError, InputError, Pressure, StoreError
 from chemage.cli.options import changed_fields
 from chemage.results.tradeoff_figure import figure
-from chemage.scene.scene_files import override
+from chemage.scene.files import override
 from chemage.studies.trade.choices import changes, go_together, pasted
 from chemage.studies.trade.mapping import Mapper
 from chemage.studies.trade.trade_map import Deviation, Point, TradeMap, pareto, words

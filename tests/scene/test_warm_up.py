@@ -300,7 +300,7 @@ def test_an_engine_of_another_package_is_warmed_up_on_a_lattice_like_that_of_the
     registered(Mine)
     one = ca.load_scene("silica-tip", {"engine": {"kind": "mine"}})
     with pytest.raises(RuntimeError, match="compile here"):
-        warm_up.warm_up_ageing(one)
+        warm_up.warm_up(one, "ageing")
     lattice, times, temperature = seen[0]
     assert lattice.interacting
     assert lattice.breaking is not None
@@ -314,7 +314,11 @@ def test_an_engine_of_another_package_is_warmed_up_on_a_lattice_like_that_of_the
 @pytest.mark.parametrize("pixel_size", [0.02, 0.4518, 20.0])
 def test_there_are_sites_on_the_small_contact(density, pixel_size):
     changes = {"chemistry.site_density": density, "surface.pixel_size": pixel_size}
-    lattice = ca.build_lattice((one := ca.load_scene("silica-tip", changes)).chemistry, warm_up._small_contact(one))
+    seen = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ca.Engine, "warm_up", lambda self, lattice, temperature: seen.append(lattice))
+        warm_up.warm_up(ca.load_scene("silica-tip", changes), "ageing")
+    (lattice,) = seen
     assert 4 <= lattice.sites.size < 200_000
 
 

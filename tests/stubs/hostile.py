@@ -399,7 +399,7 @@ def scenes(rng):
 
 
 def use_scene(data):
-    from chemage.scene.estimate import plan
+    from chemage.scene.plan import plan
 
     scene = ca.parse_scene(data)
     known = [scene.digest(), scene.keys(), plan(scene).numbers]

@@ -26,12 +26,12 @@ from chemage.lattices.chemistry import SITE_DENSITY, Chemistry
 from chemage.results.ensemble_text import over
 from chemage.results.figures import plain
 from chemage.results.files import read
+from chemage.scene.provenance import components_of, scatter_of
 from chemage.scene.run import Run
 from chemage.scene.scene import heading
-from chemage.scene.sections import components_of, scatter_of
 from chemage.studies.ensembles.ensemble import Ensemble, ErrorPart, Estimate
 from chemage.studies.sweeps.result import load_sweep
-from chemage.surfaces.scatter import Scatter
+from chemage.surfaces.role import Scatter
 
 _CHEMICAL = ("forming", "breaking", "interaction", "chemistry", "temperature")
 

@@ -15,7 +15,7 @@ from chemage.foundation.approximations import merged
 from chemage.foundation.codec import from_json
 from chemage.foundation.errors import InputError
 from chemage.foundation.memory import capacity
-from chemage.scene import estimate
+from chemage.scene import plan as estimate
 from chemage.scene.run import run
 from chemage.scene.scene import Scene
 from chemage.scene.variants import coarser

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from chemage.lattices.independent import expected_kinetics, rough_pressures, smooth_pressures
-from chemage.scene.cost import Cost
+from chemage.scene.plan import Plan
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.computations import DIFFERENCE, DIFFERENCE_REPLICAS, REPLICA_SHARE
@@ -44,7 +44,7 @@ def is_about_zero(scatter: np.ndarray | float) -> np.ndarray | bool:
     return scatter**2 > stages.FIRST
 
 
-def scatters(request: Request, known: Cost, contact: Mapping[str, float]) -> Scatters:
+def scatters(request: Request, known: Plan, contact: Mapping[str, float]) -> Scatters:
     """The scatter of what ``request`` averages, of which ``known`` are the estimates and ``contact`` the expected
     measures of the contact."""
     quantities, scene = request.quantities, request.scene
@@ -62,7 +62,7 @@ def scatters(request: Request, known: Cost, contact: Mapping[str, float]) -> Sca
     return Scatters(surfaces, replicas, source)
 
 
-def _replicas(scene: Scene, known: Cost, request: Request) -> np.ndarray:
+def _replicas(scene: Scene, known: Plan, request: Request) -> np.ndarray:
     """(β and hold times,) standard deviation between replicas over the mean: that of sites which react independently.
 
     Of N sites that are bonded with the probability p(t), the bonds at t ≤ u have the covariance N p(t) (1 − p(u)).

@@ -16,8 +16,8 @@ from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.threads import available
 from chemage.foundation.units import convert
-from chemage.scene import asked
-from chemage.scene.estimate import cost
+from chemage.scene import sections as asked
+from chemage.scene.plan import cost
 from chemage.scene.scene import Scene
 from chemage.scene.variants import is_random
 from chemage.studies.ensembles import measured, stages

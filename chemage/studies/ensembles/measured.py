@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from chemage.scene.scene import Scene, parse_scene
-from chemage.scene.scene_files import override
+from chemage.scene.files import override
+from chemage.scene.parsing import parse_scene
+from chemage.scene.scene import Scene
 from chemage.studies.ensembles.computations import Computation, bare, estimated
 from chemage.studies.ensembles.quantities import Quantities
 from chemage.studies.trade.choices import GRID

@@ -9,9 +9,8 @@ from typing import Any
 
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
-from chemage.scene import estimate
-from chemage.scene.cost import Cost
-from chemage.scene.limits import in_hours
+from chemage.scene import plan as estimate
+from chemage.scene.plan import Plan, in_hours
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.allocation import limit
@@ -266,7 +265,7 @@ def plan(scene: Scene) -> EnsemblePlan:
     return EnsemblePlan(one, request, found, tuple(seconds), replicas, expected, seen, reason)
 
 
-def _foreseen(sampler: Sampler, known: Cost, expected: Scatters, first: Computation) -> tuple[Foreseen | None, str]:
+def _foreseen(sampler: Sampler, known: Plan, expected: Scatters, first: Computation) -> tuple[Foreseen | None, str]:
     """What the rule is expected to do, and how that is known; ``first`` is the cheapest computation, in whose seconds
     all times are."""
     asked, workers = sampler.request, available()

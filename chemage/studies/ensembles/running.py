@@ -20,12 +20,11 @@ from chemage.foundation.progress import Report
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
 from chemage.foundation.threads import restored as threads_restored
-from chemage.scene.doubts import doubts
-from chemage.scene.estimate import cost
-from chemage.scene.limits import check_limits, in_hours
+from chemage.scene.files import load_scene
+from chemage.scene.parsing import parse_scene
+from chemage.scene.plan import cost, in_hours
 from chemage.scene.provenance import versions
-from chemage.scene.scene import Scene, parse_scene
-from chemage.scene.scene_files import load_scene
+from chemage.scene.scene import Scene
 from chemage.studies.by_hand import for_workers, registered_classes
 from chemage.studies.design import PATIENCE, Part, carry_out
 from chemage.studies.ensembles import stages
@@ -157,8 +156,8 @@ class Sampler:
         with scene.in_use():
             self.request = Request.of(scene, measured)
             known = cost(scene)
-            check_limits(scene, known)
-            for doubt in doubts(scene, known) if warn else ():
+            known.check()
+            for doubt in known.doubts() if warn else ():
                 if doubt.kind != "long":  # how long an ensemble takes is another question
                     warnings.warn(doubt.text, PlanWarning, stacklevel=3)
             self.store = Store(None if samples is None else Path(samples), scene)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from chemage.contacts.solution import ContactSolution
-from chemage.plugins.participation import Plugins
+from chemage.plugins.context import Plugins
 from chemage.plugins.sources import changed, implementing, providers, would_change
 from chemage.scene.run import aged
 from chemage.scene.scene import Scene

@@ -22,14 +22,12 @@ from chemage.contacts.role import ContactTheory, no_map
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
 from chemage.foundation.messages import nearest
 from chemage.foundation.records import content_hash
-from chemage.foundation.units import unit_of
 from chemage.plugins.sources import implementing, stage_hooks
-from chemage.scene.doubts import doubts
-from chemage.scene.estimate import cost
-from chemage.scene.limits import check_limits
-from chemage.scene.materials import SECTIONS as FILLED
-from chemage.scene.scene import REQUIRED, SECTIONS, Scene, parse_scene
-from chemage.scene.scene_files import override
+from chemage.scene.files import override
+from chemage.scene.materials import filled_sections
+from chemage.scene.parsing import parse_scene, required_sections, section_names
+from chemage.scene.plan import cost
+from chemage.scene.scene import Scene
 from chemage.studies.by_hand import Known, registered_classes
 from chemage.studies.tasks import Task
 
@@ -119,7 +117,7 @@ class Grid:
         # a whole section is replaced before a field inside it is set
         changes = dict(sorted(self.changes(point).items(), key=lambda item: item[0].count(".")))
         # a material would fill what is removed here; there, a section that is false is left out
-        kept = FILLED if changes.get("material", self.base.get("material")) else ()
+        kept = filled_sections() if changes.get("material", self.base.get("material")) else ()
         return override(
             self.base,
             {path: value if path in kept else _without_false(path, value) for path, value in changes.items()},
@@ -194,7 +192,7 @@ def _lines(table: Mapping[str, Any], where: str, problems: list[tuple[str, str]]
 
 def _wrong_path(path: str) -> str | None:
     root, _, rest = path.partition(".")
-    known = [name for name in SECTIONS if name != "sweep"]
+    known = [name for name in section_names() if name != "sweep"]
     if root not in known:
         return f"no such section{nearest(root, known)}; the sections are {', '.join(known)}"
     if rest and ("" in rest.split(".") or root in ("name", "title", "material")):
@@ -203,7 +201,7 @@ def _wrong_path(path: str) -> str | None:
 
 
 def _without_false(path: str, value: Any) -> Any:
-    return None if value is False and path in SECTIONS and path not in REQUIRED else value
+    return None if value is False and path in section_names() and path not in required_sections() else value
 
 
 # -- validation of all points -----------------------------------------------------------------------------------------
@@ -382,8 +380,8 @@ def _add(result: Survey, point: int, scene: Scene, known: dict[str, int]) -> Non
         result.means = True
         keys["result"] = mean_key(scene)
     result.classes |= registered_classes(scene.components())
-    check_limits(scene, costs)
-    for doubt in doubts(scene, costs):
+    costs.check()
+    for doubt in costs.doubts():
         text, first, count = result.doubts.get(doubt.kind, (doubt.text, point, 0))
         result.doubts[doubt.kind] = text, first, count + 1
     result.keys.append(keys["result"])
@@ -425,21 +423,7 @@ def _resolve(result: Survey, axis: int, place: int, scene: Scene) -> None:
             value = given
         result.resolved[axis][place][number] = value
         if path not in result.units:
-            result.units[path] = _unit(path, scene)
-
-
-def _unit(path: str, scene: Scene) -> str:
-    section, _, name = path.partition(".")
-    if path == "contact.load":
-        return "nN"
-    owner: Any = getattr(scene, section, None)
-    if section in ("forming", "breaking", "interaction") and scene.chemistry is not None:
-        owner = getattr(scene.chemistry, section)
-    if section == "plugins":
-        plugin, _, name = name.rpartition(".")
-        owner = scene.plugins.get(plugin)
-    info = type(owner).model_fields.get(name) if owner is not None else None
-    return unit_of(info) if info is not None else ""
+            result.units[path] = scene.unit(path)
 
 
 def order_of(contacts: list[Contact]) -> list[int]:

@@ -28,10 +28,10 @@ from chemage.foundation.memory import readable
 from chemage.foundation.threads import restored as threads_restored
 from chemage.foundation.units import in_words
 from chemage.foundation.version import __version__
-from chemage.plugins.settings import completed
+from chemage.plugins.options import completed
+from chemage.scene.files import located, override, scene_data
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
-from chemage.scene.scene_files import located, override, scene_data
 from chemage.studies.by_hand import for_workers
 from chemage.studies.design import PATIENCE, Part, carry_out
 from chemage.studies.executors.clusters import seconds

@@ -15,9 +15,8 @@ from chemage.contacts.role import ContactTheory
 from chemage.foundation.components import Component, call_with
 from chemage.foundation.errors import ChemageError
 from chemage.plugins import registry
-from chemage.scene.estimate import cost
+from chemage.scene.plan import cost
 from chemage.scene.scene import Scene
-from chemage.scene.sections import sections
 from chemage.scene.variants import coarser
 from chemage.studies.trade.settings import COARSER, Setting, settings, with_section
 
@@ -95,7 +94,7 @@ def choices(scene: Scene, notes: list[str]) -> list[Choice]:
 
 def _of_setting(scene: Scene, setting: Setting) -> Iterator[Choice]:
     """The values of an option, but that of the scene."""
-    own = sections(scene)[setting.section]
+    own = scene.sections()[setting.section]
     stage = "contact" if setting.section in ("surface", "contact") else "ageing"
     if setting.section.startswith("observe") or (stage == "ageing" and not scene.ages):
         return
@@ -108,7 +107,7 @@ def of_value(setting: Setting, value: Any, stage: str = "contact") -> Choice:
     """One value of an option as a choice."""
 
     def apply(scene: Scene) -> Scene:
-        return with_section(scene, setting.section, setting.turned(sections(scene)[setting.section], value))
+        return with_section(scene, setting.section, setting.turned(scene.sections()[setting.section], value))
 
     return Choice(setting.name, str(value), apply, stage)
 
@@ -254,7 +253,7 @@ def _plain(scene: Scene) -> dict[str, Any]:
 
 
 def _components(scene: Scene) -> dict[str, Component]:
-    return sections(scene)
+    return scene.sections()
 
 
 def pasted(changed: Mapping[str, Any]) -> str:

@@ -28,13 +28,12 @@ from chemage.contacts.stage import solve_contact
 from chemage.foundation.approximations import in_words
 from chemage.foundation.errors import ChemageError
 from chemage.plugins.sources import approximations
-from chemage.scene.estimate import cost
+from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
 from chemage.scene.run import aged
 from chemage.scene.scene import Scene
-from chemage.scene.sections import sections
 from chemage.scene.variants import is_random, question
-from chemage.scene.warm_up import warm_up_contact
+from chemage.scene.warm_up import warm_up
 from chemage.studies.trade.choices import ENGINE, Choice, Combination, applied, changes, choices, go_together
 from chemage.studies.trade.settings import reference as best_of
 from chemage.studies.trade.settings import with_section
@@ -149,7 +148,7 @@ class Mapper:
             try:
                 scene = choice.apply(self.scene)
                 if choice.stage == "contact":
-                    warm_up_contact(scene)
+                    warm_up(scene, "contact")
                     continue
                 seconds = self._expected_seconds(scene, solved.contact)
             except ChemageError:
@@ -496,7 +495,7 @@ def _rounds(scene: Scene) -> int:
 
 def _best(scene: Scene) -> Scene:
     """The most accurate settings of every section, and the kinetics of every site."""
-    for name, component in sections(scene).items():
+    for name, component in scene.sections().items():
         if not name.startswith("observe"):
             scene = with_section(scene, name, best_of(component))
     return scene.model_copy(update={"ageing": None}) if scene.ageing is not None else scene
@@ -504,8 +503,8 @@ def _best(scene: Scene) -> Scene:
 
 def _replaced(own: Scene, other: Scene) -> Iterator[Any]:
     """The components of ``other`` that are not those of ``own``."""
-    before = sections(own)
-    for name, component in sections(other).items():
+    before = own.sections()
+    for name, component in other.sections().items():
         if before.get(name) != component:
             yield component
 

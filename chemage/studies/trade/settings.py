@@ -9,9 +9,9 @@ from typing import Any
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError
 from chemage.plugins import registry
-from chemage.scene.estimate import cost
+from chemage.scene.plan import cost
+from chemage.scene.provenance import nested
 from chemage.scene.scene import Scene
-from chemage.scene.sections import nested, sections
 
 #: at most so many values of one option are tried, the first, the last and the scene's own among them
 MOST_VALUES = 8
@@ -51,7 +51,7 @@ class Setting:
 def settings(scene: Scene) -> list[Setting]:
     """What ``trade`` of the components of ``scene`` names, in the order of the sections."""
     found = []
-    for section, component in sections(scene).items():
+    for section, component in scene.sections().items():
         for path, part in nested(component, section):
             below = tuple(path.removeprefix(section).split(".")[1:])
             for option, values in part.trade.items():

@@ -32,11 +32,9 @@ from chemage.foundation.statistics import half_width, standard_error
 from chemage.foundation.text import jsonable
 from chemage.plugins import registry
 from chemage.plugins.sources import approximations
-from chemage.scene.extrapolation import vanishing_pixels
 from chemage.scene.run import aged
 from chemage.scene.scene import Scene
-from chemage.scene.sections import sections
-from chemage.scene.variants import coarser
+from chemage.scene.variants import coarser, vanishing_pixels
 from chemage.studies.trade.choices import ENGINE, grid, of_value
 from chemage.studies.trade.mapping import Computed, Mapper, timed
 from chemage.studies.trade.settings import COARSER, REPLICAS, Setting, planned, settings, with_section
@@ -192,7 +190,7 @@ class _Measurement:
         if section not in ("surface", "contact") and not self.scene.ages:
             self.found.notes.append(f"{names}: not tried, because the scene stops at the contact")
             return
-        own = sections(self._given)[section]
+        own = self._given.sections()[section]
         reference = self._reference(section, own, found)
         for setting in found:
             for value in setting.values:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage.scene.estimate import cost
+from chemage.scene.plan import cost
 from chemage.studies.ensembles import computations, stages
 from chemage.studies.ensembles.foreseen import scatters
 from chemage.studies.ensembles.goals import Request, with_request
@@ -168,7 +168,7 @@ def test_where_hardly_a_bond_forms_in_the_window_no_scatter_is_foreseen_but_said
 def test_the_speed_of_the_machine_changes_what_is_foreseen_and_nothing_that_is_computed(scene, monkeypatch):
     asked = with_request(scene, accuracy={"beta": 0.1})
     before, mean = plan(asked), ca.ensemble(asked)
-    monkeypatch.setattr("chemage.scene.estimate.slowness", lambda: 3.0)
+    monkeypatch.setattr("chemage.scene.plan.slowness", lambda: 3.0)
     slow = plan(asked)
     assert slow.cpu_seconds == pytest.approx(3 * before.cpu_seconds)
     assert [one.seconds for one in slow.computations] == pytest.approx([3 * one.seconds for one in before.computations])

@@ -17,7 +17,7 @@ import xarray
 import chemage
 from chemage import Aging, InputError, SceneError, StoreError, override, parse_scene
 from chemage.foundation.codec import from_json, to_json
-from chemage.scene.estimate import REPLICA_SECONDS
+from chemage.kinetics.hooks import REPLICA_SECONDS
 from chemage.scene.schema import scene_schema
 from chemage.studies.sweeps.dimensions import short_names
 from chemage.studies.sweeps.grid import Grid, order_of

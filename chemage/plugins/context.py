@@ -1,15 +1,54 @@
-"""Which plugins took part in a result: those that answered the hook of a stage, or changed its answer.
+"""What holds in this context: the options and the order of plugins that a block or a scene sets, and who takes part.
 
-Every implementation of a hook by a plugin is wrapped when it is registered. One that answers None, or a wrapper that
-returns the very object it received, has changed nothing and is not noted.
+A plugin takes part in a result if it answered the hook of a stage, or changed its answer. Every implementation of a
+hook by a plugin is wrapped when it is registered; one that answers None, or a wrapper that returns the very object it
+received, has changed nothing and is not noted.
+
+Kept in context variables, so that two threads can run two scenes; the threads of replicas and the worker processes of a
+sweep set them anew.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator
+import os
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from types import MappingProxyType
 from typing import Any
+
+#: the variable that names the plugins that come first, separated by commas
+PREFER = "CHEMAGE_PREFER"
+_options: ContextVar[Mapping[str, Any]] = ContextVar("chemage_plugin_options", default=MappingProxyType({}))
+_prefer: ContextVar[tuple[str, ...] | None] = ContextVar("chemage_preferred_plugins", default=None)
+
+
+def options() -> Mapping[str, Any]:
+    """Name of a plugin -> its options, where some are set."""
+    return _options.get()
+
+
+def preference() -> tuple[str, ...]:
+    """Names of the plugins that come first: of the scene or block in use, else of ``CHEMAGE_PREFER``."""
+    names = _prefer.get()
+    if names is not None:
+        return names
+    return tuple(filter(None, (name.strip() for name in os.environ.get(PREFER, "").split(","))))
+
+
+@contextmanager
+def applied(options: Mapping[str, Any], prefer: tuple[str, ...] | None) -> Iterator[None]:
+    """Set the options of plugins, and unless it is None the preference, within a block."""
+    before = _options.set(options)
+    order = _prefer.set(_prefer.get() if prefer is None else prefer)
+    try:
+        yield
+    finally:
+        _prefer.reset(order)
+        _options.reset(before)
+
+
+# -- who takes part ---------------------------------------------------------------------------------------------------
 
 #: name of a plugin -> its distribution and version, and in square brackets its options, where it has some
 Plugins = dict[str, str]

@@ -1,0 +1,155 @@
+"""A stage that a room declares is read, checked, planned, keyed, stored and swept like those that chemage has.
+
+The stage of this test is declared here, and nothing of the framework is touched but the registry that is told of it.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+
+import jsonschema
+import pytest
+
+import chemage as ca
+from chemage.plugins.stages import Doubt, Parts, Stage, Stated
+from chemage.scene.plan import plan
+from chemage.scene.provenance import components_of
+from chemage.scene.schema import scene_schema
+from chemage.studies.sweeps.grid import Grid, survey
+
+
+class Wear(ca.Component, ABC):
+    """Role ``wear``: what a slip takes away."""
+
+    role = "wear"
+
+    @abstractmethod
+    def depth(self, load: float) -> float: ...
+
+
+class Archard(Wear):
+    """Proportional to the load."""
+
+    kind = "archard"
+    cite = ("J. F. Archard, J. Appl. Phys. 24, 981 (1953)",)
+    slip: ca.Length
+    """path of a slip, nm"""
+    table: ca.FilePath | None = None
+    """measured coefficients"""
+
+    def depth(self, load: float) -> float:
+        return load * self.slip
+
+
+class WearStage(Stage):
+    def problems(self, parts: Parts) -> Iterator[tuple[str, str]]:
+        if self.section in parts and parts[self.section].slip > 1e6:
+            yield f"{self.section}.slip", "is longer than any surface"
+
+    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
+        return {"cpu_seconds": 1000.0 + stated["contact"]["area_fraction"]}
+
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        if self.section in parts and parts[self.section].slip < 1:
+            yield Doubt("slip", f"a slip of {parts[self.section].slip:g} nm wears nothing off")
+
+
+ROLES = {"wear": f"{__name__}:Wear"}
+STAGES = (WearStage("wear", role="wear", needs="forming", inputs=("contact",), key="aging"),)
+
+
+@pytest.fixture(autouse=True)
+def registry():
+    """A registry that knows the stage."""
+    with ca.registry.using(ca.registry.Registry()) as installed:
+        installed.add_room(sys.modules[__name__])
+        ca.register(Archard)
+        yield installed
+
+
+def scene(**changes):
+    return ca.load_scene("silica-tip", {"wear": {"kind": "archard", "slip": "3 nm"}, **changes})
+
+
+def test_it_is_read_and_told(registry):
+    worn = scene()
+    assert worn.component("wear") == Archard(slip=3.0)
+    assert worn.todict()["wear"] == {"kind": "archard", "slip": 3.0}
+    assert ca.parse_scene(worn.todict()) == worn
+    assert Archard.cite[0] in worn.cite()
+    assert any("Archard" in name for name in ca.versions(worn))
+    assert components_of(worn.todict())[-1] == ("wear", worn.component("wear"))
+    order = [stage.section for stage in registry.stages()]
+    assert order.index("contact") < order.index("wear")
+
+
+@pytest.mark.parametrize(
+    ("changes", "path", "said"),
+    [
+        ({"wear": 3}, "wear", r"3 is not a section; write \[wear\] with options below it"),
+        ({"wear": {"slip": 1}}, "wear.kind", "is required; installed: archard"),
+        ({"wear": {"kind": "archrd"}}, "wear.kind", "did you mean 'archard'"),
+        ({"wear": {"kind": "archard"}}, "wear.slip", "is required"),
+        ({"wear.slop": 1}, "wear.slop", "no such option .did you mean 'slip'"),
+        ({"wear.slip": "3 K"}, "wear.slip", '"3 K" is a quantity of kelvin'),
+        ({"wear.slip": "1 m"}, "wear.slip", "is longer than any surface"),
+        ({"waer": {}}, "waer", "no such section .did you mean 'wear'"),
+    ],
+)
+def test_what_is_wrong_is_named(changes, path, said):
+    with pytest.raises(ca.SceneError) as caught:
+        scene(**changes)
+    assert path in [problem[0] for problem in caught.value.problems]
+    assert re.search(said, str(caught.value))
+
+
+def test_it_needs_what_it_rests_on():
+    contact = dict.fromkeys(("forming", "breaking", "interaction", "chemistry", "engine", "hold", "fit"))
+    with pytest.raises(ca.SceneError, match=r"wear: needs \[forming\]"):
+        scene(**contact, observe=None)
+
+
+def test_its_options_are_in_the_keys_from_its_stage_on():
+    without, worn, other = ca.load_scene("silica-tip").keys(), scene().keys(), scene(**{"wear.slip": 4}).keys()
+    assert {key for key in worn if worn[key] != without[key]} == {"aging", "result"}
+    assert {key for key in worn if worn[key] != other[key]} == {"aging", "result"}
+
+
+def test_the_schema_has_it():
+    schema = scene_schema()
+    validator = jsonschema.Draft202012Validator(schema)
+    assert not list(validator.iter_errors(scene().todict()))
+    assert list(validator.iter_errors({**scene().todict(), "wear": {"kind": "archard", "slop": 1}}))
+    assert schema["$defs"]["Archard"]["properties"]["slip"]["unit"] == "nm"
+
+
+def test_the_plan_has_its_row_its_cost_and_its_doubts(command):
+    before, worn = plan(ca.load_scene("silica-tip")), plan(scene())
+    assert dict(worn.rows())["wear"] == "archard"
+    assert worn.numbers["cpu_seconds"] > before.numbers["cpu_seconds"] + 999
+    assert worn.notes == before.notes
+    assert "a slip of 0.1 nm wears nothing off" in plan(scene(**{"wear.slip": 0.1})).notes
+    told = command("check", "silica-tip", "--set", 'wear={"kind"="archard","slip"="0.1 nm"}')
+    assert told.status == 0
+    assert "archard" in told.out
+    assert "wears nothing off" in told.out + told.err
+
+
+def test_its_option_is_an_axis_of_a_sweep():
+    data = ca.scene_data("silica-tip")[0] | {"wear": {"kind": "archard", "slip": 1.0}}
+    surveyed = survey(Grid.read({**data, "sweep": {"wear.slip": ["3 nm", "1 um"]}}))
+    assert len(set(surveyed.keys)) == 2
+    assert surveyed.units["wear.slip"] == "nm"
+    assert surveyed.resolved[0] == [[3.0], [1000.0]]
+    assert len(surveyed.contacts) == 1
+
+
+def test_its_files_are_beside_the_scene(tmp_path):
+    text = (tmp_path / "worn.toml").write_text
+    text('[wear]\nkind = "archard"\ntable = "table.txt"\n[sweep]\n"wear.table" = ["one.txt", "/two.txt"]\n', "utf-8")
+    data, _ = ca.scene_data(tmp_path / "worn.toml")
+    assert data["wear"]["table"] == str(tmp_path / "table.txt")
+    assert data["sweep"]["wear.table"] == [str(tmp_path / "one.txt"), "/two.txt"]
