@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from chemage.inference.kernel import EnergyGrid
+from chemage.inference.energies import EnergyGrid
 
 #: peaks at most, and the probability of each but the first to be there
 MOST, THERE = 4, 0.125

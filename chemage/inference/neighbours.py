@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from chemage.foundation.units import KB
-from chemage.inference.kernel import Kernel
+from chemage.inference.energies import Kernel
 
 #: groups of sites under similar pressures
 GROUPS = 8

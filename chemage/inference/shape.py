@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from chemage.inference.energies import averaging
 from chemage.inference.forecast import band
-from chemage.inference.inference import Inference
-from chemage.inference.kernel import averaging
+from chemage.inference.result import Inference
 
 #: parts into which the visible energies are cut, at most
 PARTS = 6

@@ -21,7 +21,7 @@ from chemage.foundation.records import Record
 from chemage.foundation.text import with_article
 from chemage.inference.curves import MeasuredCurve
 from chemage.inference.forecast import Forecast
-from chemage.inference.inference import Inference
+from chemage.inference.result import Inference
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.lattice import ReactionLattice
 from chemage.scene.run import Run

@@ -10,8 +10,7 @@ from chemage.foundation.codec import read_records, write_records
 from chemage.foundation.errors import StoreError
 from chemage.foundation.records import Record
 from chemage.inference.forecast import Forecast
-from chemage.inference.inference import Inference
-from chemage.inference.result import MOST_FORECASTS, InferenceResult
+from chemage.inference.result import MOST_FORECASTS, Inference, InferenceResult
 
 _FORECASTS = [f"forecast_{number}" for number in range(1, MOST_FORECASTS + 1)]
 _CLASSES: dict[str, type[Record]] = {"inference": Inference, **dict.fromkeys(_FORECASTS, Forecast)}

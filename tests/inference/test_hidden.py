@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from chemage.inference.energies import EnergyGrid
 from chemage.inference.hidden import Data, Hidden, redrawn_outside
-from chemage.inference.kernel import EnergyGrid
 
 GRID = EnergyGrid(0.6, 0.02, 50)
 FIRST = 15

@@ -76,8 +76,8 @@ class EnergyGrid:
         # a little of everything, so that the sum ascends
         total = total + np.arange(total.size) * 1e-15
         share = max(1.0, float(total[-1]))
-        found = np.interp(uniform * share, total, self.fine + self.fine_step / 2)
-        return np.where(uniform * share > total[-1], beyond, found)
+        inside = np.interp(uniform * share, total, self.fine + self.fine_step / 2)
+        return np.where(uniform * share > total[-1], beyond, inside)
 
 
 def energy_grid(chemistry: Chemistry, temperatures: np.ndarray, times: np.ndarray, lowering: float) -> EnergyGrid:
@@ -112,11 +112,11 @@ def bonded_probability(chemistry: Chemistry, temperature: float, times: np.ndarr
     breaking, counts = np.unique(
         chemistry.attempt_frequency * np.exp(-np.maximum(barriers, 0.0) / kt), return_counts=True
     )
-    found = np.zeros((times.size, forming.size))
+    bonded = np.zeros((times.size, forming.size))
     for rate, count in zip(breaking, counts, strict=True):
         both = forming + rate
-        found += count / RANKS * (forming / both) * -np.expm1(-times[:, None] * both)
-    return found
+        bonded += count / RANKS * (forming / both) * -np.expm1(-times[:, None] * both)
+    return bonded
 
 
 @dataclass(frozen=True, eq=False)
