@@ -100,22 +100,6 @@ def read_families(text: str | None) -> Sequence[str]:
     return () if names == ["none"] else tuple(dict.fromkeys(names))
 
 
-def read_share(text: str | None) -> float | None:
-    """Read ``--relative-error``, a number or a percentage."""
-    from chemage.foundation.errors import UnitError
-    from chemage.foundation.units import convert
-
-    if text is None:
-        return None
-    try:
-        value = convert(text if text.strip().endswith("%") else float(text), "")
-    except (ValueError, UnitError):
-        value = math.nan
-    if not 0 < value < 1:
-        raise user_error(f'--relative-error {text}: give a share of the value between 0 and 1, such as 0.03 or "3 %"')
-    return value
-
-
 def _forecast(text: str) -> Mapping[str, Any]:
     from chemage.scene.scene_files import load_scene
 

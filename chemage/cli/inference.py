@@ -137,6 +137,7 @@ def infer(
     loading("loading chemage")
     from chemage.cli import infer_words
     from chemage.foundation.files import preflight
+    from chemage.foundation.units import convert
     from chemage.inference.result import UnexplainedError
     from chemage.scene.scene_files import load_scene
 
@@ -154,7 +155,7 @@ def infer(
     there = load_scene(scene, changed_fields(changes))
     protect_inputs(path, scene, there)
     _protect(path, [*measured, *(Path(text) for text in planned or () if "=" not in text)])
-    share = infer_words.read_share(relative_error)
+    share = None if relative_error is None else convert(relative_error, "", "--relative-error")
     curves = _curves(measured, load, temperature, share)
     preflight(path, force=force)
     if figures:

@@ -175,14 +175,15 @@ class Forecaster:
         if not newton > 0:
             raise InputError.of("load", load, "must be above zero", "give a force such as 50 nN")
         hold = self.scene.hold
-        if temperature is None:
-            temperature = 300.0 if hold is None else hold.temperature
+        kelvin = 300.0 if hold is None else hold.temperature
+        if temperature is not None:
+            kelvin = temperature_value(temperature)
         if hold_times is None:
             hold_times = spaced(1e-3, 1e5, 4) if hold is None else hold.hold_times
         times = check_times(hold_times)
         if not (times > 0).any():
             raise InputError.of("hold_times", times.tolist(), "must have a time above zero", "nothing has aged at 0 s")
-        return newton, temperature_value(temperature), times[times > 0]
+        return newton, kelvin, times[times > 0]
 
     def forecast(
         self,

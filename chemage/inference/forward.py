@@ -404,10 +404,7 @@ class Model:
 
     def labels(self) -> list[str]:
         """What each point is, in words."""
-        return [
-            f"{time:.3g} s of {self.curves[number].name}"
-            for number, time in zip(self.curve, self.hold_times, strict=True)
-        ]
+        return [f"{time:.3g} s of {curve.name}" for curve in self.curves for time in curve.hold_times]
 
     def seen(self) -> np.ndarray:
         """(n,) whether some condition has hold times before and after sites of this barrier bond."""

@@ -66,7 +66,7 @@ def check_explained(data: Linear, labels: list[str]) -> None:
 
     values, errors, grid = data.values, data.errors, data.grid
     fits = []
-    for factor in [1.0] if data.factor is None else np.geomspace(*np.exp(data.factor), 9):
+    for factor in [1.0] if data.factor is None else np.geomspace(np.exp(data.factor[0]), np.exp(data.factor[1]), 9):
         density, chi2 = smooth_fit(data, 1e-12, factor)
         fits.append((chi2, density, factor * (data.offset + data.matrix @ density)))
     chi2, density, fitted = min(fits, key=lambda fit: fit[0])
