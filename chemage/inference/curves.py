@@ -215,14 +215,11 @@ def _curve(key: tuple[Any, ...], rows: list[dict[str, Any]], source: Path, count
                 f"{row['where']}, column hold_time: {row['hold_time']:g} s comes after {before['hold_time']:g} s in "
                 f"the curve {name}; sort the rows of each curve by hold time"
             )
-    arrays = {
-        f"{column}s": np.array([row[column] for row in rows if row["hold_time"] > 0])
-        for column in ("hold_time", "value", "error")
-    }
+    kept = [row for row in rows if row["hold_time"] > 0]
+    times, values, errors = (np.array([row[column] for row in kept]) for column in ("hold_time", "value", "error"))
+    fields: dict[str, Any] = {"load": load, "temperature": temperature, "quantity": quantity}
     try:
-        return MeasuredCurve.model_validate(
-            {"name": name, "load": load, "temperature": temperature, "quantity": quantity, **arrays}
-        )
+        return MeasuredCurve(name=name, hold_times=times, values=values, errors=errors, **fields)
     except InputError as error:
         raise InputError(f"{source}, curve {name}: {error}") from None
 

@@ -26,9 +26,7 @@ from chemage_contact import _kernels as kernels
 from chemage_contact._grid import rescale, sums
 from chemage_contact._kernels import Heights
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate
-from chemage_contact._references import BUGNICOURT, POLONSKY, VOLLEBREGT
 from chemage_contact._team import Team
-from chemage_contact._warm_up import compile_kernels
 
 #: Thickness of a layer, in pixels and in lengths of the surface. A thinner one is a bed of springs, which rounding
 #: errors prevent from converging; a thicker one is a half-space.
@@ -42,6 +40,36 @@ NEAR_EDGE = 0.9
 SINGLE_LIMIT = 1e-6
 #: A reference: rounding errors of double precision allow little less than its tolerance.
 REFERENCE_TOLERANCE, REFERENCE_ITERATIONS = 1e-12, 500
+
+_POLONSKY = """@article{polonsky1999,
+  author = {Polonsky, I. A. and Keer, L. M.},
+  title = {A numerical method for solving rough contact problems based on the multi-level multi-summation and conjugate gradient techniques},
+  journal = {Wear},
+  volume = {231},
+  pages = {206--219},
+  year = {1999},
+  doi = {10.1016/S0043-1648(99)00113-1},
+}"""  # noqa: E501
+
+_BUGNICOURT = """@article{bugnicourt2018,
+  author = {Bugnicourt, R. and Sainsot, P. and Dureisseix, D. and Gauthier, C. and Lubrecht, A. A.},
+  title = {{FFT}-based methods for solving a rough adhesive contact: description and convergence study},
+  journal = {Tribology Letters},
+  volume = {66},
+  pages = {29},
+  year = {2018},
+  doi = {10.1007/s11249-017-0980-z},
+}"""
+
+_VOLLEBREGT = """@article{vollebregt2014,
+  author = {Vollebregt, E. A. H.},
+  title = {The bound-constrained conjugate gradient method for non-negative matrices},
+  journal = {Journal of Optimization Theory and Applications},
+  volume = {162},
+  pages = {931--953},
+  year = {2014},
+  doi = {10.1007/s10957-013-0499-x},
+}"""
 
 
 class FFTBEM(ContactSolver):
@@ -67,7 +95,7 @@ class FFTBEM(ContactSolver):
         "L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018)",
         "E. A. H. Vollebregt, J. Optim. Theory Appl. 162, 931 (2014)",
     )
-    bibtex: ClassVar[tuple[str, ...]] = (POLONSKY, BUGNICOURT, VOLLEBREGT)
+    bibtex: ClassVar[tuple[str, ...]] = (_POLONSKY, _BUGNICOURT, _VOLLEBREGT)
 
     modulus: ContactModulus
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
@@ -122,19 +150,19 @@ class FFTBEM(ContactSolver):
         if not {"nx", "ny"} <= surface.keys():
             return {}
         pixels = surface["nx"] * surface["ny"]
-        known = {"bytes": pixels * {"single": 50.0, "mixed": 70.0, "double": 88.0}[self.precision]}
+        estimate = {"bytes": pixels * {"single": 50.0, "mixed": 70.0, "double": 88.0}[self.precision]}
         if self.gap:
-            known["gap_bytes"] = pixels * float(np.dtype(iteration.PRECISIONS[self.precision][0]).itemsize)
-            known["bytes"] += known["gap_bytes"]
+            estimate["gap_bytes"] = pixels * float(np.dtype(iteration.PRECISIONS[self.precision][0]).itemsize)
+            estimate["bytes"] += estimate["gap_bytes"]
         fraction = 0.1
         if {"pixel_size", "rms_slope"} <= surface.keys():
             x = load / (pixels * surface["pixel_size"] ** 2) / self.modulus
             x = x / surface["rms_slope"] if surface["rms_slope"] > 0 else math.inf if load > 0 else 0.0
-            fraction = known["area_fraction"] = math.erf(2.2 * x / math.sqrt(4.0 / math.pi))
+            fraction = estimate["area_fraction"] = math.erf(2.2 * x / math.sqrt(4.0 / math.pi))
         if {"pixel_size", "radius"} <= surface.keys() and not self._repeats(surface):
             edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
-            fraction = known["area_fraction"] = min(math.pi * edge**2 / (pixels * surface["pixel_size"] ** 2), 1.0)
-        return known | {"cpu_seconds": self._seconds(pixels, fraction, self._repeats(surface))}
+            fraction = estimate["area_fraction"] = min(math.pi * edge**2 / (pixels * surface["pixel_size"] ** 2), 1.0)
+        return estimate | {"cpu_seconds": self._seconds(pixels, fraction, self._repeats(surface))}
 
     def _seconds(self, pixels: float, fraction: float, periodic: bool) -> float:
         """CPU seconds of a solve, as measured on a 2-core Intel Xeon machine (``tests/benchmarks/estimates.py``)."""
@@ -192,7 +220,7 @@ class FFTBEM(ContactSolver):
         shape, pixel = (int(surface["nx"]), int(surface["ny"])), (surface["pixel_size"], surface["pixel_size"])
         periodic = bool(surface.get("periodic", 1)) if self.boundary == "auto" else self.boundary == "periodic"
         # of the body, only its grid matters
-        compile_kernels((PeriodicHalfSpace if periodic else FreeHalfSpace)(shape, pixel), self._settings())
+        iteration.compile_kernels((PeriodicHalfSpace if periodic else FreeHalfSpace)(shape, pixel), self._settings())
 
     def _check_range(self, area: float, pixel_size: float, load: float) -> None:
         """Refuse pressures and layers that leave the range of numbers; ``area`` nominal, nm²."""
@@ -253,11 +281,11 @@ class FFTBEM(ContactSolver):
         ``[(c.load, c.area) for c in solver.sweep(surface, loads)]``.
         """
         values = [self.normal_force(load, surface) for load in loads]
-        found: dict[int, ContactSolution] = {}
+        contacts: dict[int, ContactSolution] = {}
         start: ContactSolution | None = None
         for i in sorted(range(len(values)), key=values.__getitem__):
-            start = found[i] = self.solve(surface, values[i], start=start)
-        return [found[i] for i in range(len(values))]
+            start = contacts[i] = self.solve(surface, values[i], start=start)
+        return [contacts[i] for i in range(len(values))]
 
     def solve_displacement(self, surface: Surface, displacement: float | str) -> ContactSolution:
         """The contact at a given approach: ``displacement`` in nm since first touch, of the mean plane of the elastic
@@ -444,7 +472,7 @@ class FFTBEM(ContactSolver):
 
 def _report(solver: FFTBEM, result: iteration.Result | None, **errors: float) -> dict[str, Any]:
     """The errors of the solution and how it was found: plain values."""
-    found: dict[str, Any] = {
+    numbers: dict[str, Any] = {
         "tolerance": solver.tolerance,
         "precision": solver.precision,
         "rms_gap": result.rms_gap if result else 0.0,
@@ -455,7 +483,7 @@ def _report(solver: FFTBEM, result: iteration.Result | None, **errors: float) ->
         "history": [[float(rms), float(deepest)] for rms, deepest in result.history] if result else [],
         "levels": [{"pixels": list(shape), "iterations": n} for shape, n in result.levels] if result else [],
     }
-    return found | errors
+    return numbers | errors
 
 
 def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[Heights, float]:

@@ -247,9 +247,9 @@ class Hdf5(Reader):
         file.visititems(visit)
         if self.dataset is None and len(maps) == 1:
             return file[maps[0]]  # pyright: ignore[reportReturnType]
-        known = ", ".join(maps) or "none"
+        listed = ", ".join(maps) or "none"
         error = InputError if self.dataset is None and maps else StoreError
-        raise error(f"{problem}; two-dimensional datasets of numbers in it: {known}")
+        raise error(f"{problem}; two-dimensional datasets of numbers in it: {listed}")
 
 
 def _check_links(group: Any, name: str, path: str | PathLike[str], depth: int = 0) -> None:
