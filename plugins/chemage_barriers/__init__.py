@@ -25,15 +25,7 @@ _HOME = {
     "parse_columns": "tabulated",
 }
 
-__all__ = [
-    "EmpiricalQuantile",
-    "Gaussian",
-    "Inferred",
-    "PiecewiseLinearDensity",
-    "Tabulated",
-    "Uniform",
-    "parse_columns",
-]
+__all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 @hookimpl
