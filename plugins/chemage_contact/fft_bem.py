@@ -159,10 +159,11 @@ class FFTBEM(ContactSolver):
             x = load / (pixels * surface["pixel_size"] ** 2) / self.modulus
             x = x / surface["rms_slope"] if surface["rms_slope"] > 0 else math.inf if load > 0 else 0.0
             fraction = estimate["area_fraction"] = math.erf(2.2 * x / math.sqrt(4.0 / math.pi))
-        if {"pixel_size", "radius"} <= surface.keys() and not self._repeats(surface):
+        repeats = self.is_nominally_flat(surface.get("periodic") != 0)
+        if {"pixel_size", "radius"} <= surface.keys() and not repeats:
             edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
             fraction = estimate["area_fraction"] = min(math.pi * edge**2 / (pixels * surface["pixel_size"] ** 2), 1.0)
-        return estimate | {"cpu_seconds": self._seconds(pixels, fraction, self._repeats(surface))}
+        return estimate | {"cpu_seconds": self._seconds(pixels, fraction, repeats)}
 
     def _seconds(self, pixels: float, fraction: float, periodic: bool) -> float:
         """CPU seconds of a solve, as measured on a 2-core Intel Xeon machine (``tests/benchmarks/estimates.py``)."""
@@ -171,10 +172,6 @@ class FFTBEM(ContactSolver):
         work = (1.8e-7 + 1.2e-6 * math.sqrt(fraction)) * max(0.5, 1.0 + 0.14 * digits)
         factor = {"single": 0.95, "mixed": 1.0, "double": 1.4}[self.precision]
         return 0.03 + pixels * work * factor * (1.0 if periodic else 1.4) * (2.0 if self.levels == 1 else 1.0)
-
-    def _repeats(self, surface: Mapping[str, float]) -> bool:
-        """Whether a surface of which this is known is solved as a periodic one."""
-        return surface.get("periodic") != 0 if self.boundary == "auto" else self.boundary == "periodic"
 
     def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
         """See :meth:`chemage.ContactSolver.check`."""
@@ -218,7 +215,7 @@ class FFTBEM(ContactSolver):
         if load == 0 or not {"nx", "ny", "pixel_size"} <= surface.keys():
             return
         shape, pixel = (int(surface["nx"]), int(surface["ny"])), (surface["pixel_size"], surface["pixel_size"])
-        periodic = bool(surface.get("periodic", 1)) if self.boundary == "auto" else self.boundary == "periodic"
+        periodic = self.is_nominally_flat(surface.get("periodic") != 0)
         # of the body, only its grid matters
         iteration.compile_kernels((PeriodicHalfSpace if periodic else FreeHalfSpace)(shape, pixel), self._settings())
 
@@ -259,20 +256,11 @@ class FFTBEM(ContactSolver):
         if load == 0:
             return self._untouched(surface, 0.0)
         pressure = load / surface.nominal_area
-        initial = _usable(start, surface, load)
         quantum = _power_of_two(pressure)
-        with self._team() as team:
-            scaled, unit = _dimensionless(surface, pressure / self.modulus, team)
-            result = iteration.solve(
-                self._body(surface),
-                scaled,
-                stiffness=quantum / self.modulus * (surface.pixel_size / unit),
-                mean=pressure / quantum,
-                start=initial,
-                settings=self._settings(),
-                team=team,
-            )
-            return self._finish(surface, result, unit, quantum, load, team)
+        with Team(self.threads or available()) as team:
+            heights, unit = _dimensionless(surface, pressure / self.modulus, team)
+            goal = {"mean": pressure / quantum, "start": _usable(start, surface, load)}
+            return self._solved(surface, self._body(surface), heights, unit, quantum, load, team, goal)
 
     def sweep(self, surface: Surface, loads: Sequence[float | str]) -> list[ContactSolution]:
         """Contacts of ``surface`` under each of ``loads`` (forces or nominal pressures), in the order given.
@@ -315,29 +303,18 @@ class FFTBEM(ContactSolver):
                     "give a smaller approach, or a load",
                 )
         strain = approach / max(surface.shape) / surface.pixel_size
-        with self._team() as team:
+        with Team(self.threads or available()) as team:
             scaled, unit = _dimensionless(surface, strain, team)
             quantum = _power_of_two(self.modulus * (unit / surface.pixel_size))
-            result = iteration.solve(
-                body,
-                scaled,
-                stiffness=quantum / self.modulus * (surface.pixel_size / unit),
-                offset=-approach / unit,
-                settings=self._settings(),
-                team=team,
-            )
-            return self._finish(surface, result, unit, quantum, None, team)
-
-    def _periodic(self, surface: Surface) -> bool:
-        return surface.periodic if self.boundary == "auto" else self.boundary == "periodic"
+            return self._solved(surface, body, scaled, unit, quantum, None, team, {"offset": -approach / unit})
 
     def _body(self, surface: Surface) -> Substrate:
         pixel = (surface.pixel_size, surface.pixel_size)
         if self.thickness is not None:
-            if not self._periodic(surface):
+            if not self.is_nominally_flat(surface.periodic):
                 raise InputError(_LAYER)
             return PeriodicLayer(surface.shape, pixel, self.thickness, self.poisson_ratio)
-        if self._periodic(surface):
+        if self.is_nominally_flat(surface.periodic):
             return PeriodicHalfSpace(surface.shape, pixel)
         return FreeHalfSpace(surface.shape, pixel)
 
@@ -353,12 +330,17 @@ class FFTBEM(ContactSolver):
             any_size=self.gap,
         )
 
-    def _team(self) -> Team:
-        return Team(self.threads or available())
-
-    def _provenance(self, surface: Surface) -> dict[str, Any]:
+    def _solution(self, surface: Surface, **fields: Any) -> ContactSolution:
         options = self.identity()
-        return {"kind": options.pop("kind"), "options": options, "surface": surface.provenance}
+        return ContactSolution(
+            pixel_size=surface.pixel_size,
+            modulus=self.modulus,
+            periodic=self.is_nominally_flat(surface.periodic),
+            rms_slope=surface.rms_slope,
+            rms_height=surface.rms_height,
+            provenance={"kind": options.pop("kind"), "options": options, "surface": surface.provenance},
+            **fields,
+        )
 
     def _untouched(self, surface: Surface, approach: float) -> ContactSolution:
         """The solution without contact: a load of zero, or an approach of zero or less."""
@@ -367,31 +349,31 @@ class FFTBEM(ContactSolver):
         gap = None
         if self.gap:
             gap = float(surface.heights.max()) - approach - surface.heights
-        return ContactSolution(
+        return self._solution(
+            surface,
             pressure=pressure,
             gap=gap,
             load=0.0,
-            pixel_size=surface.pixel_size,
-            modulus=self.modulus,
-            periodic=self._periodic(surface),
-            rms_slope=surface.rms_slope,
-            rms_height=surface.rms_height,
             displacement=approach,
             convergence=_report(self, None, force_error=0.0, complementarity=0.0, scale=0.0),
             notes=("no load: the bodies just touch and no pixel carries pressure",) if approach == 0 else (),
-            provenance=self._provenance(surface),
         )
 
-    def _finish(
+    def _solved(
         self,
         surface: Surface,
-        result: iteration.Result,
+        body: Substrate,
+        heights: Heights,
         unit: float,
         pressure: float,
         load: float | None,
         team: Team,
+        goal: dict[str, Any],
     ) -> ContactSolution:
-        """The solution in nm, GPa and nN; without a ``load``, the load is the sum of the pressure."""
+        """The solution of ``goal`` in units of ``unit`` (nm) and ``pressure`` (GPa); without ``load``, it is the sum of
+        the pressure."""
+        stiffness = pressure / self.modulus * (surface.pixel_size / unit)
+        result = iteration.solve(body, heights, stiffness=stiffness, settings=self._settings(), team=team, **goal)
         values = result.pressure
         area = surface.pixel_size**2
         total, weighted, least = sums(values, result.gap, team)
@@ -411,7 +393,7 @@ class FFTBEM(ContactSolver):
                 )
             notes.append(message)
         if values.size and least > 0.0:
-            more = "uniform pressure" if self._periodic(surface) else "the pressure of a flat punch"
+            more = "uniform pressure" if self.is_nominally_flat(surface.periodic) else "the pressure of a flat punch"
             notes.append(f"full contact: every pixel touches, and more load only adds {more}")
             if result.converged and result.error >= self.tolerance:
                 notes.append(
@@ -427,15 +409,11 @@ class FFTBEM(ContactSolver):
             gap = np.maximum(result.gap, 0.0)
             gap *= unit
             gap.setflags(write=False)
-        return ContactSolution(
+        return self._solution(
+            surface,
             pressure=values,
             gap=gap,
             load=load,
-            pixel_size=surface.pixel_size,
-            modulus=self.modulus,
-            periodic=self._periodic(surface),
-            rms_slope=surface.rms_slope,
-            rms_height=surface.rms_height,
             displacement=-result.offset * unit,
             converged=result.converged,
             residual=result.error,
@@ -448,7 +426,6 @@ class FFTBEM(ContactSolver):
                 scale=result.scale * unit,
             ),
             notes=tuple(notes),
-            provenance=self._provenance(surface),
         )
 
     def _failure(self, result: iteration.Result) -> str:
