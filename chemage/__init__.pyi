@@ -39,7 +39,9 @@ from chemage.foundation.units import Force as Force
 from chemage.inference.forecast import Forecast as Forecast
 from chemage.foundation.units import Frequency as Frequency
 from chemage.surfaces.reading import HeightMap as HeightMap
-from chemage.inference.inference import Inference as Inference
+from chemage.inference.result import Inference as Inference
+from chemage.surfaces.reading import HeightMap as HeightMap
+from chemage.inference.result import Inference as Inference
 from chemage.foundation.errors import InputError as InputError
 from chemage.lattices.role import Interaction as Interaction
 from chemage.foundation.units import KB as KB
@@ -79,7 +81,8 @@ from chemage.studies.sweeps.result import SweepResult as SweepResult
 from chemage.foundation.units import Temperature as Temperature
 from chemage.foundation.units import Time as Time
 from chemage.lattices.independent import TwoState as TwoState
-from chemage.inference.unexplained import UnexplainedError as UnexplainedError
+from chemage.inference.result import UnexplainedError as UnexplainedError
+from chemage.inference.result import UnexplainedError as UnexplainedError
 from chemage.foundation.units import Unit as Unit
 from chemage.foundation.errors import UnitError as UnitError
 from chemage.foundation.errors import UnknownKindError as UnknownKindError

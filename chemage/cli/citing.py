@@ -82,7 +82,7 @@ def _of_result(thing: Any) -> tuple[list[str], list[Component], str]:
     """Texts, components and the version of chemage of what a result file holds."""
     from chemage.ageing.aging import Aging
     from chemage.foundation.version import __version__
-    from chemage.inference.inference import Inference
+    from chemage.inference.result import Inference
     from chemage.scene.provenance import components_of
     from chemage.scene.run import Run
     from chemage.studies.ensembles.ensemble import Ensemble

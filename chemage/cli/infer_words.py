@@ -20,7 +20,7 @@ _UNITS = {"load": "nN", "temperature": "K", "hold_time": "s", "energy": "eV"}
 
 
 @dataclass(frozen=True)
-class Asked:
+class Wishes:
     """What is asked of an inference beside the density, checked before anything is computed."""
 
     #: label -> arguments of :meth:`Inference.forecast`
@@ -31,7 +31,7 @@ class Asked:
     target_text: str = ""
 
 
-def read_asked(predict: Sequence[str], planned: Sequence[str], target: str | None) -> Asked:
+def read_wishes(predict: Sequence[str], planned: Sequence[str], target: str | None) -> Wishes:
     """Read ``--predict``, ``--next`` and ``--target``.
 
     Raises
@@ -53,19 +53,19 @@ def read_asked(predict: Sequence[str], planned: Sequence[str], target: str | Non
         forecasts[label] = arguments
     if len(forecasts) > MOST_FORECASTS:
         raise user_error(f"--predict: {len(forecasts)} forecasts; one file holds {MOST_FORECASTS}")
-    candidates = [one for text in planned for one in _candidates(text)]
+    candidates = [plan for text in planned for plan in _candidates(text)]
     if target is not None and not candidates:
         raise user_error("--target is what planned measurements are to narrow; give them with --next")
     if target is None:
-        return Asked(forecasts, candidates, None, "the density at all visible energies")
-    found = _pairs("--target", target, TARGET)
-    wanted = {name: _quantity("--target", name, value) for name, value in found.items()}
+        return Wishes(forecasts, candidates, None, "the density at all visible energies")
+    words = _pairs("--target", target, TARGET)
+    wanted = {name: _quantity("--target", name, value) for name, value in words.items()}
     if ("energy" in wanted) == ("hold_time" in wanted) or ("energy" in wanted and len(wanted) > 1):
         raise user_error(
             f'--target {target}: give an energy, "energy=1.0 eV", or a forecast with its hold time, '
             '"load=500 nN, hold_time=1e5 s"'
         )
-    return Asked(forecasts, candidates, wanted, target.strip())
+    return Wishes(forecasts, candidates, wanted, target.strip())
 
 
 def read_unknowns(texts: Sequence[str]) -> dict[str, tuple[str, str]] | list[str]:
@@ -100,28 +100,11 @@ def read_families(text: str | None) -> Sequence[str]:
     return () if names == ["none"] else tuple(dict.fromkeys(names))
 
 
-def read_share(text: str | None) -> float | None:
-    """Read ``--relative-error``, a number or a percentage."""
-    from chemage.foundation.errors import UnitError
-    from chemage.foundation.units import convert
-
-    if text is None:
-        return None
-    try:
-        value = convert(text if text.strip().endswith("%") else float(text), "")
-    except (ValueError, UnitError):
-        value = math.nan
-    if not 0 < value < 1:
-        raise user_error(f'--relative-error {text}: give a share of the value between 0 and 1, such as 0.03 or "3 %"')
-    return value
-
-
 def _forecast(text: str) -> Mapping[str, Any]:
     from chemage.scene.files import load_scene
 
-    found: dict[str, Any] = _pairs("--predict", text, PREDICT)
     arguments: dict[str, Any] = {}
-    for name, value in found.items():
+    for name, value in _pairs("--predict", text, PREDICT).items():
         if name == "scene":
             arguments["scene"] = load_scene(value)
         elif name == "hold_time":
@@ -134,15 +117,15 @@ def _forecast(text: str) -> Mapping[str, Any]:
 def _candidates(text: str) -> list[dict[str, Any]]:
     if text.strip().lower().endswith(".csv") or ("=" not in text and Path(text).exists()):
         return _from_file(Path(text))
-    found: dict[str, Any] = _pairs("--next", text, NEXT)
-    if "hold_time" not in found:
+    words = _pairs("--next", text, NEXT)
+    if "hold_time" not in words:
         raise user_error(f'--next {text}: give a hold time, such as "hold_time=1e5 s", or a CSV file')
     same: dict[str, Any] = {
         name: _percent("--next", value) if name == "error" and value.endswith("%") else _quantity("--next", name, value)
-        for name, value in found.items()
+        for name, value in words.items()
         if name != "hold_time"
     }
-    return [{"hold_time": float(time), **same} for time in _times("--next", found["hold_time"], PLANNED_PER_DECADE)]
+    return [{"hold_time": float(time), **same} for time in _times("--next", words["hold_time"], PLANNED_PER_DECADE)]
 
 
 def _from_file(path: Path) -> list[dict[str, Any]]:
@@ -158,43 +141,43 @@ def _from_file(path: Path) -> list[dict[str, Any]]:
         )
     if "hold_time" not in table.columns:
         raise user_error(f"--next {path}: no column hold_time; write the header as {example}")
-    found = []
+    plans = []
     for _, at, cells in table.rows:
-        one: dict[str, Any] = {}
-        for name, (place, given) in table.columns.items():
-            unit, cell = given or _UNITS.get(name, "nN"), cells[place]
+        plan: dict[str, Any] = {}
+        for name, (place, stated) in table.columns.items():
+            unit, cell = stated or _UNITS.get(name, "nN"), cells[place]
             if not cell:
                 continue
             where = f"--next {at}, column {name}"
             if name == "error" and unit == "%":
-                one[name] = _percent(where, f"{cell} %")
+                plan[name] = _percent(where, f"{cell} %")
             else:
-                one[name] = convert(f"{cell} {unit}", _UNITS.get(name, "nN"), where)
-        if not one.get("hold_time", 0) > 0:
+                plan[name] = convert(f"{cell} {unit}", _UNITS.get(name, "nN"), where)
+        if not plan.get("hold_time", 0) > 0:
             raise user_error(f"--next {at}: the hold time must be above zero")
-        found.append(one)
-    return found
+        plans.append(plan)
+    return plans
 
 
-def _pairs(option: str, text: str, known: Mapping[str, str]) -> dict[str, str]:
+def _pairs(option: str, text: str, examples: Mapping[str, str]) -> dict[str, str]:
     """Read ``name=value, name=value``."""
     from chemage.foundation.messages import nearest
 
-    example = ", ".join(f"{name}={value}" for name, value in list(known.items())[:2])
-    found: dict[str, str] = {}
+    example = ", ".join(f"{name}={value}" for name, value in list(examples.items())[:2])
+    words: dict[str, str] = {}
     for part in filter(None, (piece.strip() for piece in text.split(","))):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         name = {"hold_times": "hold_time"}.get(name, name)
         if not equals or not value:
             raise user_error(f'{option} {text}: {part!r}; write it as NAME=VALUE, such as "{example}"')
-        if name not in known:
-            raise user_error(f"{option} {text}: {name}{nearest(name, list(known))}; choose of {', '.join(known)}")
-        if name in found:
+        if name not in examples:
+            raise user_error(f"{option} {text}: {name}{nearest(name, list(examples))}; choose of {', '.join(examples)}")
+        if name in words:
             raise user_error(f"{option} {text}: {name} is given twice")
-        found[name] = value
-    if not found:
+        words[name] = value
+    if not words:
         raise user_error(f'{option}: nothing given; write it as NAME=VALUE, such as "{example}"')
-    return found
+    return words
 
 
 def _quantity(option: str, name: str, value: str) -> float:
@@ -204,12 +187,12 @@ def _quantity(option: str, name: str, value: str) -> float:
 
     unit = _UNITS.get(name, "nN")
     try:
-        found = convert(_number(value), unit)
+        number = convert(_number(value), unit)
     except UnitError as error:
         raise user_error(f"{option}: {name}={value}: {error}") from None
-    if not (math.isfinite(found) and found > 0):
+    if not (math.isfinite(number) and number > 0):
         raise user_error(f"{option}: {name}={value}: give a quantity above zero, in {unit} or with its unit")
-    return found
+    return number
 
 
 def _percent(where: str, text: str) -> str:

@@ -1,4 +1,4 @@
-"""The command infer, and what show prints of its result."""
+"""The command infer with its options, and what show prints of its result."""
 
 from __future__ import annotations
 
@@ -12,36 +12,101 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chemage.cli import output, terminal
+from chemage.cli import completion, output, terminal
 from chemage.cli.files import drawn, figures_of, preflight_folder, protect_inputs, result_written
-from chemage.cli.infer_options import (
-    FamiliesOpt,
-    LoadOpt,
-    MeasuredArg,
-    NextOpt,
-    OutOpt,
-    PredictOpt,
-    RelativeErrorOpt,
-    SamplesOpt,
-    SceneOpt,
-    SeedOpt,
-    TargetOpt,
-    TemperatureOpt,
-    UnknownOpt,
-)
 from chemage.cli.options import RESULTS, ForceOpt, JsonOpt, SetOpt, ThreadsOpt, changed_fields, check_ending, user_error
 from chemage.foundation.progress import loading, progress_bars, reported
 
 if TYPE_CHECKING:
-    from chemage.cli.infer_words import Asked
+    from chemage.cli.infer_words import Wishes
+    from chemage.foundation.progress import Report
     from chemage.inference.curves import MeasuredCurve
-    from chemage.inference.inference import Inference
-    from chemage.inference.result import InferenceResult
-    from chemage.inference.unexplained import UnexplainedError
+    from chemage.inference.result import Inference, InferenceResult, UnexplainedError
     from chemage.scene.scene import Scene
 
 #: width of the tables
 _WIDTH = 80
+
+MeasuredArg = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="MEASURED.csv",
+        help="measured curves of ageing: CSV files with the columns hold_time (s), friction_drop (nN) or "
+        "friction_coefficient_drop, error, load (nN), temperature (K)",
+    ),
+]
+SceneOpt = Annotated[
+    str,
+    typer.Option(
+        metavar="SCENE",
+        autocompletion=completion.scenes,
+        help="what is known of the contact: a scene file (.toml), or the name of an installed scene; its "
+        "[forming], load, temperature and hold times are not used",
+    ),
+]
+LoadOpt = Annotated[
+    str | None, typer.Option(metavar="FORCE", help='load of curves without a column load, such as "50 nN"')
+]
+TemperatureOpt = Annotated[
+    str | None,
+    typer.Option(metavar="TEMPERATURE", help='temperature of curves without a column temperature, such as "300 K"'),
+]
+RelativeErrorOpt = Annotated[
+    str | None,
+    typer.Option(metavar="SHARE", help='standard error over the value of curves without a column error, such as "3 %"'),
+]
+UnknownOpt = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="infer this value too, within default bounds or given ones: bond_force, activation_volume, "
+        'attempt_frequency, or "bond_force=1 nN to 10 nN"; may be repeated; default: none',
+    ),
+]
+FamiliesOpt = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAMES",
+        help="parametric densities to compare, separated by commas, or none; default: all of them",
+    ),
+]
+PredictOpt = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="CONDITIONS",
+        help='forecast at other conditions, such as "load=500 nN, temperature=350 K, hold_time=1 s to 1e6 s" or '
+        '"scene=rough.toml, load=20 uN"; what is not given is as in the scene; may be repeated',
+    ),
+]
+NextOpt = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--next",
+        metavar="FILE|CONDITIONS",
+        help="planned measurements to rank by how much they narrow the result: a CSV file with the columns "
+        'hold_time (s), load (nN), temperature (K), error (nN), or "hold_time=1 ms to 1e7 s, load=50 nN"; may be '
+        "repeated",
+    ),
+]
+TargetOpt = Annotated[
+    str | None,
+    typer.Option(
+        metavar="CONDITIONS",
+        help='what they are to narrow: "energy=1.0 eV", or a forecast, "load=500 nN, hold_time=1e5 s"; default: '
+        "the density at all visible energies",
+    ),
+]
+SamplesOpt = Annotated[int, typer.Option(min=50, metavar="N", help="samples of the posterior that are kept")]
+SeedOpt = Annotated[int, typer.Option(min=0, metavar="N", help="seed of sampling and of the simulated kinetics")]
+OutOpt = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        "-o",
+        metavar="FILE",
+        help="result file, ending in .h5 or .hdf5; default: NAME-inferred.h5, after the first CSV file",
+    ),
+]
 
 
 def infer(
@@ -72,13 +137,14 @@ def infer(
     loading("loading chemage")
     from chemage.cli import infer_words
     from chemage.foundation.files import preflight
-    from chemage.inference.unexplained import UnexplainedError
+    from chemage.foundation.units import convert
+    from chemage.inference.result import UnexplainedError
     from chemage.scene.files import load_scene
 
     path = out or Path(f"{measured[0].stem}-inferred.h5")
     if out is not None:
         check_ending(out, RESULTS, "a result file")
-    asked = infer_words.read_asked(predict or (), planned or (), target)
+    wishes = infer_words.read_wishes(predict or (), planned or (), target)
     how: dict[str, Any] = {
         "unknown": infer_words.read_unknowns(unknown or ()),
         "families": infer_words.read_families(families),
@@ -86,23 +152,23 @@ def infer(
         "seed": seed,
         "threads": threads,
     }
-    one = load_scene(scene, changed_fields(changes))
-    protect_inputs(path, scene, one)
+    there = load_scene(scene, changed_fields(changes))
+    protect_inputs(path, scene, there)
     _protect(path, [*measured, *(Path(text) for text in planned or () if "=" not in text)])
-    share = infer_words.read_share(relative_error)
+    share = None if relative_error is None else convert(relative_error, "", "--relative-error")
     curves = _curves(measured, load, temperature, share)
     preflight(path, force=force)
     if figures:
         preflight_folder(figures_of(path), force)
     try:
-        made, pictures = _computed(curves, one, asked, how, path, figures=figures, force=force)
+        result, pictures = _computed(curves, there, wishes, how, path, figures=figures, force=force)
     except UnexplainedError as error:
         _show_best_fit(error, curves)
         raise
     if as_json:
-        print(json.dumps({**made.summary(), "file": str(path), "figures": [str(p) for p in pictures]}))
+        print(json.dumps({**result.summary(), "file": str(path), "figures": [str(p) for p in pictures]}))
         return
-    show(made)
+    show(result)
     terminal.remark()
     terminal.say(f"result   {path}")
     for picture in pictures:
@@ -111,8 +177,8 @@ def infer(
 
 
 def _protect(path: Path, inputs: Sequence[Path]) -> None:
-    for given in inputs:
-        if os.path.realpath(given) == os.path.realpath(path):
+    for file in inputs:
+        if os.path.realpath(file) == os.path.realpath(path):
             raise user_error(f"{path} is an input of this command; choose another --out")
 
 
@@ -121,17 +187,16 @@ def _curves(
 ) -> tuple[MeasuredCurve, ...]:
     from chemage.inference.curves import check_curves, read_curves
 
-    found = [
-        curve for file in files for curve in read_curves(file, load=load, temperature=temperature, relative_error=share)
-    ]
-    check_curves(found)
-    return tuple(found)
+    how: dict[str, Any] = {"load": load, "temperature": temperature, "relative_error": share}
+    curves = tuple(curve for file in files for curve in read_curves(file, **how))
+    check_curves(curves)
+    return curves
 
 
 def _computed(
     curves: tuple[MeasuredCurve, ...],
     scene: Scene,
-    asked: Asked,
+    wishes: Wishes,
     how: dict[str, Any],
     path: Path,
     *,
@@ -146,55 +211,55 @@ def _computed(
     pictures: list[Path] = []
     with progress_bars({"families": "fits"}) as report:
         inference = inferring.infer(curves, scene, progress=report, **how)
-        made = _asked_of(inference, asked, report)
+        result = _with_wishes(inference, wishes, report)
         with reported(report, "writing"):
-            write_inference(path, made, force=force)
+            write_inference(path, result, force=force)
         if figures:
             with result_written(path), reported(report, "drawing"):
-                pictures = drawn(partial(inference_figures.save, made), figures_of(path))
-    return made, pictures
+                pictures = drawn(partial(inference_figures.save, result), figures_of(path))
+    return result, pictures
 
 
-def _asked_of(inference: Inference, asked: Asked, report: Any) -> InferenceResult:
+def _with_wishes(inference: Inference, wishes: Wishes, report: Report) -> InferenceResult:
     """The forecasts, and the planned measurements in their order."""
     from chemage.inference.result import InferenceResult
 
-    forecasts, total = {}, len(asked.forecasts)
-    for number, (label, arguments) in enumerate(asked.forecasts.items()):
+    forecasts, total = {}, len(wishes.forecasts)
+    for number, (label, arguments) in enumerate(wishes.forecasts.items()):
         report("forecasts", number, total)
         forecasts[label] = inference.forecast(**arguments)
     if total:
         report("forecasts", total, total)
     ranked: list[dict[str, Any]] = []
-    if asked.candidates:
+    if wishes.candidates:
         with reported(report, "planned measurements"):
-            ranked = inference.next_experiment(asked.candidates, target=asked.target)
-    return InferenceResult(inference, forecasts, tuple(ranked), asked.target_text if ranked else "")
+            ranked = inference.next_experiment(wishes.candidates, target=wishes.target)
+    return InferenceResult(inference, forecasts, tuple(ranked), wishes.target_text if ranked else "")
 
 
-def show(made: InferenceResult) -> None:
+def show(result: InferenceResult) -> None:
     """Print the density with its bands, the scores of families, forecasts, and the best next measurements."""
     from chemage.results import inference_text as words
 
-    terminal.show_pairs(f"{words.title(made)}; bands hold 95 %", words.rows(made), _WIDTH)
-    if families := words.family_rows(made.inference):
+    terminal.show_pairs(f"{words.title(result)}; bands hold 95 %", words.rows(result), _WIDTH)
+    if families := words.family_rows(result.inference):
         table = terminal.table("Left-out hold times, predicted by", ("", "log score", "chi²", "parameters"))
         for row in families:
             table.add_row(*row)
         terminal.show(table, _WIDTH)
-        terminal.remark(words.family_verdict(made.inference))
-    if made.forecasts:
+        terminal.remark(words.family_verdict(result.inference))
+    if result.forecasts:
         table = terminal.table("Forecasts of the friction drop", ("", "median", "68 % (nN)", "95 % (nN)"))
-        for label, one in made.forecasts.items():
-            table.add_row(*words.forecast_row(label, one))
+        for label, forecast in result.forecasts.items():
+            table.add_row(*words.forecast_row(label, forecast))
         terminal.show(table, _WIDTH)
-    if made.experiments:
-        title = f"Next measurements, by how much they narrow {made.target}"
+    if result.experiments:
+        title = f"Next measurements, by how much they narrow {result.target}"
         table = terminal.table(title, ("", "variance falls by", "deviation then"))
-        for one in made.experiments[: words.MOST_EXPERIMENTS]:
-            table.add_row(*words.experiment_row(one))
+        for experiment in result.experiments[: words.MOST_EXPERIMENTS]:
+            table.add_row(*words.experiment_row(experiment))
         terminal.show(table, _WIDTH)
-    for note in words.notes(made):
+    for note in words.notes(result):
         terminal.remark(f"note: {note}")
 
 

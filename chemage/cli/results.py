@@ -39,7 +39,7 @@ def show(file: ResultArg, as_json: JsonOpt = False) -> None:
     from chemage.ageing.elasticity import elastic_measures
     from chemage.foundation.approximations import in_words
     from chemage.foundation.text import jsonable
-    from chemage.inference.inference import Inference
+    from chemage.inference.result import Inference
     from chemage.results.files import read
     from chemage.scene.run import Run, bond_errors
     from chemage.studies.ensembles.ensemble import Ensemble
@@ -161,7 +161,7 @@ def plot(
 
 def _plotted(file: Path, out: Path | None, fmt: str, force: bool) -> list[Path]:
     """Draw the figures of a result file."""
-    from chemage.inference.inference import Inference
+    from chemage.inference.result import Inference
     from chemage.results import ensemble_figure, inference_figures, run_figures
     from chemage.results.files import read, read_inference
     from chemage.scene.run import Run

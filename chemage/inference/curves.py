@@ -133,7 +133,7 @@ class MeasuredCurve(Record):
         """
         kept = aging.hold_times > 0
         values = aging.mean_friction_drop[kept]
-        known = {name: values for name, values in aging.provenance.get("chemistry", {}).items() if name != "forming"}
+        chemistry = aging.provenance.get("chemistry", {})
         return cls(
             name=name,
             load=aging.load,
@@ -141,7 +141,7 @@ class MeasuredCurve(Record):
             hold_times=aging.hold_times[kept],
             values=values,
             errors=np.hypot(np.nan_to_num(aging.friction_drop_stderr[kept]), relative_error * values),
-            chemistry=known,
+            chemistry={name: value for name, value in chemistry.items() if name != "forming"},
         )
 
     def __repr__(self) -> str:
@@ -190,20 +190,19 @@ def read_curves(
     """
     source = Path(path)
     table = read_columns(source, _COLUMNS, _EXAMPLE)
-    columns = table.columns
-    given = {"load": None if load is None else force(load)}
-    given["temperature"] = None if temperature is None else temperature_value(temperature)
-    _check_columns(columns, given, relative_error, source)
-    rows = [_row(cells, columns, where) for _, where, cells in table.rows]
-    if not rows:
-        raise InputError(f"{source}: it has no rows of numbers; add one for each hold time")
+    stated: dict[str, float] = {} if load is None else {"load": force(load)}
+    if temperature is not None:
+        stated["temperature"] = temperature_value(temperature)
+    _check_columns(table.columns, stated, relative_error, source)
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
-    for row in rows:
-        row |= {name: value for name, value in given.items() if value is not None}
+    for _, where, cells in table.rows:
+        row = stated | _row(cells, table.columns, where)
         if "error" not in row:
             row["error"] = abs(row["value"]) * float(relative_error or 0.0)
         key = row.get("curve", ""), row["load"], row["temperature"], row["quantity"]
         groups.setdefault(key, []).append(row)
+    if not groups:
+        raise InputError(f"{source}: it has no rows of numbers; add one for each hold time")
     return tuple(_curve(key, rows, source, len(groups)) for key, rows in groups.items())
 
 
@@ -217,21 +216,17 @@ def _curve(key: tuple[Any, ...], rows: list[dict[str, Any]], source: Path, count
                 f"the curve {name}; sort the rows of each curve by hold time"
             )
     kept = [row for row in rows if row["hold_time"] > 0]
+    times, values, errors = (np.array([row[column] for row in kept]) for column in ("hold_time", "value", "error"))
+    fields: dict[str, Any] = {"load": load, "temperature": temperature, "quantity": quantity}
     try:
-        return MeasuredCurve(
-            name=name,
-            load=load,
-            temperature=temperature,
-            quantity=quantity,
-            hold_times=np.array([row["hold_time"] for row in kept]),
-            values=np.array([row["value"] for row in kept]),
-            errors=np.array([row["error"] for row in kept]),
-        )
+        return MeasuredCurve(name=name, hold_times=times, values=values, errors=errors, **fields)
     except InputError as error:
         raise InputError(f"{source}, curve {name}: {error}") from None
 
 
-def _check_columns(columns: dict[str, Any], given: dict[str, Any], relative_error: float | None, source: Path) -> None:
+def _check_columns(
+    columns: dict[str, Any], stated: dict[str, float], relative_error: float | None, source: Path
+) -> None:
     if "hold_time" not in columns:
         raise InputError(f"{source}: no column hold_time; write the header as {_EXAMPLE}")
     values = [name for name in ("friction_drop", "friction_coefficient_drop", "value") if name in columns]
@@ -249,10 +244,10 @@ def _check_columns(columns: dict[str, Any], given: dict[str, Any], relative_erro
         )
     if relative_error is not None and not 0 < relative_error < 1:
         raise InputError.of("relative_error", relative_error, "must be between 0 and 1", "3 % is 0.03")
-    for name, value in given.items():
-        if name not in columns and value is None:
+    for name in ("load", "temperature"):
+        if name not in columns and name not in stated:
             raise InputError(f"{source}: no column {name}; add it, or give {name}")
-        if name in columns and value is not None:
+        if name in columns and name in stated:
             raise InputError(f"{source}: has a column {name}, and {name} is given as well; leave one out")
 
 
@@ -308,8 +303,8 @@ def check_curves(curves: Sequence[MeasuredCurve]) -> None:
                 f"{curve.name}: hold_times from {times[0]:g} to {times[-1]:g} s are within one decade, which sees "
                 "barriers within 2.3 k_BT of each other; give hold times over two decades or more"
             )
-        slope, error = _trend(np.log10(times), values, errors)
-        if slope < -3 * error:
+        (slope, _), covariance = np.polyfit(np.log10(times), values, 1, w=1 / errors, cov="unscaled")
+        if slope < -3 * (error := math.sqrt(covariance[0, 0])):
             raise InputError(
                 f"{curve.name}: values fall, by {-slope:.3g} ± {error:.2g} nN per decade of hold time, but bonds that "
                 "form can only add; check the sign and the order of the values"
@@ -324,10 +319,3 @@ def check_curves(curves: Sequence[MeasuredCurve]) -> None:
                 f"{values[worst]:.4g} nN at {times[worst]:g} s, {drop[worst]:.1f} standard errors, but bonds that form "
                 "can only add; leave out hold times at which something else happens, or correct the errors"
             )
-
-
-def _trend(x: np.ndarray, values: np.ndarray, errors: np.ndarray) -> tuple[float, float]:
-    weights = errors**-2
-    centre = float(np.sum(weights * x) / weights.sum())
-    spread = float(np.sum(weights * (x - centre) ** 2))
-    return float(np.sum(weights * (x - centre) * values)) / spread, spread**-0.5

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from chemage.foundation.progress import Report
-from chemage.inference.assembly import Model
+from chemage.inference.energies import EnergyGrid
+from chemage.inference.forward import Model
 from chemage.inference.hidden import REACH
-from chemage.inference.kernel import EnergyGrid
-from chemage.inference.problem import Problem
+from chemage.inference.problem import Linear, Problem
 from chemage.inference.rounds import short
 from chemage.inference.sampling import Samples
 
@@ -23,20 +23,18 @@ STARTS = 5
 #: nodes of the piecewise linear family
 NODES = 6
 
-#: the cumulative distribution at energies, of parameters
-Distribution = Callable[[np.ndarray, np.ndarray], np.ndarray]
-
 
 @dataclass(frozen=True)
 class Family:
-    """A density with a few parameters."""
+    """A density with a few parameters θ."""
 
     parameters: tuple[str, ...]
     #: (E, θ) -> share of the barriers below E
-    below: Distribution
-    #: (low, high) of the energies seen -> starting points of θ
-    starts: Callable[[float, float], list[np.ndarray]]
-    bounds: Callable[[float, float], tuple[np.ndarray, np.ndarray]]
+    below: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    #: starting points, lower and upper bounds of θ
+    starts: list[np.ndarray]
+    lower: np.ndarray
+    upper: np.ndarray
 
     def density(self, grid: EnergyGrid, theta: np.ndarray) -> np.ndarray:
         """(n,) 1/eV: means over the cell of each node; what lies below the first is added to it."""
@@ -64,7 +62,7 @@ def _gaussian(energy: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 
 def _piecewise(low: float, high: float) -> Family:
-    nodes = np.linspace(low, high + 0.3, NODES)
+    nodes, count = np.linspace(low, high + 0.3, NODES), NODES - 1
 
     def below(energy: np.ndarray, theta: np.ndarray) -> np.ndarray:
         heights = np.exp(np.append(theta, 0.0) - np.max(np.append(theta, 0.0)))
@@ -74,52 +72,38 @@ def _piecewise(low: float, high: float) -> Family:
         slope = np.diff(heights)[place] / np.diff(nodes)[place]
         return (sums[place] + heights[place] * part + slope * part**2 / 2) / sums[-1]
 
-    return Family(
-        tuple(f"log weight at {node:.3f} eV over that at {nodes[-1]:.3f} eV" for node in nodes[:-1]),
-        below,
-        lambda low, high: [np.zeros(NODES - 1), np.linspace(-2, 0, NODES - 1), np.linspace(2, 0, NODES - 1)],
-        lambda low, high: (np.full(NODES - 1, -8.0), np.full(NODES - 1, 8.0)),
-    )
-
-
-def _pairs(low: float, high: float, widths: tuple[float, ...], copies: int) -> list[np.ndarray]:
-    return [np.array([at, *([width] * copies)]) for at in np.linspace(low, high, STARTS) for width in widths]
+    names = tuple(f"log weight at {node:.3f} eV over that at {nodes[-1]:.3f} eV" for node in nodes[:-1])
+    starts = [np.zeros(count), np.linspace(-2, 0, count), np.linspace(2, 0, count)]
+    return Family(names, below, starts, np.full(count, -8.0), np.full(count, 8.0))
 
 
 def family(name: str, low: float, high: float) -> Family:
     """The family of a name; ``low`` to ``high`` are the energies that the data see, eV."""
-    if name == "uniform":
-        return Family(
-            ("lowest (eV)", "width (eV)"),
-            _uniform,
-            lambda low, high: _pairs(low, high, (0.1, 0.4, 0.8), 1),
-            lambda low, high: (np.array([low - 0.5, 0.01]), np.array([high + 0.3, 3.0])),
-        )
-    if name == "triangle":
-        return Family(
-            ("peak (eV)", "rise (eV)", "fall (eV)"),
-            _triangle,
-            lambda low, high: _pairs(low, high, (0.1, 0.4), 2),
-            lambda low, high: (np.array([low - 0.3, 0.01, 0.01]), np.array([high + 0.5, 2.0, 2.0])),
-        )
-    if name == "gaussian":
-        return Family(
-            ("mean (eV)", "standard deviation (eV)"),
-            _gaussian,
-            lambda low, high: _pairs(low, high, (0.05, 0.2, 0.4), 1),
-            lambda low, high: (np.array([low - 0.5, 0.005]), np.array([high + 1.0, 1.5])),
-        )
-    return _piecewise(low, high)
+    if name == "piecewise":
+        return _piecewise(low, high)
+    names, below, widths, lower, upper = {
+        "uniform": (("lowest (eV)", "width (eV)"), _uniform, (0.1, 0.4, 0.8), (-0.5, 0.01), (0.3, 3.0)),
+        "triangle": (
+            ("peak (eV)", "rise (eV)", "fall (eV)"), _triangle, (0.1, 0.4), (-0.3, 0.01, 0.01), (0.5, 2.0, 2.0)
+        ),
+        "gaussian": (
+            ("mean (eV)", "standard deviation (eV)"), _gaussian, (0.05, 0.2, 0.4), (-0.5, 0.005), (1.0, 1.5)
+        ),
+    }[name]  # fmt: skip
+    # the first parameter is an energy, the others are widths
+    count = len(names) - 1
+    starts = [np.array([at, *([width] * count)]) for at in np.linspace(low, high, STARTS) for width in widths]
+    return Family(names, below, starts, np.array([low + lower[0], *lower[1:]]), np.array([high + upper[0], *upper[1:]]))
 
 
 def blocks_of(curve: np.ndarray, hold_times: np.ndarray) -> np.ndarray:
     """(m,) number of the block of each point: contiguous hold times of each curve."""
-    found = np.zeros(curve.size, dtype=np.int64)
+    blocks = np.zeros(curve.size, dtype=np.int64)
     for number in np.unique(curve):
         here = np.flatnonzero(curve == number)
         rank = np.argsort(np.argsort(hold_times[here], kind="stable"), kind="stable")
-        found[here] = rank * min(BLOCKS, here.size) // here.size
-    return found
+        blocks[here] = rank * min(BLOCKS, here.size) // here.size
+    return blocks
 
 
 def log_score(values: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> float:
@@ -129,40 +113,27 @@ def log_score(values: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> f
     return float(-0.5 * away @ away - np.log(np.diag(lower)).sum() - 0.5 * values.size * np.log(2 * np.pi))
 
 
-@dataclass(frozen=True, eq=False)
-class Linear:
-    """Measured values and their linear model."""
-
-    grid: EnergyGrid
-    matrix: np.ndarray
-    offset: np.ndarray
-    values: np.ndarray
-    errors: np.ndarray
-    #: bounds of the logarithm of an unknown common factor; None without one
-    factor: tuple[float, float] | None = None
-
-
 def compared(
-    model: Model, problem: Problem, found: Samples, families: Sequence[str], threads: int | None, report: Report
+    model: Model, problem: Problem, samples: Samples, families: Sequence[str], threads: int | None, report: Report
 ) -> tuple[dict[str, float], dict[str, Any]]:
     """Scores of the smooth density and of the families on hold times left out, and the fits of the families."""
     if not families:
         return {}, {}
     blocks = blocks_of(model.curve, model.hold_times)
-    total, done = len(families) + blocks.max() + 1, 0
+    total, done = len(families) + int(blocks.max()) + 1, 0
     seen = model.grid.nodes[model.seen()]
     low, high = (float(seen[0]), float(seen[-1])) if seen.size else (model.grid.nodes[0], model.grid.nodes[-1])
     scores, fits = {"density": 0.0}, {}
-    start = np.where(found.densities.mean(axis=0) > 1e-3, found.densities.mean(axis=0), -0.1)
+    mean = samples.densities.mean(axis=0)
     for block in np.unique(blocks):
         report("families", done, total)
         out = blocks == block
-        made = short(problem.without(out), start, model.seed + 100 + int(block), threads)
-        values = made.fitted(problem)[:, out]
+        few = short(problem.without(out), np.where(mean > 1e-3, mean, -0.1), model.seed + 100 + int(block), threads)
+        values = few.fitted(problem)[:, out]
         covariance = np.atleast_2d(np.cov(values.T)) + np.diag(problem.errors[out] ** 2)
         scores["density"] += log_score(problem.values[out], values.mean(axis=0), covariance)
         done += 1
-    point = int(np.bincount(found.points).argmax())
+    point = int(np.bincount(samples.points).argmax())
     data = Linear(
         model.grid,
         problem.matrices[point],
@@ -173,20 +144,19 @@ def compared(
     )
     for name in families:
         report("families", done, total)
-        fits[name], scores[name] = _compared(name, data, blocks, low, high)
+        fits[name], scores[name] = _compared(family(name, low, high), data, blocks)
         done += 1
-    report("families", int(total), int(total))
+    report("families", total, total)
     return scores, fits
 
 
-def _compared(name: str, data: Linear, blocks: np.ndarray, low: float, high: float) -> tuple[dict[str, Any], float]:
+def _compared(chosen: Family, data: Linear, blocks: np.ndarray) -> tuple[dict[str, Any], float]:
     """The fit of a family to all points, and its score on blocks left out."""
-    chosen = family(name, low, high)
-    theta, covariance, chi2 = _fit(chosen, data, np.ones(data.values.size, dtype=bool), low, high)
-    names = list(chosen.parameters) + (["bond_force over that of the scene"] if data.factor is not None else [])
-    shown = np.append(theta[:-1], np.exp(theta[-1])) if data.factor is not None else theta
-    errors = np.sqrt(np.diag(covariance))
+    theta, covariance, chi2 = _fit(chosen, data, np.ones(data.values.size, dtype=bool))
+    names, shown, errors = list(chosen.parameters), theta.copy(), np.sqrt(np.diag(covariance))
     if data.factor is not None:  # fitted as its logarithm
+        names.append("bond_force over that of the scene")
+        shown[-1] = np.exp(theta[-1])
         errors[-1] *= shown[-1]
     about = {
         "parameters": dict(zip(names, shown.tolist(), strict=True)),
@@ -197,7 +167,7 @@ def _compared(name: str, data: Linear, blocks: np.ndarray, low: float, high: flo
     score = 0.0
     for block in np.unique(blocks):
         out = blocks == block
-        theta, covariance, _ = _fit(chosen, data, ~out, low, high)
+        theta, covariance, _ = _fit(chosen, data, ~out)
         mean = _predicted(chosen, data, theta)[out]
         slope = _slope(chosen, data, theta)[out]
         score += log_score(data.values[out], mean, slope @ covariance @ slope.T + np.diag(data.errors[out] ** 2))
@@ -219,33 +189,25 @@ def _slope(chosen: Family, data: Linear, theta: np.ndarray) -> np.ndarray:
     return np.stack(columns, axis=1)
 
 
-def _fit(
-    chosen: Family, data: Linear, kept: np.ndarray, low: float, high: float
-) -> tuple[np.ndarray, np.ndarray, float]:
+def _fit(chosen: Family, data: Linear, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Parameters of least χ² among the points ``kept``, their covariance, and χ²."""
     from scipy.optimize import least_squares
 
-    lower, upper = chosen.bounds(low, high)
+    lower, upper, starts = chosen.lower, chosen.upper, chosen.starts
     if data.factor is not None:
         lower, upper = np.append(lower, data.factor[0]), np.append(upper, data.factor[1])
+        starts = [np.append(start, 0.0) for start in starts]
 
     def residuals(theta: np.ndarray) -> np.ndarray:
         return ((_predicted(chosen, data, theta) - data.values) / data.errors)[kept]
 
-    starts = []
-    for start in chosen.starts(low, high):
-        extended = np.append(start, 0.0) if data.factor is not None else start
-        extended = np.clip(extended, lower + 1e-6, upper - 1e-6)
-        starts.append((float(np.sum(residuals(extended) ** 2)), extended))
-    starts.sort(key=lambda one: one[0])
-    best = None
-    for _, start in starts[:4]:
-        found = least_squares(
-            residuals, start, bounds=(lower, upper), x_scale=np.maximum(np.abs(start), 0.05), max_nfev=200
-        )
-        if best is None or found.cost < best.cost:
-            best = found
-    assert best is not None
+    starts = [np.clip(start, lower + 1e-6, upper - 1e-6) for start in starts]
+    starts.sort(key=lambda start: float(np.sum(residuals(start) ** 2)))
+    fits = [
+        least_squares(residuals, start, bounds=(lower, upper), x_scale=np.maximum(np.abs(start), 0.05), max_nfev=200)
+        for start in starts[:4]
+    ]
+    best = min(fits, key=lambda fit: fit.cost)
     theta, chi2 = best.x, 2 * float(best.cost)
     slope = (_slope(chosen, data, theta) / data.errors[:, None])[kept]
     # what the data do not know is known to within the bounds

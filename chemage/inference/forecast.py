@@ -1,19 +1,30 @@
-"""What an inferred density predicts at conditions that were not measured."""
+"""Forecasts from samples of a density at conditions that were not measured, and what to measure next."""
 
 from __future__ import annotations
 
-from typing import Self
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
 
 import numpy as np
 from pydantic import model_validator
 
+from chemage.ageing.hold_times import hold_times as spaced
+from chemage.foundation.checks import check_times, force, temperature_value
 from chemage.foundation.errors import InputError
+from chemage.foundation.messages import nearest
 from chemage.foundation.records import Doubles, Plain, PositiveNumber, Record
+from chemage.foundation.text import jsonable
+from chemage.foundation.units import KB, QuantityLike, convert
+from chemage.inference.energies import EnergyGrid, averaging
+from chemage.inference.forward import Contacts, check_scene, largest_lowering, make_condition
+from chemage.scene.scene import Scene
 
 #: shares of the probability that bands hold
 LEVELS = (0.68, 0.90, 0.95)
-#: share of a prediction from energies which the data do not see above which only bounds are shown
-BOUNDS_ONLY = 0.8
+#: share of a prediction from energies which the data do not see above which a note says so, and only bounds are shown
+UNSEEN, BOUNDS_ONLY = 0.05, 0.8
+#: what a planned measurement may state
+PLAN = ("hold_time", "load", "temperature", "error")
 
 
 class Forecast(Record):
@@ -67,6 +78,22 @@ class Forecast(Record):
         """Lower and upper end of the central band of ΔF that holds ``level`` of the probability, nN, (m,) each."""
         return band(self.samples, level)
 
+    def summary(self) -> dict[str, Any]:
+        """One JSON-able object with the values and their bands."""
+        return jsonable(
+            {
+                "load": self.load,
+                "temperature": self.temperature,
+                "hold_times": self.hold_times,
+                "friction_drop": self.friction_drop,
+                "median": self.median,
+                "friction_coefficient_drop": self.friction_coefficient_drop,
+                **{f"band_{100 * level:.0f}": list(self.band(level)) for level in LEVELS},
+                "unseen": self.unseen,
+                "notes": list(self.notes),
+            }
+        )
+
     def __repr__(self) -> str:
         low, high = self.band()
         ends = f"{low[-1]:.4g} to {high[-1]:.4g}"
@@ -88,3 +115,221 @@ def band(samples: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
         raise InputError.of("level", level, "must be between 0 and 1", "95 % is 0.95")
     low, high = np.quantile(samples, [0.5 - level / 2, 0.5 + level / 2], axis=0)
     return low, high
+
+
+class Forecaster:
+    """ΔF of every sample of a density at any condition; contacts are solved once."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        energies: np.ndarray,
+        samples: np.ndarray,
+        visible: np.ndarray,
+        scalars: Mapping[str, np.ndarray],
+        seed: int,
+    ) -> None:
+        self.scene, self.samples, self.visible, self.scalars, self.seed = scene, samples, visible, scalars, seed
+        self.chemistry = check_scene(scene)
+        step = float(energies[-1] - energies[0]) / (energies.size - 1)
+        self.grid = EnergyGrid(float(energies[0]), step, energies.size)
+        self.contacts = Contacts(scene)
+
+    def predicted(
+        self, load: float, temperature: float, times: np.ndarray, *, calibrated: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(S, m) nN of each sample, and its derivative by the density, (m, n).
+
+        ``calibrated``: neighbours are simulated, beyond their mean field.
+        """
+        predicted, matrix = np.empty((len(self.samples), times.size)), np.zeros((times.size, self.grid.count))
+        noise = np.random.default_rng([self.seed, 53]).standard_normal(len(self.samples))
+        names = [name for name in self.scalars if name != "bond_force"]
+        keys = np.stack([self.scalars[name] for name in names], axis=1) if names else np.zeros((len(self.samples), 0))
+        for values in np.unique(keys, axis=0):
+            here = np.flatnonzero((keys == values).all(axis=1))
+            chemistry = self.chemistry
+            if names:
+                chemistry = chemistry.replace(**dict(zip(names, values.tolist(), strict=True)))
+            contact = self.contacts.at(load)
+            condition = make_condition(chemistry, contact, temperature, times, self.grid, self.seed)
+            mean = self.samples[here].mean(axis=0)
+            value, matrix = condition.linear(mean)
+            if condition.interacting and calibrated:
+                condition.calibrate(mean, self.scene, self.seed)
+                value, matrix = condition.linear(mean)
+            part = value + (self.samples[here] - mean) @ matrix.T
+            predicted[here] = part * (1 + noise[here, None] * condition.correction_error / condition.correction)
+        if "bond_force" in self.scalars:
+            predicted *= (self.scalars["bond_force"] / self.chemistry.bond_force)[:, None]
+        return np.maximum(predicted, 0.0), matrix
+
+    def conditions(
+        self,
+        load: QuantityLike | None,
+        temperature: QuantityLike | None,
+        hold_times: Sequence[float] | np.ndarray | None,
+    ) -> tuple[float, float, np.ndarray]:
+        """Load (nN), temperature (K) and hold times above zero (s); what is None is as in the scene."""
+        newton = self.scene.load if load is None else force(load)
+        if not newton > 0:
+            raise InputError.of("load", load, "must be above zero", "give a force such as 50 nN")
+        hold = self.scene.hold
+        kelvin = 300.0 if hold is None else hold.temperature
+        if temperature is not None:
+            kelvin = temperature_value(temperature)
+        if hold_times is None:
+            hold_times = spaced(1e-3, 1e5, 4) if hold is None else hold.hold_times
+        times = check_times(hold_times)
+        if not (times > 0).any():
+            raise InputError.of("hold_times", times.tolist(), "must have a time above zero", "nothing has aged at 0 s")
+        return newton, kelvin, times[times > 0]
+
+    def forecast(
+        self,
+        load: QuantityLike | None,
+        temperature: QuantityLike | None,
+        hold_times: Sequence[float] | np.ndarray | None,
+        provenance: dict[str, Any],
+    ) -> Forecast:
+        """A forecast; what is None is as in the scene."""
+        newton, kelvin, times = self.conditions(load, temperature, hold_times)
+        unique, place = np.unique(times, return_inverse=True)
+        with self.scene.in_use():
+            samples, matrix = self.predicted(newton, kelvin, unique, calibrated=True)
+        parts = np.abs(matrix * self.samples.mean(axis=0))
+        unseen = parts[:, ~self.visible].sum(axis=1) / np.maximum(parts.sum(axis=1), 1e-300)
+        notes = []
+        last, chemistry = float(self.grid.nodes[-1]), self.chemistry
+        # a site of this barrier reacts at the hold time, with the width of a step, under the largest pressure
+        lowering = largest_lowering(self.contacts.at(newton), chemistry)
+        reached = KB * kelvin * (np.log(chemistry.attempt_frequency * unique) + 1.0) + lowering
+        if reached.max() > last:
+            notes.append(
+                f"from {unique[int(np.argmax(reached > last))]:.3g} s on, barriers above {last:.3f} eV react, beyond "
+                "the energies of the inference; they are counted as never bonding, so that the prediction is a lower "
+                "bound"
+            )
+        if unseen.max() > UNSEEN:
+            worst = int(np.argmax(unseen))
+            notes.append(
+                f"{_when(unique, unseen > UNSEEN)}, more than {100 * UNSEEN:.0f} % of the predicted friction comes "
+                f"from energies that the data do not see ({100 * unseen[worst]:.0f} % at {unique[worst]:.3g} s); that "
+                "part and its band are those of the prior"
+            )
+        return Forecast(
+            load=newton,
+            temperature=kelvin,
+            hold_times=times,
+            samples=samples[:, place],
+            unseen=float(unseen.max()),
+            notes=tuple(notes),
+            provenance=provenance,
+        )
+
+    def ranked(
+        self,
+        candidates: Sequence[Mapping[str, Any]],
+        target: Mapping[str, Any] | None,
+        resolution: float,
+        relative_error: float,
+    ) -> list[dict[str, Any]]:
+        """The candidates by how much each reduces the variance of the target, the best first.
+
+        Of a target g and a measurement f with the error s, the variance of g falls by cov(f, g)²/(var f + s²), if both
+        are normal: the covariances are those of the samples.
+        """
+        if not isinstance(candidates, list | tuple) or not candidates:
+            raise InputError.of("candidates", candidates, "must be a list with at least one planned measurement")
+        if not 0 < relative_error < 10:
+            raise InputError.of("relative_error", relative_error, "must be above zero", "3 % is 0.03")
+        goals = self._goals(target, resolution)
+        goals = goals - goals.mean(axis=0)
+        total = float(goals.var(axis=0).sum())
+        if not total > 0:
+            raise InputError.of("target", target, "has no variance in the samples, so that nothing can narrow it")
+        plans = [self._plan(number, candidate, relative_error) for number, candidate in enumerate(candidates)]
+        times: dict[tuple[float, float], list[float]] = {}
+        for load, kelvin, time, *_ in plans:
+            times.setdefault((load, kelvin), []).append(time)
+        with self.scene.in_use():
+            values = {
+                key: dict(zip(np.unique(every), self.predicted(*key, np.unique(every))[0].T.copy(), strict=True))
+                for key, every in times.items()
+            }
+        rows = []
+        for candidate, (load, kelvin, time, error, relative) in zip(candidates, plans, strict=True):
+            value = values[load, kelvin][time]
+            error = relative * float(value.mean()) if relative else error
+            covariance = (value - value.mean()) @ goals / len(value)
+            gain = float((covariance**2).sum() / (value.var() + error**2))
+            rows.append(
+                {
+                    **candidate,
+                    "load": load,
+                    "temperature": kelvin,
+                    "hold_time": time,
+                    "error": error,
+                    "expected": float(value.mean()),
+                    "reduction": gain / total,
+                    "deviation": float(np.sqrt(max(total - gain, 0.0) / goals.shape[1])),
+                }
+            )
+        return sorted(rows, key=lambda row: -row["reduction"])
+
+    def _plan(
+        self, number: int, candidate: Mapping[str, Any], relative_error: float
+    ) -> tuple[float, float, float, float, float]:
+        """Load (nN), temperature (K), hold time (s), error in nN and relative (0: the other one), of a plan."""
+        where = f"candidates.{number}"
+        if not isinstance(candidate, Mapping) or "hold_time" not in candidate:
+            raise InputError.of(where, candidate, "has no hold_time", 'give {"hold_time": 10.0, "load": 50.0}')
+        for name in candidate:
+            if name not in PLAN:
+                raise InputError.of(where, name, f"is not known{nearest(str(name), PLAN)}", f"give {', '.join(PLAN)}")
+        load, kelvin, time = self._at(candidate)
+        if (error := candidate.get("error")) is None:
+            return load, kelvin, time, 0.0, relative_error
+        share = isinstance(error, str) and error.strip().endswith("%")
+        value = convert(error, "" if share else "nN", f"{where}.error")
+        if not 0 < value < np.inf:
+            raise InputError.of(f"{where}.error", error, "must be above zero", "give nN, or a text such as 3 %")
+        return load, kelvin, time, 0.0 if share else value, value if share else 0.0
+
+    def _at(self, plan: Mapping[str, Any]) -> tuple[float, float, float]:
+        """Load (nN), temperature (K) and hold time (s) of a plan or target."""
+        time = convert(plan["hold_time"], "s", "hold_time")
+        load, kelvin, times = self.conditions(plan.get("load"), plan.get("temperature"), [time])
+        return load, kelvin, float(times[0])
+
+    def _goals(self, target: Mapping[str, Any] | None, resolution: float) -> np.ndarray:
+        """(S, k) what is wanted, of each sample."""
+        nodes = self.grid.nodes
+        if target is not None and not isinstance(target, Mapping):
+            raise InputError.of("target", target, "must be a dict", 'give {"energy": 1.0}, for example')
+        if target is None or "energy" in target:
+            mean = averaging(nodes, resolution)
+            if target is None:
+                return self.samples @ mean[self.visible if self.visible.any() else slice(None)].T
+            energy = convert(target["energy"], "eV", "target.energy")
+            if not nodes[0] <= energy <= nodes[-1]:
+                remedy = f"{nodes[0]:.3f} to {nodes[-1]:.3f} eV"
+                raise InputError.of("target.energy", energy, "is outside the energies of the density", remedy)
+            return self.samples @ mean[[int(np.argmin(np.abs(nodes - energy)))]].T
+        if "hold_time" not in target:
+            raise InputError.of(
+                "target", dict(target), "has neither energy nor hold_time", 'give {"energy": 1.0}, for example'
+            )
+        load, kelvin, time = self._at(target)
+        with self.scene.in_use():
+            return self.predicted(load, kelvin, np.array([time]))[0]
+
+
+def _when(times: np.ndarray, over: np.ndarray) -> str:
+    """The hold times (m,), ascending, that ``over`` marks, in words."""
+    clear = np.flatnonzero(~over)
+    if not clear.size:
+        return "at all hold times"
+    early = [f"up to {times[clear[0] - 1]:.3g} s"] if over[0] else []
+    late = [f"from {times[clear[-1] + 1]:.3g} s on"] if over[-1] else []
+    return " and ".join([*early, *late]) or "at some hold times"

@@ -1,4 +1,4 @@
-"""The forward model: what a density of barriers makes of hold times, on the real contacts of a scene.
+"""The forward model: what a density of barriers makes of the hold times of all curves, on the contacts of a scene.
 
 ΔF(t) = ⟨f⟩ × front factor × sites × ∫ p(E) S(t; E) dE. S is averaged over pressure, breaking barriers and rim of the
 contact: exactly where sites do not interact, and through the mean field of :mod:`chemage.inference.neighbours` where
@@ -9,8 +9,9 @@ they do. What the mean field leaves out is measured by the kinetics of the sites
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,14 +24,17 @@ from chemage.foundation import random
 from chemage.foundation.errors import InputError
 from chemage.foundation.threads import available, in_order
 from chemage.foundation.units import EV_PER_GPA_NM3
-from chemage.inference.kernel import EnergyGrid, make_kernel
+from chemage.inference.curves import MeasuredCurve
+from chemage.inference.energies import EnergyGrid, Kernel, energy_grid, make_kernel
 from chemage.inference.neighbours import GROUPS, Environments, MeanField, Solved
+from chemage.inference.problem import Unknowns
 from chemage.kinetics.stage import run_kinetics
 from chemage.lattices.chemistry import Chemistry, contact_statistics
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.stage import build_lattice
 from chemage.scene.scene import Scene
 from chemage.surfaces.stage import make_surface
+from chemage.surfaces.surface import Surface
 
 #: sites of the contact that stand for all in the mean field
 ENVIRONMENTS = 1000
@@ -42,6 +46,8 @@ SMOOTHED, UNCALIBRATED = 0.5, 0.15
 MOST_SHIFT = 1.2
 #: eV above the last node: a barrier that is never crossed
 BEYOND = 3.0
+#: error of the forward model, of the largest value of a curve: the density is piecewise linear, the truth is not
+MODEL_ERROR = 1e-3
 
 
 @dataclass(eq=False)
@@ -57,18 +63,20 @@ class Condition:
     sites: float
     #: nN that a density of which all sites are bonded gives
     scale: float
-    #: (m, n): ΔF over scale by the density, where sites do not interact
-    exact: np.ndarray | None = None
+    #: (m, n): ΔF over scale by the density, as if sites did not interact
+    alone: np.ndarray
+    #: of sites that interact
     mean_field: MeanField | None = None
     #: (m,) positions of the hold times among the times of the mean field
-    places: np.ndarray | None = None
+    places: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    #: GPa, between the groups of pressure
     edges: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """GPa, between the groups of pressure"""
-    #: (m,) simulated over mean field, and its standard error
-    correction: np.ndarray | None = None
-    correction_error: np.ndarray | None = None
     _last: Solved | None = None
     _lattices: list[Any] | None = None
+
+    def __post_init__(self) -> None:
+        #: (m,) simulated over mean field, and its standard error
+        self.correction, self.correction_error = np.ones(self.hold_times.size), np.zeros(self.hold_times.size)
 
     @property
     def interacting(self) -> bool:
@@ -77,27 +85,27 @@ class Condition:
 
     def linear(self, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ΔF at the hold times (m,), nN, and its derivative by the density (m, n)."""
-        if self.mean_field is None or self.places is None:
-            assert self.exact is not None
-            return self.scale * (self.exact @ density), self.scale * self.exact
+        if self.mean_field is None:
+            return self.scale * (self.alone @ density), self.scale * self.alone
         start = self._last.shares if self._last is not None else None
         self._last = solved = self.mean_field.solve(density, start)
         share = self.mean_field.environments.shares
-        factor = self.scale * (np.ones(self.hold_times.size) if self.correction is None else self.correction)
+        factor = self.scale * self.correction
         value = factor * (share @ solved.shares)[self.places]
         return value, factor[:, None] * np.einsum("g,gln->ln", share, solved.derivative)[self.places]
 
     def without_neighbours(self) -> np.ndarray:
         """(m, n): the derivative that a contact without interaction would have, for a first guess."""
-        if self.exact is not None:
-            return self.scale * self.exact
-        assert self.mean_field is not None
-        assert self.places is not None
-        env, kernel = self.mean_field.environments, self.mean_field.kernel
-        left, part = kernel.places(env.lowering)
-        weights = np.bincount(left, 1 - part, kernel.shifts) + np.bincount(left + 1, part, kernel.shifts)
-        weights = np.broadcast_to(weights / env.lowering.size, (kernel.times.size, kernel.shifts))
-        return self.scale * kernel.matrix(weights)[self.places]
+        return self.scale * self.alone
+
+    @property
+    def relative_error(self) -> np.ndarray:
+        """(m,) standard error of the correction, relative to it."""
+        return self.correction_error / self.correction
+
+    def corrected_as(self, other: Condition) -> None:
+        """Take over the correction of the same contact under another chemistry, or on other energies."""
+        self.correction, self.correction_error = other.correction, other.correction_error
 
     def calibrate(self, density: np.ndarray, scene: Scene, seed: int, threads: int | None = None) -> None:
         """Simulate the kinetics of the sites with barriers of ``density``, and correct the mean field at it.
@@ -106,7 +114,7 @@ class Condition:
         mean field expects of each site, given its barrier and pressure, is subtracted as a control variate, so that the
         draw of the barriers adds no noise.
         """
-        if self.mean_field is None or self.places is None or not isinstance(self.contact, ContactSolution):
+        if self.mean_field is None or not isinstance(self.contact, ContactSolution):
             return
         if self._last is None:
             self.linear(density)
@@ -123,24 +131,24 @@ class Condition:
         def replica(number: int) -> tuple[np.ndarray, int]:
             lattice, uniform, lowering, group, noise = lattices[number]
             barrier = self.grid.quantile(density, uniform, beyond)
-            made = lattice.model_copy(update={"forming": barrier + lowering})
+            sites = lattice.model_copy(update={"forming": barrier + lowering})
             bonds = run_kinetics(
-                engine, made, self.hold_times, temperature=self.temperature, seed=noise, contact=contact,
+                engine, sites, self.hold_times, temperature=self.temperature, seed=noise, contact=contact,
                 chemistry=self.chemistry,
             ).bonds  # fmt: skip
             place = np.clip((barrier - self.grid.first) / step, 0, self.grid.fine.size - 1.001)
             left = place.astype(np.int64)
             part = place - left
             inside = barrier < beyond
-            known = expected[group, :, left] * (1 - part)[:, None] + expected[group, :, left + 1] * part[:, None]
-            return bonds - known[inside].sum(axis=0), barrier.size
+            mean = expected[group, :, left] * (1 - part)[:, None] + expected[group, :, left + 1] * part[:, None]
+            return bonds - mean[inside].sum(axis=0), barrier.size
 
-        found = list(in_order(replica, len(lattices), threads or available(), None))
-        sizes = np.array([size for _, size in found], dtype=float)
-        surplus = np.stack([difference for difference, _ in found])
+        replicas = list(in_order(replica, len(lattices), threads or available(), None))
+        sizes = np.array([size for _, size in replicas], dtype=float)
+        surplus = np.stack([difference for difference, _ in replicas])
         excess = surplus.sum(axis=0) / sizes.sum()
         scatter = surplus - sizes[:, None] * excess
-        error = np.sqrt((scatter**2).sum(axis=0) / max(len(found) - 1, 1) * len(found)) / sizes.sum()
+        error = np.sqrt((scatter**2).sum(axis=0) / max(len(replicas) - 1, 1) * len(replicas)) / sizes.sum()
         share = (self.mean_field.environments.shares @ solved.shares)[self.places]
         self.correction, self.correction_error = _smoothed(
             np.log10(self.hold_times), excess / np.maximum(share, 1e-12), error / np.maximum(share, 1e-12)
@@ -149,7 +157,6 @@ class Condition:
     def _of_energy(self, weights: np.ndarray) -> np.ndarray:
         """(m, N): probability that the mean field gives to sites of each fine energy of a group."""
         assert self.mean_field is not None
-        assert self.places is not None
         windows = self.mean_field.kernel.windows[self.places]
         return np.einsum("ls,lsj->lj", weights[self.places], windows, optimize=True)
 
@@ -177,22 +184,24 @@ def _smoothed(x: np.ndarray, excess: np.ndarray, error: np.ndarray) -> tuple[np.
 class Contacts:
     """The contacts of a scene at several loads, each solved once."""
 
-    def __init__(self, scene: Scene, progress: Callable[[int, int], None] | None = None) -> None:
-        self.scene, self._made, self._surface = scene, {}, None
-        self.progress = progress
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self._by_load: dict[float, ContactSolution | ContactStatistics] = {}
+
+    @cached_property
+    def _surface(self) -> Surface:
+        return make_surface(self.scene.surface, self.scene.surface_seed)
 
     def at(self, load: float) -> ContactSolution | ContactStatistics:
         """The contact under ``load`` nN."""
-        if load not in self._made:
+        if load not in self._by_load:
             scene = self.scene
             with scene.in_use():
                 if isinstance(scene.contact, ContactTheory):
-                    self._made[load] = scene.contact.statistics(scene.surface, load, scene.surface_seed)
+                    self._by_load[load] = scene.contact.statistics(scene.surface, load, scene.surface_seed)
                 else:
-                    if self._surface is None:
-                        self._surface = make_surface(scene.surface, scene.surface_seed)
-                    self._made[load] = solve_contact(scene.solver, self._surface, load)
-        return self._made[load]
+                    self._by_load[load] = solve_contact(scene.solver, self._surface, load)
+        return self._by_load[load]
 
 
 def check_scene(scene: Scene) -> Chemistry:
@@ -251,31 +260,30 @@ def make_condition(
         raise InputError(
             f"contact at {contact.load:g} nN: has no sites in contact; check load, surface and site_density"
         )
-    made = Condition(
-        chemistry, contact, temperature, times, grid, sites, sites * chemistry.bond_force * chemistry.front_factor
-    )
-    per_gpa = chemistry.activation_volume * EV_PER_GPA_NM3
+    scale = sites * chemistry.bond_force * chemistry.front_factor
     if chemistry.interaction is None or not isinstance(contact, ContactSolution):
-        shift = -per_gpa * statistics.pressure
-        kernel = make_kernel(
-            chemistry, temperature, times, grid, float(shift.min(initial=0)), float(shift.max(initial=0))
-        )
-        left, part = kernel.places(shift)
-        share = statistics.area / statistics.contact_area
-        weights = np.bincount(left, share * (1 - part), kernel.shifts) + np.bincount(
-            left + 1, share * part, kernel.shifts
-        )
-        made.exact = kernel.matrix(np.broadcast_to(weights, (times.size, kernel.shifts)))
-        return made
+        shift = -chemistry.activation_volume * EV_PER_GPA_NM3 * statistics.pressure
+        lowest, highest = float(shift.min(initial=0)), float(shift.max(initial=0))
+        kernel = make_kernel(chemistry, temperature, times, grid, lowest, highest)
+        alone = _alone(kernel, shift, statistics.area / statistics.contact_area)
+        return Condition(chemistry, contact, temperature, times, grid, sites, scale, alone)
     early = times[0] * 10.0 ** np.arange(-5, 0, 0.4)
     late = times[0] * 10.0 ** np.arange(0, math.log10(times[-1] / times[0]) + 1e-9, 1 / 6)
     every = np.unique(np.concatenate([early, late, times]))
-    environments, made.edges = _environments(chemistry, contact, seed)
+    environments, edges = _environments(chemistry, contact, seed)
     lowest = min(float(environments.lowering.min()), 0.0) - 0.25
     kernel = make_kernel(chemistry, temperature, every, grid, lowest, MOST_SHIFT)
-    made.mean_field = MeanField(kernel, environments, temperature)
-    made.places = np.searchsorted(every, times)
-    return made
+    mean_field, places = MeanField(kernel, environments, temperature), np.searchsorted(every, times)
+    alone = _alone(kernel, environments.lowering, 1.0, environments.lowering.size)[places]
+    return Condition(chemistry, contact, temperature, times, grid, sites, scale, alone, mean_field, places, edges)
+
+
+def _alone(kernel: Kernel, shift: np.ndarray, weight: np.ndarray | float, total: float = 1.0) -> np.ndarray:
+    """(l, n): derivative of the bonded share by the density; sites of ``shift`` (s,) weigh ``weight`` of ``total``."""
+    left, part = kernel.places(shift)
+    weights = np.bincount(left, weight * (1 - part), kernel.shifts)
+    weights += np.bincount(left + 1, weight * part, kernel.shifts)
+    return kernel.matrix(np.broadcast_to(weights / total, (kernel.times.size, kernel.shifts)))
 
 
 def _environments(chemistry: Chemistry, contact: ContactSolution, seed: int) -> tuple[Environments, np.ndarray]:
@@ -286,15 +294,15 @@ def _environments(chemistry: Chemistry, contact: ContactSolution, seed: int) -> 
         disorder, _ = replica_seeds(seed, 1_000_000 + len(lattices), "all", ())
         lattices.append(build_lattice(chemistry, contact, disorder))
         total += max(lattices[-1].sites.size, 1)
-    pressure = np.concatenate([np.asarray(one.pressures(contact), dtype=np.float64) for one in lattices])
-    width = max(0 if one.coupling is None else one.coupling.shape[1] for one in lattices)
+    pressure = np.concatenate([np.asarray(lattice.pressures(contact), dtype=np.float64) for lattice in lattices])
+    width = max(0 if lattice.coupling is None else lattice.coupling.shape[1] for lattice in lattices)
     coupling, there = np.zeros((pressure.size, width)), np.zeros((pressure.size, width), dtype=bool)
     begin = 0
-    for one in lattices:
-        end = begin + one.sites.size
-        if one.coupling is not None and one.neighbours is not None:
-            coupling[begin:end, : one.coupling.shape[1]] = one.coupling
-            there[begin:end, : one.coupling.shape[1]] = one.neighbours >= 0
+    for lattice in lattices:
+        end = begin + lattice.sites.size
+        if lattice.coupling is not None and lattice.neighbours is not None:
+            coupling[begin:end, : lattice.coupling.shape[1]] = lattice.coupling
+            there[begin:end, : lattice.coupling.shape[1]] = lattice.neighbours >= 0
         begin = end
     order = np.argsort(pressure, kind="stable")
     count = min(ENVIRONMENTS, pressure.size)
@@ -306,3 +314,135 @@ def _environments(chemistry: Chemistry, contact: ContactSolution, seed: int) -> 
     uniform[~there[chosen]] = 2.0
     lowering = -chemistry.activation_volume * EV_PER_GPA_NM3 * pressure[chosen]
     return Environments(lowering, coupling[chosen] * there[chosen], uniform, group, groups), edges
+
+
+@dataclass(eq=False)
+class Model:
+    """The forward model of all measured points."""
+
+    scene: Scene
+    chemistry: Chemistry
+    unknowns: Unknowns
+    curves: Sequence[MeasuredCurve]
+    grid: EnergyGrid
+    contacts: Contacts
+    seed: int
+    #: (point of the grid of scalars, condition) -> its model
+    conditions: dict[tuple[int, int], Condition] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        #: the point of the grid of scalars from which sampling begins: the middle, until another is known to fit better
+        self.middle = self.unknowns.points // 2
+        self.keys = list(dict.fromkeys((curve.load, curve.temperature) for curve in self.curves))
+        curves = self.curves
+        self.curve = np.repeat(np.arange(len(curves)), [curve.hold_times.size for curve in curves])
+        self.hold_times = np.concatenate([curve.hold_times for curve in curves])
+        self.values = np.concatenate([curve.friction_drop for curve in curves])
+        floor = np.array([MODEL_ERROR * np.abs(curve.friction_drop).max() for curve in curves])[self.curve]
+        self._variances = np.concatenate([curve.friction_drop_errors for curve in curves]) ** 2 + floor**2
+        self.which = np.array([self.keys.index((curve.load, curve.temperature)) for curve in curves])[self.curve]
+        self.times = [np.unique(self.hold_times[self.which == k]) for k in range(len(self.keys))]
+
+    def condition(self, point: int, number: int) -> Condition:
+        """The model of a condition at a point of the grid of scalars; made once."""
+        if (point, number) not in self.conditions:
+            load, temperature = self.keys[number]
+            chemistry, contact = self.unknowns.chemistry(self.chemistry, point), self.contacts.at(load)
+            condition = make_condition(chemistry, contact, temperature, self.times[number], self.grid, self.seed)
+            self.conditions[point, number] = condition
+            if (middle := self.conditions.get((self.middle, number))) is not None:
+                condition.corrected_as(middle)
+        return self.conditions[point, number]
+
+    def on(self, grid: EnergyGrid) -> Model:
+        """The same model on other energies."""
+        other = replace(self, grid=grid, conditions={})
+        other.middle = self.middle
+        for number in range(len(self.keys)):
+            other.condition(self.middle, number).corrected_as(self.condition(self.middle, number))
+        return other
+
+    @property
+    def interacting(self) -> bool:
+        """Whether bonded neighbours change the barriers."""
+        return self.condition(self.middle, 0).interacting
+
+    def _gathered(self, parts: Sequence[np.ndarray]) -> np.ndarray:
+        """One row for each point, of arrays (hold times, ...) of each condition."""
+        rows = np.empty((self.values.size, *parts[0].shape[1:]))
+        for number, part in enumerate(parts):
+            here = self.which == number
+            rows[here] = part[np.searchsorted(self.times[number], self.hold_times[here])]
+        return rows
+
+    def _at(self, point: int) -> list[Condition]:
+        return [self.condition(point, number) for number in range(len(self.keys))]
+
+    def linear(self, density: np.ndarray, point: int) -> tuple[np.ndarray, np.ndarray]:
+        """ΔF of every measured point at ``density`` (m,), and its derivative (m, n)."""
+        values, slopes = zip(*(condition.linear(density) for condition in self._at(point)), strict=True)
+        return self._gathered(values), self._gathered(slopes)
+
+    def without_neighbours(self, point: int) -> np.ndarray:
+        """(m, n): the derivative without interaction."""
+        return self._gathered([condition.without_neighbours() for condition in self._at(point)])
+
+    def calibrate(self, density: np.ndarray, threads: int | None) -> None:
+        """Simulate the kinetics of every condition at ``density``; all points of the grid get the same correction."""
+        for number, middle in enumerate(self._at(self.middle)):
+            middle.calibrate(density, self.scene, self.seed, threads)
+            for (_, other), condition in self.conditions.items():
+                if other == number:
+                    condition.corrected_as(middle)
+
+    def errors(self, value: np.ndarray) -> np.ndarray:
+        """(m,) standard errors of the measured values, with those of the forward model at ``value``."""
+        relative = self._gathered([condition.relative_error for condition in self._at(self.middle)])
+        return np.sqrt(self._variances + (relative * value) ** 2)
+
+    def labels(self) -> list[str]:
+        """What each point is, in words."""
+        return [f"{time:.3g} s of {curve.name}" for curve in self.curves for time in curve.hold_times]
+
+    def seen(self) -> np.ndarray:
+        """(n,) whether some condition has hold times before and after sites of this barrier bond."""
+        seen = np.zeros(self.grid.count, dtype=bool)
+        for condition in self._at(self.middle):
+            share = condition.without_neighbours()[[0, -1]] / (condition.scale * self.grid.areas)
+            seen |= (share[1] - share[0]) >= 0.5 * max(float(share[1].max()), 1e-12)
+        return seen
+
+
+def make_model(
+    scene: Scene,
+    chemistry: Chemistry,
+    unknowns: Unknowns,
+    curves: Sequence[MeasuredCurve],
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> Model:
+    """Solve the contacts of all loads, and choose the energies."""
+    contacts = Contacts(scene)
+    loads = list(dict.fromkeys(curve.load for curve in curves))
+    lowering = 0.0
+    bounds = unknowns.bounds
+    widest = chemistry.replace(
+        activation_volume=bounds.get("activation_volume", (0.0, chemistry.activation_volume))[1],
+        attempt_frequency=bounds.get("attempt_frequency", (0.0, chemistry.attempt_frequency))[1],
+    )
+    for done, load in enumerate(loads):
+        if progress:
+            progress(done, len(loads))
+        lowering = max(lowering, largest_lowering(contacts.at(load), widest))
+    if progress:
+        progress(len(loads), len(loads))
+    temperatures = np.concatenate([np.full(curve.hold_times.size, curve.temperature) for curve in curves])
+    times = np.concatenate([curve.hold_times for curve in curves])
+    grid = energy_grid(widest, temperatures, times, lowering)
+    if "attempt_frequency" in bounds:  # the lowest frequency reacts at lower energies
+        lower = energy_grid(
+            widest.replace(attempt_frequency=bounds["attempt_frequency"][0]), temperatures, times, lowering
+        )
+        count = int(np.ceil((grid.nodes[-1] - lower.first) / grid.step)) + 1
+        grid = EnergyGrid(lower.first, grid.step, count)
+    return Model(scene, chemistry, unknowns, curves, grid, contacts, seed)

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from chemage.inference.kernel import EnergyGrid
+from chemage.inference.energies import EnergyGrid
 
 #: peaks at most, and the probability of each but the first to be there
 MOST, THERE = 4, 0.125
@@ -102,8 +102,8 @@ class Hidden:
         left = np.minimum(peaks.place.astype(np.int64), self.count - 2)
         part = peaks.place - left
         shares = peaks.shares
-        found = np.einsum("sk,sk...->s...", shares * (1 - part), table[peaks.width, left])
-        return found + np.einsum("sk,sk...->s...", shares * part, table[peaks.width, left + 1])
+        lower = np.einsum("sk,sk...->s...", shares * (1 - part), table[peaks.width, left])
+        return lower + np.einsum("sk,sk...->s...", shares * part, table[peaks.width, left + 1])
 
     def integral(self, densities: np.ndarray) -> np.ndarray:
         """(S,) shares of the sites that ``densities`` (S, n) have here."""
@@ -113,31 +113,31 @@ class Hidden:
         self, densities: np.ndarray, shares: np.ndarray, rng: np.random.Generator, data: Data | None = None
     ) -> np.ndarray:
         """``densities`` (S, n) with ``shares`` (S,) of the sites here, drawn anew; without ``data`` from the prior."""
-        found = densities.copy()
-        found[:, self.here] = 0.0
-        peaks = self.drawn(len(found), rng)
+        redrawn = densities.copy()
+        redrawn[:, self.here] = 0.0
+        peaks = self.drawn(len(redrawn), rng)
         if data is not None:
-            peaks = self._moved(peaks, found, shares, data, rng)
-        found[:, self.here] = shares[:, None] * self.at(peaks, self.shapes)
-        return found
+            peaks = self._moved(peaks, redrawn, shares, data, rng)
+        redrawn[:, self.here] = shares[:, None] * self.at(peaks, self.shapes)
+        return redrawn
 
     def _moved(self, peaks: Peaks, rest: np.ndarray, shares: np.ndarray, data: Data, rng: np.random.Generator) -> Peaks:
         """``peaks`` after :data:`MOVES` moves in the posterior, with the densities ``rest`` (S, n) elsewhere."""
         tables = np.einsum("gmn,wjn->gwjm", data.matrices[:, :, self.here], self.shapes, optimize=True)
         factor = data.factors[:, None]
-        known = data.offsets[data.points] + np.einsum("smn,sn->sm", data.matrices[data.points], rest, optimize=True)
-        base, scale = data.values - factor * known, factor * shares[:, None]
+        seen = data.offsets[data.points] + np.einsum("smn,sn->sm", data.matrices[data.points], rest, optimize=True)
+        base, scale = data.values - factor * seen, factor * shares[:, None]
         # only combinations of the measurements that the peaks change
         axes = np.linalg.svd(tables.reshape(-1, tables.shape[-1]), full_matrices=False)[2]
         axes = axes[np.abs(tables @ axes.T).max(axis=(0, 1, 2)) > NEGLIGIBLE].T
         tables, base = np.ascontiguousarray(tables @ axes), base @ axes
 
-        def misfit(one: Peaks) -> np.ndarray:
-            at = np.minimum(one.place.astype(np.int64), self.count - 2)
-            part = (one.place - at)[..., None]
+        def misfit(peaks: Peaks) -> np.ndarray:
+            at = np.minimum(peaks.place.astype(np.int64), self.count - 2)
+            part = (peaks.place - at)[..., None]
             point = data.points[:, None]
-            each = (1 - part) * tables[point, one.width, at] + part * tables[point, one.width, at + 1]
-            residual = base - scale * np.einsum("sk,skm->sm", one.shares, each)
+            each = (1 - part) * tables[point, peaks.width, at] + part * tables[point, peaks.width, at + 1]
+            residual = base - scale * np.einsum("sk,skm->sm", peaks.shares, each)
             return 0.5 * (residual**2).sum(axis=1)
 
         here = misfit(peaks)
@@ -162,27 +162,27 @@ class Hidden:
         count = len(peaks.place)
         rows = np.arange(count)
         chosen = rng.integers(1, MOST, count) if kind == 0 else (peaks.there * rng.random((count, MOST))).argmax(axis=1)
-        one = rows, chosen
+        peak = rows, chosen
         place, width, weight, there = (a.copy() for a in (peaks.place, peaks.width, peaks.weight, peaks.there))
         gain = np.zeros(count)
         fresh = self.drawn(count, rng)
         far = kt * 10 ** rng.uniform(-3, 1, count) * rng.standard_normal(count)
         if kind == 0:  # switch a peak on or off; one that is switched on is drawn from the prior
-            there[one] ^= True
-            on = there[one]
+            there[peak] ^= True
+            on = there[peak]
             for old, new in ((place, fresh.place), (width, fresh.width), (weight, fresh.weight)):
                 old[rows[on], chosen[on]] = new[rows[on], chosen[on]]
             gain = np.where(on, 1, -1) * np.log(THERE / (1 - THERE))
         elif kind == 1:
             place += far[:, None]
         elif kind == 2:
-            place[one] += far
+            place[peak] += far
         elif kind in (3, 4):
-            place[one], width[one] = fresh.place[one], fresh.width[one]
+            place[peak], width[peak] = fresh.place[peak], fresh.width[peak]
         elif kind == 5:
             more = 10 ** rng.uniform(-2, 0.5, count) * rng.standard_normal(count)
-            weight[one] *= np.exp(more)
-            gain = more + peaks.weight[one] - weight[one]
+            weight[peak] *= np.exp(more)
+            gain = more + peaks.weight[peak] - weight[peak]
         else:
             place, width, weight, there = fresh.place, fresh.width, fresh.weight, fresh.there
         other = Peaks(place, width, weight, there)
@@ -211,7 +211,7 @@ def redrawn_outside(
     """
     inside = np.flatnonzero(seen) if seen.any() else np.zeros(1, dtype=np.int64)
     chosen = np.flatnonzero(rng.random(len(densities)) >= SMOOTH)
-    found, some = densities.copy(), densities[chosen]
+    redrawn, some = densities.copy(), densities[chosen]
     if data is not None:
         data = replace(data, points=data.points[chosen], factors=data.factors[chosen])
     if inside[0]:
@@ -219,5 +219,5 @@ def redrawn_outside(
         some = below.redrawn(some, below.integral(some), rng, data)
     above = Hidden(grid, int(inside[-1]) + 1, grid.count)
     left = np.maximum(1 - some @ grid.areas + above.integral(some), 0.0)
-    found[chosen] = above.redrawn(some, left, rng, data)
-    return found
+    redrawn[chosen] = above.redrawn(some, left, rng, data)
+    return redrawn

@@ -14,21 +14,16 @@ from chemage.foundation.checks import checked_count, checked_seed
 from chemage.foundation.errors import InputError, shown
 from chemage.foundation.progress import Report
 from chemage.foundation.units import KB, QuantityLike
-from chemage.inference.assembly import Model, make_model
 from chemage.inference.curves import MeasuredCurve, check_curves, read_curves
+from chemage.inference.energies import averaging
 from chemage.inference.families import compared
 from chemage.inference.forecast import band
-from chemage.inference.forward import check_scene
+from chemage.inference.forward import Model, check_scene, make_model
 from chemage.inference.hidden import REACH, Data, redrawn_outside
-from chemage.inference.inference import Inference
-from chemage.inference.kernel import averaging
-from chemage.inference.prior import Prior
-from chemage.inference.problem import Problem
+from chemage.inference.problem import UNITS, Prior, Problem, Unknowns, unknowns_of
+from chemage.inference.result import Inference, scene_of
 from chemage.inference.rounds import estimated, linear_problem, sampled
 from chemage.inference.sampling import Samples
-from chemage.inference.unknowns import UNITS, Unknowns, unknowns_of
-from chemage.scene.files import load_scene
-from chemage.scene.parsing import parse_scene
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 
@@ -93,7 +88,7 @@ def infer(
         No density explains the data: with the best fit and where it fails.
     """
     begin = time.process_time()
-    scene = _scene_of(scene)
+    scene = scene_of(scene).completed()
     chemistry = check_scene(scene)
     curves = _curves_of(measured)
     unknowns = unknowns_of(unknown, chemistry)
@@ -113,22 +108,16 @@ def infer(
     with scene.in_use():
         model = make_model(scene, chemistry, unknowns, curves, seed, lambda done, all: report("contact", done, all))
         density, changes = estimated(model, threads, report)
-        problem, found, changes = sampled(model, density, samples, threads, report, changes)
-        scores, fits = compared(model, problem, found, families, threads, report)
-    return _made(model, problem, found, scores, fits, changes, time.process_time() - begin)
-
-
-def _scene_of(scene: Scene | str | Path | Mapping[str, Any]) -> Scene:
-    if not isinstance(scene, Scene):
-        scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
-    return scene.completed()
+        problem, drawn, changes = sampled(model, density, samples, threads, report, changes)
+        scores, fits = compared(model, problem, drawn, families, threads, report)
+    return _inference(model, problem, drawn, (scores, fits), changes, time.process_time() - begin)
 
 
 def _curves_of(measured: Any) -> tuple[MeasuredCurve, ...]:
     if isinstance(measured, str | Path):
         measured = read_curves(measured)
     curves = (measured,) if isinstance(measured, MeasuredCurve) else measured
-    if not isinstance(curves, list | tuple) or not all(isinstance(one, MeasuredCurve) for one in curves):
+    if not isinstance(curves, list | tuple) or not all(isinstance(curve, MeasuredCurve) for curve in curves):
         raise InputError.of(
             "measured", measured, "is no MeasuredCurve", "give curves from chemage.read_curves, or a file"
         )
@@ -163,95 +152,87 @@ def _visible(model: Model, samples: np.ndarray, prior: np.ndarray, resolution: f
 
 def _inner_ends(densities: np.ndarray) -> np.ndarray:
     """``densities`` (S, n) that end at their end nodes as such that go on: of the same integral and mean energy."""
-    found = densities.copy()
+    longer = densities.copy()
     for end, beside in ((0, 1), (-1, -2)):  # the inner half of a hat, whose mean lies a third of a step inside
-        found[:, end] = densities[:, end] / 3
-        found[:, beside] += densities[:, end] / 6
-    return found
+        longer[:, end] = densities[:, end] / 3
+        longer[:, beside] += densities[:, end] / 6
+    return longer
 
 
 def _with_hidden(
-    model: Model, found: Samples, prior: Prior, drawn: np.ndarray
+    model: Model, samples: Samples, prior: Prior, before: np.ndarray
 ) -> tuple[Model, Problem, Samples, np.ndarray]:
-    """Samples of the posterior and those ``drawn`` of the prior, with the barriers that hold times do not reach."""
+    """Samples of the posterior and those ``before``, of the prior, with the barriers that hold times do not reach."""
     wide = model.on(model.grid.wider(*REACH))
     more = ((0, 0), wide.grid.place(model.grid))
-    densities, drawn = (np.pad(_inner_ends(one), more) for one in (found.densities, drawn))
+    densities, before = (np.pad(_inner_ends(each), more) for each in (samples.densities, before))
     problem = linear_problem(wide, prior, densities.mean(axis=0))
     data = Data(
         problem.matrices / problem.errors[:, None],
-        found.points,
-        found.factors,
+        samples.points,
+        samples.factors,
         problem.values / problem.errors,
         problem.offsets / problem.errors,
         KB * max(curve.temperature for curve in model.curves),
     )
     seen = np.pad(model.seen(), more[1])
     densities = redrawn_outside(wide.grid, seen, densities, np.random.default_rng([model.seed, 101]), data)
-    drawn = redrawn_outside(wide.grid, seen, drawn, np.random.default_rng([model.seed, 103]))
-    return wide, problem, replace(found, densities=densities), drawn
+    before = redrawn_outside(wide.grid, seen, before, np.random.default_rng([model.seed, 103]))
+    return wide, problem, replace(samples, densities=densities), before
 
 
-def _made(
+def _inference(
     model: Model,
     problem: Problem,
-    found: Samples,
-    scores: dict[str, float],
-    fits: dict[str, Any],
+    samples: Samples,
+    fits: tuple[dict[str, float], dict[str, Any]],
     changes: list[float],
     seconds: float,
 ) -> Inference:
     rng = np.random.default_rng([model.seed, 97])
     prior = problem.prior.sample(PRIOR_SAMPLES, model.grid.areas, rng)
     resolution = WIDTH * KB * max(curve.temperature for curve in model.curves)
-    visible = _visible(model, found.densities, prior, resolution)
+    visible = _visible(model, samples.densities, prior, resolution)
     smooth = model.grid
-    model, problem, found, prior = _with_hidden(model, found, problem.prior, prior)
-    visible = np.pad(visible, model.grid.place(smooth))
-    fitted = found.fitted(problem)
-    mean = fitted.mean(axis=0)
-    chi2 = float(np.sum(((problem.values - mean) / problem.errors) ** 2))
-    every = np.sum(((problem.values - fitted) / problem.errors) ** 2, axis=1)
-    middle = problem.matrices[model.middle], problem.offsets[model.middle]
-    diagnostics = {
-        "effective_samples": found.effective,
-        "r_hat": found.r_hat,
-        "sweeps": found.sweeps,
-        "iterations": len(changes),
-        "changes": changes,
-        "cpu_seconds": seconds,
-    }
+    model, problem, samples, prior = _with_hidden(model, samples, problem.prior, prior)
+    fitted = samples.fitted(problem)
+    chi2 = float(np.sum(((problem.values - fitted.mean(axis=0)) / problem.errors) ** 2))
+    each = np.sum(((problem.values - fitted) / problem.errors) ** 2, axis=1)
     unknowns = model.unknowns
-    scalars = {name: values[found.points] for name, values in unknowns.values.items()}
+    scalars = {name: values[samples.points] for name, values in unknowns.values.items()}
     if unknowns.factor is not None:
-        scalars["bond_force"] = found.factors * model.chemistry.bond_force
-    conditions = [model.condition(model.middle, number) for number in range(len(model.keys))]
-    plugins = {name: source for one in conditions for name, source in one.contact.plugins.items()}
-    made = Inference(
+        scalars["bond_force"] = samples.factors * model.chemistry.bond_force
+    inference = Inference(
         energies=model.grid.nodes,
-        samples=found.densities,
+        samples=samples.densities,
         prior=prior,
-        visible=visible,
+        visible=np.pad(visible, model.grid.place(smooth)),
         curve=model.curve,
         hold_times=model.hold_times,
         values=problem.values,
         errors=problem.errors,
         fitted=fitted,
-        prior_fitted=middle[1] + prior @ middle[0].T,
+        prior_fitted=problem.offsets[model.middle] + prior @ problem.matrices[model.middle].T,
         curves=tuple(
-            {"name": one.name, "load": one.load, "temperature": one.temperature, "quantity": one.quantity}
-            for one in model.curves
+            {name: getattr(curve, name) for name in ("name", "load", "temperature", "quantity")}
+            for curve in model.curves
         ),
         scalars=scalars,
-        scalar_bounds=unknowns.bounds,
-        scores=scores,
-        families=fits,
+        scalar_bounds=dict(unknowns.bounds),
+        scores=fits[0],
+        families=fits[1],
         chi2=chi2,
-        effective_parameters=float(every.mean() - chi2),
+        effective_parameters=float(each.mean() - chi2),
         resolution=resolution,
-        diagnostics=diagnostics,
+        diagnostics={
+            "effective_samples": samples.effective,
+            "r_hat": samples.r_hat,
+            "sweeps": samples.sweeps,
+            "iterations": len(changes),
+            "changes": changes,
+            "cpu_seconds": seconds,
+        },
         seed=model.seed,
-        notes=tuple(_notes(model, problem, found, visible, scalars, diagnostics, chi2)),
         provenance={
             "scene": model.scene.todict(),
             "versions": versions(model.scene),
@@ -259,99 +240,44 @@ def _made(
             "cite": _cite(model.scene),
         },
     )
-    return made.noting(plugins, [entry for one in conditions for entry in one.contact.approximate])
+    inference = inference.model_copy(update={"notes": tuple(_notes(model, problem, samples.points, inference))})
+    contacts = [model.contacts.at(load) for load, _ in model.keys]
+    plugins = {name: source for contact in contacts for name, source in contact.plugins.items()}
+    return inference.noting(plugins, [entry for contact in contacts for entry in contact.approximate])
 
 
 def _cite(scene: Scene) -> list[str]:
     """What to cite: the publications of all parts of the scene but its forming barriers, which are not used."""
     forming = None if scene.chemistry is None else scene.chemistry.forming
     texts = [text for part in scene.components() if part is not forming for text in part.cite]
-    return list(dict.fromkeys([*texts, *(one.source for one in scene.from_material)]))
+    return list(dict.fromkeys([*texts, *(value.source for value in scene.from_material)]))
 
 
-def _coarse(name: str, values: np.ndarray, unknowns: Unknowns) -> list[str]:
-    """A note if the samples (S,) of an unknown lie on so few values of its grid that its interval is not resolved."""
-    found = np.unique(values)
-    if name not in unknowns.values or found.size >= FEWEST_VALUES:
-        return []
-    grid = np.unique(unknowns.values[name])
-    first, last = np.searchsorted(grid, found[[0, -1]])
-    low, high = grid[max(first - 1, 0)], grid[min(last + 1, grid.size - 1)]
-    text = (
-        f"{name}: its interval is narrower than the {grid.size} values between its bounds resolve; infer it again with "
-        f"the bounds {low:.4g} to {high:.4g} {UNITS[name][0]}"
-    )
-    return [text]
-
-
-def _above(model: Model, problem: Problem, found: Samples, high: float) -> list[str]:
-    """A note if the friction at the last hold time comes mainly from barriers above ``high``, eV."""
-    last = int(np.argmax(model.hold_times))
-    parts = np.abs(found.densities * problem.matrices[found.points, last])
-    above = parts * (model.grid.nodes > high)
-    whole = above.sum(axis=1)
-    share = float((whole / np.maximum(parts.sum(axis=1), 1e-300)).mean())
-    if share < MAINLY or not whole.all():
-        return []
-    low, top = band((above @ model.grid.nodes / whole)[:, None], 0.95)
-    text = (
-        f"barriers lie above the visible energies: {100 * share:.0f} % of the friction at "
-        f"{model.hold_times[last]:.3g} s comes from sites above {high:.3f} eV, on average at {low[0]:.2f} to "
-        f"{top[0]:.2f} eV (95 %); the data tell how fast these react together, and neither how many there are nor how "
-        "high their barriers are"
-    )
-    return [text]
-
-
-def _hardly_any(model: Model) -> list[str]:
-    """A note if less than one bond has formed in every contact."""
-    one = model.chemistry.bond_force * model.chemistry.front_factor
-    if model.values.max() >= one:
-        return []
-    last = int(np.argmax(model.hold_times))
-    number = int(model.which[last])
-    made, load = model.condition(model.middle, number), model.keys[number][0]
-    text = (
-        f"less than one bond of {made.sites:.0f} sites has formed by {model.hold_times[last]:.3g} s: the data hardly "
-        "say more than that barriers lie above; bands of forecasts where these react are those of the prior, and only "
-        f"bounds are sure, from none to all sites (0 to {made.scale:.4g} nN under {load:g} nN)"
-    )
-    return [text]
-
-
-def _notes(
-    model: Model,
-    problem: Problem,
-    found: Samples,
-    visible: np.ndarray,
-    scalars: Mapping[str, np.ndarray],
-    diagnostics: Mapping[str, Any],
-    chi2: float,
-) -> list[str]:
+def _notes(model: Model, problem: Problem, points: np.ndarray, inference: Inference) -> list[str]:
+    """What the user should know; ``points`` (S,) of the grid of scalars are those of the samples."""
+    visible, diagnostics = inference.visible, inference.diagnostics
     few = _hardly_any(model)
     notes = [*few]
     if not visible.any():
         notes.append("the data tell nothing: at no energy is the band narrower than that of the prior")
     else:
-        seen = model.grid.nodes[visible]
-        hidden = model.seen() & ~visible
+        low, high = inference.visible_range
         notes.append(
-            f"energies from {seen[0]:.3f} to {seen[-1]:.3f} eV are visible; outside, the density is that of the prior, "
-            "but for how many sites lie there and for what the first and last hold times still tell of them"
+            f"energies from {low:.3f} to {high:.3f} eV are visible; outside, the density is that of the prior, but for "
+            "how many sites lie there and for what the first and last hold times still tell of them"
         )
-        notes += [] if few else _above(model, problem, found, float(seen[-1]))
-        if hidden.any():
-            at = model.grid.nodes[hidden]
+        notes += [] if few else _above(problem, points, inference)
+        hidden = model.grid.nodes[model.seen() & ~visible]
+        if hidden.size:
             notes.append(
-                f"between {at[0]:.3f} and {at[-1]:.3f} eV the data hardly tell: at some energies the band is "
+                f"between {hidden[0]:.3f} and {hidden[-1]:.3f} eV the data hardly tell: at some energies the band is "
                 "as wide as that of the prior"
             )
-    for name, values in scalars.items():
-        low, high = band(values[:, None], 0.95)
-        bottom, top = model.unknowns.bounds[name]
-        if float(high[0] - low[0]) > 0.8 * (top - bottom):
+    for name, (bottom, top) in inference.scalar_bounds.items():
+        low, high = inference.interval(name)
+        if high - low > 0.8 * (top - bottom):
             notes.append(f"{name}: its interval is as wide as its bounds, so that the data do not tell it")
-        notes += _coarse(name, values, model.unknowns)
+        notes += _coarse(name, inference.scalars[name], model.unknowns)
     if diagnostics["r_hat"] > APART or diagnostics["effective_samples"] < FEW:
         notes.append(
             f"sampling has not converged ({diagnostics['effective_samples']:.0f} effective samples, R-hat "
@@ -362,6 +288,57 @@ def _notes(
             f"the interaction was not iterated to the end: the last round changed the density by "
             f"{diagnostics['changes'][-1]:.2f} in all"
         )
-    if chi2 > 1.5 * problem.values.size + 10:
-        notes.append(f"χ² = {chi2:.0f} for {problem.values.size} points: the errors are too small, or the scene is off")
+    chi2, count = inference.chi2, problem.values.size
+    if chi2 > 1.5 * count + 10:
+        notes.append(f"χ² = {chi2:.0f} for {count} points: the errors are too small, or the scene is off")
     return notes
+
+
+def _coarse(name: str, values: np.ndarray, unknowns: Unknowns) -> list[str]:
+    """A note if the samples (S,) of an unknown lie on so few values of its grid that its interval is not resolved."""
+    different = np.unique(values)
+    if name not in unknowns.values or different.size >= FEWEST_VALUES:
+        return []
+    grid = np.unique(unknowns.values[name])
+    first, last = np.searchsorted(grid, different[[0, -1]])
+    low, high = grid[max(first - 1, 0)], grid[min(last + 1, grid.size - 1)]
+    text = (
+        f"{name}: its interval is narrower than the {grid.size} values between its bounds resolve; infer it again with "
+        f"the bounds {low:.4g} to {high:.4g} {UNITS[name][0]}"
+    )
+    return [text]
+
+
+def _above(problem: Problem, points: np.ndarray, inference: Inference) -> list[str]:
+    """A note if the friction at the last hold time comes mainly from barriers above the visible energies."""
+    high, energies = inference.visible_range[1], inference.energies
+    last = int(np.argmax(inference.hold_times))
+    parts = np.abs(inference.samples * problem.matrices[points, last])
+    above = parts * (energies > high)
+    whole = above.sum(axis=1)
+    share = float((whole / np.maximum(parts.sum(axis=1), 1e-300)).mean())
+    if share < MAINLY or not whole.all():
+        return []
+    bottom, top = band((above @ energies / whole)[:, None], 0.95)
+    text = (
+        f"barriers lie above the visible energies: {100 * share:.0f} % of the friction at "
+        f"{inference.hold_times[last]:.3g} s comes from sites above {high:.3f} eV, on average at {bottom[0]:.2f} to "
+        f"{top[0]:.2f} eV (95 %); the data tell how fast these react together, and neither how many there are nor how "
+        "high their barriers are"
+    )
+    return [text]
+
+
+def _hardly_any(model: Model) -> list[str]:
+    """A note if less than one bond has formed in every contact."""
+    if model.values.max() >= model.chemistry.bond_force * model.chemistry.front_factor:
+        return []
+    last = int(np.argmax(model.hold_times))
+    number = int(model.which[last])
+    condition, load = model.condition(model.middle, number), model.keys[number][0]
+    text = (
+        f"less than one bond of {condition.sites:.0f} sites has formed by {model.hold_times[last]:.3g} s: the data "
+        "hardly say more than that barriers lie above; bands of forecasts where these react are those of the prior, "
+        f"and only bounds are sure, from none to all sites (0 to {condition.scale:.4g} nN under {load:g} nN)"
+    )
+    return [text]

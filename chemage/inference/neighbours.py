@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from chemage.foundation.units import KB
-from chemage.inference.kernel import Kernel
+from chemage.inference.energies import Kernel
 
 #: groups of sites under similar pressures
 GROUPS = 8
@@ -53,7 +53,6 @@ class Solved:
     derivative: np.ndarray
     #: (groups, l, shifts) weights of the shifts
     weights: np.ndarray
-    sweeps: int
 
 
 class MeanField:
@@ -67,15 +66,12 @@ class MeanField:
         """The shares of ``density`` (n,), and their derivative; ``start`` (groups, l) are shares to begin from."""
         table = self.kernel.of_density(density)
         shares = np.zeros((self.environments.groups, self.times.size)) if start is None else start
-        sweeps = 0
-        while sweeps < MOST_SWEEPS:
+        for _ in range(MOST_SWEEPS):
             left, part = self.kernel.places(self._shifts(shares))
-            found = self._means(self._interpolated(table, left, part))
-            change = float(np.abs(found - shares).max())
-            shares, sweeps = found, sweeps + 1
-            if change < CONVERGED:
+            before, shares = shares, self._means(self._interpolated(table, left, part))
+            if float(np.abs(shares - before).max()) < CONVERGED:
                 break
-        return self._with_derivative(shares, table, sweeps)
+        return self._with_derivative(shares, table)
 
     def _means(self, values: np.ndarray) -> np.ndarray:
         """Means over the environments of each group: (l, M) -> (groups, l)."""
@@ -127,7 +123,7 @@ class MeanField:
         tau = self._tau(*self._events(shares))
         return self.environments.lowering + self.kt * np.log(self.times[:, None] / tau)
 
-    def _with_derivative(self, shares: np.ndarray, table: np.ndarray, sweeps: int) -> Solved:
+    def _with_derivative(self, shares: np.ndarray, table: np.ndarray) -> Solved:
         env, kernel = self.environments, self.kernel
         at, factors = self._events(shares)
         tau = self._tau(at, factors)
@@ -145,16 +141,16 @@ class MeanField:
             back = self._back(shares[number], at[here], factors[here], by_tau[:, here])
             derivative.append(np.linalg.solve(np.eye(self.times.size) - back, direct))
             weights.append(weight)
-        return Solved(shares, np.stack(derivative), np.stack(weights), sweeps)
+        return Solved(shares, np.stack(derivative), np.stack(weights))
 
     def _histogram(self, left: np.ndarray, part: np.ndarray) -> np.ndarray:
         """(l, shifts): the weights of the tabulated shifts at each time."""
         count, shifts = left.shape[1], self.kernel.shifts
         row = np.arange(len(left))[:, None] * shifts
         size = len(left) * shifts
-        found = np.bincount((row + left).ravel(), (1 - part).ravel(), size)
-        found += np.bincount((row + left + 1).ravel(), part.ravel(), size)
-        return found.reshape(len(left), shifts) / count
+        weights = np.bincount((row + left).ravel(), (1 - part).ravel(), size)
+        weights += np.bincount((row + left + 1).ravel(), part.ravel(), size)
+        return weights.reshape(len(left), shifts) / count
 
     def _back(self, share: np.ndarray, at: np.ndarray, factors: np.ndarray, by_tau: np.ndarray) -> np.ndarray:
         """(l, l'): by how much the share at time l changes with the share at time l', through the neighbours.
@@ -162,7 +158,7 @@ class MeanField:
         A share that rises by δ lets neighbours bond earlier, by δ over the rate at which it rises.
         """
         risen = np.maximum.accumulate(share)
-        found = np.zeros((share.size, share.size))
+        back = np.zeros((share.size, share.size))
         logs = np.log(self.times)
         steps = np.diff(factors, axis=1)
         for slot in range(at.shape[1]):
@@ -174,8 +170,8 @@ class MeanField:
             # dτ/dT = −(factor after − factor before), dT/dshare = −1/rate
             gain = np.divide(steps[inside, slot], rate, out=np.zeros_like(rate), where=rate > 0)
             effect = by_tau[:, inside] * gain * (self.times[:, None] > moment)
-            found += _scatter(effect * (1 - part), cell, share.size) + _scatter(effect * part, cell + 1, share.size)
-        return found / len(at)
+            back += _scatter(effect * (1 - part), cell, share.size) + _scatter(effect * part, cell + 1, share.size)
+        return back / len(at)
 
 
 def _scatter(values: np.ndarray, column: np.ndarray, size: int) -> np.ndarray:

@@ -1,18 +1,310 @@
-"""What ``chemage infer`` stores: an inference, forecasts made with it, and planned measurements in their order."""
+"""The result of an inference: the density of barriers with its bands, and what follows from it.
+
+:class:`InferenceResult` is what ``chemage infer`` stores; :class:`UnexplainedError` says that there is no density.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
 
-from chemage.foundation.records import Record
+import numpy as np
+from pydantic import model_validator
+
+from chemage.foundation.checks import checked_count
+from chemage.foundation.errors import InputError
+from chemage.foundation.records import Doubles, Flags, Indices, Named, Plain, Record
 from chemage.foundation.text import jsonable
-from chemage.inference.forecast import LEVELS, Forecast
-from chemage.inference.inference import Inference
+from chemage.foundation.units import QuantityLike
+from chemage.inference.curves import MeasuredCurve
+from chemage.inference.forecast import Forecast, Forecaster, band
+from chemage.scene.files import load_scene
+from chemage.scene.parsing import parse_scene
+from chemage.scene.scene import Scene
 
 #: forecasts that one file can hold
 MOST_FORECASTS = 100
+
+
+class UnexplainedError(InputError):
+    """No non-negative density of barriers explains the data; carries the density that comes closest."""
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        energies: np.ndarray,
+        density: np.ndarray,
+        fitted: np.ndarray,
+        residuals: np.ndarray,
+        chi2: float,
+    ) -> None:
+        super().__init__(message)
+        #: (n,) eV, and (n,) 1/eV: the non-negative density of least χ²
+        self.energies, self.density = energies, density
+        #: (m,) nN, and (m,) (measured − fitted)/error
+        self.fitted, self.residuals = fitted, residuals
+        self.chi2 = chi2
+
+
+class Inference(Record):
+    """A density of forming barriers inferred from measured curves of ageing.
+
+    The density is a density over all reactive sites in contact: its integral over the energies is at most 1, and what
+    is missing to 1 lies at energies above the last. It is piecewise linear between ``energies``.
+    """
+
+    arrays = {
+        "energies": (("energy",), "eV", "forming barrier without pressure and without bonded neighbours"),
+        "samples": (("sample", "energy"), "1/eV", "density of each posterior sample"),
+        "prior": (("prior_sample", "energy"), "1/eV", "density of each sample of the prior"),
+        "visible": (("energy",), "", "whether the data see this energy"),
+        "curve": (("point",), "", "number of the measured curve, from 0"),
+        "hold_times": (("point",), "s", "hold time"),
+        "values": (("point",), "nN", "measured friction drop"),
+        "errors": (("point",), "nN", "standard error of the measured friction drop"),
+        "fitted": (("sample", "point"), "nN", "friction drop of each posterior sample"),
+        "prior_fitted": (("prior_sample", "point"), "nN", "friction drop of each sample of the prior"),
+    }
+
+    energies: Doubles
+    """(n,) eV, ascending"""
+    samples: Doubles
+    """(S, n) 1/eV, samples of the posterior"""
+    prior: Doubles
+    """(P, n) 1/eV, samples of the prior"""
+    visible: Flags
+    """(n,) the energies that the data see: some hold times are before and some after a site of this barrier reacts, and
+    the band is narrower than that of the prior"""
+    curve: Indices
+    """(m,) number of the curve of each point"""
+    hold_times: Doubles
+    """(m,) s"""
+    values: Doubles
+    """(m,) measured ΔF, nN"""
+    errors: Doubles
+    """(m,) its standard errors, nN"""
+    fitted: Doubles
+    """(S, m) ΔF of each posterior sample, nN"""
+    prior_fitted: Doubles
+    """(P, m) ΔF of each sample of the prior, nN"""
+    curves: tuple[Plain, ...]
+    """of each curve: ``name``, ``load`` (nN), ``temperature`` (K), ``quantity``"""
+    scalars: Named = {}
+    """name of an unknown -> (S,) its posterior samples, in its unit"""
+    scalar_bounds: dict[str, tuple[float, float]] = {}
+    """the same names -> lower and upper bound of its prior"""
+    scores: dict[str, float] = {}
+    """family -> sum of its log predictive densities of hold times that were left out; "density" is the smooth one"""
+    families: dict[str, Plain] = {}
+    """parametric family -> ``parameters`` (name -> value), ``errors`` (name -> standard error), ``chi2``,
+    ``density`` (at the energies)"""
+    chi2: float
+    """χ² of the mean of the posterior"""
+    effective_parameters: float
+    """effective number of parameters: mean χ² of the samples minus χ² of their mean"""
+    resolution: float
+    """eV: width of the range of barriers that react about one hold time, 2.45 k_BT at the highest temperature"""
+    diagnostics: Plain = {}
+    """``effective_samples`` (least over the energies between the hold times), ``r_hat`` (largest), ``sweeps`` of each
+    chain, ``iterations`` of the interaction with the ``changes`` of the density at each, ``cpu_seconds``"""
+    seed: int = 0
+    notes: tuple[str, ...] = ()
+    """what the user should know, in words"""
+    provenance: Plain = {}
+    """``scene``, ``versions``, ``unknown``, ``cite``"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        n, m = self.energies.size, self.hold_times.size
+        for name, width in (("samples", n), ("prior", n), ("fitted", m), ("prior_fitted", m)):
+            array = getattr(self, name)
+            if array.ndim != 2 or array.shape[1] != width:
+                raise ValueError(f"{name}: shape {array.shape}; give (samples, {width})")
+        if self.visible.shape != (n,) or self.curve.shape != (m,):
+            raise ValueError("visible and curve: give one for each energy, and one for each point")
+        return self
+
+    @cached_property
+    def density(self) -> np.ndarray:
+        """(n,) 1/eV: the mean of the posterior."""
+        return self.samples.mean(axis=0)
+
+    def band(self, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper end of the central band of the density that holds ``level``, 1/eV, (n,) each."""
+        return band(self.samples, level)
+
+    def prior_band(self, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
+        """The same of the prior: where it is as wide as :meth:`band`, the data tell nothing."""
+        return band(self.prior, level)
+
+    @property
+    def visible_range(self) -> tuple[float, float]:
+        """Lowest and highest visible energy, eV; nan where there is none."""
+        seen = self.energies[self.visible]
+        return (float(seen[0]), float(seen[-1])) if seen.size else (float("nan"), float("nan"))
+
+    @property
+    def residuals(self) -> np.ndarray:
+        """(m,) measured minus mean of the fitted, over the standard error."""
+        return (self.values - self.fitted.mean(axis=0)) / self.errors
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that says everything but the density."""
+        return parse_scene(self.provenance["scene"], "the scene of this inference")
+
+    @property
+    def measured(self) -> tuple[MeasuredCurve, ...]:
+        """The measured curves, as ΔF."""
+        return tuple(
+            MeasuredCurve(
+                name=about["name"],
+                load=about["load"],
+                temperature=about["temperature"],
+                hold_times=self.hold_times[self.curve == number],
+                values=self.values[self.curve == number],
+                errors=self.errors[self.curve == number],
+            )
+            for number, about in enumerate(self.curves)
+        )
+
+    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """Interval of a scalar unknown.
+
+        Raises
+        ------
+        InputError
+            It was not among the unknowns.
+        """
+        if name not in self.scalars:
+            raise InputError.of("name", name, f"was not inferred; there are {', '.join(self.scalars) or 'none'}")
+        low, high = band(self.scalars[name][:, None], level)
+        return float(low[0]), float(high[0])
+
+    def members(self, count: int, seed: int = 0) -> np.ndarray:
+        """``count`` different samples of the density drawn at random, (count, n) 1/eV, for an ensemble of tables.
+
+        Sites whose barriers lie above the last energy, 1 minus the integral of a row, never bond within the hold times.
+        """
+        if not 1 <= count <= len(self.samples):
+            raise InputError.of("count", count, f"there are {len(self.samples)} samples", "ask for fewer")
+        return self.samples[np.sort(np.random.default_rng(seed).permutation(len(self.samples))[:count])]
+
+    def forecast(
+        self,
+        *,
+        load: QuantityLike | None = None,
+        temperature: QuantityLike | None = None,
+        hold_times: Sequence[float] | np.ndarray | None = None,
+        scene: Scene | str | Path | Mapping[str, Any] | None = None,
+        samples: int = 400,
+    ) -> Forecast:
+        """Predict ΔF at other conditions, with bands.
+
+        Parameters
+        ----------
+        load, temperature, hold_times
+            Default: as in the scene.
+        scene
+            Another surface or tip with the same chemistry; default: the scene of this inference. Its ``[forming]`` is
+            not used.
+        samples
+            Posterior samples that are carried on.
+        """
+        there = self.scene if scene is None else scene_of(scene)
+        provenance = {"scene": there.todict(), "versions": self.provenance.get("versions", {}), "seed": self.seed}
+        forecaster = self._forecaster(there, checked_count("samples", samples))
+        return forecaster.forecast(load, temperature, hold_times, provenance)
+
+    def next_experiment(
+        self,
+        candidates: Sequence[Mapping[str, Any]],
+        *,
+        target: Mapping[str, Any] | None = None,
+        relative_error: float = 0.03,
+    ) -> list[dict[str, Any]]:
+        """Rank planned measurements by how much each narrows what is wanted, the best first.
+
+        Parameters
+        ----------
+        candidates
+            Of each: ``hold_time`` (s), and ``load`` and ``temperature`` where they differ from the scene; optionally
+            ``error`` (nN, or a text with %).
+        target
+            What is wanted: ``{"energy": 1.0}``, the density there (averaged over the resolution);
+            ``{"load": ..., "temperature": ..., "hold_time": ...}``, a forecast; default: the density, all visible
+            energies alike.
+        relative_error
+            Standard error of a candidate over its value, where it states none.
+
+        Returns
+        -------
+        list of dict
+            The candidates, each with ``reduction`` (expected reduction of the variance of the target, as a share of it)
+            and ``deviation`` (standard deviation of the target afterwards).
+        """
+        return self._forecaster(self.scene, 1000).ranked(candidates, target, self.resolution, relative_error)
+
+    def _forecaster(self, scene: Scene, count: int) -> Forecaster:
+        rows = np.linspace(0, len(self.samples) - 1, min(count, len(self.samples))).astype(int)
+        scalars = {name: values[rows] for name, values in self.scalars.items()}
+        return Forecaster(scene, self.energies, self.samples[rows], self.visible, scalars, self.seed)
+
+    def summary(self) -> dict[str, Any]:
+        """One JSON-able object with the density, its bands, the scalars, scores and diagnostics."""
+        low68, high68 = self.band(0.68)
+        low95, high95 = self.band(0.95)
+        return {
+            "energies": self.energies.tolist(),
+            "density": self.density.tolist(),
+            "band_68": [low68.tolist(), high68.tolist()],
+            "band_95": [low95.tolist(), high95.tolist()],
+            "visible": self.visible.tolist(),
+            "visible_range": list(self.visible_range),
+            "resolution": self.resolution,
+            "scalars": {
+                name: {
+                    "mean": float(values.mean()),
+                    "band_68": self.interval(name, 0.68),
+                    "band_95": self.interval(name),
+                }
+                for name, values in self.scalars.items()
+            },
+            "scores": self.scores,
+            "families": {
+                name: {key: value for key, value in fit.items() if key != "density"}
+                for name, fit in self.families.items()
+            },
+            "chi2": self.chi2,
+            "points": int(self.hold_times.size),
+            "effective_parameters": self.effective_parameters,
+            "residuals": self.residuals.tolist(),
+            "curves": [dict(about) for about in self.curves],
+            "diagnostics": self.diagnostics,
+            "seed": self.seed,
+            "notes": list(self.notes),
+            "versions": self.provenance.get("versions", {}),
+            "plugins": self.plugins,
+        }
+
+    def __repr__(self) -> str:
+        low, high = self.visible_range
+        return (
+            f"<Inference of {self.hold_times.size} points, visible from {low:.3g} to {high:.3g} eV, χ² {self.chi2:.3g}>"
+        )
+
+    __str__ = __repr__
+
+
+def scene_of(scene: Scene | str | Path | Mapping[str, Any]) -> Scene:
+    """A scene, of its file, its name or its sections."""
+    if isinstance(scene, Scene):
+        return scene
+    return parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
 
 
 @dataclass(frozen=True)
@@ -29,25 +321,11 @@ class InferenceResult:
 
     def parts(self) -> dict[str, Record]:
         """The objects to store, by group name."""
-        forecasts = {f"forecast_{number}": one for number, one in enumerate(self.forecasts.values(), 1)}
+        forecasts = {f"forecast_{number}": forecast for number, forecast in enumerate(self.forecasts.values(), 1)}
         return {"inference": self.inference, **forecasts}
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object."""
-        forecasts = [{"label": label, **_of_forecast(one)} for label, one in self.forecasts.items()]
-        asked = {"forecasts": forecasts, "experiments": list(self.experiments), "target": self.target}
-        return jsonable({**self.inference.summary(), **asked})
-
-
-def _of_forecast(one: Forecast) -> dict[str, Any]:
-    return {
-        "load": one.load,
-        "temperature": one.temperature,
-        "hold_times": one.hold_times,
-        "friction_drop": one.friction_drop,
-        "median": one.median,
-        "friction_coefficient_drop": one.friction_coefficient_drop,
-        **{f"band_{100 * level:.0f}": list(one.band(level)) for level in LEVELS},
-        "unseen": one.unseen,
-        "notes": list(one.notes),
-    }
+        forecasts = [{"label": label, **forecast.summary()} for label, forecast in self.forecasts.items()]
+        rest = {"forecasts": forecasts, "experiments": list(self.experiments), "target": self.target}
+        return jsonable({**self.inference.summary(), **rest})

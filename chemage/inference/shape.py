@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from chemage.inference.energies import averaging
 from chemage.inference.forecast import band
-from chemage.inference.inference import Inference
-from chemage.inference.kernel import averaging
+from chemage.inference.result import Inference
 
 #: parts into which the visible energies are cut, at most
 PARTS = 6
@@ -86,13 +86,13 @@ def peaks(inference: Inference) -> list[Peak]:
     for at in sorted(inner.tolist(), key=lambda place: -mean[place]):
         if all(_apart(samples, mean, at, other) for other in kept) and _above_ends(samples, mean, at):
             kept.append(at)
-    found = []
+    sure = []
     for at in sorted(kept):
         left, right = _domain(mean, at, kept)
         places = energies[left + samples[:, left:right].argmax(axis=1)]
         low, high = band(places[:, None], 0.95)
-        found.append(Peak(float(energies[at]), (float(low[0]), float(high[0])), float(mean[at])))
-    return found
+        sure.append(Peak(float(energies[at]), (float(low[0]), float(high[0])), float(mean[at])))
+    return sure
 
 
 def unresolved(inference: Inference) -> list[float]:
@@ -104,7 +104,7 @@ def unresolved(inference: Inference) -> list[float]:
     if energies.size < 3 or empty(inference):
         return []
     mean = inference.density[np.isin(inference.energies, energies)]
-    sure = [one.energy for one in peaks(inference)]
+    sure = [peak.energy for peak in peaks(inference)]
     inner = np.flatnonzero((mean[1:-1] >= mean[:-2]) & (mean[1:-1] > mean[2:])) + 1
     high = energies[inner[mean[inner] > STANDS_OUT * mean.max()]].tolist()
     return [at for at in high if all(abs(at - other) > inference.resolution for other in sure)]
@@ -128,7 +128,7 @@ def rises(inference: Inference) -> tuple[bool, bool]:
     if not there:
         return False, False
     mean = samples.mean(axis=0)
-    first, last = (int(np.argmin(np.abs(energies - one.energy))) for one in (there[0], there[-1]))
+    first, last = (int(np.argmin(np.abs(energies - peak.energy))) for peak in (there[0], there[-1]))
     below, above = int(mean[: first + 1].argmin()), last + int(mean[last:].argmin())
     lower = below > 0 and (samples[:, 0] > samples[:, below]).mean() >= SURE
     upper = above < mean.size - 1 and (samples[:, -1] > samples[:, above]).mean() >= SURE
@@ -145,9 +145,9 @@ def _seen(inference: Inference) -> tuple[np.ndarray, np.ndarray]:
     return energies[inside], inference.samples[:, inside] @ averaging(energies[inside], inference.resolution).T
 
 
-def _apart(samples: np.ndarray, mean: np.ndarray, one: int, other: int) -> bool:
+def _apart(samples: np.ndarray, mean: np.ndarray, at: int, other: int) -> bool:
     """Whether nearly all samples have a valley between two maxima."""
-    left, right = sorted((one, other))
+    left, right = sorted((at, other))
     valley = left + int(mean[left : right + 1].argmin())
     lower = np.minimum(samples[:, left], samples[:, right])
     return bool((samples[:, valley] < lower).mean() >= SURE)
@@ -161,8 +161,8 @@ def _above_ends(samples: np.ndarray, mean: np.ndarray, at: int) -> bool:
 
 def _domain(mean: np.ndarray, at: int, kept: list[int]) -> tuple[int, int]:
     """Where a peak reaches to: the lowest places towards its neighbours, or towards the ends."""
-    first = max((one for one in kept if one < at), default=0)
-    last = min((one for one in kept if one > at), default=mean.size - 1)
+    first = max((place for place in kept if place < at), default=0)
+    last = min((place for place in kept if place > at), default=mean.size - 1)
     return first + int(mean[first : at + 1].argmin()), at + int(mean[at : last + 1].argmin()) + 1
 
 

@@ -25,8 +25,7 @@ from chemage.foundation.records import Record
 from chemage.foundation.text import with_article
 from chemage.inference.curves import MeasuredCurve
 from chemage.inference.forecast import Forecast
-from chemage.inference.inference import Inference
-from chemage.inference.result import MOST_FORECASTS, InferenceResult
+from chemage.inference.result import MOST_FORECASTS, Inference, InferenceResult
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.lattice import ReactionLattice
 from chemage.scene.run import Run

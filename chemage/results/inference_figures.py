@@ -11,8 +11,7 @@ import numpy as np
 
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.inference.forecast import band
-from chemage.inference.inference import Inference
-from chemage.inference.result import InferenceResult
+from chemage.inference.result import Inference, InferenceResult
 from chemage.inference.shape import peaks, unresolved
 from chemage.results.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, legend, panels, plain, save_figures
 from chemage.results.inference_text import UNITS, density_text, unseen_text

@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 
 from chemage.foundation.text import plus_minus, power_text
-from chemage.inference.forecast import Forecast
-from chemage.inference.forecasting import UNSEEN
-from chemage.inference.inference import Inference
-from chemage.inference.result import InferenceResult
+from chemage.inference.forecast import UNSEEN, Forecast
+from chemage.inference.result import Inference, InferenceResult
 from chemage.inference.shape import empty, peaks, rises, shares, three_shares, trend, unresolved
 
 #: unit of what may be unknown

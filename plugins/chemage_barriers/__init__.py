@@ -7,33 +7,25 @@ from typing import TYPE_CHECKING, Any
 from chemage import hookimpl
 
 if TYPE_CHECKING:
-    from chemage_barriers.gaussian import Gaussian as Gaussian
+    from chemage_barriers.analytic import Gaussian as Gaussian
+    from chemage_barriers.analytic import Uniform as Uniform
     from chemage_barriers.inferred import Inferred as Inferred
-    from chemage_barriers.piecewise import EmpiricalQuantile as EmpiricalQuantile
-    from chemage_barriers.piecewise import PiecewiseLinearDensity as PiecewiseLinearDensity
+    from chemage_barriers.tabulated import EmpiricalQuantile as EmpiricalQuantile
+    from chemage_barriers.tabulated import PiecewiseLinearDensity as PiecewiseLinearDensity
     from chemage_barriers.tabulated import Tabulated as Tabulated
     from chemage_barriers.tabulated import parse_columns as parse_columns
-    from chemage_barriers.uniform import Uniform as Uniform
 
 _HOME = {
-    "EmpiricalQuantile": "piecewise",
-    "Gaussian": "gaussian",
+    "EmpiricalQuantile": "tabulated",
+    "Gaussian": "analytic",
     "Inferred": "inferred",
-    "PiecewiseLinearDensity": "piecewise",
+    "PiecewiseLinearDensity": "tabulated",
     "Tabulated": "tabulated",
-    "Uniform": "uniform",
+    "Uniform": "analytic",
     "parse_columns": "tabulated",
 }
 
-__all__ = [
-    "EmpiricalQuantile",
-    "Gaussian",
-    "Inferred",
-    "PiecewiseLinearDensity",
-    "Tabulated",
-    "Uniform",
-    "parse_columns",
-]
+__all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 @hookimpl
@@ -41,8 +33,8 @@ def chemage_register() -> dict[str, dict[str, str]]:
     """The distributions of this package."""
     return {
         "barriers": {
-            "gaussian": "chemage_barriers.gaussian:Gaussian",
-            "uniform": "chemage_barriers.uniform:Uniform",
+            "gaussian": "chemage_barriers.analytic:Gaussian",
+            "uniform": "chemage_barriers.analytic:Uniform",
             "tabulated": "chemage_barriers.tabulated:Tabulated",
             "inferred": "chemage_barriers.inferred:Inferred",
         }

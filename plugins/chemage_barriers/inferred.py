@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from chemage import Barriers, FilePath, Inference, InputError, StoreError, read, regular_file
-from chemage_barriers.piecewise import PiecewiseLinearDensity
+from chemage_barriers.tabulated import PiecewiseLinearDensity
 
 #: eV above the last energy, and width of the range, where barriers lie that do not react within the measured times
 _GAP, _WIDTH = 0.5, 0.1
@@ -32,21 +32,21 @@ class _Table(NamedTuple):
 
 
 def _stamp(path: str) -> _Stamp:
-    found = regular_file(path)
-    return found.st_size, found.st_mtime_ns, found.st_ino, found.st_dev
+    stat = regular_file(path)
+    return stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_dev
 
 
 @lru_cache(maxsize=8)
 def _read(path: str, stamp: _Stamp) -> _Table:
     """The densities in a file, which is read once as long as its stamp stays."""
-    found = read(path)
-    if not isinstance(found, Inference):
-        raise InputError(f"{path} holds a {type(found).__name__}, not an inference; `chemage infer` makes such files")
+    result = read(path)
+    if not isinstance(result, Inference):
+        raise InputError(f"{path} holds a {type(result).__name__}, not an inference; `chemage infer` makes such files")
     try:
         content = hashlib.blake2b(Path(path).read_bytes(), digest_size=16).hexdigest()
     except OSError as error:
         raise StoreError(f"{path}: {error.strerror or error}") from None
-    return _Table(content, found.energies, found.density, found.samples)
+    return _Table(content, result.energies, result.density, result.samples)
 
 
 class _Distribution:

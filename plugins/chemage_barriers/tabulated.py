@@ -1,16 +1,19 @@
-"""A distribution of barriers from the user's own data: a tabulated density, or samples."""
+"""Distributions of barriers from the user's own data: a tabulated density, or samples."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, PrivateAttr, model_validator
 
 from chemage import Barriers, FilePath, StoreError, Unit
 from chemage.foundation.tables import data_lines, numbers, read_text, separator_of
-from chemage_barriers.piecewise import EmpiricalQuantile, PiecewiseLinearDensity
+
+Doubles = NDArray[np.float64]
 
 
 def _listed(value: Any) -> Any:
@@ -66,6 +69,142 @@ def _numbers_in(line: str) -> bool:
         return False
 
 
+def _increasing(name: str, values: Doubles, *, strictly: bool) -> None:
+    steps = np.diff(values)
+    bad = np.flatnonzero(steps <= 0 if strictly else steps < 0)
+    if bad.size:
+        at = int(bad[0]) + 1
+        raise ValueError(f"{name}[{at}] = {values[at]:g} does not exceed {values[at - 1]:g} before it; sort the table")
+
+
+def _finite(name: str, values: Doubles) -> None:
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise ValueError(f"{name}[{bad[0]}] = {values[bad[0]]} is not finite; remove or replace it")
+
+
+class PiecewiseLinearDensity:
+    """The distribution whose density joins the given points by straight lines and is zero outside them.
+
+    Parameters
+    ----------
+    energies
+        (m,) strictly increasing, m ≥ 2; any unit, which is then also the unit of :meth:`quantile`.
+    weights
+        density at each energy, (m,) ≥ 0, at least one positive; it is normalised.
+
+    Raises
+    ------
+    ValueError
+        An entry is wrong; the message names it.
+    """
+
+    def __init__(self, energies: ArrayLike | Sequence[float], weights: ArrayLike | Sequence[float]) -> None:
+        x = np.array(energies, dtype=np.float64)
+        p = np.array(weights, dtype=np.float64)
+        if x.ndim != 1 or p.shape != x.shape or x.size < 2:
+            raise ValueError(
+                f"energies {x.shape} and weights {p.shape}: give two lists of equal length, at least two points"
+            )
+        _finite("energies", x)
+        _finite("weights", p)
+        _increasing("energies", x, strictly=True)
+        if np.any(p < 0):
+            at = int(np.flatnonzero(p < 0)[0])
+            raise ValueError(f"weights[{at}] = {p[at]:g} is negative; a probability density must be at least 0")
+        if not np.any(p > 0):
+            raise ValueError("weights: zero everywhere; at least one value must be positive")
+        # scaled before it is summed, so that the sum neither overflows nor underflows
+        p /= p.max()
+        span = x[-1] - x[0]
+        if not np.isfinite(span):
+            raise ValueError("energies: their span overflows; give energies in eV")
+        widths = np.diff(x) / span
+        areas = 0.5 * widths * (p[1:] + p[:-1])
+        total = areas.sum()
+        full = areas > 0
+        self._left, self._right = x[:-1][full], x[1:][full]
+        self._area = areas[full] / total
+        self._rise = p[:-1][full] / (p[:-1][full] + p[1:][full])
+        cumulative = np.concatenate([[0.0], np.cumsum(self._area)])
+        self._cumulative = cumulative / cumulative[-1]
+        self.energies: Doubles = x
+        with np.errstate(over="ignore"):  # over a span of nearly nothing the density is that of a point mass
+            self.density_values: Doubles = p / total / span
+
+    def quantile(self, uniform: np.ndarray) -> Doubles:
+        """Energies at ``uniform`` in [0, 1], same shape, non-decreasing to within rounding.
+
+        At a part t of an interval the share w of its area solves 2at + (b − a)t² = w, where a and b = 1 − a are the
+        relative densities at its ends. It is solved from the end of lower density, in the form whose terms are all
+        positive, so that there is no cancellation where the density goes to zero.
+        """
+        u = np.asarray(uniform, dtype=np.float64)
+        interval = np.clip(np.searchsorted(self._cumulative, u, side="right") - 1, 0, self._area.size - 1)
+        a = self._rise[interval]
+        below = np.clip((u - self._cumulative[interval]) / self._area[interval], 0.0, 1.0)
+        above = np.clip((self._cumulative[interval + 1] - u) / self._area[interval], 0.0, 1.0)
+        rising = a <= 0.5
+        share = np.where(rising, below, above)
+        low = np.where(rising, a, 1.0 - a)
+        root = low + np.sqrt(low * low + (1.0 - 2.0 * low) * share)
+        part = np.divide(share, root, out=np.zeros_like(share), where=root > 0)
+        left, right = self._left[interval], self._right[interval]
+        width = right - left
+        return np.clip(np.where(rising, left + part * width, right - part * width), left, right)
+
+    def density(self, energy: np.ndarray) -> Doubles:
+        """Probability density at ``energy``, per unit of energy, same shape."""
+        e = np.asarray(energy, dtype=np.float64)
+        return np.interp(e, self.energies, self.density_values, left=0.0, right=0.0)
+
+
+class EmpiricalQuantile:
+    """The distribution of a sample: its n ordered values, joined by straight lines at the probabilities i/(n − 1).
+
+    Between two neighbouring values the density is constant; repeated values are point masses (density ``inf``). A
+    single value is a point mass.
+
+    Raises
+    ------
+    ValueError
+        The sample is empty or holds a value that is not finite.
+    """
+
+    def __init__(self, samples: ArrayLike | Sequence[float]) -> None:
+        values = np.sort(np.array(samples, dtype=np.float64), axis=None)
+        if values.size == 0:
+            raise ValueError("samples: none given; give at least one barrier")
+        _finite("samples", values)
+        self.values: Doubles = values
+
+    def quantile(self, uniform: np.ndarray) -> Doubles:
+        """Energies at ``uniform`` in [0, 1], same shape, non-decreasing to within rounding."""
+        position = np.asarray(uniform, dtype=np.float64) * (self.values.size - 1)
+        lower = np.minimum(position.astype(np.int64), max(self.values.size - 2, 0))
+        upper = np.minimum(lower + 1, self.values.size - 1)
+        part = position - lower
+        left, right = self.values[lower], self.values[upper]
+        return np.clip(left * (1.0 - part) + right * part, left, right)
+
+    def density(self, energy: np.ndarray) -> Doubles:
+        """Probability density at ``energy``, per unit of energy, same shape."""
+        e = np.asarray(energy, dtype=np.float64)
+        values = self.values
+        n = values.size
+        first = np.searchsorted(values, e, side="left")
+        after = np.searchsorted(values, e, side="right")
+        result = np.zeros(e.shape)
+        if n > 1:
+            upper = np.clip(after, 1, n - 1)
+            gap = values[upper] - values[upper - 1]
+            inside = (e >= values[0]) & (e <= values[-1])
+            with np.errstate(over="ignore"):
+                np.divide(1.0 / (n - 1), gap, out=result, where=inside & (gap > 0))
+        result[after - first > 1 if n > 1 else after - first > 0] = np.inf
+        return result
+
+
 class Tabulated(Barriers):
     """A tabulated density with linear interpolation, or the distribution of samples.
 
@@ -111,8 +250,8 @@ class Tabulated(Barriers):
         elif self.energies is not None and self.weights is not None and self.samples is self.path is None:
             self._distribution = PiecewiseLinearDensity(np.array(self.energies) * self.energy_unit, self.weights)
         else:
-            given = [name for name in ("energies", "weights", "samples", "path") if getattr(self, name) is not None]
-            raise ValueError(f"{', '.join(given) or 'nothing'} given; give energies and weights, or samples, or a path")
+            names = [name for name in ("energies", "weights", "samples", "path") if getattr(self, name) is not None]
+            raise ValueError(f"{', '.join(names) or 'nothing'} given; give energies and weights, or samples, or a path")
         return self
 
     def quantile(self, uniform: np.ndarray) -> np.ndarray:

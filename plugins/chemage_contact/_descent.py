@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from chemage.foundation.progress import watched
 
 from . import _kernels as kernels
-from ._convolution import Convolution
+from ._convolution import Convolution, Split, suits
 from ._grid import Grid, rescale
 from ._kernels import Search, State
-from ._split import Split, suits
 from ._team import Active
 
 Array = NDArray[Any]

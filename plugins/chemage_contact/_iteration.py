@@ -12,7 +12,7 @@ The gradient is the gap, so the solution satisfies p ≥ 0, gap ≥ 0, p·gap = 
 * Coarse to fine: each grid starts from the interpolated solution of the next coarser one.
 * Mixed precision by iterative refinement: pressure and gap are kept in double precision, but only *changes* of the
   gap are computed, in single precision, so that their rounding errors shrink with the changes.
-* Most iterations use the split operator of ``_split``, a stencil and a coarse grid, which costs less than one
+* Most iterations use the split operator of ``_convolution``, a stencil and a coarse grid, which costs less than one
   transform and nothing where nothing touches. The gap is evaluated exactly every few iterations, and convergence is
   judged by that gap alone (defect correction).
 * Where the split operator does not apply (odd sizes, free boundary), the step length comes from Parseval's theorem, and
@@ -21,12 +21,14 @@ The gradient is the gap, so the solution satisfies p ≥ 0, gap ≥ 0, p·gap = 
 Everything is made dimensionless: heights in units of their rms value, measured down from the highest point; pressure
 in units of a power of two near its mean, so that the conversion at the end does not round and the pressure returned is
 the one whose errors were measured. This module goes from grid to grid; ``_grid`` is the problem on one grid and
-``_descent`` the iteration on it.
+``_descent`` the iteration on it. ``compile_kernels`` compiles the kernels of a solve without solving: each is called
+once, on no rows and on arrays of one pixel.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -34,14 +36,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels as kernels
+from ._convolution import divides, suits
 from ._descent import Descent, Outcome
-from ._grid import PRECISIONS, Grid, Settings, rescale, sums
+from ._grid import PRECISIONS, Grid, Settings, dimensionless, grids, regridded, resampled, rescale, sums
 from ._kernels import Heights, State
 from ._operators import Substrate
-from ._resampling import dimensionless, grids, regridded, resampled
 from ._team import Team
 
 Array = NDArray[Any]
+Call = tuple[Callable[..., None], tuple[Any, ...]]
 
 #: A coarse grid only provides a start: it is solved to this tolerance, in at most so many iterations.
 COARSE_TOLERANCE = 1e-2
@@ -201,3 +204,96 @@ def _first_guess(grid: Grid) -> Array:
     scaled = dimensionless(grid.heights, grid.work, grid.team)
     q = grid.operator.precondition(scaled - grid.work(grid.offset_fixed))
     return np.maximum(q, 0.0).astype(grid.state) / grid.state(grid.stiffness)
+
+
+def compile_kernels(body: Substrate, settings: Settings, heights: Any = np.float64) -> None:
+    """Compile what a solve on ``body`` calls, the last kernel first.
+
+    ``heights``: dtype of the heights of the surface. The order is the reverse of that in which a solve calls them, so
+    that a second process that does this while the first one solves compiles what the first one has not reached yet.
+    """
+    for kernel, args in reversed(list(_calls(body, settings, np.dtype(heights)))):
+        kernel(0, 0, *args)
+
+
+def _frozen(dtype: Any) -> Array:
+    array = np.zeros((1, 1), dtype)
+    array.setflags(write=False)
+    return array
+
+
+def _calls(body: Substrate, settings: Settings, heights: Any) -> Iterator[Call]:
+    """The kernels of a solve with their arguments, in the order in which they are first called."""
+    state, work = PRECISIONS[settings.precision]
+    shapes = grids(body.shape, settings.levels)
+    part = np.zeros((1, 7))
+    surface = kernels.Heights(_frozen(heights), 0.0, 1.0)
+    yield kernels.moments, (surface.values, 0.0, 1.0, part)
+    axis = kernels.Axis(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1))
+    if len(shapes) > 1:
+        yield kernels.resample, (surface.values, axis, axis, np.zeros((1, 1)))
+    p = np.zeros((1, 1), state)
+    for number, shape in enumerate(reversed(shapes)):
+        finest = shape == body.shape
+        here = body if finest else body.regrid(shape)
+        if number:
+            yield kernels.resample_pressure, (p, axis, axis, p)
+        else:
+            yield from _convolution(here, state)
+        yield kernels.totals, (p, p, part)
+        yield kernels.scale, (p, state(1), part)
+        yield from _descent(here, settings, surface if finest else kernels.Heights(_frozen(state)), part)
+    if state != work:
+        yield from _convolution(body, state)
+        yield kernels.subtract, (*_blocks(), p, surface, 1.0, 0.0, kernels.State(p, p), part)
+    yield kernels.correct, (*_blocks(), _search(work), np.zeros((1, 1), work), 1.0, 1.0, part)
+
+
+def _blocks() -> tuple[kernels.Blocks]:
+    return (kernels.Blocks(16, 1, np.zeros(1, np.uint8)),)
+
+
+def _search(work: Any) -> kernels.Search:
+    return kernels.Search(*(np.zeros((1, 1), work) for _ in range(5)))
+
+
+def _convolution(body: Substrate, dtype: Any) -> Iterator[Call]:
+    """What a convolution in ``dtype`` calls."""
+    spectrum = np.zeros((1, 1), np.result_type(dtype, np.complex64))
+    periodic = body.padded == body.shape
+    if periodic and body.shape[1] % 2 == 0:
+        yield kernels.multiply_packed, (spectrum, np.zeros((1, 1), dtype), spectrum[0])
+    else:
+        yield kernels.multiply, (spectrum, np.zeros((1, 1), dtype))
+
+
+def _descent(body: Substrate, settings: Settings, heights: kernels.Heights, part: Array) -> Iterator[Call]:
+    """The kernels of the iteration on one grid."""
+    state, work = PRECISIONS[settings.precision]
+    p, pixel = np.zeros((1, 1), state), np.zeros((1, 1), work)
+    both, search, blocks = kernels.State(p, p), _search(work), _blocks()
+    yield from _convolution(body, work)
+    yield kernels.subtract, (*blocks, pixel, heights, 1.0, 0.0, both, part)
+    yield kernels.residual, (*blocks, both, 0.0, pixel, part)
+    yield kernels.indicator, (*blocks, pixel, pixel, True)
+    split = suits(body, settings.any_size)
+    if split:
+        axis = kernels.Axis(np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1, work))
+        if divides(body.shape):
+            yield kernels.restrict, (*blocks, pixel, pixel)
+            yield kernels.local, (*blocks, pixel, pixel, pixel, pixel, part)
+        else:
+            yield kernels.restrict_between, (*blocks, pixel, axis, axis, pixel)
+            yield kernels.local_between, (*blocks, pixel, pixel, pixel, axis, axis, pixel, part)
+    else:
+        yield from _convolution(body, work)
+    yield kernels.products, (*blocks, search, 1.0, 1.0, part)
+    yield kernels.direction, (*blocks, search, 1.0, 1.0, True, True, part)
+    spectrum = np.zeros((1, 1), np.result_type(work, np.complex64))
+    if not split:
+        yield kernels.quadratic_form, (spectrum, pixel, 1, part)
+    yield kernels.projection, (*blocks, p, pixel, 1.0, 1.0, part)
+    yield kernels.move, (*blocks, p, pixel, 1.0, 1.0, 1.0, part)
+    if not split:
+        yield kernels.multiply, (spectrum, pixel)
+    yield kernels.advance, (*blocks, both, pixel, 1.0, part)

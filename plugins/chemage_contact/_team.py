@@ -76,7 +76,7 @@ class Active:
         self.coarse_edges = [0, rows // kernels.RATIO]
         if shares == 1:
             return
-        done = np.concatenate([[0], np.cumsum(1 + ACTIVE_COST * mask.astype(np.int64))])
+        done = np.concatenate([np.zeros(1, np.int64), np.cumsum(1 + ACTIVE_COST * mask.astype(np.int64))])
         goals = done[-1] * np.arange(1, shares) // shares
         self.block_edges = [0, *(int(b) for b in np.searchsorted(done, goals)), mask.size]
         self.row_edges = [0, *(int(r) for r in np.searchsorted(done[::per_row], goals)), rows]

@@ -26,9 +26,7 @@ from chemage_contact import _kernels as kernels
 from chemage_contact._grid import rescale, sums
 from chemage_contact._kernels import Heights
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate
-from chemage_contact._references import BUGNICOURT, POLONSKY, VOLLEBREGT
 from chemage_contact._team import Team
-from chemage_contact._warm_up import compile_kernels
 
 #: Thickness of a layer, in pixels and in lengths of the surface. A thinner one is a bed of springs, which rounding
 #: errors prevent from converging; a thicker one is a half-space.
@@ -42,6 +40,36 @@ NEAR_EDGE = 0.9
 SINGLE_LIMIT = 1e-6
 #: A reference: rounding errors of double precision allow little less than its tolerance.
 REFERENCE_TOLERANCE, REFERENCE_ITERATIONS = 1e-12, 500
+
+_POLONSKY = """@article{polonsky1999,
+  author = {Polonsky, I. A. and Keer, L. M.},
+  title = {A numerical method for solving rough contact problems based on the multi-level multi-summation and conjugate gradient techniques},
+  journal = {Wear},
+  volume = {231},
+  pages = {206--219},
+  year = {1999},
+  doi = {10.1016/S0043-1648(99)00113-1},
+}"""  # noqa: E501
+
+_BUGNICOURT = """@article{bugnicourt2018,
+  author = {Bugnicourt, R. and Sainsot, P. and Dureisseix, D. and Gauthier, C. and Lubrecht, A. A.},
+  title = {{FFT}-based methods for solving a rough adhesive contact: description and convergence study},
+  journal = {Tribology Letters},
+  volume = {66},
+  pages = {29},
+  year = {2018},
+  doi = {10.1007/s11249-017-0980-z},
+}"""
+
+_VOLLEBREGT = """@article{vollebregt2014,
+  author = {Vollebregt, E. A. H.},
+  title = {The bound-constrained conjugate gradient method for non-negative matrices},
+  journal = {Journal of Optimization Theory and Applications},
+  volume = {162},
+  pages = {931--953},
+  year = {2014},
+  doi = {10.1007/s10957-013-0499-x},
+}"""
 
 
 class FFTBEM(ContactSolver):
@@ -67,7 +95,7 @@ class FFTBEM(ContactSolver):
         "L. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29 (2018)",
         "E. A. H. Vollebregt, J. Optim. Theory Appl. 162, 931 (2014)",
     )
-    bibtex: ClassVar[tuple[str, ...]] = (POLONSKY, BUGNICOURT, VOLLEBREGT)
+    bibtex: ClassVar[tuple[str, ...]] = (_POLONSKY, _BUGNICOURT, _VOLLEBREGT)
 
     modulus: ContactModulus
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
@@ -122,19 +150,20 @@ class FFTBEM(ContactSolver):
         if not {"nx", "ny"} <= surface.keys():
             return {}
         pixels = surface["nx"] * surface["ny"]
-        known = {"bytes": pixels * {"single": 50.0, "mixed": 70.0, "double": 88.0}[self.precision]}
+        estimate = {"bytes": pixels * {"single": 50.0, "mixed": 70.0, "double": 88.0}[self.precision]}
         if self.gap:
-            known["gap_bytes"] = pixels * float(np.dtype(iteration.PRECISIONS[self.precision][0]).itemsize)
-            known["bytes"] += known["gap_bytes"]
+            estimate["gap_bytes"] = pixels * float(np.dtype(iteration.PRECISIONS[self.precision][0]).itemsize)
+            estimate["bytes"] += estimate["gap_bytes"]
         fraction = 0.1
         if {"pixel_size", "rms_slope"} <= surface.keys():
             x = load / (pixels * surface["pixel_size"] ** 2) / self.modulus
             x = x / surface["rms_slope"] if surface["rms_slope"] > 0 else math.inf if load > 0 else 0.0
-            fraction = known["area_fraction"] = math.erf(2.2 * x / math.sqrt(4.0 / math.pi))
-        if {"pixel_size", "radius"} <= surface.keys() and not self._repeats(surface):
+            fraction = estimate["area_fraction"] = math.erf(2.2 * x / math.sqrt(4.0 / math.pi))
+        repeats = self.is_nominally_flat(surface.get("periodic") != 0)
+        if {"pixel_size", "radius"} <= surface.keys() and not repeats:
             edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
-            fraction = known["area_fraction"] = min(math.pi * edge**2 / (pixels * surface["pixel_size"] ** 2), 1.0)
-        return known | {"cpu_seconds": self._seconds(pixels, fraction, self._repeats(surface))}
+            fraction = estimate["area_fraction"] = min(math.pi * edge**2 / (pixels * surface["pixel_size"] ** 2), 1.0)
+        return estimate | {"cpu_seconds": self._seconds(pixels, fraction, repeats)}
 
     def _seconds(self, pixels: float, fraction: float, periodic: bool) -> float:
         """CPU seconds of a solve, as measured on a 2-core Intel Xeon machine (``tests/benchmarks/estimates.py``)."""
@@ -143,10 +172,6 @@ class FFTBEM(ContactSolver):
         work = (1.8e-7 + 1.2e-6 * math.sqrt(fraction)) * max(0.5, 1.0 + 0.14 * digits)
         factor = {"single": 0.95, "mixed": 1.0, "double": 1.4}[self.precision]
         return 0.03 + pixels * work * factor * (1.0 if periodic else 1.4) * (2.0 if self.levels == 1 else 1.0)
-
-    def _repeats(self, surface: Mapping[str, float]) -> bool:
-        """Whether a surface of which this is known is solved as a periodic one."""
-        return surface.get("periodic") != 0 if self.boundary == "auto" else self.boundary == "periodic"
 
     def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
         """See :meth:`chemage.ContactSolver.check`."""
@@ -190,9 +215,9 @@ class FFTBEM(ContactSolver):
         if load == 0 or not {"nx", "ny", "pixel_size"} <= surface.keys():
             return
         shape, pixel = (int(surface["nx"]), int(surface["ny"])), (surface["pixel_size"], surface["pixel_size"])
-        periodic = bool(surface.get("periodic", 1)) if self.boundary == "auto" else self.boundary == "periodic"
+        periodic = self.is_nominally_flat(surface.get("periodic") != 0)
         # of the body, only its grid matters
-        compile_kernels((PeriodicHalfSpace if periodic else FreeHalfSpace)(shape, pixel), self._settings())
+        iteration.compile_kernels((PeriodicHalfSpace if periodic else FreeHalfSpace)(shape, pixel), self._settings())
 
     def _check_range(self, area: float, pixel_size: float, load: float) -> None:
         """Refuse pressures and layers that leave the range of numbers; ``area`` nominal, nm²."""
@@ -231,20 +256,11 @@ class FFTBEM(ContactSolver):
         if load == 0:
             return self._untouched(surface, 0.0)
         pressure = load / surface.nominal_area
-        initial = _usable(start, surface, load)
         quantum = _power_of_two(pressure)
-        with self._team() as team:
-            scaled, unit = _dimensionless(surface, pressure / self.modulus, team)
-            result = iteration.solve(
-                self._body(surface),
-                scaled,
-                stiffness=quantum / self.modulus * (surface.pixel_size / unit),
-                mean=pressure / quantum,
-                start=initial,
-                settings=self._settings(),
-                team=team,
-            )
-            return self._finish(surface, result, unit, quantum, load, team)
+        with Team(self.threads or available()) as team:
+            heights, unit = _dimensionless(surface, pressure / self.modulus, team)
+            goal = {"mean": pressure / quantum, "start": _usable(start, surface, load)}
+            return self._solved(surface, self._body(surface), heights, unit, quantum, load, team, goal)
 
     def sweep(self, surface: Surface, loads: Sequence[float | str]) -> list[ContactSolution]:
         """Contacts of ``surface`` under each of ``loads`` (forces or nominal pressures), in the order given.
@@ -253,11 +269,11 @@ class FFTBEM(ContactSolver):
         ``[(c.load, c.area) for c in solver.sweep(surface, loads)]``.
         """
         values = [self.normal_force(load, surface) for load in loads]
-        found: dict[int, ContactSolution] = {}
+        contacts: dict[int, ContactSolution] = {}
         start: ContactSolution | None = None
         for i in sorted(range(len(values)), key=values.__getitem__):
-            start = found[i] = self.solve(surface, values[i], start=start)
-        return [found[i] for i in range(len(values))]
+            start = contacts[i] = self.solve(surface, values[i], start=start)
+        return [contacts[i] for i in range(len(values))]
 
     def solve_displacement(self, surface: Surface, displacement: float | str) -> ContactSolution:
         """The contact at a given approach: ``displacement`` in nm since first touch, of the mean plane of the elastic
@@ -287,29 +303,18 @@ class FFTBEM(ContactSolver):
                     "give a smaller approach, or a load",
                 )
         strain = approach / max(surface.shape) / surface.pixel_size
-        with self._team() as team:
+        with Team(self.threads or available()) as team:
             scaled, unit = _dimensionless(surface, strain, team)
             quantum = _power_of_two(self.modulus * (unit / surface.pixel_size))
-            result = iteration.solve(
-                body,
-                scaled,
-                stiffness=quantum / self.modulus * (surface.pixel_size / unit),
-                offset=-approach / unit,
-                settings=self._settings(),
-                team=team,
-            )
-            return self._finish(surface, result, unit, quantum, None, team)
-
-    def _periodic(self, surface: Surface) -> bool:
-        return surface.periodic if self.boundary == "auto" else self.boundary == "periodic"
+            return self._solved(surface, body, scaled, unit, quantum, None, team, {"offset": -approach / unit})
 
     def _body(self, surface: Surface) -> Substrate:
         pixel = (surface.pixel_size, surface.pixel_size)
         if self.thickness is not None:
-            if not self._periodic(surface):
+            if not self.is_nominally_flat(surface.periodic):
                 raise InputError(_LAYER)
             return PeriodicLayer(surface.shape, pixel, self.thickness, self.poisson_ratio)
-        if self._periodic(surface):
+        if self.is_nominally_flat(surface.periodic):
             return PeriodicHalfSpace(surface.shape, pixel)
         return FreeHalfSpace(surface.shape, pixel)
 
@@ -325,12 +330,17 @@ class FFTBEM(ContactSolver):
             any_size=self.gap,
         )
 
-    def _team(self) -> Team:
-        return Team(self.threads or available())
-
-    def _provenance(self, surface: Surface) -> dict[str, Any]:
+    def _solution(self, surface: Surface, **fields: Any) -> ContactSolution:
         options = self.identity()
-        return {"kind": options.pop("kind"), "options": options, "surface": surface.provenance}
+        return ContactSolution(
+            pixel_size=surface.pixel_size,
+            modulus=self.modulus,
+            periodic=self.is_nominally_flat(surface.periodic),
+            rms_slope=surface.rms_slope,
+            rms_height=surface.rms_height,
+            provenance={"kind": options.pop("kind"), "options": options, "surface": surface.provenance},
+            **fields,
+        )
 
     def _untouched(self, surface: Surface, approach: float) -> ContactSolution:
         """The solution without contact: a load of zero, or an approach of zero or less."""
@@ -339,31 +349,31 @@ class FFTBEM(ContactSolver):
         gap = None
         if self.gap:
             gap = float(surface.heights.max()) - approach - surface.heights
-        return ContactSolution(
+        return self._solution(
+            surface,
             pressure=pressure,
             gap=gap,
             load=0.0,
-            pixel_size=surface.pixel_size,
-            modulus=self.modulus,
-            periodic=self._periodic(surface),
-            rms_slope=surface.rms_slope,
-            rms_height=surface.rms_height,
             displacement=approach,
             convergence=_report(self, None, force_error=0.0, complementarity=0.0, scale=0.0),
             notes=("no load: the bodies just touch and no pixel carries pressure",) if approach == 0 else (),
-            provenance=self._provenance(surface),
         )
 
-    def _finish(
+    def _solved(
         self,
         surface: Surface,
-        result: iteration.Result,
+        body: Substrate,
+        heights: Heights,
         unit: float,
         pressure: float,
         load: float | None,
         team: Team,
+        goal: dict[str, Any],
     ) -> ContactSolution:
-        """The solution in nm, GPa and nN; without a ``load``, the load is the sum of the pressure."""
+        """The solution of ``goal`` in units of ``unit`` (nm) and ``pressure`` (GPa); without ``load``, it is the sum of
+        the pressure."""
+        stiffness = pressure / self.modulus * (surface.pixel_size / unit)
+        result = iteration.solve(body, heights, stiffness=stiffness, settings=self._settings(), team=team, **goal)
         values = result.pressure
         area = surface.pixel_size**2
         total, weighted, least = sums(values, result.gap, team)
@@ -383,7 +393,7 @@ class FFTBEM(ContactSolver):
                 )
             notes.append(message)
         if values.size and least > 0.0:
-            more = "uniform pressure" if self._periodic(surface) else "the pressure of a flat punch"
+            more = "uniform pressure" if self.is_nominally_flat(surface.periodic) else "the pressure of a flat punch"
             notes.append(f"full contact: every pixel touches, and more load only adds {more}")
             if result.converged and result.error >= self.tolerance:
                 notes.append(
@@ -399,15 +409,11 @@ class FFTBEM(ContactSolver):
             gap = np.maximum(result.gap, 0.0)
             gap *= unit
             gap.setflags(write=False)
-        return ContactSolution(
+        return self._solution(
+            surface,
             pressure=values,
             gap=gap,
             load=load,
-            pixel_size=surface.pixel_size,
-            modulus=self.modulus,
-            periodic=self._periodic(surface),
-            rms_slope=surface.rms_slope,
-            rms_height=surface.rms_height,
             displacement=-result.offset * unit,
             converged=result.converged,
             residual=result.error,
@@ -420,7 +426,6 @@ class FFTBEM(ContactSolver):
                 scale=result.scale * unit,
             ),
             notes=tuple(notes),
-            provenance=self._provenance(surface),
         )
 
     def _failure(self, result: iteration.Result) -> str:
@@ -444,7 +449,7 @@ class FFTBEM(ContactSolver):
 
 def _report(solver: FFTBEM, result: iteration.Result | None, **errors: float) -> dict[str, Any]:
     """The errors of the solution and how it was found: plain values."""
-    found: dict[str, Any] = {
+    numbers: dict[str, Any] = {
         "tolerance": solver.tolerance,
         "precision": solver.precision,
         "rms_gap": result.rms_gap if result else 0.0,
@@ -455,7 +460,7 @@ def _report(solver: FFTBEM, result: iteration.Result | None, **errors: float) ->
         "history": [[float(rms), float(deepest)] for rms, deepest in result.history] if result else [],
         "levels": [{"pixels": list(shape), "iterations": n} for shape, n in result.levels] if result else [],
     }
-    return found | errors
+    return numbers | errors
 
 
 def _dimensionless(surface: Surface, strain: float, team: Team) -> tuple[Heights, float]:

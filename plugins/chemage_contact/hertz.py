@@ -9,7 +9,24 @@ from typing import Any, ClassVar
 import numpy as np
 
 from chemage import ContactModulus, ContactSolution, ContactSolver, InputError, Surface
-from chemage_contact._references import HERTZ, JOHNSON
+
+_HERTZ = """@article{hertz1881,
+  author = {Hertz, H.},
+  title = {{\\"U}ber die Ber{\\"u}hrung fester elastischer K{\\"o}rper},
+  journal = {Journal f{\\"u}r die reine und angewandte Mathematik},
+  volume = {92},
+  pages = {156--171},
+  year = {1881},
+  doi = {10.1515/crll.1882.92.156},
+}"""
+
+_JOHNSON = """@book{johnson1985,
+  author = {Johnson, K. L.},
+  title = {Contact Mechanics},
+  publisher = {Cambridge University Press},
+  year = {1985},
+  doi = {10.1017/CBO9781139171731},
+}"""
 
 
 class Hertz(ContactSolver):
@@ -28,7 +45,7 @@ class Hertz(ContactSolver):
         "H. Hertz, J. reine angew. Math. 92, 156 (1881)",
         "K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",
     )
-    bibtex: ClassVar[tuple[str, ...]] = (HERTZ, JOHNSON)
+    bibtex: ClassVar[tuple[str, ...]] = (_HERTZ, _JOHNSON)
 
     modulus: ContactModulus
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young

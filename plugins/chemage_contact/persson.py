@@ -10,7 +10,6 @@ import numpy as np
 from pydantic import Field
 
 from chemage import ContactModulus, ContactStatistics, ContactTheory, InputError, Roughness, theory
-from chemage_contact._references import MANNERS, PERSSON, PERSSON_ENERGY
 
 #: classes of pressure, and standard deviations beyond the mean pressure up to which they reach
 CLASSES, REACH = 512, 8.0
@@ -27,6 +26,36 @@ _SMOOTH = (
     "contact 'persson' is a theory of randomly rough surfaces, and this surface is a sphere; use contact 'hertz' or "
     "'fft-bem'"
 )
+
+_PERSSON = """@article{persson2001,
+  author = {Persson, B. N. J.},
+  title = {Theory of rubber friction and contact mechanics},
+  journal = {The Journal of Chemical Physics},
+  volume = {115},
+  pages = {3840--3861},
+  year = {2001},
+  doi = {10.1063/1.1388626},
+}"""
+
+_PERSSON_ENERGY = """@article{persson2008,
+  author = {Persson, B. N. J.},
+  title = {On the elastic energy and stress correlation in the contact between elastic solids with randomly rough surfaces},
+  journal = {Journal of Physics: Condensed Matter},
+  volume = {20},
+  pages = {312001},
+  year = {2008},
+  doi = {10.1088/0953-8984/20/31/312001},
+}"""  # noqa: E501
+
+_MANNERS = """@article{manners2006,
+  author = {Manners, W. and Greenwood, J. A.},
+  title = {Some observations on {Persson's} diffusion theory of elastic contact},
+  journal = {Wear},
+  volume = {261},
+  pages = {600--610},
+  year = {2006},
+  doi = {10.1016/j.wear.2006.01.007},
+}"""
 
 
 class Persson(ContactTheory):
@@ -51,7 +80,7 @@ class Persson(ContactTheory):
         "W. Manners, J. A. Greenwood, Wear 261, 600 (2006)",
         "B. N. J. Persson, J. Phys.: Condens. Matter 20, 312001 (2008)",
     )
-    bibtex: ClassVar[tuple[str, ...]] = (PERSSON, MANNERS, PERSSON_ENERGY)
+    bibtex: ClassVar[tuple[str, ...]] = (_PERSSON, _MANNERS, _PERSSON_ENERGY)
 
     modulus: ContactModulus
     """contact modulus E* = E/(1−ν²) of the elastic body (or of both, combined), GPa; or their young
@@ -62,13 +91,13 @@ class Persson(ContactTheory):
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
         """Area fraction where the rms slope is known; time and memory, which are those of nothing."""
-        found = {"cpu_seconds": 0.01, "bytes": 1e6, "gap_bytes": 0.0}
+        estimate = {"cpu_seconds": 0.01, "bytes": 1e6, "gap_bytes": 0.0}
         if not {"nx", "ny", "pixel_size", "rms_slope"} <= surface.keys():
-            return found
+            return estimate
         area = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2
         mean, sigma = load / area, self._deviation(load / area, 0.5 * self.modulus * surface["rms_slope"])
         fraction = theory.persson_area_fraction(0.5 * mean / sigma) if sigma > 0 else float(load > 0)
-        return {**found, "area_fraction": float(fraction)}
+        return {**estimate, "area_fraction": float(fraction)}
 
     def check(self, surface: Mapping[str, float], load: float) -> None:
         """See :meth:`chemage.ContactSolver.check`."""
@@ -81,7 +110,8 @@ class Persson(ContactTheory):
         if not mean > 0 or not full > 0 or not roughness.rms_height > 0:
             return self.declared_error
         solved = self if self.kappa is not None else self.replace(kappa=SOLVED)
-        area, own = (theory.persson_area_fraction(0.5 * mean / one._deviation(mean, full)) for one in (solved, self))
+        deviations = (contact._deviation(mean, full) for contact in (solved, self))
+        area, own = (theory.persson_area_fraction(0.5 * mean / deviation) for deviation in deviations)
         peaks = area * roughness.nominal_area * (roughness.rms_slope / (2 * math.pi * roughness.rms_height)) ** 2
         # no area is larger than the nominal one
         limit = min(WITHIN + FEW_PEAKS / (peaks + SHIFT) ** POWER, -math.log(area))

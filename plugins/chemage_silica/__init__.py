@@ -27,7 +27,7 @@ def chemage_register() -> dict[str, dict[str, str]]:
 def chemage_scenes() -> dict[str, str]:
     """The scenes of this package."""
     names = ("silica-rough", "silica-patch", "silica-tip", "silica-tips", "silica-afm-tip", "silica-linear-tip")
-    return {name: f"chemage_silica.scenes:{name}.toml" for name in names}
+    return {name: f"chemage_silica:scenes/{name}.toml" for name in names}
 
 
 @hookimpl
@@ -60,7 +60,7 @@ def chemage_published() -> list[tuple[dict[str, Any], float, str]]:
 @hookimpl
 def chemage_materials() -> dict[str, str]:
     """The materials of this package."""
-    return {"silica": "chemage_silica.materials:silica.toml"}
+    return {"silica": "chemage_silica:materials/silica.toml"}
 
 
 def __getattr__(name: str) -> Any:

@@ -36,20 +36,7 @@ _HOME = {
     "surface_of": "_maps",
 }
 
-__all__ = [
-    "FromFile",
-    "Hdf5",
-    "HeightUnit",
-    "Measured",
-    "Npy",
-    "Roughened",
-    "RoughnessFit",
-    "SelfAffine",
-    "Sphere",
-    "Text",
-    "fit_roughness",
-    "surface_of",
-]
+__all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 @hookimpl

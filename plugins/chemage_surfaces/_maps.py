@@ -1,18 +1,87 @@
-"""From the image in a file to a surface, where no step is needed; and what names files and their units in options."""
+"""What the makers of surfaces have in common: options that name grids, files and their units, the record of how a
+surface was made, and the way from the image in a file to a surface, where no step is needed."""
 
 from __future__ import annotations
 
 import hashlib
+import operator
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
 from pydantic import BeforeValidator
 
-from chemage import HeightMap, InputError, Length, StoreError, Surface, Unit, regular_file
+import chemage
+from chemage import FilePath, (
+    Choice,
+    HeightMap,
+    InputError,
+    Length,
+    Reader,
+    Scatter,
+    Seed,
+    StoreError,
+    Surface,
+    SurfaceMaker,
+    Unit,
+    regular_file,
+)
 
 #: sides of a pixel that differ by less than this are equal
 SQUARE = 1e-6
+#: pixels of the largest grid: no machine holds its heights, but theories of contact need none
+MOST_PIXELS = 2**43
+
+
+def _count(side: Any) -> int:
+    if isinstance(side, bool):
+        raise TypeError
+    # 2.5e3 is a whole number, too
+    if isinstance(side, float):
+        if not side.is_integer():
+            raise TypeError
+        return int(side)
+    return operator.index(side)
+
+
+def _grid(value: Any) -> tuple[int, int]:
+    try:
+        sides = tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
+        counts = [_count(side) for side in sides]
+    except TypeError:
+        raise ValueError("give a whole number of pixels, or two: [nx, ny]") from None
+    if len(counts) != 2:
+        raise ValueError(f"{len(counts)} numbers; give one whole number of pixels, or two: [nx, ny]")
+    if min(counts) < 1:
+        raise ValueError(f"a grid of {counts[0]} x {counts[1]} pixels is empty; give at least 1")
+    if counts[0] * counts[1] > MOST_PIXELS:
+        raise ValueError(
+            f"a grid of {counts[0]} x {counts[1]} pixels is too large for the memory; give at most {MOST_PIXELS}"
+        )
+    return counts[0], counts[1]
+
+
+#: (nx, ny), from one number (a square) or two
+if TYPE_CHECKING:
+    Pixels: TypeAlias = Any  # to a type checker, so that one number can be given
+else:
+    Pixels = Annotated[tuple[int, int], BeforeValidator(_grid, json_schema_input_type=int | tuple[int, int])]
+
+
+def provenance(maker: SurfaceMaker, seed: Seed | None = None) -> dict[str, Any]:
+    """Record how a surface was made, as plain JSON values; with ``seed`` if the maker draws random numbers."""
+    options = maker.todict()
+    record: dict[str, Any] = {"kind": options.pop("kind"), "options": options, "chemage": chemage.__version__}
+    if isinstance(seed, np.random.SeedSequence):
+        entropy = seed.entropy
+        record["seed"] = {
+            "entropy": [int(word) for word in entropy] if isinstance(entropy, list | tuple | np.ndarray) else entropy,
+            "spawn_key": [int(word) for word in seed.spawn_key],
+        }
+    elif seed is not None:
+        record["seed"] = int(seed)
+    return record
 
 
 def _named_unit(value: Any) -> Any:
@@ -41,8 +110,8 @@ Stamp = tuple[int, int, int, int]
 
 def stamp(path: str) -> Stamp:
     """What changes when the file is written to."""
-    found = regular_file(path)
-    return found.st_size, found.st_mtime_ns, found.st_ino, found.st_dev
+    stat = regular_file(path)
+    return stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_dev
 
 
 @lru_cache(maxsize=64)
@@ -55,8 +124,41 @@ def content_hash(path: str, stamp: Stamp) -> str:
         raise StoreError(f"{path}: {error.strerror or error}") from None
 
 
+class ImageMaker(SurfaceMaker):
+    """A surface in a file, which no seed changes."""
+
+    path: FilePath
+    """path of the file"""
+    reader: Choice[Reader] | None = None
+    """kind of the reader, or a table with its ``kind`` and options, such as the channel; None: selected by the ending
+    of the file"""
+
+    def content(self) -> dict[str, str]:
+        """A hash of the content of the file, so that an edited file is another surface.
+
+        The file is read once, and again after its size or modification time changed.
+
+        Raises
+        ------
+        StoreError
+            The file cannot be read.
+        """
+        return {"file_blake2b": content_hash(self.path, stamp(self.path))}
+
+    def expected(self) -> dict[str, float]:
+        """Grid and rms slope of the surface, which is made once as long as the file does not change."""
+        surface = self.make()
+        nx, ny = surface.shape
+        numbers = {"nx": nx, "ny": ny, "pixel_size": surface.pixel_size, "rms_slope": surface.rms_slope}
+        return {**numbers, "periodic": float(surface.periodic)}
+
+    def scatter(self, contact: Mapping[str, float]) -> Scatter:
+        """None: the seed is ignored."""
+        return Scatter(0.0)
+
+
 def stated(
-    found: HeightMap, height_unit: float | None, pixel_size: tuple[float, float] | None
+    image: HeightMap, height_unit: float | None, pixel_size: tuple[float, float] | None
 ) -> tuple[float, tuple[float, float]]:
     """The unit of heights and the sides of pixels, both nm; asks for them where neither file nor user states them."""
     if height_unit is not None and pixel_size is not None:
@@ -66,12 +168,12 @@ def stated(
         wanted["height_unit"] = '"um"'
     if pixel_size is None:
         wanted["pixel_size"] = '"4.5 nm"'
-    one, it = ("one", "it") if len(wanted) == 1 else ("them", "them")
+    these, it = ("one", "it") if len(wanted) == 1 else ("them", "them")
     give = " and ".join(f"{name} = {example}" for name, example in wanted.items())
-    raise InputError(f"{', '.join(wanted)}: {found.source} does not state {one}; give {it}, such as {give}")
+    raise InputError(f"{', '.join(wanted)}: {image.source} does not state {these}; give {it}, such as {give}")
 
 
-def surface_of(found: HeightMap) -> Surface:
+def surface_of(image: HeightMap) -> Surface:
     """The surface in an image that is one as it is: complete, with square pixels and known units.
 
     Raises
@@ -79,19 +181,19 @@ def surface_of(found: HeightMap) -> Surface:
     InputError
         It is not, with the step that is needed.
     """
-    bad = np.argwhere(~np.isfinite(found.heights))
+    bad = np.argwhere(~np.isfinite(image.heights))
     if bad.size:
         raise InputError(
-            f"{found.source}: {len(bad)} of {found.heights.size} heights are missing or infinite, the first at pixel "
+            f"{image.source}: {len(bad)} of {image.heights.size} heights are missing or infinite, the first at pixel "
             f'({bad[0, 0]}, {bad[0, 1]}); fill them with the surface "measured" and missing = "interpolate", or crop'
         )
-    unit, (dx, dy) = stated(found, found.height_unit, found.pixel_size)
+    unit, (dx, dy) = stated(image, image.height_unit, image.pixel_size)
     if abs(dx - dy) > SQUARE * dx:
         raise InputError(
-            f"{found.source}: pixels of {dx:.6g} x {dy:.6g} nm are not square; make them so with the surface "
+            f"{image.source}: pixels of {dx:.6g} x {dy:.6g} nm are not square; make them so with the surface "
             f'"measured" and resample = "{min(dx, dy):.6g} nm"'
         )
-    return Surface(heights=in_nm(found.heights, unit), pixel_size=dx, periodic=found.periodic)
+    return Surface(heights=in_nm(image.heights, unit), pixel_size=dx, periodic=image.periodic)
 
 
 def in_nm(heights: np.ndarray, unit: float) -> np.ndarray:

@@ -52,10 +52,10 @@ def find_spikes(heights: Floats, threshold: float, periodic: bool) -> NDArray[np
 
     Features of up to 12 pixels are found; edges of steps and smooth peaks are no spikes.
     """
-    known = np.isfinite(heights)
+    there = np.isfinite(heights)
     whole = heights
-    if not known.all():
-        nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    if not there.all():
+        nearest = ndimage.distance_transform_edt(~there, return_distances=False, return_indices=True)
         whole = heights[tuple(nearest)]  # pyright: ignore[reportArgumentType]
     # a slope goes on beyond the edges, where it would otherwise look like a feature
     padded = np.pad(whole, 2, mode="wrap") if periodic else np.pad(whole, 2, mode="reflect", reflect_type="odd")
@@ -63,10 +63,10 @@ def find_spikes(heights: Floats, threshold: float, periodic: bool) -> NDArray[np
     local = (ndimage.maximum_filter(median, size=5) - ndimage.minimum_filter(median, size=5))[2:-2, 2:-2]
     smooth = median[2:-2, 2:-2]
     away = np.abs(whole - smooth)
-    scale = max(1.4826 * float(np.median(away[known])), 0.01 * float(smooth.std()))
+    scale = max(1.4826 * float(np.median(away[there])), 0.01 * float(smooth.std()))
     # rounding of a flat image far from zero is no spike
     scale = max(scale, 1e-12 * float(np.abs(whole).max()))
-    return known & (away > threshold * scale) & (away > 2 * local)
+    return there & (away > threshold * scale) & (away > 2 * local)
 
 
 def filled(heights: Floats, periodic: bool) -> Floats:
@@ -84,7 +84,7 @@ def filled(heights: Floats, periodic: bool) -> Floats:
     number[missing] = np.arange(count)
     x, y = np.nonzero(missing)
     here = number[x, y]
-    degree, known = np.zeros(count), np.zeros(count)
+    degree, around = np.zeros(count), np.zeros(count)
     rows, columns = [], []
     for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         i, j = x + dx, y + dy
@@ -95,23 +95,23 @@ def filled(heights: Floats, periodic: bool) -> Floats:
         rows.append(here[other])
         columns.append(number[i[other], j[other]])
         boundary = inside & ~missing[i, j]
-        known[boundary] += heights[i[boundary], j[boundary]]
+        around[boundary] += heights[i[boundary], j[boundary]]
     row, column = np.concatenate(rows), np.concatenate(columns)
     matrix: Any = sparse.csc_matrix((-np.ones(row.size), (row, column)), shape=(count, count))
     matrix = (matrix + sparse.diags(degree)).tocsc()
     if count <= MOST_ELIMINATED:
-        found: Any = linalg.spsolve(matrix, known)
+        solution: Any = linalg.spsolve(matrix, around)
     else:
         nearest = ndimage.distance_transform_edt(missing, return_distances=False, return_indices=True)
         start = heights[tuple(nearest)][missing]  # pyright: ignore[reportArgumentType]
         # heights about their mean, so that the tolerance is one of the roughness
         level = float(start.mean())
-        found, failed = linalg.cg(matrix, known - matrix @ np.full(count, level), x0=start - level, rtol=1e-8)
+        solution, failed = linalg.cg(matrix, around - matrix @ np.full(count, level), x0=start - level, rtol=1e-8)
         if failed:
             raise ValueError(f"{count} missing heights cannot be interpolated; crop the image")
-        found = found + level
+        solution = solution + level
     result = heights.copy()
-    result[missing] = found
+    result[missing] = solution
     return result
 
 

@@ -64,7 +64,7 @@ def roughness(
         "spikes": spikes,
     }
     image |= {"reader": reader, "height_unit": height_unit, "pixel_size": pixel_size, "periodic": periodic}
-    made = Measured(**{name: value for name, value in image.items() if value is not None}).make()
-    found = fit_roughness(made, resolution=resolution)
-    typer.echo(found.text() + "\n")
-    typer.echo(section(found.maker(pixel_size=spacing, cutoff=cutoff)))
+    surface = Measured(**{name: value for name, value in image.items() if value is not None}).make()
+    fit = fit_roughness(surface, resolution=resolution)
+    typer.echo(fit.text() + "\n")
+    typer.echo(section(fit.maker(pixel_size=spacing, cutoff=cutoff)))

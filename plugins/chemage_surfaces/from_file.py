@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 
-from chemage import Choice, FilePath, InputError, Length, Reader, Scatter, Seed, Surface, SurfaceMaker, reader_for
-from chemage_surfaces._maps import HeightUnit, Stamp, content_hash, stamp
-from chemage_surfaces._options import provenance
+from chemage import InputError, Length, Reader, Seed, Surface, reader_for
+from chemage_surfaces._maps import HeightUnit, ImageMaker, Stamp, content_hash, provenance, stamp
 
 
-class FromFile(SurfaceMaker):
+class FromFile(ImageMaker):
     """Heights from a file; higher points are nearer to the counter-body.
 
     The ending of the file selects one of the installed readers, unless ``reader`` is given. A map is not periodic
@@ -22,10 +20,6 @@ class FromFile(SurfaceMaker):
 
     kind = "from-file"
 
-    path: FilePath
-    """path of the file"""
-    reader: Choice[Reader] | None = None
-    """kind of the reader, or a table with its ``kind`` and options; None: selected by the ending of the file"""
     pixel_size: Length | None = None
     """edge of a pixel, nm; overrides the value in the file, and is required if the file has none"""
     height_unit: HeightUnit = 1.0
@@ -34,29 +28,6 @@ class FromFile(SurfaceMaker):
     """trend to subtract: none, the mean height, or the least-squares plane"""
     periodic: bool | None = None
     """whether the map is periodic; None: as the file states, else not"""
-
-    def content(self) -> dict[str, str]:
-        """A hash of the content of the file, so that an edited file is another surface.
-
-        The file is read once, and again after its size or modification time changed.
-
-        Raises
-        ------
-        StoreError
-            The file cannot be read.
-        """
-        return {"file_blake2b": content_hash(self.path, stamp(self.path))}
-
-    def expected(self) -> dict[str, float]:
-        """Grid and rms slope of the surface in the file, which is read once as long as it does not change."""
-        found = self.make()
-        nx, ny = found.shape
-        known = {"nx": nx, "ny": ny, "pixel_size": found.pixel_size, "rms_slope": found.rms_slope}
-        return {**known, "periodic": float(found.periodic)}
-
-    def scatter(self, contact: Mapping[str, float]) -> Scatter:
-        """None: the seed is ignored."""
-        return Scatter(0.0)
 
     def make(self, seed: Seed = 0) -> Surface:
         """The surface in the file, which is read once as long as it does not change. ``seed`` is ignored.
@@ -78,10 +49,10 @@ class FromFile(SurfaceMaker):
 def _read(maker: FromFile, reader: Reader, stamp: Stamp) -> Surface:
     """The surface that was read last is kept: for the estimate of a scene, and for every contact of a sweep."""
     content = content_hash(maker.path, stamp)
-    found = reader.read(maker.path)
-    if not isinstance(found, Surface):
-        raise InputError(f"{maker.path}: reader {reader.kind!r} gives a {type(found).__name__}, not a surface")
-    heights = found.heights
+    surface = reader.read(maker.path)
+    if not isinstance(surface, Surface):
+        raise InputError(f"{maker.path}: reader {reader.kind!r} gives a {type(surface).__name__}, not a surface")
+    heights = surface.heights
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
         if maker.height_unit != 1:
             heights = heights * heights.dtype.type(maker.height_unit)
@@ -89,8 +60,8 @@ def _read(maker: FromFile, reader: Reader, stamp: Stamp) -> Surface:
             heights = _without_trend(heights, plane=maker.detrend == "plane")
     return Surface(
         heights=heights,
-        pixel_size=found.pixel_size if maker.pixel_size is None else maker.pixel_size,
-        periodic=found.periodic if maker.periodic is None else maker.periodic,
+        pixel_size=surface.pixel_size if maker.pixel_size is None else maker.pixel_size,
+        periodic=surface.periodic if maker.periodic is None else maker.periodic,
         provenance={**provenance(maker), "reader": reader.kind, "file_blake2b": content},
     )
 

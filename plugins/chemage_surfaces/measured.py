@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self
 
@@ -10,15 +9,11 @@ import numpy as np
 from pydantic import model_validator
 
 from chemage import (
-    Choice,
-    FilePath,
     InputError,
     Length,
     Reader,
-    Scatter,
     Seed,
     Surface,
-    SurfaceMaker,
     Unit,
     reader_for,
 )
@@ -27,14 +22,15 @@ from chemage_surfaces import _steps
 from chemage_surfaces._maps import (
     SQUARE,
     HeightUnit,
+    ImageMaker,
     PixelSides,
     Stamp,
     content_hash,
     in_nm,
+    provenance,
     stamp,
     stated,
 )
-from chemage_surfaces._options import provenance
 
 #: an image is a grid of at least this many pixels along each side
 FEWEST = 4
@@ -46,7 +42,7 @@ _DEGREES = {"mean": 0, "plane": 1, "quadratic": 2}
 _Coordinate = Annotated[float, Unit("nm", ge=0)]
 
 
-class Measured(SurfaceMaker):
+class Measured(ImageMaker):
     """A measured image and the steps that make a surface of it, in the order of the options: units, crop, spikes,
     missing heights, trend, pixels, window.
 
@@ -56,11 +52,6 @@ class Measured(SurfaceMaker):
 
     kind = "measured"
 
-    path: FilePath
-    """path of the file"""
-    reader: Choice[Reader] | None = None
-    """kind of the reader, or a table with its ``kind`` and options, such as the channel; None: selected by the ending
-    of the file"""
     height_unit: HeightUnit | None = None
     """unit of the heights in the file, such as "um", or a factor that converts them to nm; overrides the unit in the
     file, and is required if the file has none"""
@@ -95,27 +86,6 @@ class Measured(SurfaceMaker):
                 "leave out one of them"
             )
         return self
-
-    def content(self) -> dict[str, str]:
-        """A hash of the content of the file, so that an edited file is another surface.
-
-        Raises
-        ------
-        StoreError
-            The file cannot be read.
-        """
-        return {"file_blake2b": content_hash(self.path, stamp(self.path))}
-
-    def expected(self) -> dict[str, float]:
-        """Grid and rms slope of the surface, which is made once as long as the file does not change."""
-        found = self.make()
-        nx, ny = found.shape
-        known = {"nx": nx, "ny": ny, "pixel_size": found.pixel_size, "rms_slope": found.rms_slope}
-        return {**known, "periodic": float(found.periodic)}
-
-    def scatter(self, contact: Mapping[str, float]) -> Scatter:
-        """None: the seed is ignored."""
-        return Scatter(0.0)
 
     def make(self, seed: Seed = 0) -> Surface:
         """The surface, made once as long as the file does not change. ``seed`` is ignored.
@@ -160,9 +130,9 @@ def _made(maker: Measured, reader: Reader, stamp: Stamp) -> Surface:
                 f"detrend = {maker.detrend!r}: {image.source} is periodic, and without this trend its edges would not "
                 'fit; give "mean" or "none", or periodic = false'
             )
-        surface = _steps.trend(heights, _DEGREES[maker.detrend])
-        heights = heights - surface
-        steps.append({"step": "detrend", "trend": maker.detrend, "range_nm": float(np.ptp(surface))})
+        trend = _steps.trend(heights, _DEGREES[maker.detrend])
+        heights = heights - trend
+        steps.append({"step": "detrend", "trend": maker.detrend, "range_nm": float(np.ptp(trend))})
     heights, side = _square(maker, heights, sides, image.source, periodic, steps)
     if maker.window != "none" and not periodic:
         heights = _steps.hann(heights) if maker.window == "hann" else _steps.mirrored(heights)
@@ -170,19 +140,19 @@ def _made(maker: Measured, reader: Reader, stamp: Stamp) -> Surface:
     elif maker.window != "none":
         raise InputError(f"window = {maker.window!r}: {image.source} is periodic already; leave it out")
     heights.setflags(write=False)
-    found = Surface(
+    surface = Surface(
         heights=heights,
         pixel_size=side,
         periodic=periodic or maker.window != "none",
         provenance={**provenance(maker), "reader": reader.kind, "file_blake2b": content, "steps": steps},
     )
-    slope = found.rms_slope
+    slope = surface.rms_slope
     if slope and not SLOPES[0] <= slope <= SLOPES[1]:
         raise InputError(
-            f"{image.source}: an rms slope of {slope:.3g} (heights of {found.rms_height:.3g} nm rms on pixels of "
+            f"{image.source}: an rms slope of {slope:.3g} (heights of {surface.rms_height:.3g} nm rms on pixels of "
             f"{side:.3g} nm) is not that of a surface; one of the units is wrong: give height_unit and pixel_size"
         )
-    return found
+    return surface
 
 
 def _check_shape(shape: tuple[int, ...], what: str) -> None:
@@ -210,17 +180,17 @@ def _complete(
             'give missing = "interpolate", or crop the image'
         )
     if maker.spikes != "keep":
-        found = _steps.find_spikes(heights, maker.spike_threshold, periodic)
-        count = int(found.sum())
+        spikes = _steps.find_spikes(heights, maker.spike_threshold, periodic)
+        count = int(spikes.sum())
         if count and maker.spikes == "refuse":
-            first = np.argwhere(found)[0]
+            first = np.argwhere(spikes)[0]
             raise InputError(
                 f"{source}: {count} of {heights.size} pixels are spikes, the first at pixel ({first[0]}, {first[1]}), "
                 f"more than {maker.spike_threshold:g} robust standard deviations from the median around it; give "
                 'spikes = "interpolate" to replace them, or spikes = "keep" if they are part of the surface'
             )
         if count:
-            heights = np.where(found, np.nan, heights)
+            heights = np.where(spikes, np.nan, heights)
             steps.append({"step": "spikes", "replaced": count})
     if missing:
         steps.append({"step": "missing", "interpolated": missing})

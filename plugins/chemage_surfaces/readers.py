@@ -59,6 +59,25 @@ def as_map(
     return HeightMap(heights, None, sides, periodic, source=source)
 
 
+class _Unitless(Reader):
+    """A reader of arrays in a unit that the file does not state."""
+
+    pixel_size: Length | None = None
+    """edge of a pixel, nm"""
+
+    def read(self, path: str | PathLike[str]) -> Surface:
+        """Read the surface, heights in nm; it is periodic if the file says so.
+
+        Raises
+        ------
+        StoreError
+            The file is missing, truncated, or not a map of real numbers in this format.
+        InputError
+            The pixel size is unknown, heights are not finite, or it is unclear which array is meant.
+        """
+        return surface_of(replace(self.height_map(path), height_unit=1.0))
+
+
 def _announced(file: IO[bytes]) -> int:
     """The size in bytes of the array in a numpy file, as its header says."""
     version = np.lib.format.read_magic(file)
@@ -67,26 +86,11 @@ def _announced(file: IO[bytes]) -> int:
     return math.prod(int(side) for side in shape) * dtype.itemsize
 
 
-class Npy(Reader):
+class Npy(_Unitless):
     """A two-dimensional array saved with ``numpy.save``, which has no pixel size."""
 
     kind = "npy"
     suffixes: ClassVar[tuple[str, ...]] = (".npy",)
-
-    pixel_size: Length | None = None
-    """edge of a pixel, nm"""
-
-    def read(self, path: str | PathLike[str]) -> Surface:
-        """Read the surface (heights in nm, not periodic).
-
-        Raises
-        ------
-        StoreError
-            The file is missing, truncated, or not a numpy array of real numbers.
-        InputError
-            The pixel size is unknown, or heights are not finite.
-        """
-        return surface_of(replace(self.height_map(path), height_unit=1.0))
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The array as it is; its unit is not stated."""
@@ -115,7 +119,7 @@ class Npy(Reader):
 _STATED = re.compile(r"pixel[ _]size\s*[:=]\s*(?P<value>[^,;]+?)\s*$", re.IGNORECASE)
 
 
-class Text(Reader):
+class Text(_Unitless):
     """A table of heights with one row of pixels per line: line i, column j is pixel (i, j).
 
     Columns are separated by commas, semicolons, tabs or blanks. Lines that begin with ``#`` or ``%`` are comments; the
@@ -125,8 +129,6 @@ class Text(Reader):
     kind = "text"
     suffixes: ClassVar[tuple[str, ...]] = (".txt", ".dat", ".csv", ".tsv", ".asc")
 
-    pixel_size: Length | None = None
-    """edge of a pixel, nm"""
     delimiter: str | None = None
     """separator of columns; None: comma, semicolon or tab, whichever the first row contains, else blanks"""
     comments: str = "#%"
@@ -145,18 +147,6 @@ class Text(Reader):
             )
         return value
 
-    def read(self, path: str | PathLike[str]) -> Surface:
-        """Read the surface (heights in nm, not periodic).
-
-        Raises
-        ------
-        StoreError
-            The file is missing, or not a table of numbers with rows of equal length.
-        InputError
-            The pixel size is unknown, or heights are not finite.
-        """
-        return surface_of(replace(self.height_map(path), height_unit=1.0))
-
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The array as it is; its unit is not stated."""
         text = read_text(path)
@@ -169,7 +159,7 @@ class Text(Reader):
         return as_map(heights, str(path), pixel_size=self.pixel_size, stated=stated[-1] if stated else None)
 
 
-class Hdf5(Reader):
+class Hdf5(_Unitless):
     """A two-dimensional dataset of an HDF5 (or NetCDF-4) file.
 
     The attributes ``pixel_size`` (nm, or a string with its unit) and ``periodic`` are read from the dataset, else from
@@ -179,22 +169,8 @@ class Hdf5(Reader):
     kind = "hdf5"
     suffixes: ClassVar[tuple[str, ...]] = (".h5", ".hdf5", ".hdf", ".nc")
 
-    pixel_size: Length | None = None
-    """edge of a pixel, nm"""
     dataset: str | None = None
     """name of the dataset, such as "surface/heights"; None: the only two-dimensional dataset of numbers"""
-
-    def read(self, path: str | PathLike[str]) -> Surface:
-        """Read the surface (heights in nm).
-
-        Raises
-        ------
-        StoreError
-            The file is missing, truncated, or not HDF5; the dataset is missing or not a map of numbers.
-        InputError
-            The pixel size is unknown, heights are not finite, or it is unclear which dataset is meant.
-        """
-        return surface_of(replace(self.height_map(path), height_unit=1.0))
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The array as it is; its unit is not stated."""
@@ -247,9 +223,9 @@ class Hdf5(Reader):
         file.visititems(visit)
         if self.dataset is None and len(maps) == 1:
             return file[maps[0]]  # pyright: ignore[reportReturnType]
-        known = ", ".join(maps) or "none"
+        listed = ", ".join(maps) or "none"
         error = InputError if self.dataset is None and maps else StoreError
-        raise error(f"{problem}; two-dimensional datasets of numbers in it: {known}")
+        raise error(f"{problem}; two-dimensional datasets of numbers in it: {listed}")
 
 
 def _check_links(group: Any, name: str, path: str | PathLike[str], depth: int = 0) -> None:

@@ -14,9 +14,10 @@ from scipy import fft as sfft
 from chemage import Choice, InputError, Length, Scatter, Seed, Surface, SurfaceMaker, Unit, checked_seed, roughness
 from chemage.foundation.memory import require
 from chemage.foundation.threads import available
-from chemage_surfaces import _fitting, _spectral, _steps
-from chemage_surfaces._options import provenance
-from chemage_surfaces._references import JACOBS
+from chemage_surfaces import _spectral, _steps
+from chemage_surfaces._maps import provenance
+from chemage_surfaces.roughness_fit import Binned, PowerLaw, binned, fit_power_law, wavenumbers
+from chemage_surfaces.self_affine import JACOBS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -171,7 +172,7 @@ class Roughened(SurfaceMaker):
         shape = _fine_shape(measured, self.pixel_size)
         join = 2 * math.pi / resolution
         longest = FIT_RANGE * resolution if self.fit_from is None else self.fit_from
-        spectrum = _fitting.binned(measured)
+        spectrum = binned(measured)
         data = spectrum.part(2 * math.pi / longest, join)
         cut = spectrum.part(0, join).cut
         if cut is not None:
@@ -180,7 +181,7 @@ class Roughened(SurfaceMaker):
                 f"{2 * math.pi / cut:.4g} nm; give this resolution"
             )
         try:
-            law = _fitting.fit_power_law(data, self.hurst)
+            law = fit_power_law(data, self.hurst)
         except ValueError as error:
             raise InputError(
                 f"fit_from = {longest:g} nm, resolution = {resolution:g} nm: no power law can be fitted to the "
@@ -196,17 +197,19 @@ class Roughened(SurfaceMaker):
 
     def draw(self, figure: str, axes: Axes, results: Sequence[Any]) -> None:
         """The spectra before and after, of one result or of several."""
-        for one in results:
-            if one.surface is not None:
-                q, density = one.surface.psd(_BINS)
+        for result in results:
+            if result.surface is not None:
+                q, density = result.surface.psd(_BINS)
                 filled = density > 1e-12 * density.max(initial=0.0)
-                axes.loglog(q[filled], density[filled], color=one.color, label=f"{one.label}, carried on")
-            record = _recorded(one)
+                axes.loglog(q[filled], density[filled], color=result.color, label=f"{result.label}, carried on")
+            record = _recorded(result)
             if record is None:
                 continue
             before = record["spectrum"]
-            axes.loglog(before["q"], before["density"], "o", ms=3, mfc="none", color=one.color, label="measured image")
-            law = np.array([record["fit_from_q"], 2 * math.pi / one.component.shortest])
+            axes.loglog(
+                before["q"], before["density"], "o", ms=3, mfc="none", color=result.color, label="measured image"
+            )
+            law = np.array([record["fit_from_q"], 2 * math.pi / result.component.shortest])
             fitted = record["density"] * (law / record["join"]) ** (-2 - 2 * record["hurst"])
             axes.loglog(law, fitted, "--", color="0.2", lw=1, zorder=3, label=f"H = {record['hurst']:.2f}")
             axes.axvline(record["join"], color="0.6", lw=0.8)
@@ -217,12 +220,12 @@ class Roughened(SurfaceMaker):
             axes.text(0.5, 0.5, "the file does not hold the surface", ha="center", transform=axes.transAxes)
 
 
-def _recorded(one: Any) -> dict[str, Any] | None:
+def _recorded(result: Any) -> dict[str, Any] | None:
     """What :func:`_record` noted with the surface of a result, or with its contact; None where neither has it."""
-    made = [one.surface.provenance] if one.surface is not None else []
-    if one.contact is not None:
-        made.append(one.contact.provenance.get("surface"))
-    return next((part["roughened"] for part in made if isinstance(part, Mapping) and "roughened" in part), None)
+    records = [result.surface.provenance] if result.surface is not None else []
+    if result.contact is not None:
+        records.append(result.contact.provenance.get("surface"))
+    return next((part["roughened"] for part in records if isinstance(part, Mapping) and "roughened" in part), None)
 
 
 class _Plan(NamedTuple):
@@ -232,9 +235,9 @@ class _Plan(NamedTuple):
     shape: tuple[int, int]
     #: wavenumber from which on the image is not used, 1/nm
     join: float
-    law: _fitting.PowerLaw
+    law: PowerLaw
     #: of the image
-    spectrum: _fitting.Binned
+    spectrum: Binned
 
     def added_slope(self, shortest: float) -> float:
         """rms slope of the continuation: h'² = ∫ C q³ dq/(2π)."""
@@ -268,7 +271,7 @@ def _fine_shape(measured: Surface, pixel_size: float) -> tuple[int, int]:
 
 def _kept(shape: tuple[int, int], pixel_size: float, join: float) -> NDArray[np.bool_]:
     """Which waves of the half spectrum of an image stay."""
-    return _fitting.wavenumbers(shape, pixel_size) < join * (1 - 1e-9)
+    return wavenumbers(shape, pixel_size) < join * (1 - 1e-9)
 
 
 def _with_image(half: NDArray[np.complex128], measured: Surface, plan: _Plan) -> NDArray[np.complex128]:

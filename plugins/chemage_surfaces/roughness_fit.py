@@ -1,21 +1,190 @@
-"""Roughness parameters of a measured surface, from which `self-affine` surfaces like it are made."""
+"""Fits to the power spectral density of heights: a power law, and the parameters of `self-affine` surfaces like it.
+
+The density of each wave vector of a Gaussian surface is exponentially distributed. The mean over a bin of N independent
+wave vectors is a Gamma variate, the logarithm of which has the mean ln C + ψ(N) − ln N and the variance ψ'(N). Bins
+therefore enter with the weight 1/ψ'(N), about N, and those far from the fit with less (Huber), so that a line of
+interference or a filter of the instrument does not decide.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import fft as sfft
 from scipy.integrate import trapezoid
+from scipy.special import digamma, polygamma
 
 from chemage import InputError, Surface, checked_count, convert
-from chemage_surfaces import _fitting
+from chemage.foundation.threads import available
+from chemage_surfaces import _steps
 from chemage_surfaces.self_affine import SelfAffine
 
+Floats = NDArray[np.float64]
+
+#: bins of the density per factor of e in q
+BINS = 8
+#: standard deviations beyond which a bin counts less
+ROBUST = 2.0
+#: share of independent wave vectors under a Hann window along both axes: (3/8)⁴/(35/128)², the inverse of Σw⁴N/(Σw²)²
+HANN_SHARE = (0.375**2 / (35 / 128)) ** 2
+#: a density that falls by this factor from one bin to the next has been cut off
+CUT = 1e-3
+#: bins that a fit needs
+FEWEST_BINS = 4
 #: a roll-off must lower the loss of the fit by this, about two standard deviations, else there is none
 SIGNIFICANT = 4.0
 #: bins of the power law beyond the roll-off
 FEWEST = 5
+
+
+@dataclass(frozen=True)
+class Binned:
+    """The density of a surface in logarithmic bins: wavenumber (1/nm), density (nm⁴), independent wave vectors."""
+
+    q: Floats
+    density: Floats
+    modes: Floats
+
+    def part(self, lowest: float, highest: float) -> Binned:
+        """The bins with lowest <= q <= highest."""
+        inside = (self.q >= lowest) & (self.q <= highest)
+        return Binned(self.q[inside], self.density[inside], self.modes[inside])
+
+    @property
+    def cut(self) -> float | None:
+        """The highest q before a sudden end of the spectrum; None if there is none."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            drops = np.nonzero(~(self.density[1:] > CUT * self.density[:-1]))[0]
+        return float(self.q[drops[0]]) if drops.size else None
+
+
+@dataclass(frozen=True)
+class PowerLaw:
+    """C(q) = density·(q/at)**(-2-2·hurst), fitted between two wavenumbers (1/nm); errors are standard errors."""
+
+    hurst: float
+    hurst_error: float
+    density: float
+    #: relative
+    density_error: float
+    at: float
+    lowest: float
+    highest: float
+    #: χ² per degree of freedom
+    misfit: float
+
+    def __call__(self, q: Floats | float) -> Floats:
+        return self.density * (np.asarray(q) / self.at) ** (-2.0 - 2.0 * self.hurst)
+
+
+def binned(surface: Surface) -> Binned:
+    """The density of ``surface`` in narrow bins, from the period to the Nyquist wavenumber.
+
+    Of a surface that is not periodic the least-squares plane is subtracted, and it is tapered with a Hann window, which
+    correlates neighbouring wave vectors.
+    """
+    heights = surface.heights.astype(np.float64)
+    if not surface.periodic:
+        heights = _steps.hann(heights - _steps.trend(heights, 1))
+    nx, ny = heights.shape
+    spectrum: Any = sfft.rfft2(heights, workers=available())
+    power = (spectrum.real**2 + spectrum.imag**2) * (surface.pixel_size**2 / heights.size)
+    q = wavenumbers((nx, ny), surface.pixel_size)
+    weight = np.full(power.shape, 1.0)
+    weight[:, 0] = 0.5  # conjugate pairs are both in this column
+    nyquist = math.pi / surface.pixel_size
+    # a window spreads the mean and the trend over the first two waves
+    lowest = (1.0 if surface.periodic else 2.5) * 2 * math.pi / (max(nx, ny) * surface.pixel_size)
+    if ny % 2 == 0:
+        weight[:, -1] = 0.5
+    inside = (q >= lowest * (1 - 1e-9)) & (q < nyquist * (1 - 1e-9))
+    if not inside.any():
+        raise InputError(f"{surface!r} has too few pixels for a power spectrum")
+    q, power, weight = q[inside], power[inside], weight[inside]
+    which = np.floor(BINS * np.log(q / lowest) + 1e-6).astype(np.int64)
+    count = np.bincount(which, weight)
+    filled = count > 0
+    # the wavenumber at which a density of a typical slope has the mean of the bin
+    slope = 3.5
+    mean_q = (np.bincount(which, weight * q**-slope)[filled] / count[filled]) ** (-1 / slope)
+    density = np.bincount(which, weight * power)[filled] / count[filled]
+    return Binned(mean_q, density, np.maximum(count[filled] * (1.0 if surface.periodic else HANN_SHARE), 0.5))
+
+
+def wavenumbers(shape: tuple[int, int], pixel_size: float) -> Floats:
+    """|q| of the half spectrum, 1/nm, (nx, ny//2 + 1)."""
+    qx = 2 * np.pi * np.fft.fftfreq(shape[0], pixel_size)
+    qy = 2 * np.pi * np.fft.rfftfreq(shape[1], pixel_size)
+    return np.hypot(qx[:, None], qy[None, :])
+
+
+def _logs(data: Binned) -> tuple[Floats, Floats]:
+    """Logarithms of the densities without their bias, and their variances."""
+    variance: Any = polygamma(1, data.modes)
+    bias: Any = digamma(data.modes)
+    values: Any = np.log(data.density) - bias + np.log(data.modes)
+    return values, variance
+
+
+def _weighted(design: Floats, values: Floats, variance: Floats) -> tuple[Floats, Floats, float]:
+    """Robust weighted least squares: parameters, their covariance, and the mean of Huber's loss as χ² per degree of
+    freedom."""
+    weight = 1 / variance
+    fit: Any = np.zeros(design.shape[1])
+    normal = np.eye(design.shape[1])
+    for _ in range(50):
+        normal = (design * weight[:, None]).T @ design
+        new: Any = np.linalg.solve(normal, design.T @ (weight * values))
+        away = np.abs(values - design @ new) / np.sqrt(variance)
+        weight = np.minimum(1.0, ROBUST / np.maximum(away, 1e-300)) / variance
+        settled = np.allclose(new, fit, rtol=1e-12, atol=1e-12)
+        fit = new
+        if settled:
+            break
+    away = np.abs(values - design @ fit) / np.sqrt(variance)
+    loss = np.where(away <= ROBUST, away**2, 2 * ROBUST * away - ROBUST**2).sum()
+    misfit = float(loss / max(len(values) - design.shape[1], 1))
+    covariance: Any = np.linalg.inv(normal) * max(misfit, 1.0)
+    return fit, covariance, misfit
+
+
+def fit_power_law(data: Binned, hurst: float | None = None, roll: float = 0.0) -> PowerLaw:
+    """Fit Hurst exponent (unless given) and density to all bins of ``data``; below ``roll`` (1/nm) the density is that
+    at ``roll``.
+
+    Raises
+    ------
+    ValueError
+        There are too few bins, or some are empty of power.
+    """
+    if len(data.q) < (FEWEST_BINS if hurst is None else 1):
+        raise ValueError(f"only {len(data.q)} bins of wavenumbers; fit a wider range")
+    if not (data.density > 0).all():
+        raise ValueError("the spectrum is zero in this range")
+    values, variance = _logs(data)
+    at = math.exp(float(np.average(np.log(data.q), weights=1 / variance)))
+    x = np.log(np.maximum(data.q, roll) / at)
+    if hurst is None:
+        design = np.stack([np.ones_like(x), -2 * x], axis=1)
+        fit, covariance, misfit = _weighted(design, values + 2 * x, variance)
+        exponent, error = float(fit[1]), math.sqrt(covariance[1, 1])
+    else:
+        fit, covariance, misfit = _weighted(np.ones((len(x), 1)), values + (2 + 2 * hurst) * x, variance)
+        exponent, error = hurst, 0.0
+    return PowerLaw(
+        hurst=exponent,
+        hurst_error=error,
+        density=math.exp(float(fit[0])),
+        density_error=math.sqrt(covariance[0, 0]),
+        at=at,
+        lowest=float(data.q[0]),
+        highest=float(data.q[-1]),
+        misfit=misfit,
+    )
 
 
 @dataclass(frozen=True)
@@ -137,7 +306,7 @@ def fit_roughness(surface: Surface, *, resolution: float | str | None = None) ->
     InputError
         The spectrum has too few bins, or does not fall like that of a self-affine surface.
     """
-    data = _fitting.binned(surface)
+    data = binned(surface)
     if resolution is not None:
         shortest = convert(resolution, "nm")
         if not shortest >= 2 * surface.pixel_size * (1 - 1e-9):
@@ -174,13 +343,11 @@ def fit_roughness(surface: Surface, *, resolution: float | str | None = None) ->
     )
 
 
-def _rolled(
-    data: _fitting.Binned,
-) -> tuple[float | None, tuple[float, float] | None, _fitting.PowerLaw]:
+def _rolled(data: Binned) -> tuple[float | None, tuple[float, float] | None, PowerLaw]:
     """The roll-off of the best fit (1/nm) with its interval, both None without one; and the power law beyond."""
-    without = _fitting.fit_power_law(data)
+    without = fit_power_law(data)
     candidates = np.exp(np.linspace(math.log(data.q[0]), math.log(data.q[-FEWEST]), 12 * len(data.q)))
-    laws = [_fitting.fit_power_law(data, roll=float(roll)) for roll in candidates]
+    laws = [fit_power_law(data, roll=float(roll)) for roll in candidates]
     loss = np.array([law.misfit for law in laws]) * max(len(data.q) - 2, 1)
     best = int(np.argmin(loss))
     allowed = candidates[loss <= loss[best] + max(laws[best].misfit, 1.0)]

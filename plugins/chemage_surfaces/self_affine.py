@@ -12,8 +12,7 @@ from pydantic import model_validator
 from chemage import Length, Roughness, Scatter, Seed, Surface, SurfaceMaker, Unit, checked_seed
 from chemage.foundation.memory import require
 from chemage.foundation.threads import available
-from chemage_surfaces._options import Pixels, provenance
-from chemage_surfaces._references import JACOBS
+from chemage_surfaces._maps import Pixels, provenance
 
 #: what was measured of the scatter between surfaces: A/A0, ζ/η, and the scatter itself
 MEASURED_AREA, LEAST_RATIO, MEASURED_SCATTER = (0.0025, 0.2), 2.0, (0.006, 0.25)
@@ -23,6 +22,16 @@ COARSER_ERRORS = {"beta": 0.016, "friction_drop": 0.016}
 
 #: pixels per shortest wavelength of a sketch; two would be the least
 SKETCHED = 2.1
+
+JACOBS = """@article{jacobs2017,
+  author = {Jacobs, T. D. B. and Junge, T. and Pastewka, L.},
+  title = {Quantitative characterization of surface topography using spectral analysis},
+  journal = {Surface Topography: Metrology and Properties},
+  volume = {5},
+  pages = {013001},
+  year = {2017},
+  doi = {10.1088/2051-672X/aa51f8},
+}"""
 
 
 class SelfAffine(SurfaceMaker):
@@ -59,8 +68,8 @@ class SelfAffine(SurfaceMaker):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if (self.rms_slope is None) == (self.rms_height is None):
-            given = "neither" if self.rms_slope is None else "both"
-            raise ValueError(f"rms_slope, rms_height: {given} given; give exactly one of them")
+            which = "neither" if self.rms_slope is None else "both"
+            raise ValueError(f"rms_slope, rms_height: {which} given; give exactly one of them")
         if self.eta > self.zeta:
             raise ValueError(
                 f"eta = {self.eta:g}: above zeta = {self.zeta:g}; the roll-off must come before the cut-off"
@@ -76,7 +85,7 @@ class SelfAffine(SurfaceMaker):
     def expected(self) -> dict[str, float]:
         """Grid, shortest wavelength (nm), rms slope, and the time to make it."""
         nx, ny = self.pixels
-        known = {
+        expected = {
             "nx": nx,
             "ny": ny,
             "pixel_size": self.pixel_size,
@@ -85,8 +94,8 @@ class SelfAffine(SurfaceMaker):
         }
         # that of an rms height is the mean over surfaces
         slope = self.roughness().rms_slope if self.rms_slope is None else self.rms_slope
-        known["cpu_seconds"] = 2e-8 * nx * ny
-        return {**known, "rms_slope": slope} if math.isfinite(slope) else known
+        expected["cpu_seconds"] = 2e-8 * nx * ny
+        return {**expected, "rms_slope": slope} if math.isfinite(slope) else expected
 
     def roughness(self, seed: Seed = 0) -> Roughness:
         """The rms slope and height of the spectrum, without any heights, so that the surface may have any size.
@@ -207,6 +216,6 @@ def _moment(maker: SelfAffine, power: float) -> float:
         tail = np.log(maker.zeta / maker.eta)
     else:
         tail = (maker.zeta ** (decay + 1) - maker.eta ** (decay + 1)) / (decay + 1)
-    found = plateau + maker.eta ** (2 + 2 * maker.hurst) * tail
+    moment = plateau + maker.eta ** (2 + 2 * maker.hurst) * tail
     # a spectrum of one wavenumber
-    return float(found) if found > 0 else 1.0
+    return float(moment) if moment > 0 else 1.0

@@ -10,8 +10,15 @@ from pydantic import model_validator
 
 from chemage import Length, Scatter, Seed, Surface, SurfaceMaker
 from chemage.foundation.memory import require
-from chemage_surfaces._options import Pixels, provenance
-from chemage_surfaces._references import JOHNSON
+from chemage_surfaces._maps import Pixels, provenance
+
+_JOHNSON = """@book{johnson1985,
+  author = {Johnson, K. L.},
+  title = {Contact Mechanics},
+  publisher = {Cambridge University Press},
+  year = {1985},
+  doi = {10.1017/CBO9781139171731},
+}"""
 
 
 class Sphere(SurfaceMaker):
@@ -27,7 +34,7 @@ class Sphere(SurfaceMaker):
 
     kind = "sphere"
     cite: ClassVar[tuple[str, ...]] = ("K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",)
-    bibtex: ClassVar[tuple[str, ...]] = (JOHNSON,)
+    bibtex: ClassVar[tuple[str, ...]] = (_JOHNSON,)
 
     radius: Length
     """radius of curvature R, nm"""

@@ -79,9 +79,9 @@ class Topography(Reader):
             with warnings.catch_warnings(action="ignore"), library.open_topography(name) as file:
                 channel = self._channel(file, name)
                 sizes = channel.physical_sizes
-                known = {} if sizes is not None else {"physical_sizes": tuple(float(n) for n in channel.nb_grid_pts)}
-                found = channel.topography(**known)
-                heights = np.ma.filled(np.ma.asarray(found.heights(), dtype=np.float64), np.nan)
+                grid = {} if sizes is not None else {"physical_sizes": tuple(float(n) for n in channel.nb_grid_pts)}
+                topography = channel.topography(**grid)
+                heights = np.ma.filled(np.ma.asarray(topography.heights(), dtype=np.float64), np.nan)
                 kind, label = str(file.format()), str(channel.channel_id)
             if (kind in UNMARKED and Path(name).suffix.lower() != f".{kind}") or not heights.size:
                 raise ValueError("nothing in it says so")
@@ -90,7 +90,7 @@ class Topography(Reader):
         except Exception as error:  # each format has errors of its own
             reason = "" if "Detect" in type(error).__name__ else f" ({shortened(' '.join(str(error).split()), 200)})"
             raise StoreError(f"{name} is in no format that SurfaceTopography reads, or is damaged{reason}") from None
-        unit = _in_nm(found.unit, name) if self.unit is None else self.unit
+        unit = _in_nm(topography.unit, name) if self.unit is None else self.unit
         sides = None
         if self.pixel_size is not None:
             sides = (self.pixel_size, self.pixel_size)
@@ -100,12 +100,13 @@ class Topography(Reader):
         heights = np.ascontiguousarray(heights)
         heights.setflags(write=False)
         notes = {"format": kind, "channel": label}
-        return HeightMap(heights, unit, sides, bool(found.is_periodic), source=name, notes=notes)
+        return HeightMap(heights, unit, sides, bool(topography.is_periodic), source=name, notes=notes)
 
     def _channel(self, file: Any, name: str) -> Any:
         """The channel to read, which holds heights on a grid."""
-        maps = {str(one.channel_id): one for one in file.channels if one.is_height_channel and one.dim == 2}
-        others = [str(one.channel_id) for one in file.channels if str(one.channel_id) not in maps]
+        channels = {str(channel.channel_id): channel for channel in file.channels}
+        maps = {name: channel for name, channel in channels.items() if channel.is_height_channel and channel.dim == 2}
+        others = [name for name in channels if name not in maps]
         listed = f"channels of heights: {', '.join(maps) or 'none'}; others: {', '.join(others) or 'none'}"
         if self.channel is None:
             default = file.default_channel

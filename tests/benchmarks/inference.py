@@ -232,9 +232,10 @@ def peaks(kept: Kept, first: int, cases: int) -> None:
 
 def _oracle(found: ca.Inference, forming: ca.Barriers) -> float:
     """Least distance to the truth of non-negative densities of least χ² + λ ∫ p''², λ chosen by the truth."""
-    from chemage.inference.estimate import smooth_fit
+    from chemage.inference.energies import EnergyGrid
     from chemage.inference.forward import Contacts, make_condition
-    from chemage.inference.kernel import EnergyGrid
+    from chemage.inference.problem import Linear
+    from chemage.inference.rounds import smooth_fit
 
     energies, step = found.energies, float(found.energies[1] - found.energies[0])
     grid = EnergyGrid(float(energies[0]), step, energies.size)
@@ -244,7 +245,8 @@ def _oracle(found: ca.Inference, forming: ca.Barriers) -> float:
     matrix = condition.without_neighbours()
     fine = (np.arange(40) + 0.5) / 40 - 0.5
     truth = forming.density(energies[:, None] + step * fine).mean(axis=1)
-    fits = [smooth_fit(grid, matrix, found.values, found.errors, weight)[0] for weight in np.geomspace(1e-3, 1e-12, 28)]
+    data = Linear(grid, matrix, np.zeros(found.values.size), found.values, found.errors)
+    fits = [smooth_fit(data, weight)[0] for weight in np.geomspace(1e-3, 1e-12, 28)]
     return float(min((np.abs(fit - truth) * step)[found.visible].sum() for fit in fits))
 
 

@@ -13,9 +13,9 @@ import numpy as np
 
 import chemage as ca
 from chemage.foundation.units import KB
+from chemage.inference.energies import energy_grid
 from chemage.inference.forward import make_condition
-from chemage.inference.kernel import energy_grid
-from chemage.inference.prior import Prior
+from chemage.inference.problem import Prior
 
 SLOPES, VOLUMES = (0.05, 0.1, 0.2), (6.4e-3, 0.0)
 TIMES = np.geomspace(10, 1e4, 13)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
+from chemage.inference.energies import EnergyGrid, bonded_probability, energy_grid
 from chemage.inference.forward import check_scene, largest_lowering, make_condition
-from chemage.inference.kernel import EnergyGrid, bonded_probability, energy_grid
 
 TIMES = np.logspace(-3, 5, 9)
 

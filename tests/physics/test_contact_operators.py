@@ -11,12 +11,11 @@ from scipy.integrate import dblquad
 
 from chemage import Surface
 from chemage_contact import FFTBEM, _kernels, _operators
-from chemage_contact._convolution import Convolution
+from chemage_contact._convolution import Convolution, Split, _axis, suits
+from chemage_contact._grid import resampled
 from chemage_contact._iteration import projected
 from chemage_contact._kernels import Blocks, Heights
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer
-from chemage_contact._resampling import resampled
-from chemage_contact._split import Split, _axis, suits
 from chemage_contact._team import Active, Team
 from chemage_surfaces import SelfAffine
 

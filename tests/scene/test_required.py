@@ -145,7 +145,7 @@ def test_a_run_of_a_tip_imports_no_boundary_elements_and_no_figures(tmp_path):
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
     loaded = done.stdout.split()
     assert "chemage_contact.hertz" in loaded
-    for name in ("matplotlib", "chemage_contact.fft_bem", "chemage_contact._transforms", "xarray"):
+    for name in ("matplotlib", "chemage_contact.fft_bem", "chemage_contact._convolution", "xarray"):
         assert name not in loaded
 
 

@@ -112,7 +112,7 @@ def results_of(scene, folder, threads, options):
 @pytest.mark.parametrize("options", [{}, {"precision": "single"}, {"precision": "double"}, {"boundary": "free"}])
 @pytest.mark.parametrize("pixels", [128, 130, 63])
 def test_the_contact_calls_no_kernel_that_warm_up_leaves_out(monkeypatch, pixels, options):
-    from chemage_contact import _warm_up
+    from chemage_contact import _iteration
     from chemage_contact._team import Team
 
     solver = ca.contact("fft-bem", modulus=35.3, **options)
@@ -124,14 +124,14 @@ def test_the_contact_calls_no_kernel_that_warm_up_leaves_out(monkeypatch, pixels
         return kernel.__name__, tuple(str(numba.typeof(value)) for value in args)
 
     ahead, used = set(), set()
-    body_calls = _warm_up._calls
+    body_calls = _iteration._calls
 
     def recorded(*args):
         for kernel, given in body_calls(*args):
             ahead.add(signature(kernel, (0, 0, *given)))
             yield kernel, given
 
-    monkeypatch.setattr(_warm_up, "_calls", recorded)
+    monkeypatch.setattr(_iteration, "_calls", recorded)
     solver.warm_up(maker.expected(), 100.0)
     real = Team.run
 

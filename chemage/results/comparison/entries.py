@@ -21,7 +21,7 @@ from chemage.foundation.approximations import in_words
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.text import with_article
-from chemage.inference.inference import Inference
+from chemage.inference.result import Inference
 from chemage.lattices.chemistry import SITE_DENSITY, Chemistry
 from chemage.results.ensemble_text import over
 from chemage.results.figures import plain

@@ -1,4 +1,4 @@
-"""Normally distributed barriers, with or without bounds."""
+"""Distributions of barriers in closed form: uniform, and normal with or without bounds."""
 
 from __future__ import annotations
 
@@ -108,3 +108,28 @@ class Gaussian(Barriers):
             a, b = -b, -a
         near, far = float(special.log_ndtr(b)), float(special.log_ndtr(a))
         return near + math.log(-math.expm1(far - near))
+
+
+class Uniform(Barriers):
+    """Constant density between ``lower`` and ``upper``."""
+
+    kind = "uniform"
+
+    lower: Energy
+    """lowest barrier, eV"""
+    upper: Energy
+    """highest barrier, eV"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not self.upper > self.lower:
+            raise ValueError(f"upper = {self.upper:g} eV: not above lower = {self.lower:g} eV; swap or widen them")
+        return self
+
+    def quantile(self, uniform: np.ndarray) -> np.ndarray:
+        u = np.asarray(uniform, dtype=np.float64)
+        return np.clip(self.lower * (1.0 - u) + self.upper * u, self.lower, self.upper)
+
+    def density(self, energy: np.ndarray) -> np.ndarray:
+        e = np.asarray(energy, dtype=np.float64)
+        return np.where((e >= self.lower) & (e <= self.upper), 1.0 / (self.upper - self.lower), 0.0)

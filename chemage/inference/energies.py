@@ -77,8 +77,8 @@ class EnergyGrid:
         # a little of everything, so that the sum ascends
         total = total + np.arange(total.size) * 1e-15
         share = max(1.0, float(total[-1]))
-        found = np.interp(uniform * share, total, self.fine + self.fine_step / 2)
-        return np.where(uniform * share > total[-1], beyond, found)
+        inside = np.interp(uniform * share, total, self.fine + self.fine_step / 2)
+        return np.where(uniform * share > total[-1], beyond, inside)
 
 
 def energy_grid(chemistry: Chemistry, temperatures: np.ndarray, times: np.ndarray, lowering: float) -> EnergyGrid:
@@ -111,11 +111,11 @@ def bonded_probability(chemistry: Chemistry, temperature: float, times: np.ndarr
     ranks = (np.arange(RANKS) + 0.5) / RANKS
     barriers = chemistry.breaking.quantile(ranks)
     breaking, counts = np.unique(chemistry.rates(barriers, temperature), return_counts=True)
-    found = np.zeros((times.size, forming.size))
+    bonded = np.zeros((times.size, forming.size))
     for rate, count in zip(breaking, counts, strict=True):
         sites = TwoState(forming, rate)
-        found += count / RANKS * sites.equilibrium * sites.relaxed(times[:, None])
-    return found
+        bonded += count / RANKS * sites.equilibrium * sites.relaxed(times[:, None])
+    return bonded
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,1 +1,0 @@
-"""Materials with silanol groups at their surface."""

@@ -1,1 +1,0 @@
-"""Installed scenes of silica contacts."""
