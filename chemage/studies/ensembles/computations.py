@@ -1,31 +1,40 @@
-"""The ways in which a scene can be computed on one surface, from coarse to as it is written, and what each costs."""
+"""The ways in which a scene can be computed on one surface, from coarse to as it is written: what each costs, as
+estimated or as a map of speed against accuracy has measured it, and its errors."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import statistics
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import Aging
+from chemage.ageing.members import BARRIERS
 from chemage.contacts.theories import ContactTheory
-from chemage.foundation.approximations import merged
-from chemage.foundation.codec import from_json
-from chemage.foundation.errors import InputError
 from chemage.foundation.memory import capacity
 from chemage.scene import estimate
 from chemage.scene.run import run
-from chemage.scene.scene import Scene
+from chemage.scene.scene import Scene, parse_scene
+from chemage.scene.scene_files import override
 from chemage.scene.variants import coarser
+from chemage.studies.ensembles.quantities import Quantities, Sample
 from chemage.studies.runner import PROGRAM
 from chemage.studies.tasks import Outcome
+from chemage.studies.trade.choices import GRID
+from chemage.studies.trade.trade_map import LIMIT, Point, TradeMap
 
 #: factors by which the pixels of the contact are made larger, the largest first
 COARSER = (4, 2)
 #: a coarser grid is used where it costs at most this part of the scene's own
 PAYS = 0.6
+#: other settings are used where they are expected to cost at most this part of what those of the scene do
+MAP_PAYS = 0.9
+#: a budget is divided among so many processors at least, s of CPU time per s
+_ONE = 1.0
+#: how the error of the barriers is known
+HOW = "measured here on one surface: {}"
 #: a control is used where it costs at most this part of the cheapest computation
 CONTROL_PAYS = 0.5
 #: replicas of a sample whose contact takes all the time
@@ -175,46 +184,155 @@ def replicas_of_difference(fine: Computation, coarse: Computation) -> int:
     return max(1, min(MOST_REPLICAS, round(math.sqrt(REPLICA_SHARE * contacts / max(kinetics, 1e-9)))))
 
 
+# -- settings from a map of speed against accuracy ---------------------------------------------------------------------
+
+
 @dataclass(frozen=True)
-class Sample:
-    """What one computation on one surface gives."""
+class Wanted:
+    """What the settings are chosen for: quantities with their accuracy, or one quantity in a time."""
 
-    #: nN, (replicas, m); (0, 0) without ageing
-    friction_drop: np.ndarray
-    #: measures of the contact
-    measures: Mapping[str, float]
-    #: plugins that answered or changed a stage: name -> source
-    plugins: Mapping[str, str] = field(default_factory=dict)
-    #: as in :mod:`chemage.foundation.approximations`
-    approximate: Sequence[Mapping[str, Any]] = ()
-
-    @classmethod
-    def of(cls, outcome: Outcome) -> Sample:
-        """The sample that a task gave.
-
-        Raises
-        ------
-        InputError
-            The friction is not finite.
-        """
-        if outcome.run is not None:
-            contact, aging = outcome.run.contact, outcome.run.aging
-            measures, plugins = contact.summary(), outcome.run.plugins
-            approximate = merged(contact.approximate, aging.approximate if aging is not None else ())
-        else:
-            assert outcome.content is not None
-            content = outcome.content
-            aging = from_json(Aging, content["aging"]) if content["aging"] else None
-            measures, plugins = content["summary"], content["plugins"]
-            approximate = content.get("approximate", ()) if aging is None else aging.approximate
-        numbers = {name: float(value) for name, value in measures.items() if _is_number(value)}
-        if aging is None:
-            return cls(np.zeros((1, 0)), numbers, plugins, approximate)
-        drop = np.asarray(aging.friction_drop, dtype=np.float64)
-        if not np.isfinite(drop).all():
-            raise InputError("friction_drop: has numbers that are not finite; see `chemage run` of one surface")
-        return cls(drop, numbers, plugins, approximate)
+    #: (column, relative half width) of each goal; 0: as accurate as the time allows
+    goals: Sequence[tuple[int, float]]
+    #: CPU seconds; inf: as long as it takes
+    budget: float = math.inf
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+def mapped_computations(found: TradeMap, scene: Scene, quantities: Quantities, wanted: Wanted) -> list[Computation]:
+    """The settings of the map with which ``scene`` is expected to reach what is ``wanted`` at the least cost, and those
+    of the scene itself last; only these where no other pay."""
+    base, own = bare(scene), found.own
+    if own is None:
+        return []
+    whole = _mapped(base, own, found, quantities, errors=False)
+    names = _names(quantities)
+    least, chosen = MAP_PAYS * _price(own, own, found, names, wanted), None
+    for point in found.points:
+        if point.own or point.reference:
+            continue
+        price = _price(point, own, found, names, wanted)
+        if price < least:
+            least, chosen = price, point
+    if chosen is None:
+        return [whole]
+    changed = parse_scene(override(base.todict(), chosen.changes))
+    # what the material gave is written out in the data
+    changed = changed.model_copy(update={"material": base.material, "from_material": base.from_material})
+    return [_mapped(changed, chosen, found, quantities), whole]
+
+
+def _mapped(scene: Scene, point: Point, found: TradeMap, quantities: Quantities, errors: bool = True) -> Computation:
+    ageing = statistics.median(point.ageing_seconds)
+    known = scene.surface.expected().get("pixel_size", 0.0)
+    own = found.scene.get("surface", {}).get("pixel_size", known)
+    factor = round(known / own) if isinstance(own, int | float) and own > 0 and known else 1
+    return replace(
+        estimated(scene, factor),
+        contact_seconds=statistics.median(point.contact_seconds),
+        replica_seconds=ageing / found.replicas if point.replicates and found.replicas else ageing,
+        settings="" if point.own else point.words,
+        errors=_errors(point, quantities) if errors else None,
+        grid_only=set(point.choices) <= {GRID},
+        timed=True,
+    )
+
+
+def _names(quantities: Quantities) -> list[str]:
+    """The name of every column in a map."""
+    curve = [f"friction_drop@{time:g} s" for time in quantities.hold_times.tolist()]
+    return [*(["beta"] if quantities.has_beta else []), *curve, *quantities.measures]
+
+
+def _errors(point: Point, quantities: Quantities) -> np.ndarray:
+    """(quantities,) relative standard errors of the settings; nan where they were not measured."""
+    names = _names(quantities)
+    if point.exact:
+        return np.zeros(len(names))
+    return np.array([point.deviation(name).size for name in names])
+
+
+def _price(point: Point, own: Point, found: TradeMap, names: list[str], wanted: Wanted) -> float:
+    """CPU seconds until every goal is reached, with or without corrections; with a budget alone, the relative half
+    width that it allows."""
+    return max(_price_of(point, own, found, names[column], accuracy, wanted) for column, accuracy in wanted.goals)
+
+
+def _price_of(point: Point, own: Point, found: TradeMap, name: str, accuracy: float, wanted: Wanted) -> float:
+    seconds, whole = _of_one(point, found), _of_one(own, found)
+    surfaces = found.surface_scatter.get(name, 0.0) if found.random else 0.0
+    variance = surfaces**2 + point.scatter.get(name, 0.0) ** 2
+    same = point.own or point.exact
+    size = 0.0 if same else point.deviation(name).size
+    if math.isnan(size) or math.isnan(variance):
+        return math.inf
+    one = point.deviation(name)
+    # on random surfaces of the mean over the replicas of a round, as a correction has several replicas
+    change = 0.0 if same else one.stderr**2 * (found.rounds if found.random else one.freedom + 1)
+    corrected = (math.sqrt(variance * seconds) + math.sqrt(change * (seconds + whole))) ** 2
+    if accuracy == 0:
+        time = wanted.budget if math.isfinite(wanted.budget) else _ONE
+        return LIMIT * min(math.sqrt(variance * seconds / time + size**2), math.sqrt(corrected / time))
+    left = (accuracy / LIMIT) ** 2 - size**2
+    plain = seconds * variance / left if left > 0 else math.inf
+    return min(plain, corrected * (LIMIT / accuracy) ** 2)
+
+
+def _of_one(point: Point, found: TradeMap) -> float:
+    """CPU seconds of one surface with one replica."""
+    ageing = statistics.median(point.ageing_seconds)
+    if point.replicates and found.replicas:
+        ageing /= found.replicas
+    return statistics.median(point.contact_seconds) + ageing
+
+
+def own_error(found: TradeMap, quantities: Quantities) -> str:
+    """How far the scene's own settings are from the reference of the map, in words; "" where it is not known."""
+    names = _names(quantities)
+    if found.own is None or not names:
+        return ""
+    one = found.own.deviation(names[0])
+    if math.isnan(one.half_width):
+        return ""
+    text = f"{100 * one.value:.2g} ± {100 * one.half_width:.2g} %"
+    return (
+        f"with the settings of the scene {names[0].replace('_', ' ')} differs from that of the most accurate ones by "
+        f"{text}, as measured for the map"
+    )
+
+
+# -- the error of the barriers -----------------------------------------------------------------------------------------
+
+
+def barriers_error(
+    computation: Computation,
+    seeds: tuple[int, int],
+    quantities: Quantities,
+    threads: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[np.ndarray, str]:
+    """(quantities,) relative standard errors that the forming barriers make, and how they are known; zeros and "" where
+    their distribution has no members.
+
+    The error is relative and the same for all surfaces, so that one of them, with ``seeds`` of surface and hold, is
+    enough; more surfaces do not make it smaller.
+    """
+    found, scene = np.zeros(quantities.count), computation.scene
+    if scene.chemistry is None or scene.hold is None or not scene.ages or not scene.chemistry.forming.members(1):
+        return found, ""
+    hold = scene.hold.model_copy(update={"seed": seeds[1]})
+    scene = scene.model_copy(update={"surface_seed": seeds[0], "hold": hold})
+
+    def report(stage: str, done: int, total: int, note: str = "") -> None:
+        if stage == BARRIERS and progress is not None and total:
+            progress(done, total)
+
+    aging = run(scene, threads=threads, warn=False, progress=report).aging
+    assert aging is not None
+    assert aging.member_ratios is not None
+    drops = aging.member_ratios * aging.mean_friction_drop
+    first = int(quantities.has_beta)
+    found[first : first + quantities.hold_times.size] = aging.errors[BARRIERS]
+    if quantities.has_beta:
+        own = float(quantities.slope(aging.mean_friction_drop[None])[0])
+        slopes = quantities.slope(drops)
+        found[0] = slopes.std(ddof=1) / abs(own) if own else np.nan
+    return found, HOW.format(aging.error_sources[BARRIERS])

@@ -20,9 +20,16 @@ from chemage.scene import asked
 from chemage.scene.estimate import cost
 from chemage.scene.scene import Scene
 from chemage.scene.variants import is_random
-from chemage.studies.ensembles import measured, stages
+from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.allocation import limit
-from chemage.studies.ensembles.computations import DIFFERENCE, Computation, computations, replicas_of_difference
+from chemage.studies.ensembles.computations import (
+    DIFFERENCE,
+    Computation,
+    Wanted,
+    computations,
+    mapped_computations,
+    replicas_of_difference,
+)
 from chemage.studies.ensembles.quantities import Quantities
 from chemage.studies.trade.trade_map import TradeMap
 
@@ -111,8 +118,8 @@ class Request:
         if self.map is not None:
             goals = [(goal.column, goal.accuracy) for goal in self.goals] or [(0, 0.0)]
             budget = math.inf if self.budget is None else self.budget * available()
-            wanted = measured.Wanted(goals, budget)
-            if chosen := measured.computations(self.map, self.scene, self.quantities, wanted):
+            wanted = Wanted(goals, budget)
+            if chosen := mapped_computations(self.map, self.scene, self.quantities, wanted):
                 return chosen
         found = computations(self.scene)
         if not self.random or self.surfaces is not None:

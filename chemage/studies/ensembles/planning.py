@@ -16,9 +16,9 @@ from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.allocation import limit
 from chemage.studies.ensembles.computations import PROGRAM, Computation, fitting, replicas_of_difference, sketched
-from chemage.studies.ensembles.foreseen import Foreseen, Scatters, foreseen, is_about_zero, scatters
 from chemage.studies.ensembles.goals import Request
 from chemage.studies.ensembles.running import Sampler, needing
+from chemage.studies.ensembles.trials import Foreseen, Scatters, foreseen, is_about_zero, scatters
 
 
 @dataclass(frozen=True)

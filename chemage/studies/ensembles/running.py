@@ -7,7 +7,6 @@ import time
 import warnings
 from collections.abc import Generator, Mapping
 from concurrent.futures import Executor
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,6 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.progress import Report
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
-from chemage.foundation.threads import restored as threads_restored
 from chemage.foundation.warned import PlanWarning
 from chemage.scene.doubts import doubts
 from chemage.scene.estimate import cost
@@ -27,23 +25,25 @@ from chemage.scene.limits import check_limits, in_hours
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene, parse_scene
 from chemage.scene.scene_files import load_scene
-from chemage.studies.by_hand import for_workers, registered_classes
-from chemage.studies.design import PATIENCE, Part, carry_out
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.allocation import MOST
-from chemage.studies.ensembles.barriers import barriers_error
-from chemage.studies.ensembles.computations import Computation, fitting, replicas_of_difference, sketched
+from chemage.studies.ensembles.computations import (
+    Computation,
+    barriers_error,
+    fitting,
+    own_error,
+    replicas_of_difference,
+    sketched,
+)
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.goals import Goal, Request, with_request
-from chemage.studies.ensembles.measured import own_error
-from chemage.studies.ensembles.quantities import Quantities
-from chemage.studies.ensembles.sampling import Control, Difference, Parts, Samples, Single, Store, Taken, within
-from chemage.studies.executors.clusters import seconds
-from chemage.studies.executors.opening import open_pool
-from chemage.studies.runner import Runner
+from chemage.studies.ensembles.quantities import Quantities, Sample
+from chemage.studies.ensembles.sampling import Control, Difference, Parts, Samples, Single, Taken, within
 from chemage.studies.selection import Selection
+from chemage.studies.study import Archive, Part, Study
 from chemage.studies.tasks import Outcome, Task
 from chemage.studies.trade.trade_map import TradeMap
+from chemage.studies.workers import registered_classes
 
 #: seconds between two intervals that are shown
 PERIOD = 0.25
@@ -162,7 +162,10 @@ class Sampler:
             for doubt in doubts(scene, known) if warn else ():
                 if doubt.kind != "long":  # how long an ensemble takes is another question
                     warnings.warn(doubt.text, PlanWarning, stacklevel=3)
-            self.store = Store(None if samples is None else Path(samples), scene)
+            self.archive = Archive(samples, scene)
+        if samples is not None and any(Path(samples).glob("*.samples")):
+            text = "samples of chemage 0.2 (*.samples) are not used; they are computed again, and may be removed"
+            warnings.warn(f"{samples}: {text}", UserWarning, stacklevel=3)
         self.scene = scene
         self._executor, self._workers, self._threads, self._patience = executor, workers, threads, patience
         self._part = None if points is None else self._part_of(points)
@@ -191,15 +194,15 @@ class Sampler:
             It cannot be fulfilled.
         """
         self._progress = progress or _silent
-        known = for_workers(self._executor, registered_classes(self.scene.components()))
-        with ExitStack() as stack:
-            stack.enter_context(threads_restored())
-            stack.callback(self.store.close, shared=self._part is not None)
-            pool = stack.enter_context(open_pool(*self._where(), self._patience))
+        classes = registered_classes(self.scene.components())
+        with Study(*self._where(), self._patience, classes=classes) as study:
             try:
-                carry_out(self, Runner(pool, self.store.place, known), self._part)
+                study.carry_out(self, self.archive.place, self._part)
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(self._so_far()) from None
+            finally:
+                if self._part is None:
+                    self.archive.tidy()
             return self.ensemble()
 
     def _part_of(self, points: str) -> Part:
@@ -208,10 +211,9 @@ class Sampler:
             raise InputError.of("points", points, "a mean is no sweep", "give a share, such as 3/16 or auto")
         if self.request.budget is not None:
             raise InputError.of("points", points, "a wall time cannot be shared", "ask for an accuracy")
-        if self.store.place is None:
+        if self.archive.place is None:
             raise InputError.of("points", points, "shares meet in the folder of the samples", "name it: samples=...")
-        patience = PATIENCE if self._patience is None else seconds(self._patience)
-        return Part(*share, self.store.place.folder, patience)
+        return Part.of(share, self.archive.place.folder, self._patience)
 
     @property
     def writes(self) -> bool:
@@ -227,7 +229,7 @@ class Sampler:
             return self._executor, threads, 1
         return "serial", None, threads
 
-    # -- as a design, see :class:`chemage.studies.design.Design` ------------------------------------------------------
+    # -- as a design, see :class:`chemage.studies.study.Design` ------------------------------------------------------
 
     def ask(self) -> list[Task]:
         """The tasks of the samples that are needed now.
@@ -262,7 +264,7 @@ class Sampler:
     def tell(self, task: Task, outcome: Outcome) -> None:
         """Receive a sample."""
         part, _ = self._waiting[task.key]
-        part.receive(task.number, self.store.sample(task, outcome))
+        part.receive(task.number, Sample.of(self.archive.received(task, outcome)))
 
     def ensemble(self) -> Ensemble:
         """The result, when nothing more is asked."""
@@ -322,7 +324,7 @@ class Sampler:
             computation,
             level=level,
             varied=self.request.random,
-            store=self.store,
+            archive=self.archive,
             taken=taken or self._taken,
         )
 
@@ -436,8 +438,8 @@ class Sampler:
         route = self._aimed[0].route if self._aimed is not None else self._routes[0]
         counts = " and ".join(str(len(_of(level).so_far())) for level in route.levels)
         kept = ""
-        if self.store.path is not None:
-            kept = f", kept in {self.store.path}; the same command takes them up and goes on"
+        if self.archive.path is not None:
+            kept = f", kept in {self.archive.path}; the same command takes them up and goes on"
         return f"so far {self._interval() or 'too few for an interval,'} from {counts} samples{kept}"
 
     def _explained(self, error: stages.Unreachable) -> str:

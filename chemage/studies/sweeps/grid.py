@@ -30,8 +30,8 @@ from chemage.scene.limits import check_limits
 from chemage.scene.materials import SECTIONS as FILLED
 from chemage.scene.scene import REQUIRED, SECTIONS, Scene, parse_scene
 from chemage.scene.scene_files import override
-from chemage.studies.by_hand import Known, registered_classes
 from chemage.studies.tasks import Task
+from chemage.studies.workers import registered_classes
 
 
 @dataclass(frozen=True)
@@ -242,9 +242,8 @@ class Survey:
     units: dict[str, str] = field(default_factory=dict)
     #: plugins that implement hooks of the stages: name -> source
     hooks: dict[str, str] = field(default_factory=dict)
-    #: classes of components that are registered by hand, and what workers must know of them
+    #: classes of components that are registered by hand
     classes: set[type] = field(default_factory=set)
-    known: Known = ()
     #: whether every point is a mean over surfaces
     means: bool = False
     digest: str = ""

@@ -10,8 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager, ExitStack
-from functools import partial
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,6 @@ from chemage.foundation.errors import (
     StoreError,
 )
 from chemage.foundation.memory import readable
-from chemage.foundation.threads import restored as threads_restored
 from chemage.foundation.units import in_words
 from chemage.foundation.version import __version__
 from chemage.foundation.warned import PlanWarning
@@ -32,23 +30,17 @@ from chemage.plugins.settings import completed
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 from chemage.scene.scene_files import located, override, scene_data
-from chemage.studies.by_hand import for_workers
-from chemage.studies.design import PATIENCE, Part, carry_out
-from chemage.studies.executors.clusters import seconds
-from chemage.studies.executors.opening import open_pool
-from chemage.studies.executors.pool import Pool
 from chemage.studies.folder import FORMAT, Folder, SweepWarning
 from chemage.studies.manifest import refuse_links
 from chemage.studies.runner import Runner
 from chemage.studies.selection import Selection
-from chemage.studies.sweeps.freshness import Outdated, outdated
+from chemage.studies.study import Part, Study
 from chemage.studies.sweeps.grid import Grid, Survey, check_base, survey
-from chemage.studies.sweeps.means import SAMPLES, Means
-from chemage.studies.sweeps.points import Points
+from chemage.studies.sweeps.outdated import Outdated, outdated
+from chemage.studies.sweeps.points import SAMPLES, Means, Points
 from chemage.studies.sweeps.progress import Report, SweepProgress, reporting
 from chemage.studies.sweeps.result import SweepResult
 from chemage.studies.sweeps.shares import PLACE, agree, points_of
-from chemage.studies.tasks import forget
 
 #: sweeps of more points need confirmation before they are validated
 MANY_POINTS = 100_000
@@ -300,7 +292,7 @@ def sweep(
         :func:`chemage.ensemble`; in place of ``[accuracy]`` of the scene.
     executor, workers, threads, patience
         Where to compute, the number of concurrent points, the threads of each, and how long to wait where no worker of
-        Dask runs, or for other shares; see :func:`chemage.studies.executors.opening.open_pool`. Default: ``serial``,
+        Dask runs, or for other shares; see :func:`chemage.studies.executors.open_pool`. Default: ``serial``,
         and for means ``threads``. Results do not depend on them.
     changes
         Dotted path -> value: changes to the scene before it is swept.
@@ -340,51 +332,27 @@ def sweep(
     confirmed = (lambda text: True) if confirm is True else (confirm or None)
     with ExitStack() as stack:
         report = stack.enter_context(reporting(progress))
-        stack.enter_context(threads_restored())  # tasks that run in this process set their own
         found = survey_of(read_grid(scene, changes, axes), progress=report, confirm=confirmed)
         executor = executor or ("threads" if found.means else "serial")
-        found.known = for_workers(executor, found.classes)
+        study = stack.enter_context(Study(executor, workers, threads, patience, classes=found.classes))
         folder = Folder(Path(out).absolute())
         _check_folder(folder, found, force)
         _check_room(found, folder.path, confirmed)
-        pool = partial(open_pool, executor, workers, threads, patience)
-        _compute(stack, folder, found, selection, force, pool, partial(_watched, report, begin), patience)
+        stale = Outdated() if force else _outdated(folder, found, whole=selection is None)
+        part = None
+        if found.means and selection is not None and selection.share is not None:
+            part = Part.of(selection.share, Folder(folder.path / SAMPLES), patience)
+        # raises before anything is written if the workers cannot be started
+        if force or stale or _design(folder, found, _chosen(selection, folder, found)).left:
+            study.open()
+        design = _begin(stack, folder, found, selection, stale, force)
+        design.warn_of_damage()
+        study.carry_out(design, design.place, part, _watched(report, begin, design))
+        if selection is None:
+            SweepResult(folder.path).write_tables()
+            for name in (".parts", f"{SAMPLES}/.parts", PLACE):
+                shutil.rmtree(folder.path / name, ignore_errors=True)
     return SweepResult(folder.path)
-
-
-def _compute(
-    stack: ExitStack,
-    folder: Folder,
-    found: Survey,
-    selection: Selection | None,
-    force: bool,
-    pool: Callable[[], AbstractContextManager[Pool]],
-    watch: Callable[[Points], Callable[[Runner], None] | None],
-    patience: float | str | None,
-) -> None:
-    """Compute what is missing in the folder, with a pool that is opened only if something is, and write the tables of
-    a whole sweep."""
-    stale = Outdated() if force else _outdated(folder, found, whole=selection is None)
-    chosen = None if selection is None else _chosen(selection, folder, found)
-    part = None
-    if found.means and selection is not None and selection.share is not None:
-        part = Part(
-            *selection.share, Folder(folder.path / SAMPLES), PATIENCE if patience is None else seconds(patience)
-        )
-    opened = None
-    # raises before anything is written if the workers cannot be started
-    if force or stale or _design(folder, found, chosen).left:
-        opened = stack.enter_context(pool())
-    points = _begin(stack, folder, found, selection, stale, force)
-    points.warn_of_damage()
-    stack.callback(forget, points.place.path)
-    if points.left:
-        runner = Runner(opened or stack.enter_context(pool()), points.place, found.known, watch(points))
-        carry_out(points, runner, part)
-    if selection is None:
-        SweepResult(folder.path).write_tables()
-        for name in (".parts", f"{SAMPLES}/.parts", PLACE):
-            shutil.rmtree(folder.path / name, ignore_errors=True)
 
 
 def _begin(
@@ -411,8 +379,10 @@ def _design(folder: Folder, found: Survey, chosen: Sequence[int] | None = None) 
     return Means(folder, found, chosen) if found.means else Points(folder, found, chosen)
 
 
-def _chosen(selection: Selection, folder: Folder, found: Survey) -> Sequence[int]:
+def _chosen(selection: Selection | None, folder: Folder, found: Survey) -> Sequence[int] | None:
     """The points that this process computes; of means all, of which each share computes a part of the samples."""
+    if selection is None:
+        return None
     if found.means and selection.share is not None:
         return range(len(found.keys))
     return points_of(selection, folder, found)

@@ -17,10 +17,9 @@ from chemage.foundation.messages import nearest
 from chemage.foundation.statistics import crossed_half_width, student_limit
 from chemage.foundation.text import plus_minus
 from chemage.foundation.units import convert
-from chemage.studies.sweeps.dimensions import Dimension, is_seed, last_part
 from chemage.studies.sweeps.grid import Axis, shown
 from chemage.studies.sweeps.result import SweepResult
-from chemage.studies.sweeps.table import Table, value_of
+from chemage.studies.sweeps.table import Dimension, Table, is_seed, last_part, value_of
 
 #: the axis along a curve
 HOLD_TIME = "hold_time"

@@ -16,20 +16,19 @@ from chemage.foundation.errors import DamagedError, InputError, StoreError
 from chemage.foundation.files import fresh_file
 from chemage.foundation.processor import processor
 from chemage.foundation.seals import from_sealed_json, to_sealed_json
-from chemage.foundation.statistics import student_limit
+from chemage.foundation.statistics import NORMAL_LIMIT, student_limit
 from chemage.foundation.text import jsonable, percent, power_text
 from chemage.foundation.threads import processors
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 from chemage.scene.variants import question
 from chemage.studies.trade.choices import pasted
+from chemage.studies.trade.timing import DISTRIBUTION
 
 #: the accuracies for which the cheapest settings are named
 WITHIN = (0.1, 0.03, 0.01, 0.003)
 #: observables of the ageing; all others are of the contact alone
 BETA, DROP = "beta", "friction_drop"
-#: distance of the distribution of pressure from that of the reference over the mean pressure
-DISTRIBUTION = "pressure_distribution"
 #: measures of the contact that are shown
 SHOWN_MEASURES = ("corrected_area", DISTRIBUTION, "patches", "perimeter_to_area")
 #: observable -> what it is, in words
@@ -41,7 +40,7 @@ WORDS = {
     "perimeter_to_area": "perimeter over area",
 }
 #: standard errors on either side that hold the truth in 95 % of cases
-LIMIT = 1.96
+LIMIT = NORMAL_LIMIT
 #: replicas that are thought of
 MOST_REPLICAS = 100_000
 FORMAT = 1
@@ -302,6 +301,17 @@ class TradeMap:
             texts.append(one.text(wider))
             wider = []
         return texts
+
+    def summary(self) -> dict[str, Any]:
+        """One JSON-able object: the map, and the cheapest settings within each of the accuracies."""
+        cheapest = [self.cheapest(name, within).todict() for name in self.observables for within in WITHIN]
+        return {
+            "scene": self.name,
+            "notes": self.notes,
+            "map": self.todict(),
+            "cheapest": cheapest,
+            "sentences": self.sentences(),
+        }
 
     def todict(self) -> dict[str, Any]:
         """One JSON-able object."""

@@ -19,10 +19,10 @@ from chemage import Aging, ContactSolution, InputError, SceneError, StoreError, 
 from chemage.foundation.codec import from_json, from_npz, to_json, to_npz
 from chemage.scene.estimate import REPLICA_SECONDS
 from chemage.scene.schema import scene_schema
-from chemage.studies.sweeps.dimensions import short_names
 from chemage.studies.sweeps.grid import Grid, order_of
 from chemage.studies.sweeps.progress import SweepProgress
 from chemage.studies.sweeps.running import SweepWarning, read_grid, survey_of
+from chemage.studies.sweeps.table import short_names
 
 AXES = """
 [sweep]
