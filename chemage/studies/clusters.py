@@ -231,8 +231,8 @@ class Cluster(BaseModel):
         data = _configuration(path)
         for name in data:
             if name not in cls.model_fields:
-                known = list(cls.model_fields)
-                raise InputError(f"{path}: {name}: no such entry{nearest(name, known)}; known: {', '.join(known)}")
+                entries = list(cls.model_fields)
+                raise InputError(f"{path}: {name}: no such entry{nearest(name, entries)}; known: {', '.join(entries)}")
         if ("address" in data) == ("cluster" in data):
             raise InputError(f'{path}: give either address = "tcp://..." or cluster = "package.Class"')
         if "patience" in data:

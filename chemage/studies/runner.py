@@ -66,8 +66,8 @@ class Runner:
         self._running: dict[Future[Answer], Piece] = {}
         self._suspects: deque[Piece] = deque()
         self._clock = _Clock()
-        there = capacity() if pool.here else None
-        self._memory = math.inf if there is None else there - PROGRAM
+        memory = capacity() if pool.here else None
+        self._memory = math.inf if memory is None else memory - PROGRAM
 
     @property
     def _whole(self) -> Folder | None:

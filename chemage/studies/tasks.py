@@ -212,7 +212,7 @@ def compute(
     thread_budget.limit(threads)
     learn(known)
     worker = Worker(place, threads, remote)
-    outcomes = {one.key: worker.outcome(one) for one in tasks}
+    outcomes = {task.key: worker.outcome(task) for task in tasks}
     return Answer(time.perf_counter() - begin, outcomes)
 
 
@@ -292,12 +292,12 @@ class Worker:
         return Outcome(error=_sendable(error) if self._remote else error, stage=self.stage)
 
 
-def _fitted_again(made: Run, scene: Scene) -> Run:
+def _fitted_again(before: Run, scene: Scene) -> Run:
     """The run of a scene that differs from that of ``made`` in its fit and in the limits of its material only."""
-    made = replace(made, scene=scene.todict(), keys=run_keys(scene, made.contact, made.aging))
-    if made.aging is not None and scene.chemistry is not None:
-        made = replace(made, aging=compared_again(made.aging, made.contact, scene.chemistry))
-    return made
+    before = replace(before, scene=scene.todict(), keys=run_keys(scene, before.contact, before.aging))
+    if before.aging is not None and scene.chemistry is not None:
+        before = replace(before, aging=compared_again(before.aging, before.contact, scene.chemistry))
+    return before
 
 
 def _sendable(error: BaseException) -> BaseException:
@@ -312,18 +312,18 @@ def _sendable(error: BaseException) -> BaseException:
 # -- what a folder has of a task --------------------------------------------------------------------------------------
 
 
-def content_of(made: Run, number: int, changes: Mapping[str, Any]) -> dict[str, Any]:
+def content_of(run: Run, number: int, changes: Mapping[str, Any]) -> dict[str, Any]:
     """The content of the file of a task that is done."""
     content = {
         "status": "done",
         "point": number,
         "changes": dict(changes),
-        "plugins": made.plugins,
-        "summary": made.summary(),
-        "aging": to_json(made.aging) if made.aging is not None else None,
+        "plugins": run.plugins,
+        "summary": run.summary(),
+        "aging": to_json(run.aging) if run.aging is not None else None,
     }
-    if made.aging is None and made.contact.approximate:  # the ageing has it otherwise
-        content["approximate"] = list(made.contact.approximate)
+    if run.aging is None and run.contact.approximate:  # the ageing has it otherwise
+        content["approximate"] = list(run.contact.approximate)
     return content
 
 

@@ -90,15 +90,15 @@ def half_width(spreads: list[Spread], counts: list[int], known: np.ndarray, conf
     """
     parts = [spread.variance / count for spread, count in zip(spreads, counts, strict=True)]
     total = sum(parts) + known**2
-    found = np.full(total.shape, np.nan)
+    half = np.full(total.shape, np.nan)
     for k, variance in enumerate(total):
         if variance > 0:
             below = sum(
                 float(part[k]) ** 2 / spread.freedom for part, spread in zip(parts, spreads, strict=True) if part[k] > 0
             )
             freedom = float(variance) ** 2 / below if below > 0 else math.inf
-            found[k] = limit(freedom, confidence) * math.sqrt(variance)
-    return found
+            half[k] = limit(freedom, confidence) * math.sqrt(variance)
+    return half
 
 
 def limit(freedom: float, confidence: float = 0.95) -> float:
@@ -124,9 +124,9 @@ def allocated(
     for k, half in enumerate(wanted):
         if not math.isfinite(half):
             continue
-        one = [Spread(spread.variance[k : k + 1], spread.freedom) for spread in spreads]
-        found = _of_one(one, costs, done, known[k : k + 1], float(half), confidence)
-        counts = [max(pair) for pair in zip(counts, found, strict=True)]
+        column = [Spread(spread.variance[k : k + 1], spread.freedom) for spread in spreads]
+        needed = _of_one(column, costs, done, known[k : k + 1], float(half), confidence)
+        counts = [max(pair) for pair in zip(counts, needed, strict=True)]
     return counts
 
 
@@ -156,11 +156,11 @@ def _optimal(variances: list[float], costs: list[float], done: list[int], goal: 
         if left <= 0:  # what is held is too much: let everything grow
             free, left = [k for k, variance in enumerate(variances) if variance > 0], goal
         share = sum(math.sqrt(variances[k] * costs[k]) for k in free)
-        found = {k: math.sqrt(variances[k] / costs[k]) * share / left for k in free}
-        short = [k for k in free if found[k] < done[k]]
+        best = {k: math.sqrt(variances[k] / costs[k]) * share / left for k in free}
+        short = [k for k in free if best[k] < done[k]]
         if not short or len(short) == len(free):
             for k in free:
-                counts[k] = max(found[k], done[k])
+                counts[k] = max(best[k], done[k])
             break
         free = [k for k in free if k not in short]
     return [min(MOST, math.ceil(count - 1e-9)) for count in counts]

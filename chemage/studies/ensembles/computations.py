@@ -80,8 +80,10 @@ class Computation:
     @property
     def words(self) -> str:
         """What is computed on a surface, in words."""
-        known = self.scene.surface.expected()
-        words = f"{known['nx']:.0f} x {known['ny']:.0f} pixels" if {"nx", "ny"} <= known.keys() else "the surface"
+        expected = self.scene.surface.expected()
+        words = (
+            f"{expected['nx']:.0f} x {expected['ny']:.0f} pixels" if {"nx", "ny"} <= expected.keys() else "the surface"
+        )
         if self.scene.ages:
             words += f", {self.replicas} replica{'s' if self.replicas > 1 else ''}"
         return words if self.grid_only else f"{words} ({self.settings})"
@@ -124,14 +126,14 @@ def computations(scene: Scene) -> list[Computation]:
     """
     base = bare(scene)
     own = estimated(base, 1)
-    found = [own]
+    ways = [own]
     for factor in reversed(COARSER):
         coarse = coarser(base, factor)
         if coarse is not None:
-            one = estimated(coarse, factor)
-            if one.seconds <= PAYS * found[-1].seconds:
-                found.append(one)
-    return found[::-1]
+            way = estimated(coarse, factor)
+            if way.seconds <= PAYS * ways[-1].seconds:
+                ways.append(way)
+    return ways[::-1]
 
 
 def bare(scene: Scene) -> Scene:
@@ -149,19 +151,19 @@ def sketched(cheapest: Computation) -> Computation | None:
     maker = None if isinstance(scene.contact, ContactTheory) else scene.surface.sketch()
     if maker is None:
         return None
-    made = estimated(scene.model_copy(update={"surface": maker, "hold": None}), cheapest.factor)
-    return made if made.seconds <= CONTROL_PAYS * cheapest.seconds else None
+    sketch = estimated(scene.model_copy(update={"surface": maker, "hold": None}), cheapest.factor)
+    return sketch if sketch.seconds <= CONTROL_PAYS * cheapest.seconds else None
 
 
 def estimated(scene: Scene, factor: int) -> Computation:
     """The computation of ``scene``, whose pixels are ``factor`` times larger, with estimated costs."""
-    known = estimate.cost(scene, here=False)
-    contact, replica = known.contact_cpu_seconds, known.kinetics_cpu_seconds
-    if known.kinetics_range is not None:
-        replica = math.sqrt(known.kinetics_range[0] * known.kinetics_range[1])
-    pixels = max(known.pixels, 1.0)
+    costs = estimate.cost(scene, here=False)
+    contact, replica = costs.contact_cpu_seconds, costs.kinetics_cpu_seconds
+    if costs.kinetics_range is not None:
+        replica = math.sqrt(costs.kinetics_range[0] * costs.kinetics_range[1])
+    pixels = max(costs.pixels, 1.0)
     # what no component says is taken as so much per pixel; only the allocation depends on it
-    parts = known.contact_bytes, known.replica_bytes if scene.ages else 0.0
+    parts = costs.contact_bytes, costs.replica_bytes if scene.ages else 0.0
     size = None if parts[0] is None or parts[1] is None else max(parts[0], parts[1])
     return Computation(scene, factor, 1e-6 * pixels if contact is None else contact, replica or 1e-3, size)
 
@@ -197,19 +199,19 @@ class Wanted:
     budget: float = math.inf
 
 
-def mapped_computations(found: TradeMap, scene: Scene, quantities: Quantities, wanted: Wanted) -> list[Computation]:
+def mapped_computations(map: TradeMap, scene: Scene, quantities: Quantities, wanted: Wanted) -> list[Computation]:
     """The settings of the map with which ``scene`` is expected to reach what is ``wanted`` at the least cost, and those
     of the scene itself last; only these where no other pay."""
-    base, own = bare(scene), found.own
+    base, own = bare(scene), map.own
     if own is None:
         return []
-    whole = _mapped(base, own, found, quantities, errors=False)
+    whole = _mapped(base, own, map, quantities, errors=False)
     names = _names(quantities)
-    least, chosen = MAP_PAYS * _price(own, own, found, names, wanted), None
-    for point in found.points:
+    least, chosen = MAP_PAYS * _price(own, own, map, names, wanted), None
+    for point in map.points:
         if point.own or point.reference:
             continue
-        price = _price(point, own, found, names, wanted)
+        price = _price(point, own, map, names, wanted)
         if price < least:
             least, chosen = price, point
     if chosen is None:
@@ -217,18 +219,18 @@ def mapped_computations(found: TradeMap, scene: Scene, quantities: Quantities, w
     changed = parse_scene(override(base.todict(), chosen.changes))
     # what the material gave is written out in the data
     changed = changed.model_copy(update={"material": base.material, "from_material": base.from_material})
-    return [_mapped(changed, chosen, found, quantities), whole]
+    return [_mapped(changed, chosen, map, quantities), whole]
 
 
-def _mapped(scene: Scene, point: Point, found: TradeMap, quantities: Quantities, errors: bool = True) -> Computation:
+def _mapped(scene: Scene, point: Point, map: TradeMap, quantities: Quantities, errors: bool = True) -> Computation:
     ageing = statistics.median(point.ageing_seconds)
-    known = scene.surface.expected().get("pixel_size", 0.0)
-    own = found.scene.get("surface", {}).get("pixel_size", known)
-    factor = round(known / own) if isinstance(own, int | float) and own > 0 and known else 1
+    pixel = scene.surface.expected().get("pixel_size", 0.0)
+    own = map.scene.get("surface", {}).get("pixel_size", pixel)
+    factor = round(pixel / own) if isinstance(own, int | float) and own > 0 and pixel else 1
     return replace(
         estimated(scene, factor),
         contact_seconds=statistics.median(point.contact_seconds),
-        replica_seconds=ageing / found.replicas if point.replicates and found.replicas else ageing,
+        replica_seconds=ageing / map.replicas if point.replicates and map.replicas else ageing,
         settings="" if point.own else point.words,
         errors=_errors(point, quantities) if errors else None,
         grid_only=set(point.choices) <= {GRID},
@@ -250,23 +252,23 @@ def _errors(point: Point, quantities: Quantities) -> np.ndarray:
     return np.array([point.deviation(name).size for name in names])
 
 
-def _price(point: Point, own: Point, found: TradeMap, names: list[str], wanted: Wanted) -> float:
+def _price(point: Point, own: Point, map: TradeMap, names: list[str], wanted: Wanted) -> float:
     """CPU seconds until every goal is reached, with or without corrections; with a budget alone, the relative half
     width that it allows."""
-    return max(_price_of(point, own, found, names[column], accuracy, wanted) for column, accuracy in wanted.goals)
+    return max(_price_of(point, own, map, names[column], accuracy, wanted) for column, accuracy in wanted.goals)
 
 
-def _price_of(point: Point, own: Point, found: TradeMap, name: str, accuracy: float, wanted: Wanted) -> float:
-    seconds, whole = _of_one(point, found), _of_one(own, found)
-    surfaces = found.surface_scatter.get(name, 0.0) if found.random else 0.0
+def _price_of(point: Point, own: Point, map: TradeMap, name: str, accuracy: float, wanted: Wanted) -> float:
+    seconds, whole = _of_one(point, map), _of_one(own, map)
+    surfaces = map.surface_scatter.get(name, 0.0) if map.random else 0.0
     variance = surfaces**2 + point.scatter.get(name, 0.0) ** 2
     same = point.own or point.exact
     size = 0.0 if same else point.deviation(name).size
     if math.isnan(size) or math.isnan(variance):
         return math.inf
-    one = point.deviation(name)
+    deviation = point.deviation(name)
     # on random surfaces of the mean over the replicas of a round, as a correction has several replicas
-    change = 0.0 if same else one.stderr**2 * (found.rounds if found.random else one.freedom + 1)
+    change = 0.0 if same else deviation.stderr**2 * (map.rounds if map.random else deviation.freedom + 1)
     corrected = (math.sqrt(variance * seconds) + math.sqrt(change * (seconds + whole))) ** 2
     if accuracy == 0:
         time = wanted.budget if math.isfinite(wanted.budget) else _ONE
@@ -276,23 +278,23 @@ def _price_of(point: Point, own: Point, found: TradeMap, name: str, accuracy: fl
     return min(plain, corrected * (LIMIT / accuracy) ** 2)
 
 
-def _of_one(point: Point, found: TradeMap) -> float:
+def _of_one(point: Point, map: TradeMap) -> float:
     """CPU seconds of one surface with one replica."""
     ageing = statistics.median(point.ageing_seconds)
-    if point.replicates and found.replicas:
-        ageing /= found.replicas
+    if point.replicates and map.replicas:
+        ageing /= map.replicas
     return statistics.median(point.contact_seconds) + ageing
 
 
-def own_error(found: TradeMap, quantities: Quantities) -> str:
+def own_error(map: TradeMap, quantities: Quantities) -> str:
     """How far the scene's own settings are from the reference of the map, in words; "" where it is not known."""
     names = _names(quantities)
-    if found.own is None or not names:
+    if map.own is None or not names:
         return ""
-    one = found.own.deviation(names[0])
-    if math.isnan(one.half_width):
+    deviation = map.own.deviation(names[0])
+    if math.isnan(deviation.half_width):
         return ""
-    text = f"{100 * one.value:.2g} ± {100 * one.half_width:.2g} %"
+    text = f"{100 * deviation.value:.2g} ± {100 * deviation.half_width:.2g} %"
     return (
         f"with the settings of the scene {names[0].replace('_', ' ')} differs from that of the most accurate ones by "
         f"{text}, as measured for the map"
@@ -315,9 +317,9 @@ def barriers_error(
     The error is relative and the same for all surfaces, so that one of them, with ``seeds`` of surface and hold, is
     enough; more surfaces do not make it smaller.
     """
-    found, scene = np.zeros(quantities.count), computation.scene
+    errors, scene = np.zeros(quantities.count), computation.scene
     if scene.chemistry is None or scene.hold is None or not scene.ages or not scene.chemistry.forming.members(1):
-        return found, ""
+        return errors, ""
     hold = scene.hold.model_copy(update={"seed": seeds[1]})
     scene = scene.model_copy(update={"surface_seed": seeds[0], "hold": hold})
 
@@ -330,9 +332,9 @@ def barriers_error(
     assert aging.member_ratios is not None
     drops = aging.member_ratios * aging.mean_friction_drop
     first = int(quantities.has_beta)
-    found[first : first + quantities.hold_times.size] = aging.errors[BARRIERS]
+    errors[first : first + quantities.hold_times.size] = aging.errors[BARRIERS]
     if quantities.has_beta:
         own = float(quantities.slope(aging.mean_friction_drop[None])[0])
         slopes = quantities.slope(drops)
-        found[0] = slopes.std(ddof=1) / abs(own) if own else np.nan
-    return found, HOW.format(aging.error_sources[BARRIERS])
+        errors[0] = slopes.std(ddof=1) / abs(own) if own else np.nan
+    return errors, HOW.format(aging.error_sources[BARRIERS])

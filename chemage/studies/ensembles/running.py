@@ -112,11 +112,11 @@ def ensemble(
     if not isinstance(scene, Scene):
         scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
     request: dict[str, Any] = {"surfaces": surfaces, "accuracy": accuracy, "budget": budget, "most": most}
-    given = measured if isinstance(measured, TradeMap) else None
-    made = with_request(scene.completed(), **request, map=None if isinstance(measured, TradeMap) else measured)
+    map = measured if isinstance(measured, TradeMap) else None
+    asked = with_request(scene.completed(), **request, map=None if isinstance(measured, TradeMap) else measured)
     where: dict[str, Any] = {"executor": executor, "workers": workers, "threads": threads, "patience": patience}
     where["points"] = points
-    return Sampler(made, samples=samples, measured=given, **where).run(progress)
+    return Sampler(asked, samples=samples, measured=map, **where).run(progress)
 
 
 def needing(names: str, count: int, seconds: float, asked: Request, so_far: str = "") -> str:
@@ -157,9 +157,9 @@ class Sampler:
     ) -> None:
         with scene.in_use():
             self.request = Request.of(scene, measured)
-            known = cost(scene)
-            check_limits(scene, known)
-            for doubt in doubts(scene, known) if warn else ():
+            costs = cost(scene)
+            check_limits(scene, costs)
+            for doubt in doubts(scene, costs) if warn else ():
                 if doubt.kind != "long":  # how long an ensemble takes is another question
                     warnings.warn(doubt.text, PlanWarning, stacklevel=3)
             self.archive = Archive(samples, scene)
@@ -301,16 +301,16 @@ class Sampler:
 
     def possible_routes(self) -> list[stages.Route]:
         """Ways to the answer, the one without corrections first."""
-        found = self.request.computations()
+        ways = self.request.computations()
         base = np.hypot(self._approximation(), self._barriers)
-        coarse, fine = found[0], found[-1]
+        coarse, fine = ways[0], ways[-1]
         single = Single(self._samples(coarse, 0), self._quantities)
         sketch = sketched(coarse) if self.request.random and self.request.surfaces is None else None
         control = None if sketch is None else Control(self._samples(sketch, 0, self._sketched))
-        if len(found) == 1 or (coarse.errors is not None and not coarse.errors.any()):
+        if len(ways) == 1 or (coarse.errors is not None and not coarse.errors.any()):
             return [stages.Route("own grid", (single,), lambda mean: base, control)]
         replicas = replicas_of_difference(fine, coarse)
-        level = [self._samples(one.with_replicas(replicas), 1) for one in (fine, coarse)]
+        level = [self._samples(way.with_replicas(replicas), 1) for way in (fine, coarse)]
         difference = Difference(level[0], level[1], self._quantities)
         corrected = stages.Route("corrected", (single, difference), lambda mean: base, control)
 
@@ -364,15 +364,15 @@ class Sampler:
             total += errors**2
         return np.sqrt(total)
 
-    def _columns(self, known: Mapping[str, float]) -> np.ndarray:
+    def _columns(self, errors: Mapping[str, float]) -> np.ndarray:
         """Errors by name as one number for each quantity; nan where nothing is known."""
-        found = np.full(self._quantities.count, np.nan)
+        columns = np.full(self._quantities.count, np.nan)
         first = int(self._quantities.has_beta)
-        if first and "beta" in known:
-            found[0] = known["beta"]
-        if "friction_drop" in known:
-            found[first : first + self._quantities.hold_times.size] = known["friction_drop"]
-        return found
+        if first and "beta" in errors:
+            columns[0] = errors["beta"]
+        if "friction_drop" in errors:
+            columns[first : first + self._quantities.hold_times.size] = errors["friction_drop"]
+        return columns
 
     # -- progress and messages ----------------------------------------------------------------------------------------
 
@@ -411,16 +411,16 @@ class Sampler:
         route = self._aimed[0].route if self._aimed is not None else self._routes[0]
         levels = self._aimed[0].sampled if self._aimed is not None else []
         looks = 0 if self.request.surfaces is not None else stages.LOOKS
-        found = [
+        sampled = [
             stages.Sampled(level, _of(level).so_far(), looks=looks)
-            for level in ([one.level for one in levels] or route.levels)
+            for level in ([sampled.level for sampled in levels] or route.levels)
         ]
-        if min(one.count for one in found) < 2:
+        if min(part.count for part in sampled) < 2:
             return ""
-        if len(found) > len(route.levels):  # a sample may be there before its control
-            pairs = min(found[0].count, found[-1].count)
-            found[0].values = found[0].values[:pairs]
-        state = stages.State(route, found, np.zeros(self._quantities.count, dtype=bool))
+        if len(sampled) > len(route.levels):  # a sample may be there before its control
+            pairs = min(sampled[0].count, sampled[-1].count)
+            sampled[0].values = sampled[0].values[:pairs]
+        state = stages.State(route, sampled, np.zeros(self._quantities.count, dtype=bool))
         return self._in_words(state.mean, state.half_width())
 
     def _in_words(self, mean: np.ndarray, half: np.ndarray) -> str:
@@ -463,7 +463,9 @@ class Sampler:
                 "ask for a wider interval"
             )
         scale = _of(state.sampled[0].level).parts[0].computation.scale
-        seconds = scale * sum(count * one.level.cost for count, one in zip(error.needed, state.sampled, strict=True))
+        seconds = scale * sum(
+            count * sampled.level.cost for count, sampled in zip(error.needed, state.sampled, strict=True)
+        )
         return needing(names, max(error.needed), seconds, asked, f" ({so_far})")
 
     # -- the result ---------------------------------------------------------------------------------------------------
@@ -471,27 +473,27 @@ class Sampler:
     def _made(self, state: stages.State, stopped: str) -> Ensemble:
         interval = self._in_words(state.mean, state.half_width())
         names = [SAMPLING, *[CORRECTING] * (len(state.route.levels) - 1), *[SKETCHING] * state.controlled]
-        for name, one in zip(names, state.sampled, strict=True):
-            self._progress(name, one.count, one.count, interval)
+        for name, sampled in zip(names, state.sampled, strict=True):
+            self._progress(name, sampled.count, sampled.count, interval)
         levels, rows, inside = [], {}, None
-        for number, one in enumerate(state.sampled):
-            parts = _of(one.level).parts
-            levels.append(self._described(one, parts))
-            rows[str(number)] = np.array(one.values)
+        for number, sampled in enumerate(state.sampled):
+            parts = _of(sampled.level).parts
+            levels.append(self._described(sampled, parts))
+            rows[str(number)] = np.array(sampled.values)
             if names[number] == SKETCHING:
                 levels[-1]["control"] = True
             else:
                 inside = within(parts, self._quantities) or inside
-        known, how = {}, {}
+        errors, how = {}, {}
         approximation = self._approximation()
         if not np.all(approximation == 0):
-            known["approximation"], how["approximation"] = approximation, "declared by the approximate parts"
+            errors["approximation"], how["approximation"] = approximation, "declared by the approximate parts"
         if self._barriers_how:
-            known[BARRIERS], how[BARRIERS] = self._barriers, self._barriers_how
+            errors[BARRIERS], how[BARRIERS] = self._barriers, self._barriers_how
         if state.route.name == "not corrected":
             part = _of(state.sampled[0].level).parts[0].computation
             name = "discretisation" if part.grid_only else "settings"
-            known[name] = self._coarsening(part, state.mean)
+            errors[name] = self._coarsening(part, state.mean)
             how[name] = f"measured before on other surfaces, pixels {part.factor} times larger"
             if part.errors is not None:
                 how[name] = f"measured for the map: {part.settings}"
@@ -503,7 +505,7 @@ class Sampler:
             levels=tuple(levels),
             rows=rows,
             within={} if inside is None else {"variance": inside[0]},
-            known=known,
+            known=errors,
             known_how=how,
             goals={goal.name: goal.accuracy for goal in self.request.goals},
             stopped=stopped,
@@ -520,9 +522,9 @@ class Sampler:
         return (*notes, text)
 
     def _provenance(self, state: stages.State) -> dict[str, Any]:
-        samples = [one for level in state.sampled for part in _of(level.level).parts for one in part.samples]
-        plugins = {name: source for one in samples for name, source in one.plugins.items()}
-        approximate = merged(*(one.approximate for one in samples))
+        samples = [sample for level in state.sampled for part in _of(level.level).parts for sample in part.samples]
+        plugins = {name: source for sample in samples for name, source in sample.plugins.items()}
+        approximate = merged(*(sample.approximate for sample in samples))
         return {
             "scene": self.scene.todict(),
             "versions": {**versions(self.scene), **plugins},
@@ -531,15 +533,15 @@ class Sampler:
             **({"approximate": approximate} if approximate else {}),
         }
 
-    def _described(self, one: stages.Sampled, parts: tuple[Samples, ...]) -> dict[str, Any]:
+    def _described(self, sampled: stages.Sampled, parts: tuple[Samples, ...]) -> dict[str, Any]:
         """A level as it is in the record."""
         return {
             "words": " minus ".join(part.computation.words for part in parts),
             "replicas": parts[0].computation.replicas,
-            "samples": one.count,
-            "cpu_seconds": one.level.cost,
-            "variance_of": one.frozen or one.count,
-            "freedom": one.freedom,
+            "samples": sampled.count,
+            "cpu_seconds": sampled.level.cost,
+            "variance_of": sampled.frozen or sampled.count,
+            "freedom": sampled.freedom,
             "random": self.request.random,
-            "seeds": [list(parts[0].seeds(k)) for k in range(min(one.count, 10))],
+            "seeds": [list(parts[0].seeds(k)) for k in range(min(sampled.count, 10))],
         }

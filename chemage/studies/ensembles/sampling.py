@@ -47,14 +47,14 @@ class Samples:
 
     def task(self, number: int) -> Task:
         """The task of a sample."""
-        one = self.computation
-        replicas = one.replicas if one.scene.ages else 0
+        computation = self.computation
+        replicas = computation.replicas if computation.scene.ages else 0
         return Task.of(
-            one.seeded(*self.seeds(number)),
+            computation.seeded(*self.seeds(number)),
             number=number,
-            contact_seconds=one.contact_seconds,
-            ageing_seconds=one.replica_seconds * replicas,
-            bytes=one.bytes or 0.0,
+            contact_seconds=computation.contact_seconds,
+            ageing_seconds=computation.replica_seconds * replicas,
+            bytes=computation.bytes or 0.0,
             members=False,
         )
 
@@ -121,7 +121,7 @@ class Control(Parts):
 
     def so_far(self) -> np.ndarray:
         """(samples, 1): what is there."""
-        return np.array([[one.measures["area_fraction"]] for one in self.parts[0].samples]).reshape(-1, 1)
+        return np.array([[sample.measures["area_fraction"]] for sample in self.parts[0].samples]).reshape(-1, 1)
 
 
 class Difference(Parts):

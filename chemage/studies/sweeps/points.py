@@ -36,18 +36,18 @@ class Points:
         Numbers of the points to compute; None for all of them.
     """
 
-    def __init__(self, folder: Folder, found: Survey, chosen: Sequence[int] | None = None) -> None:
-        self._folder, self._found = folder, found
+    def __init__(self, folder: Folder, survey: Survey, chosen: Sequence[int] | None = None) -> None:
+        self._folder, self._survey = folder, survey
         #: where the results of tasks are kept
-        self.place = Place(str(folder.path), found.digest)
-        self.points = range(len(found.keys)) if chosen is None else chosen
+        self.place = Place(str(folder.path), survey.digest)
+        self.points = range(len(survey.keys)) if chosen is None else chosen
         self._same: dict[str, list[int]] = {}
         for point in self.points:
-            self._same.setdefault(found.keys[point], []).append(point)
+            self._same.setdefault(survey.keys[point], []).append(point)
         states = {key: folder.state(key) for key in self._same}
         self._left = [key for key, state in states.items() if state != "done"]
         self._damaged = [folder.point(key) for key, state in states.items() if state == "damaged"]
-        self.contacts = len({found.contact_of[point] for point in self.points})
+        self.contacts = len({survey.contact_of[point] for point in self.points})
         self.done = sum(len(self._same[key]) for key, state in states.items() if state == "done")
         self.failed: dict[int, str] = {}
         #: samples that were taken, where points are means
@@ -61,7 +61,7 @@ class Points:
     def ask(self) -> list[Task]:
         """See :class:`chemage.studies.study.Design`."""
         left, self._left = self._left, []
-        return [self._found.task(self._same[key][0]) for key in left]
+        return [self._survey.task(self._same[key][0]) for key in left]
 
     def tell(self, task: Task, outcome: Outcome) -> None:
         """See :class:`chemage.studies.study.Design`."""
@@ -73,8 +73,8 @@ class Points:
 
     def warn_of_damage(self) -> None:
         """Name the damaged files, which are computed again."""
-        contacts = {self._found.contact_of[self._same[key][0]] for key in self._left}
-        paths = [self._folder.contact(self._found.contacts[number].key) for number in sorted(contacts)]
+        contacts = {self._survey.contact_of[self._same[key][0]] for key in self._left}
+        paths = [self._folder.contact(self._survey.contacts[number].key) for number in sorted(contacts)]
         damaged = self._damaged + [path for path in paths if path.exists() and not self._folder.has_contact(path.stem)]
         if damaged:
             names = [str(path.relative_to(self._folder.path)) for path in damaged[:5]]
@@ -83,20 +83,20 @@ class Points:
             warnings.warn(f"{self._folder.path}: {message}", SweepWarning, stacklevel=3)
 
 
-def expected_seconds(found: Survey) -> float | None:
+def expected_seconds(survey: Survey) -> float | None:
     """CPU time of all means, s, from the plans of some of them; None where one is not known before it begins."""
-    points = list(dict(zip(found.keys, range(len(found.keys)), strict=True)).values())
+    points = list(dict(zip(survey.keys, range(len(survey.keys)), strict=True)).values())
     some = points[:: math.ceil(len(points) / PLANNED)]
-    seconds = [plan(found.grid.scene(point)).cpu_seconds for point in some]
-    known = [one for one in seconds if one is not None]
-    return sum(known) * len(points) / len(some) if len(known) == len(some) else None
+    seconds = [plan(survey.grid.scene(point)).cpu_seconds for point in some]
+    finite = [estimate for estimate in seconds if estimate is not None]
+    return sum(finite) * len(points) / len(some) if len(finite) == len(some) else None
 
 
 class Means(Points):
     """The means of points that are left."""
 
-    def __init__(self, folder: Folder, found: Survey, chosen: Sequence[int] | None = None) -> None:
-        super().__init__(folder, found, chosen)
+    def __init__(self, folder: Folder, survey: Survey, chosen: Sequence[int] | None = None) -> None:
+        super().__init__(folder, survey, chosen)
         self.place = Place(str(folder.path / SAMPLES), contacts=False)
         self.samples = 0
         #: key of a point -> its mean
@@ -109,7 +109,7 @@ class Means(Points):
         for key in self._left:
             point = self._same[key][0]
             try:
-                self._means[key] = Sampler(self._found.grid.scene(point), samples=self.place.path, warn=False)
+                self._means[key] = Sampler(self._survey.grid.scene(point), samples=self.place.path, warn=False)
             except ChemageError as error:
                 self._end(key, error)
         self._left = []
@@ -142,7 +142,7 @@ class Means(Points):
     def _end(self, key: str, error: BaseException | None = None, stage: str = "mean") -> None:
         """Write the file of a point."""
         points = self._same[key]
-        changes = self._found.grid.changes(points[0])
+        changes = self._survey.grid.changes(points[0])
         mean = self._means.pop(key, None)
         if error is not None or mean is None:
             assert error is not None

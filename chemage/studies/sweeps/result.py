@@ -121,10 +121,10 @@ class Point:
             It is not in the folder, or it is damaged.
         """
         self._require_one()
-        found = self.result.store.read_contact(self.result.contact_key(self.index))
-        if found is None:
+        contact = self.result.store.read_contact(self.result.contact_key(self.index))
+        if contact is None:
             raise StoreError(f"the contact of point {self.index} is not in {self.result.folder}")
-        return found
+        return contact
 
     def _require_one(self) -> None:
         if self.result.means:
@@ -211,13 +211,16 @@ class SweepResult:
     @cached_property
     def written(self) -> dict[str, tuple[list[float], str]]:
         """Those of :attr:`swept` that were all written in one unit: dotted path -> numbers at the points, unit."""
-        found = {}
+        columns = {}
         for number, axis in enumerate(self.axes):
             for place, path in enumerate(axis.paths):
-                if self.units.get(path) and (one := in_one_unit([values[place] for values in axis.values])) is not None:
-                    at_points = [one[0][self.grid.positions(point)[number]] for point in range(len(self))]
-                    found[path] = at_points, one[1]
-        return found
+                if (
+                    self.units.get(path)
+                    and (common := in_one_unit([values[place] for values in axis.values])) is not None
+                ):
+                    at_points = [common[0][self.grid.positions(point)[number]] for point in range(len(self))]
+                    columns[path] = at_points, common[1]
+        return columns
 
     def contact_key(self, point: int) -> str:
         """Content hash of the contact of ``point``."""
@@ -256,11 +259,11 @@ class SweepResult:
 
     def states(self) -> list[str]:
         """The present state of each point: ``done``, ``failed``, ``missing`` or ``damaged``."""
-        known: dict[str, str] = {}
+        states: dict[str, str] = {}
         for key in self.keys:
-            if key not in known:
-                known[key] = self.store.state(key)
-        return [known[key] for key in self.keys]
+            if key not in states:
+                states[key] = self.store.state(key)
+        return [states[key] for key in self.keys]
 
     @property
     def failed(self) -> list[Point]:
@@ -309,16 +312,16 @@ class SweepResult:
             )
         names = self.folder / "results.csv", self.folder / "results.h5"
         table.write_csv(names[0])
-        made = self._manifest["versions"]
+        versions = self._manifest["versions"]
         table.write_hdf5(
             names[1],
             {
-                "chemage": made["chemage"],
+                "chemage": versions["chemage"],
                 "chemage_sweep": FORMAT,
                 "Conventions": "CF-1.8",
                 "sweep": json.dumps(self.grid.todict()),
                 "digest": self.digest,
-                "versions": json.dumps(made),
+                "versions": json.dumps(versions),
             },
         )
         return names
@@ -338,10 +341,10 @@ class SweepResult:
                 "axis": axis.name,
                 "rows": [
                     {"values": dict(zip(axis.paths, values, strict=True)), **row}
-                    for values, row in zip(axis.values, found, strict=True)
+                    for values, row in zip(axis.values, rows_of_axis, strict=True)
                 ],
             }
-            for axis, found in zip(self.axes, counts, strict=True)
+            for axis, rows_of_axis in zip(self.axes, counts, strict=True)
         ]
         contacts: list[str] = [] if self.means else self._manifest["contacts"]
         return {

@@ -92,10 +92,10 @@ def go_together(combination: Combination) -> bool:
 
 def choices(scene: Scene, notes: list[str]) -> list[Choice]:
     """Every choice that ``scene`` has besides its own values; what is not tried is noted in words."""
-    found = [*_options(scene, notes), *_grids(scene), *_solvers(scene, notes)]
+    every = [*_options(scene, notes), *_grids(scene), *_solvers(scene, notes)]
     if scene.ages:
-        found += [*_engines(scene, notes), *_methods(scene, notes)]
-    return found
+        every += [*_engines(scene, notes), *_methods(scene, notes)]
+    return every
 
 
 def _options(scene: Scene, notes: list[str]) -> Iterator[Choice]:
@@ -236,10 +236,10 @@ def _prepared(scene: Scene, method: Any) -> float:
     check_method(method, scene.chemistry, scene.engine, scene.rupture, ())
     if scene.site_grids:
         method.check_sites(scene.site_grids[1], None)
-    known = cost(scene)
+    costs = cost(scene)
     coupled = scene.chemistry.interaction is not None
-    replica = {"cpu_seconds": known.kinetics_cpu_seconds or 0.0}
-    seconds = call_with(method.expected, known.sites or 1.0, replica, 1, interacting=coupled)
+    replica = {"cpu_seconds": costs.kinetics_cpu_seconds or 0.0}
+    seconds = call_with(method.expected, costs.sites or 1.0, replica, 1, interacting=coupled)
     return max(0.0, seconds.get("cpu_seconds_most", 0.0) - seconds.get("cpu_seconds_least", 0.0))
 
 
@@ -258,7 +258,7 @@ def _replaced(component: Any, below: Sequence[str], change: Callable[[Any], Any]
     if isinstance(component, Mapping):
         return {**component, name: _replaced(component[name], rest, change)}
     if isinstance(component, list | tuple):
-        items = [_replaced(one, rest, change) if k == int(name) else one for k, one in enumerate(component)]
+        items = [_replaced(item, rest, change) if k == int(name) else item for k, item in enumerate(component)]
         return type(component)(items)
     return component.replace(**{name: _replaced(getattr(component, name), rest, change)})
 
@@ -300,22 +300,22 @@ def with_section(scene: Scene, section: str, component: Component) -> Scene:
 def changes(own: Scene, other: Scene) -> dict[str, Any]:
     """What has to be set in ``own`` for ``other``: dotted path -> plain value; a component of another kind as a
     whole."""
-    found: dict[str, Any] = {}
+    changed: dict[str, Any] = {}
     before, after = _plain(own), _plain(other)
     for name in {**before, **after}:
-        one, two = before.get(name), after.get(name)
-        if one == two:
+        old, new = before.get(name), after.get(name)
+        if old == new:
             continue
-        if isinstance(one, Mapping) and isinstance(two, Mapping) and one.get("kind") == two.get("kind"):
-            keys = {**one, **two}
-            found |= {f"{name}.{key}": two.get(key) for key in keys if one.get(key) != two.get(key)}
-        elif isinstance(two, Mapping) and name in _components(other):
-            besides = {"seed", "load"} & two.keys()
+        if isinstance(old, Mapping) and isinstance(new, Mapping) and old.get("kind") == new.get("kind"):
+            keys = {**old, **new}
+            changed |= {f"{name}.{key}": new.get(key) for key in keys if old.get(key) != new.get(key)}
+        elif isinstance(new, Mapping) and name in _components(other):
+            besides = {"seed", "load"} & new.keys()
             options = _components(other)[name].model_fields_set
-            found[name] = {key: value for key, value in two.items() if key in options | {"kind", *besides}}
+            changed[name] = {key: value for key, value in new.items() if key in options | {"kind", *besides}}
         else:
-            found[name] = [] if two is None and name == "observe" else two
-    return found
+            changed[name] = [] if new is None and name == "observe" else new
+    return changed
 
 
 def _plain(scene: Scene) -> dict[str, Any]:
@@ -338,8 +338,8 @@ def _toml(value: Any, *, top: bool = False) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Mapping):
-        inner = (f"{key} = {_toml(one)}" for key, one in value.items() if one is not None)
+        inner = (f"{key} = {_toml(item)}" for key, item in value.items() if item is not None)
         return "{" + ", ".join(inner) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml(one) for one in value) + "]"
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
     return repr(value)

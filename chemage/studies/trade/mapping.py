@@ -102,7 +102,7 @@ def tradeoff(
     with scene.in_use():
         archive = Archive(folder, scene, processor=True)
         design = Mapper(scene, rounds=rounds, report=report, archive=archive)
-        classes = registered_classes(one for scene in design.scenes() for one in scene.components())
+        classes = registered_classes(component for scene in design.scenes() for component in scene.components())
         with Study(executor, workers, 1, patience, classes=classes) as study:
             study.carry_out(design, archive.place)
         archive.tidy()
@@ -234,7 +234,7 @@ class Mapper:
                     raise error
             self._references.append(self._timings[reference[0][1].key])
             if number:
-                yield from self._measured(number, [one.combination for one in self.trials.values()])
+                yield from self._measured(number, [trial.combination for trial in self.trials.values()])
                 continue
             yield from self._measured(0, [(), *((choice,) for choice in self.choices)])
             if frozenset() not in self.trials:
@@ -247,7 +247,7 @@ class Mapper:
                     "left out"
                 )
             self.trials = promising
-        self.trials = {key: one for key, one in self.trials.items() if len(one.records) == self.rounds}
+        self.trials = {key: trial for key, trial in self.trials.items() if len(trial.records) == self.rounds}
 
     def _named(self, number: int, tasks: Sequence[tuple[str, Timed]]) -> list[tuple[str, Timed]]:
         where = "surface" if self.random else "repetition"
@@ -272,7 +272,7 @@ class Mapper:
         yield [(f"one replica: {words}", of(scene)) for words, scene in [("scene", self.scene), *scenes.items()]]
         first = self._timings.get(of(self.scene).key)
         own = seconds(self.scene) + (0.0 if first is None else first.contact_seconds)
-        for choice in [one for one in self.choices if one.words in scenes]:
+        for choice in [choice_alone for choice_alone in self.choices if choice_alone.words in scenes]:
             if (expected := seconds(scenes[choice.words])) > max(SLOWER * own, NOT_LONG):
                 self.notes.append(f"{choice.words}: left out: about {expected / own:.0f} times slower than the scene")
                 self.choices.remove(choice)
@@ -280,21 +280,21 @@ class Mapper:
     def _measured(self, number: int, combinations: Sequence[Combination]) -> Iterator[list[tuple[str, Timed]]]:
         """Compute combinations in a round, and the references of exact engines among them; record what they give."""
         scenes: dict[frozenset[tuple[str, str]], tuple[Combination, Scene]] = {}
-        for one in combinations:
+        for combination in combinations:
             try:
-                scenes[_key(one)] = one, applied(self.scene, one)
+                scenes[_key(combination)] = combination, applied(self.scene, combination)
             except ChemageError as error:
-                self._refused(one, error)
-        tasks = [(_words(one), self._task(scene, number)) for one, scene in scenes.values()]
-        tasks += [("reference", self._compared(*one, number)) for one in scenes.values()]
+                self._refused(combination, error)
+        tasks = [(_words(combination), self._task(scene, number)) for combination, scene in scenes.values()]
+        tasks += [("reference", self._compared(*combination, number)) for combination in scenes.values()]
         yield self._named(number, tasks)
-        for key, (one, scene) in scenes.items():
+        for key, (combination, scene) in scenes.items():
             task = self._task(scene, number)
             if (error := self._errors.get(task.key)) is not None:
-                self._refused(one, error)
+                self._refused(combination, error)
                 continue
-            trial = self.trials.setdefault(key, _Trial(one, scene))
-            reference = self._timings[self._compared(one, scene, number).key]
+            trial = self.trials.setdefault(key, _Trial(combination, scene))
+            reference = self._timings[self._compared(combination, scene, number).key]
             if len(trial.records) == number:
                 trial.records.append(self._record(self._timings[task.key], reference))
 
@@ -371,45 +371,45 @@ class Mapper:
 
     def _fronts(self, trials: list[_Trial], seconds: Callable[[_Trial], float]) -> list[_Trial]:
         """The trials on the front of at least one observable, in the first round."""
-        found: dict[int, _Trial] = {}
+        on_front: dict[int, _Trial] = {}
         for name in self.observables():
-            known = [one for one in trials if not math.isnan(self._error(one, name))]
-            for one in pareto(known, lambda one, name=name: (seconds(one), self._error(one, name))):
-                found[id(one)] = one
-        return list(found.values())
+            comparable = [trial for trial in trials if not math.isnan(self._error(trial, name))]
+            for trial in pareto(comparable, lambda trial, name=name: (seconds(trial), self._error(trial, name))):
+                on_front[id(trial)] = trial
+        return list(on_front.values())
 
     def _useful(self) -> dict[str, list[Choice]]:
         """What is chosen -> the values that make their stage cheaper, and are not beaten by another value."""
         own = self.trials[frozenset()].records[0]
-        found: dict[str, list[Choice]] = {}
+        useful: dict[str, list[Choice]] = {}
         for knob in dict.fromkeys(choice.knob for choice in self.choices):
-            singles = [one for one in self.trials.values() if len(one.combination) == 1]
-            singles = [one for one in singles if one.combination[0].knob == knob]
+            singles = [trial for trial in self.trials.values() if len(trial.combination) == 1]
+            singles = [trial for trial in singles if trial.combination[0].knob == knob]
             stage = "ageing_seconds" if singles and singles[0].combination[0].stage == "ageing" else "contact_seconds"
 
-            def seconds(one: _Trial, stage: str = stage) -> float:
-                return getattr(one.records[0], stage)
+            def seconds(trial: _Trial, stage: str = stage) -> float:
+                return getattr(trial.records[0], stage)
 
-            cheaper = [one for one in singles if seconds(one) <= CHEAPER * getattr(own, stage)]
+            cheaper = [trial for trial in singles if seconds(trial) <= CHEAPER * getattr(own, stage)]
             if knob == ENGINE:  # exact engines differ by their speed alone
-                exact = [one for one in cheaper if one.combination[0].exact]
-                cheaper = [one for one in cheaper if one not in exact] + sorted(exact, key=seconds)[:1]
+                exact = [trial for trial in cheaper if trial.combination[0].exact]
+                cheaper = [trial for trial in cheaper if trial not in exact] + sorted(exact, key=seconds)[:1]
             front = sorted(self._fronts(cheaper, seconds), key=seconds)
             if len(front) > MOST_VALUES:
                 front = [front[0], front[len(front) // 2], front[-1]]
-            found[knob] = [one.combination[0] for one in front]
-        return found
+            useful[knob] = [trial.combination[0] for trial in front]
+        return useful
 
     def _combinations(self) -> list[Combination]:
         """Combinations of useful values, the cheapest contacts first."""
         useful = [[None, *values] for values in self._useful().values() if values]
-        found: list[Combination] = []
+        tried: list[Combination] = []
         for chosen in itertools.product(*useful):
-            one = tuple(choice for choice in chosen if choice is not None)
-            if len(one) > 1 and go_together(one) and _is_scene(self.scene, one):
-                found.append(one)
-        found = sorted(found, key=self._presumed)[:MOST_TRIED]
-        return sorted(found, key=_contact_of)
+            combination = tuple(choice for choice in chosen if choice is not None)
+            if len(combination) > 1 and go_together(combination) and _is_scene(self.scene, combination):
+                tried.append(combination)
+        tried = sorted(tried, key=self._presumed)[:MOST_TRIED]
+        return sorted(tried, key=_contact_of)
 
     def _presumed(self, combination: Combination) -> float:
         """CPU seconds if every choice saves the same part as alone."""
@@ -424,30 +424,30 @@ class Mapper:
     def _promising(self) -> dict[Any, _Trial]:
         """Single choices, and the combinations that may be on a front."""
         everything = list(self.trials.values())
-        front = self._fronts(everything, lambda one: one.seconds)
-        contacts = [one for one in everything if _only_contact(one.combination)]
-        front += self._fronts(contacts, lambda one: one.records[0].contact_seconds)
-        combined = list({id(one): one for one in front if len(one.combination) > 1}.values())
-        combined = sorted(combined, key=lambda one: one.seconds)
+        front = self._fronts(everything, lambda trial: trial.seconds)
+        contacts = [trial for trial in everything if _only_contact(trial.combination)]
+        front += self._fronts(contacts, lambda trial: trial.records[0].contact_seconds)
+        combined = list({id(trial): trial for trial in front if len(trial.combination) > 1}.values())
+        combined = sorted(combined, key=lambda trial: trial.seconds)
         if len(combined) > MOST_KEPT:
             step = len(combined) / MOST_KEPT
             combined = [combined[int(k * step)] for k in range(MOST_KEPT)]
-        kept = {id(one) for one in combined}
-        return {key: one for key, one in self.trials.items() if len(one.combination) < 2 or id(one) in kept}
+        kept = {id(trial) for trial in combined}
+        return {key: trial for key, trial in self.trials.items() if len(trial.combination) < 2 or id(trial) in kept}
 
     # -- the map ------------------------------------------------------------------------------------------------------
 
     def map(self) -> TradeMap:
         """The map of what was measured."""
         own = self.trials[frozenset()]
-        means = {name: [one.values[name].mean() for one in own.records] for name in own.records[0].values}
+        means = {name: [record.values[name].mean() for record in own.records] for name in own.records[0].values}
         scatter = {}
         if self.random and self.rounds > 1:
             for name, values in means.items():
-                total, noise = np.var(values, ddof=1), np.mean([_noise(one.values[name]) for one in own.records])
+                total, noise = np.var(values, ddof=1), np.mean([_noise(record.values[name]) for record in own.records])
                 mean = abs(float(np.mean(values)))
                 scatter[name] = math.sqrt(max(float(total) - float(noise), 0.0)) / mean if mean else math.nan
-        found = TradeMap(
+        map = TradeMap(
             scene=self.scene.todict(),
             question=question(self.scene),
             versions=versions(self.scene),
@@ -457,31 +457,31 @@ class Mapper:
             replicas=self.scene.hold.replicas if self.scene.ages and self.scene.hold is not None else 0,
             observables=self.observables(),
             surface_scatter=scatter,
-            points=[self._point(one) for one in self.trials.values()],
+            points=[self._point(record) for record in self.trials.values()],
             notes=list(self.notes),
         )
-        return found.marked()
+        return map.marked()
 
     def _point(self, trial: _Trial) -> Point:
         records = trial.records
         differences, values, scatter = {}, {}, {}
         for name in records[0].differences:
-            reference = [one.values[name].mean() - one.differences[name].mean() for one in records]
+            reference = [record.values[name].mean() - record.differences[name].mean() for record in records]
             scale = abs(float(np.mean(reference))) if name != DISTRIBUTION else 1.0
-            mean, stderr, freedom = _mean_and_error([one.differences[name] for one in records], self.random)
+            mean, stderr, freedom = _mean_and_error([record.differences[name] for record in records], self.random)
             if stderr < 1e-13 * max(abs(mean), scale):  # equal but for rounding
                 stderr = 0.0
             differences[name] = (mean / scale, stderr / scale, freedom) if scale else (math.nan, math.nan, 0)
-            values[name] = float(np.mean([one.values[name].mean() for one in records]))
-            noise = float(np.mean([_noise(one.values[name]) * len(one.values[name]) for one in records]))
+            values[name] = float(np.mean([record.values[name].mean() for record in records]))
+            noise = float(np.mean([_noise(record.values[name]) * len(record.values[name]) for record in records]))
             if len(records[0].values[name]) > 1 and values[name]:
                 scatter[name] = math.sqrt(noise) / abs(values[name])
         method = trial.scene.ageing
         return Point(
             choices={choice.knob: choice.label for choice in trial.combination},
             changes=changes(self.scene, trial.scene),
-            contact_seconds=[one.contact_seconds for one in records],
-            ageing_seconds=[one.ageing_seconds for one in records],
+            contact_seconds=[record.contact_seconds for record in records],
+            ageing_seconds=[record.ageing_seconds for record in records],
             differences=differences,
             values=values,
             scatter=scatter,
@@ -494,8 +494,8 @@ class Mapper:
 
 
 def _rounds(scene: Scene) -> int:
-    known = cost(scene)
-    seconds = (known.contact_cpu_seconds or 0.0) + (known.kinetics_cpu_seconds or 0.0)
+    costs = cost(scene)
+    seconds = (costs.contact_cpu_seconds or 0.0) + (costs.kinetics_cpu_seconds or 0.0)
     return next(rounds for most, rounds in ROUNDS if seconds < most)
 
 
@@ -513,15 +513,15 @@ def _mean_and_error(rounds: list[np.ndarray], random: bool) -> tuple[float, floa
     Where rounds are surfaces, the error is that of the scatter between these. A few surfaces may by chance scatter less
     than their replicas do: the error is then that of the replicas.
     """
-    means = np.array([one.mean() for one in rounds])
+    means = np.array([differences.mean() for differences in rounds])
     if not random:
         means = np.concatenate(rounds)
     count = len(means)
     stderr = float(means.std(ddof=1)) / math.sqrt(count) if count > 1 else math.nan
     if random and min(map(len, rounds)) > 1:
-        within = math.sqrt(float(np.mean([_noise(one) for one in rounds])) / count)
+        within = math.sqrt(float(np.mean([_noise(differences) for differences in rounds])) / count)
         if not stderr >= within:
-            return float(means.mean()), within, sum(len(one) - 1 for one in rounds)
+            return float(means.mean()), within, sum(len(differences) - 1 for differences in rounds)
     return float(means.mean()), stderr, count - 1
 
 
@@ -562,12 +562,12 @@ def _drop_at(time: float) -> str:
 
 def _decades(times: np.ndarray) -> list[float]:
     """Of each decade, the hold time that is next to its beginning, where one is within a quarter of a decade."""
-    found: dict[int, float] = {}
-    for one in times[times > 0].tolist():
-        power = math.log10(one)
+    nearest: dict[int, float] = {}
+    for time in times[times > 0].tolist():
+        power = math.log10(time)
         whole = round(power)
         if abs(power - whole) < 0.25 and (
-            whole not in found or abs(power - whole) < abs(math.log10(found[whole]) - whole)
+            whole not in nearest or abs(power - whole) < abs(math.log10(nearest[whole]) - whole)
         ):
-            found[whole] = one
-    return [found[whole] for whole in sorted(found)]
+            nearest[whole] = time
+    return [nearest[whole] for whole in sorted(nearest)]
