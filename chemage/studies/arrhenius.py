@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Any, Literal, get_args
 
@@ -79,22 +79,9 @@ class ActivationEnergy:
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        return jsonable(
-            {
-                "level": self.level,
-                "temperatures": self.temperatures,
-                "times": self.times,
-                "log_time_errors": self.log_time_errors,
-                "log_time_half_widths": self.log_time_half_widths,
-                "energy": self.energy,
-                "energy_stderr": self.energy_stderr,
-                "energy_interval": [self.energy_interval.low, self.energy_interval.high],
-                "prefactor": self.prefactor,
-                "prefactor_interval": [self.prefactor_interval.low, self.prefactor_interval.high],
-                "rms_residual": self.rms_residual,
-                "intervals": self.intervals,
-            }
-        )
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        ends = {name: [value.low, value.high] for name, value in values.items() if name.endswith("_interval")}
+        return jsonable({**values, **ends})
 
 
 def _with(value: float, interval: Interval) -> str:

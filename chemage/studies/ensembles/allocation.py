@@ -77,7 +77,7 @@ def regressed(values: list[np.ndarray]) -> list[np.ndarray]:
     return [first - np.outer(about[: len(first)], slope), *values[1:-1], np.outer(about, slope)]
 
 
-def half_width(spreads: list[Spread], counts: list[int], known: np.ndarray, confidence: float = 0.95) -> np.ndarray:
+def half_width(spreads: list[Spread], counts: list[int], known: np.ndarray) -> np.ndarray:
     """Half the width of the interval of the sum of the means, (quantities,); nan where all samples are equal and no
     other error is known, since equal samples say nothing of their scatter.
 
@@ -97,13 +97,13 @@ def half_width(spreads: list[Spread], counts: list[int], known: np.ndarray, conf
                 float(part[k]) ** 2 / spread.freedom for part, spread in zip(parts, spreads, strict=True) if part[k] > 0
             )
             freedom = float(variance) ** 2 / below if below > 0 else math.inf
-            half[k] = limit(freedom, confidence) * math.sqrt(variance)
+            half[k] = limit(freedom) * math.sqrt(variance)
     return half
 
 
-def limit(freedom: float, confidence: float = 0.95) -> float:
+def limit(freedom: float) -> float:
     """Student's limit; of the normal distribution where the freedom is infinite."""
-    return student_limit(min(freedom, 1e9), confidence)  # pyright: ignore[reportArgumentType]
+    return student_limit(min(freedom, 1e9))  # pyright: ignore[reportArgumentType]
 
 
 def allocated(
@@ -112,35 +112,32 @@ def allocated(
     done: list[int],
     known: np.ndarray,
     wanted: np.ndarray,
-    confidence: float = 0.95,
 ) -> list[int] | None:
     """The cheapest numbers of samples, none below ``done``, whose interval is within ``wanted`` in every quantity.
 
     None: no number of samples is enough, because of the errors that are ``known``.
     """
-    if np.any(limit(math.inf, confidence) * known >= wanted):
+    if np.any(limit(math.inf) * known >= wanted):
         return None
     counts = list(done)
     for k, half in enumerate(wanted):
         if not math.isfinite(half):
             continue
         column = [Spread(spread.variance[k : k + 1], spread.freedom) for spread in spreads]
-        needed = _of_one(column, costs, done, known[k : k + 1], float(half), confidence)
+        needed = _of_one(column, costs, done, known[k : k + 1], float(half))
         counts = [max(pair) for pair in zip(counts, needed, strict=True)]
     return counts
 
 
-def _of_one(
-    spreads: list[Spread], costs: list[float], done: list[int], known: np.ndarray, wanted: float, confidence: float
-) -> list[int]:
+def _of_one(spreads: list[Spread], costs: list[float], done: list[int], known: np.ndarray, wanted: float) -> list[int]:
     """As :func:`allocated`, of one quantity."""
     scale = 1.0
     counts = list(done)
     # Student's limit depends on the counts; it falls as they rise, so that doubling the goal always ends
     for _ in range(200):
-        if float(half_width(spreads, counts, known, confidence)[0]) <= wanted:
+        if float(half_width(spreads, counts, known)[0]) <= wanted:
             break
-        goal = (wanted / limit(math.inf, confidence)) ** 2 - float(known[0]) ** 2
+        goal = (wanted / limit(math.inf)) ** 2 - float(known[0]) ** 2
         counts = _optimal([float(spread.variance[0]) for spread in spreads], costs, done, max(goal, 1e-300) / scale)
         scale *= 1.05
     return counts

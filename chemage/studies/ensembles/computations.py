@@ -14,6 +14,7 @@ import numpy as np
 from chemage.ageing.members import BARRIERS
 from chemage.contacts.theories import ContactTheory
 from chemage.foundation.memory import capacity
+from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.scene import estimate
 from chemage.scene.run import run
 from chemage.scene.scene import Scene, parse_scene
@@ -23,7 +24,7 @@ from chemage.studies.ensembles.quantities import Quantities, Sample
 from chemage.studies.runner import PROGRAM
 from chemage.studies.tasks import Outcome
 from chemage.studies.trade.choices import GRID
-from chemage.studies.trade.trade_map import LIMIT, Point, TradeMap
+from chemage.studies.trade.trade_map import Point, TradeMap
 
 #: factors by which the pixels of the contact are made larger, the largest first
 COARSER = (4, 2)
@@ -272,10 +273,10 @@ def _price_of(point: Point, own: Point, map: TradeMap, name: str, accuracy: floa
     corrected = (math.sqrt(variance * seconds) + math.sqrt(change * (seconds + whole))) ** 2
     if accuracy == 0:
         time = wanted.budget if math.isfinite(wanted.budget) else _ONE
-        return LIMIT * min(math.sqrt(variance * seconds / time + size**2), math.sqrt(corrected / time))
-    left = (accuracy / LIMIT) ** 2 - size**2
+        return NORMAL_LIMIT * min(math.sqrt(variance * seconds / time + size**2), math.sqrt(corrected / time))
+    left = (accuracy / NORMAL_LIMIT) ** 2 - size**2
     plain = seconds * variance / left if left > 0 else math.inf
-    return min(plain, corrected * (LIMIT / accuracy) ** 2)
+    return min(plain, corrected * (NORMAL_LIMIT / accuracy) ** 2)
 
 
 def _of_one(point: Point, map: TradeMap) -> float:

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-#: confidence of every interval
-CONFIDENCE = 0.95
 #: name of an error -> what it is due to, in words
 SOURCES = {
     "surfaces": "scatter between surfaces",
@@ -175,7 +173,7 @@ class Ensemble(Record):
         counts = [len(rows) for rows in self._terms]
         errors = [np.abs(self.mean) * relative for relative in self.known.values()]
         total = np.sqrt(np.sum([error**2 for error in errors], axis=0)) if errors else np.zeros(self.quantities.count)
-        return half_width(self._spreads, counts, total, CONFIDENCE)
+        return half_width(self._spreads, counts, total)
 
     def estimate(self, name: str, time: float | None = None) -> Estimate:
         """The mean of a quantity over surfaces; of a curve at a hold time (s), by default the last.

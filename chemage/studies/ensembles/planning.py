@@ -272,7 +272,9 @@ def plan(scene: Scene) -> EnsemblePlan:
     return EnsemblePlan(single, request, here, tuple(seconds), replicas, expected, seen, reason)
 
 
-def _expectation(sampler: Sampler, costs: Cost, expected: Scatters, first: Computation) -> tuple[Expectation | None, str]:
+def _expectation(
+    sampler: Sampler, costs: Cost, expected: Scatters, first: Computation
+) -> tuple[Expectation | None, str]:
     """What the rule is expected to do, and how that is known; ``first`` is the cheapest computation, in whose seconds
     all times are."""
     asked, workers = sampler.request, available()

@@ -141,13 +141,13 @@ class State:
         mean = self.mean
         return self.route.known(mean) * np.abs(mean)
 
-    def half_width(self, confidence: float = 0.95) -> np.ndarray:
+    def half_width(self) -> np.ndarray:
         """(quantities,) half the width of the interval."""
-        return half_width(self.spreads, self.counts, self.known, confidence)
+        return half_width(self.spreads, self.counts, self.known)
 
-    def relative(self, confidence: float = 0.95) -> np.ndarray:
+    def relative(self) -> np.ndarray:
         """(quantities,) the same over the magnitude of the mean."""
-        return self.half_width(confidence) / np.maximum(np.abs(self.mean), 1e-300)
+        return self.half_width() / np.maximum(np.abs(self.mean), 1e-300)
 
     def reached(self, accuracy: np.ndarray) -> bool:
         """Whether the interval of everything that is to be accurate is as narrow as that, (quantities,) relative."""
@@ -270,7 +270,6 @@ def steps(
     clock: Clock | None = None,
     watch: Watch | None = None,
     first: int = FIRST,
-    confidence: float = 0.95,
 ) -> Generator[Need, None, State]:
     """Sample until the half width of the interval is at most ``accuracy`` times the mean, in every quantity, or until
     the time of ``clock`` is over; stop wherever samples have to be taken, which are there when the rule goes on.
@@ -299,7 +298,7 @@ def steps(
     beginning = Sampled(routes[0].levels[0], looks=LOOKS)
     yield from clock.upto(beginning, first)
     state = State(routes[0], [beginning], np.isfinite(accuracy))
-    search = _Search(routes, accuracy, most, clock, confidence)
+    search = _Search(routes, accuracy, most, clock)
     state, counts = yield from search.chosen(state)
     state, counts = yield from search.controlled(state, counts)
     for part in (LOOK, SECOND):
@@ -335,7 +334,6 @@ class _Search:
     accuracy: np.ndarray
     most: int
     clock: Clock
-    confidence: float
 
     def needed(self, state: State, expected: bool = False) -> list[int]:
         """The numbers of samples that the accuracy needs; with a budget no more than ``most``.
@@ -350,7 +348,7 @@ class _Search:
         Unreachable
             See :func:`run_stages`.
         """
-        mean, half = state.mean, state.half_width(self.confidence)
+        mean, half = state.mean, state.half_width()
         asked = np.isfinite(self.accuracy)
         timed = math.isfinite(self.clock.seconds)
         if not timed and np.any(asked & ((mean == 0) | (np.abs(mean) <= 0.2 * half))):
@@ -365,7 +363,6 @@ class _Search:
             state.counts,
             state.known,
             np.where(asked, np.where(asked, self.accuracy, 0.0) * np.abs(mean), np.inf),
-            self.confidence,
         )
         if counts is None and not timed:
             raise Unreachable(state, None, "known")
@@ -423,7 +420,7 @@ class _Search:
         """What a route costs, CPU seconds; where time is limited, the relative half width that it will reach."""
         if math.isfinite(self.clock.seconds):
             aimed = self.clock.affordable(state, counts)
-            half = half_width(state.spreads, aimed, state.known, self.confidence)
+            half = half_width(state.spreads, aimed, state.known)
             relative = half / np.maximum(np.abs(state.mean), 1e-300)
             return float(np.max(np.where(np.isnan(relative), np.inf, relative)[state.asked]))
         spent = sum(sampled.level.cost * sampled.count for sampled in state.sampled[1:])

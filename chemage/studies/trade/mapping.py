@@ -21,8 +21,6 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.hold_times import within
-from chemage.ageing.models import above_rounding
 from chemage.contacts.theories import ContactTheory, no_map
 from chemage.foundation.approximations import in_words
 from chemage.foundation.checks import checked_count
@@ -33,6 +31,7 @@ from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 from chemage.scene.sections import sections
 from chemage.scene.variants import is_random, question
+from chemage.studies.ensembles.quantities import Quantities
 from chemage.studies.study import Archive, Study
 from chemage.studies.tasks import Outcome, Task
 from chemage.studies.trade.choices import (
@@ -158,6 +157,7 @@ class Mapper:
         self._archive = archive or Archive(None, scene)
         self.notes: list[str] = []
         self.random = is_random(scene)
+        self._quantities = Quantities.of(scene, ())
         self.rounds = rounds or _rounds(scene)
         self.choices = choices(scene, self.notes)
         self.reference = most_accurate(scene)
@@ -334,17 +334,10 @@ class Mapper:
 
     def _values(self, timing: Timing) -> dict[str, np.ndarray]:
         values = {name: np.array([value]) for name, value in timing.measures.items()}
-        drop, hold = timing.friction_drop, self.scene.hold
-        if drop is None or hold is None:
-            return values
-        times = hold.hold_times
-        values |= {_drop_at(at): drop[:, k] for k, at in enumerate(times.tolist())}
-        use = within(times, (self.scene.fit.start, self.scene.fit.stop)) & (times > 0)
-        if self.scene.load > 0 and np.unique(times[use]).size > 1:
-            # β of each replica, whose mean is the fitted one, as the fit is linear
-            x = np.log10(times[use])
-            x -= x.mean()
-            values[BETA] = above_rounding(drop[:, use] @ x / (x @ x), x, drop[:, use]) / self.scene.load
+        if (drop := timing.friction_drop) is not None:
+            values |= {_drop_at(at): drop[:, k] for k, at in enumerate(self._quantities.hold_times.tolist())}
+            if self._quantities.has_beta:
+                values[BETA] = self._quantities.slope(drop) / self.scene.load
         return values
 
     # -- combinations -------------------------------------------------------------------------------------------------

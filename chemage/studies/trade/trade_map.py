@@ -39,8 +39,6 @@ WORDS = {
     "patches": "number of patches",
     "perimeter_to_area": "perimeter over area",
 }
-#: standard errors on either side that hold the truth in 95 % of cases
-LIMIT = NORMAL_LIMIT
 #: replicas that are thought of
 MOST_REPLICAS = 100_000
 FORMAT = 1
@@ -89,7 +87,7 @@ class Deviation:
     @property
     def size(self) -> float:
         """The standard error that stands for this difference where it is not corrected."""
-        return math.hypot(self.value, self.half_width / LIMIT)
+        return math.hypot(self.value, self.half_width / NORMAL_LIMIT)
 
 
 @dataclass(frozen=True)
@@ -281,10 +279,10 @@ class TradeMap:
             return Cheapest(observable, within, point, None, contact + ageing, bound, bound)
         if not math.isfinite(scatter):
             return None
-        count = max(2, math.ceil((LIMIT * scatter) ** 2 / (within**2 - bound**2)))
+        count = max(2, math.ceil((NORMAL_LIMIT * scatter) ** 2 / (within**2 - bound**2)))
         if count > MOST_REPLICAS:
             return None
-        noise = LIMIT * scatter / math.sqrt(count)
+        noise = NORMAL_LIMIT * scatter / math.sqrt(count)
         seconds = contact + ageing / self.replicas * count
         return Cheapest(observable, within, point, count, seconds, math.hypot(bound, noise), bound, noise)
 
