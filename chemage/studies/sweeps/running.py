@@ -326,9 +326,7 @@ def sweep(
     begin = time.perf_counter()
     if accuracy is not None:
         changes = {**(changes or {}), "accuracy": dict(accuracy), "ensemble.surfaces": None}
-    selection = None if points is None else Selection.read(points)
-    if selection is not None and force:
-        raise InputError("a part of the points cannot replace a sweep: give force (--force) without points (--points)")
+    selection = _selection(points, force)
     confirmed = (lambda text: True) if confirm is True else (confirm or None)
     with ExitStack() as stack:
         report = stack.enter_context(reporting(progress))
@@ -338,19 +336,25 @@ def sweep(
         folder = Folder(Path(out).absolute())
         _check_folder(folder, survey, force)
         _check_room(survey, folder.path, confirmed)
-        stale = Outdated() if force else _outdated(folder, survey, whole=selection is None)
-        # raises before anything is written if the workers cannot be started
-        if force or stale or _design(folder, survey, _chosen(selection, folder, survey)).left:
-            study.open()
-        design = _begin(stack, folder, survey, selection, stale, force)
-        design.warn_of_damage()
-        part = None
-        if survey.means and selection is not None and selection.share is not None:
-            part = Part.of(selection.share, Folder(folder.path / SAMPLES), patience)
+        part = _part(selection, survey, folder, patience)
+        design = _begin(stack, study, folder, survey, selection, force)
         study.carry_out(design, design.place, part, _watched(report, begin, design))
         if selection is None:
             _finish(folder)
     return SweepResult(folder.path)
+
+
+def _selection(points: str | None, force: bool) -> Selection | None:
+    if points is not None and force:
+        raise InputError("a part of the points cannot replace a sweep: give force (--force) without points (--points)")
+    return None if points is None else Selection.read(points)
+
+
+def _part(selection: Selection | None, survey: Survey, folder: Folder, patience: float | str | None) -> Part | None:
+    """What this process computes of the samples of means; None: all that are asked for."""
+    if not survey.means or selection is None or selection.share is None:
+        return None
+    return Part.of(selection.share, Folder(folder.path / SAMPLES), patience)
 
 
 def _finish(folder: Folder) -> None:
@@ -361,9 +365,13 @@ def _finish(folder: Folder) -> None:
 
 
 def _begin(
-    stack: ExitStack, folder: Folder, survey: Survey, selection: Selection | None, stale: Outdated, force: bool
+    stack: ExitStack, study: Study, folder: Folder, survey: Survey, selection: Selection | None, force: bool
 ) -> Points:
-    """Make the folder, and lock it against other calls unless both compute parts of the points."""
+    """Make the folder, lock it against other calls unless both compute parts of the points, and say what is left."""
+    stale = Outdated() if force else _outdated(folder, survey, whole=selection is None)
+    # raises before anything is written if the workers cannot be started
+    if force or stale or _design(folder, survey, _chosen(selection, folder, survey)).left:
+        study.open()
     _make(folder.path)
     stack.enter_context(folder.locked(shared=selection is not None))
     if selection is not None:
@@ -371,13 +379,15 @@ def _begin(
         _describe_first(folder, survey)
         if selection.share is not None and not survey.means:
             agree(folder, survey, selection.share[1])
-        return _design(folder, survey, _chosen(selection, folder, survey))
-    if force:
-        _clear(folder)
-    folder.clear_parts()
-    stale.remove(folder)
-    _describe(folder, survey)
-    return _design(folder, survey)
+    else:
+        if force:
+            _clear(folder)
+        folder.clear_parts()
+        stale.remove(folder)
+        _describe(folder, survey)
+    design = _design(folder, survey, _chosen(selection, folder, survey))
+    design.warn_of_damage()
+    return design
 
 
 def _design(folder: Folder, survey: Survey, chosen: Sequence[int] | None = None) -> Points:
