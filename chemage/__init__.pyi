@@ -15,7 +15,8 @@ from chemage.friction.role import Bonded as Bonded
 from chemage.foundation.errors import ChemageError as ChemageError
 from chemage.lattices.chemistry import Chemistry as Chemistry
 from chemage.plugins.options import Choice as Choice
-from chemage.studies.sweeps.collecting import Collected as Collected
+from chemage.plugins.options import Choice as Choice
+from chemage.studies.sweeps.result import Collected as Collected
 from chemage.foundation.components import Component as Component
 from chemage.contacts.options import ContactModulus as ContactModulus
 from chemage.lattices.site_grid import ContactSites as ContactSites
@@ -98,7 +99,7 @@ from chemage.foundation.checks import checked_count as checked_count
 from chemage.foundation.checks import checked_seed as checked_seed
 from chemage.foundation.checks import checked_states as checked_states
 from chemage.lattices.chemistry import chemistry as chemistry
-from chemage.studies.sweeps.collecting import collect_sweep as collect_sweep
+from chemage.studies.sweeps.result import collect_sweep as collect_sweep
 from chemage.results.comparison.comparison import compare_files as compare_files
 from chemage.contacts.options import contact_modulus as contact_modulus
 from chemage.lattices.site_grid import contact_sites as contact_sites

@@ -66,7 +66,7 @@ def run(
         if figures:
             with result_written(path), reported(report, "drawing"):
                 pictures = drawn(partial(ensemble_figure.save, made), figures_of(path))
-    found = sampler.store.found
+    found = sampler.archive.taken
     if as_json:
         files = {"file": str(path), "samples": str(folder), "samples_taken": found}
         print(json.dumps({**jsonable(made.summary()), **files, "figures": [str(p) for p in pictures]}))

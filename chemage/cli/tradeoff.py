@@ -16,7 +16,6 @@ from chemage.foundation.progress import progress_bars
 
 if TYPE_CHECKING:
     from chemage.studies.trade.trade_map import Point, TradeMap
-    from chemage.studies.trade.tradeoff import Tradeoff
 
 #: width of the tables, and of their first column at least
 WIDTH, _FIRST = 80, 22
@@ -52,10 +51,6 @@ def tradeoff(
             "3 to 6, by the cost of the scene",
         ),
     ] = None,
-    details: Annotated[
-        bool,
-        typer.Option(help="list what each single setting does to the contact and to β on the surface of the scene"),
-    ] = False,
     as_json: JsonOpt = False,
     force: ForceOpt = False,
 ) -> None:
@@ -67,8 +62,8 @@ def tradeoff(
     from chemage.foundation.files import fresh_file, preflight
     from chemage.results import tradeoff_figure
     from chemage.scene.files import load_scene
-    from chemage.studies.trade.settings import planned
-    from chemage.studies.trade.tradeoff import tradeoff as measure
+    from chemage.studies.trade.mapping import planned
+    from chemage.studies.trade.mapping import tradeoff as measure
 
     files = out or []
     for file in files:
@@ -89,30 +84,25 @@ def tradeoff(
 
         found = measure(one, rounds=rounds, report=shown)
         report(_STAGE, 1, 1)
-    assert found.map is not None
     for file in files:
         if file.suffix.lower() == ".json":
-            found.map.write(file, force=force)
+            found.write(file, force=force)
             continue
         with fresh_file(file, force=force) as part:
-            tradeoff_figure.figure(found.map).savefig(part, format=file.suffix.removeprefix(".").lower())
+            tradeoff_figure.figure(found).savefig(part, format=file.suffix.removeprefix(".").lower())
     if as_json:
-        print(json.dumps(found.todict()))
+        print(json.dumps(found.summary()))
         return
-    show(found, details=details)
+    show(found)
     for file in files:
         terminal.say(f"{'map' if file.suffix.lower() == '.json' else 'figure':8} {file}")
 
 
-def show(found: Tradeoff, *, details: bool = False) -> None:
+def show(made: TradeMap) -> None:
     """Print the tables of a map, the cheapest settings and the notes."""
     from chemage.foundation.text import percent
     from chemage.studies.trade.trade_map import words
 
-    made = found.map
-    assert made is not None
-    if details:
-        _show_rows(found)
     where = f"{made.rounds} surfaces" if made.random else f"{made.rounds} repetitions on the one surface"
     terminal.remark(
         f"Speed against accuracy: {made.name}, {where}, CPU times on one thread.\n"
@@ -130,7 +120,7 @@ def show(found: Tradeoff, *, details: bool = False) -> None:
         terminal.remark(
             f"β scatters by about {percent(scatter)} between surfaces; `chemage run --accuracy` averages over them."
         )
-    for note in [*found.notes, *made.notes]:
+    for note in made.notes:
         terminal.remark(f"note: {note}")
 
 
@@ -195,39 +185,3 @@ def _deviation(one: Point, name: str) -> str:
         return f"{value:.2g}{mark}" if abs(value) + half > 0.005 else f"0{mark}"
     text = _plus_minus(value, half)
     return (text if found.resolved else f"({text})") + mark
-
-
-def _show_rows(found: Tradeoff) -> None:
-    table = terminal.table(
-        f"Single settings on the surface of {found.scene} (* as in the scene; ± is half the width of a 95 % interval)",
-        (
-            *("option", "value", "CPU (s)", "wall (s)", "A/A0", "corrected", "area error"),
-            *("p error", "estimate", "beta", "difference", ""),
-        ),
-    )
-    for row in found.rows:
-        table.add_row(
-            row.option,
-            row.setting + (" *" if row.own else ""),
-            _number(row.cpu_seconds),
-            _number(row.wall_seconds),
-            _number(row.area_fraction, 5),
-            _number(row.corrected_fraction, 5),
-            _with_error(row.area_error, row.area_error_half_width, 2),
-            _number(row.pressure_error, 2),
-            _number(row.pressure_estimate, 2),
-            _with_error(row.beta, row.beta_half_width),
-            _with_error(row.beta_difference, row.beta_difference_half_width),
-            row.remark,
-        )
-    terminal.show(table, width=200)
-
-
-def _number(value: float, digits: int = 3) -> str:
-    return f"{value:.{digits}g}" if value == value else ""
-
-
-def _with_error(value: float, error: float, digits: int = 4) -> str:
-    from chemage.foundation.text import plus_minus
-
-    return plus_minus(value, error) if error > 0 else _number(value, digits)

@@ -62,8 +62,7 @@ NAMES = {
     "surfaces.role": "Scatter SurfaceMaker",
     "surfaces.stage": "make_surface surface",
     "surfaces.surface": "Roughness Surface",
-    "studies.sweeps.collecting": "Collected collect_sweep",
-    "studies.sweeps.result": "Point SweepResult load_sweep",
+    "studies.sweeps.result": "Collected Point SweepResult collect_sweep load_sweep",
     "studies.sweeps.running": "sweep",
 }
 #: public name -> the module it is in

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Any, Literal, get_args
 
@@ -78,27 +78,14 @@ class ActivationEnergy:
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        return jsonable(
-            {
-                "level": self.level,
-                "temperatures": self.temperatures,
-                "times": self.times,
-                "log_time_errors": self.log_time_errors,
-                "log_time_half_widths": self.log_time_half_widths,
-                "energy": self.energy,
-                "energy_stderr": self.energy_stderr,
-                "energy_interval": [self.energy_interval.low, self.energy_interval.high],
-                "prefactor": self.prefactor,
-                "prefactor_interval": [self.prefactor_interval.low, self.prefactor_interval.high],
-                "rms_residual": self.rms_residual,
-                "intervals": self.intervals,
-            }
-        )
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        ends = {name: [value.low, value.high] for name, value in values.items() if name.endswith("_interval")}
+        return jsonable({**values, **ends})
 
 
 def _with(value: float, interval: Interval) -> str:
-    known = math.isfinite(interval.low) and math.isfinite(interval.high)
-    return with_interval(value, interval.low, interval.high) if known else f"{value:.4g} (no interval)"
+    finite = math.isfinite(interval.low) and math.isfinite(interval.high)
+    return with_interval(value, interval.low, interval.high) if finite else f"{value:.4g} (no interval)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,11 +107,11 @@ class Arrhenius:
         """Unit of the levels."""
         return UNIT.get(self.quantity, "")
 
-    def label(self, one: ActivationEnergy) -> str:
+    def label(self, energy: ActivationEnergy) -> str:
         """What the times of ``one`` are the times of, in words."""
-        if one.level is None:
+        if energy.level is None:
             return "cut-off time"
-        return f"{SYMBOLS[self.quantity]} = {one.level:.4g} {self.unit}".strip()
+        return f"{SYMBOLS[self.quantity]} = {energy.level:.4g} {self.unit}".strip()
 
     def todict(self) -> dict[str, Any]:
         """Plain JSON values."""
@@ -136,7 +123,7 @@ class Arrhenius:
             "quantity": self.quantity,
             "unit": self.unit,
             "temperatures": self.temperatures.tolist(),
-            "energies": [one.todict() for one in self.energies],
+            "energies": [energy.todict() for energy in self.energies],
             "fits": fits,
             "confidence": self.confidence,
             "notes": list(self.notes),
@@ -200,26 +187,26 @@ def activation_energies(
         Fewer than three temperatures, or two results at one; results that differ in more than temperature; a level that
         fewer than three temperatures reach.
     """
-    ordered = sorted(_checked(results), key=lambda one: one.temperature)
+    ordered = sorted(_checked(results), key=lambda aging: aging.temperature)
     chosen = _quantity(quantity, ordered)
     if not 0 < confidence < 1:
         raise InputError.of("confidence", confidence, "must lie between 0 and 1", "give 0.95, say")
-    curves = [_curve(one, chosen) for one in ordered]
-    given = None if levels is None else _given(levels, UNIT.get(chosen, ""))
-    found = [_at_level(level, curves, confidence) for level in (_default(curves) if given is None else given)]
-    found = [one for one in found if given is not None or math.isfinite(one.energy)]
+    curves = [_curve(aging, chosen) for aging in ordered]
+    asked = None if levels is None else _given(levels, UNIT.get(chosen, ""))
+    energies = [_at_level(level, curves, confidence) for level in (_default(curves) if asked is None else asked)]
+    energies = [energy for energy in energies if asked is not None or math.isfinite(energy.energy)]
     limits = convert(window[0], "s"), convert(window[1], "s")
-    fits = tuple(_fit(one, chosen, limits) for one in ordered)
+    fits = tuple(_fit(aging, chosen, limits) for aging in ordered)
     notes = list(dict.fromkeys(fit.doubt for fit in fits if fit is not None and fit.doubt))
     if (cutoff := _of_cutoff(ordered, fits, limits, confidence)) is not None:
-        found.append(cutoff)
-    if given is None and not any(one.level is not None for one in found):
+        energies.append(cutoff)
+    if asked is None and not any(energy.level is not None for energy in energies):
         notes.append("no level is reached at three temperatures within the hold times; give more hold times")
     return Arrhenius(
         chosen,
-        np.array([one.temperature for one in curves]),
+        np.array([curve.temperature for curve in curves]),
         fits,
-        tuple(found),
+        tuple(energies),
         tuple(notes),
         confidence,
     )
@@ -227,23 +214,23 @@ def activation_energies(
 
 def _checked(results: Sequence[Aging]) -> list[Aging]:
     curves = list(results)
-    for one in curves:
-        if not isinstance(one, Aging):
-            raise InputError(f"results: got a {type(one).__name__}; give ageing curves, one for each temperature")
-    kelvins = sorted(one.temperature for one in curves)
+    for curve in curves:
+        if not isinstance(curve, Aging):
+            raise InputError(f"results: got a {type(curve).__name__}; give ageing curves, one for each temperature")
+    kelvins = sorted(curve.temperature for curve in curves)
     if len(kelvins) < LEAST:
         raise InputError(f"results: {len(kelvins)} temperatures; a line with an error needs {LEAST} or more")
     for first, second in pairwise(kelvins):
         if second - first <= 1e-9 * second:
             raise InputError(f"results: two of them are at {first:g} K; give one for each temperature")
     for name in ("load", "bond_force", "front_factor"):
-        if len(values := {getattr(one, name) for one in curves}) > 1:
+        if len(values := {getattr(curve, name) for curve in curves}) > 1:
             raise InputError(
                 f"results: differ in {name} ({', '.join(f'{value:g}' for value in sorted(values))}), not in "
                 "temperature alone; give results of one contact and one chemistry"
             )
     for name in ("chemistry", "contact"):
-        if any(one.provenance.get(name) != curves[0].provenance.get(name) for one in curves):
+        if any(curve.provenance.get(name) != curves[0].provenance.get(name) for curve in curves):
             raise InputError(f"results: differ in their {name}, not in temperature alone; give results of one {name}")
     return curves
 
@@ -258,28 +245,30 @@ def _quantity(quantity: Level | None, curves: Sequence[Aging]) -> Level:
     return quantity
 
 
-def _curve(one: Aging, quantity: Level) -> _Curve:
+def _curve(aging: Aging, quantity: Level) -> _Curve:
     if quantity == "bonds_per_site":
-        values = one.bonds / np.where(one.sites > 0, one.sites, np.nan)[:, None]
+        values = aging.bonds / np.where(aging.sites > 0, aging.sites, np.nan)[:, None]
     else:
-        values = one.friction_drop if quantity == "friction_drop" else one.friction_coefficient_drop
-    shown = one.hold_times > 0
-    return _Curve(one.temperature, one.hold_times[shown], np.asarray(values, dtype=np.float64)[:, shown])
+        values = aging.friction_drop if quantity == "friction_drop" else aging.friction_coefficient_drop
+    shown = aging.hold_times > 0
+    return _Curve(aging.temperature, aging.hold_times[shown], np.asarray(values, dtype=np.float64)[:, shown])
 
 
 def _given(levels: float | str | Sequence[float | str], unit: str) -> list[float]:
     listed = levels if isinstance(levels, Sequence) and not isinstance(levels, str) else [levels]
-    found = sorted({convert(level, unit) for level in listed})
-    if not found:
+    numbers = sorted({convert(level, unit) for level in listed})
+    if not numbers:
         raise InputError("levels: an empty list; give levels, or leave them out")
-    if wrong := [level for level in found if not (math.isfinite(level) and level > 0)]:
+    if wrong := [level for level in numbers if not (math.isfinite(level) and level > 0)]:
         raise InputError.of("level", wrong[0], "must be finite and positive", "give a level that is reached")
-    return found
+    return numbers
 
 
 def _default(curves: Sequence[_Curve]) -> list[float]:
     """Levels between those that the first and the last hold times reach at the largest number of temperatures."""
-    ranges = [(max(float(mean[0]), 0.0), float(mean.max())) for one in curves if (mean := one.values.mean(axis=0)).size]
+    ranges = [
+        (max(float(mean[0]), 0.0), float(mean.max())) for curve in curves if (mean := curve.values.mean(axis=0)).size
+    ]
     ranges = [(low, high) for low, high in ranges if high > low]
     ends = sorted({end for pair in ranges for end in pair})
     best, counted = (0.0, 0.0), 0
@@ -297,20 +286,20 @@ def _default(curves: Sequence[_Curve]) -> list[float]:
 
 def _log_time(times: np.ndarray, means: np.ndarray, level: float) -> np.ndarray:
     """(b,) ln t at which each row of ``means`` (b, m) first reaches ``level``; nan where it is not within the times."""
-    found = np.full(len(means), np.nan)
+    logs = np.full(len(means), np.nan)
     for row, mean in enumerate(means):
         above = np.flatnonzero(mean >= level)
         if above.size and (at := int(above[0])) > 0:
             below, log_t = mean[at - 1], np.log(times[at - 1 : at + 1])
-            found[row] = log_t[0] + (log_t[1] - log_t[0]) * (level - below) / (mean[at] - below)
-    return found
+            logs[row] = log_t[0] + (log_t[1] - log_t[0]) * (level - below) / (mean[at] - below)
+    return logs
 
 
 def _at_level(level: float, curves: Sequence[_Curve], confidence: float) -> ActivationEnergy:
-    logs = np.array([_log_time(one.times, one.values.mean(axis=0)[None, :], level)[0] for one in curves])
+    logs = np.array([_log_time(curve.times, curve.values.mean(axis=0)[None, :], level)[0] for curve in curves])
     reached = np.isfinite(logs)
     if np.count_nonzero(reached) < LEAST:
-        kelvins = ", ".join(f"{one.temperature:g} K" for one, there in zip(curves, reached, strict=True) if there)
+        kelvins = ", ".join(f"{curve.temperature:g} K" for curve, there in zip(curves, reached, strict=True) if there)
         raise InputError.of(
             "level",
             level,
@@ -319,17 +308,19 @@ def _at_level(level: float, curves: Sequence[_Curve], confidence: float) -> Acti
             + f", and a line needs {LEAST}",
             "give another level, or more hold times",
         )
-    used = [one for one, there in zip(curves, reached, strict=True) if there]
-    left_out = [_log_time(one.times, one.left_out, level) for one in used]
-    return _line(level, np.array([one.temperature for one in used]), logs[reached], left_out, confidence)
+    used = [curve for curve, there in zip(curves, reached, strict=True) if there]
+    left_out = [_log_time(curve.times, curve.left_out, level) for curve in used]
+    return _line(level, np.array([curve.temperature for curve in used]), logs[reached], left_out, confidence)
 
 
 def _line(
     level: float | None, kelvins: np.ndarray, logs: np.ndarray, left_out: Sequence[np.ndarray], confidence: float
 ) -> ActivationEnergy:
     """The line through ln t (n,); ``left_out`` are its values with each replica left out, for each temperature."""
-    counts = [len(one) for one in left_out]
-    errors = np.array([float(jackknife_error(one)) if len(one) > 1 else math.nan for one in left_out])
+    counts = [len(logs_of_one) for logs_of_one in left_out]
+    errors = np.array(
+        [float(jackknife_error(logs_of_one)) if len(logs_of_one) > 1 else math.nan for logs_of_one in left_out]
+    )
     x = 1 / (KB * kelvins)
     weighted = min(counts) >= FOR_WEIGHTS and bool((np.isfinite(errors) & (errors > 0)).all())
     weight = 1 / errors**2 if weighted else np.ones(x.size)
@@ -349,7 +340,7 @@ def _line(
         error, freedom = _apart(x, weight, logs, left_out, weighted)
         words = f"Student's t, jackknife over {min(counts)} to {max(counts)} replicas"
     half = error * student_limits(np.broadcast_to(freedom, 2), confidence)
-    known = bool(np.isfinite(half).all())
+    finite = bool(np.isfinite(half).all())
     return ActivationEnergy(
         level=level,
         temperatures=kelvins,
@@ -358,10 +349,10 @@ def _line(
         log_time_half_widths=errors * student_limits(np.maximum(np.array(counts) - 1.0, 1.0), confidence),
         energy=float(energy),
         energy_stderr=float(error[0]),
-        energy_interval=Interval(float(energy - half[0]), float(energy + half[0])) if known else UNKNOWN,
+        energy_interval=Interval(float(energy - half[0]), float(energy + half[0])) if finite else UNKNOWN,
         prefactor=math.exp(log_prefactor),
         prefactor_interval=Interval(*np.exp([log_prefactor - half[1], log_prefactor + half[1]]).tolist())
-        if known
+        if finite
         else UNKNOWN,
         rms_residual=float(np.sqrt(np.mean(residual**2))),
         intervals=words,
@@ -394,7 +385,7 @@ def _together(x: np.ndarray, weight: np.ndarray, left_out: Sequence[np.ndarray],
     values = np.array(left_out)
     if not weighted:
         return jackknife_error(values.T @ _rows(x, weight).T)
-    weights = np.array([_weights_without(one) for one in values])
+    weights = np.array([_weights_without(without) for without in values])
     weights = np.where(np.isfinite(weights), weights, weight[:, None])
     return jackknife_error(np.array([_rows(x, weights[:, r]) @ values[:, r] for r in range(values.shape[1])]))
 
@@ -408,22 +399,22 @@ def _apart(
     many where a few replicas decide.
     """
     parts = []
-    for at, one in enumerate(left_out):
+    for at, without in enumerate(left_out):
         values = []
-        weights = _weights_without(one) if weighted else np.full(len(one), weight[at])
-        for log, changed in zip(one, weights, strict=True):
+        weights = _weights_without(without) if weighted else np.full(len(without), weight[at])
+        for log, changed in zip(without, weights, strict=True):
             logs_now, weight_now = logs.copy(), weight.copy()
             logs_now[at], weight_now[at] = log, changed if math.isfinite(changed) else weight[at]
             values.append(_rows(x, weight_now) @ logs_now)
         parts.append(jackknife_error(np.array(values)) ** 2)
-    counts = np.array([len(one) for one in left_out])
+    counts = np.array([len(without) for without in left_out])
     return np.sqrt(np.sum(parts, axis=0)), counts[np.argmax(parts, axis=0)] - 1.0
 
 
-def _fit(one: Aging, quantity: Level, window: tuple[float, float]) -> Fit | None:
-    of_force = quantity == "friction_drop" or one.load == 0
+def _fit(aging: Aging, quantity: Level, window: tuple[float, float]) -> Fit | None:
+    of_force = quantity == "friction_drop" or aging.load == 0
     try:
-        return fit_aging(one, window=window, quantity="friction_drop" if of_force else None)
+        return fit_aging(aging, window=window, quantity="friction_drop" if of_force else None)
     except InputError:
         return None
 
@@ -434,14 +425,14 @@ def _of_cutoff(
     """The activation energy of the cut-off time; None where it is known at fewer than three temperatures."""
     kelvins, logs, left_out = [], [], []
     for result, fit in zip(results, fits, strict=True):
-        one = _curve(result, "friction_drop")  # of which the cut-off time is that of Δμ
-        use = within(one.times, window)
+        curve = _curve(result, "friction_drop")  # of which the cut-off time is that of Δμ
+        use = within(curve.times, window)
         if fit is None or not (math.isfinite(fit.cutoff_time) and fit.cutoff_time > 0):
             continue
-        kelvins.append(one.temperature)
+        kelvins.append(curve.temperature)
         logs.append(math.log(fit.cutoff_time))
         even = np.ones((1, int(np.count_nonzero(use))))
-        left_out.append(solve("line", one.times[use], one.left_out[:, use], even)[1] * math.log(10))
+        left_out.append(solve("line", curve.times[use], curve.left_out[:, use], even)[1] * math.log(10))
     if len(kelvins) < LEAST:
         return None
     return _line(None, np.array(kelvins), np.array(logs), left_out, confidence)

@@ -12,10 +12,10 @@ from itertools import pairwise
 
 from chemage.foundation.errors import ExecutorError, WorkerLost
 from chemage.foundation.memory import capacity
-from chemage.studies.by_hand import Known
-from chemage.studies.executors.pool import RETRIES, Pool
+from chemage.studies.executors import Pool
 from chemage.studies.folder import RESUME, Folder
-from chemage.studies.tasks import Answer, Outcome, Place, Task, compute, failure
+from chemage.studies.tasks import RETRIES, Answer, Outcome, Place, Task, compute, failure
+from chemage.studies.workers import Known
 
 #: called in this thread with each task as it ends
 Told = Callable[[Task, Outcome], None]
@@ -66,8 +66,8 @@ class Runner:
         self._running: dict[Future[Answer], Piece] = {}
         self._suspects: deque[Piece] = deque()
         self._clock = _Clock()
-        there = capacity() if pool.here else None
-        self._memory = math.inf if there is None else there - PROGRAM
+        memory = capacity() if pool.here else None
+        self._memory = math.inf if memory is None else memory - PROGRAM
 
     @property
     def _whole(self) -> Folder | None:

@@ -78,18 +78,18 @@ class Selection:
 
 
 def _share_of_array(text: str, compact: str, environment: Mapping[str, str]) -> str:
-    found = {
+    arrays = {
         name: variables for name, variables in _ARRAYS.items() if _number(environment.get(variables[0])) is not None
     }
-    if not found:
-        known = ", ".join(variables[0] for variables in _ARRAYS.values())
-        raise InputError.of("points", text, f"this is no task of a job array: none of {known} is set", _FORM)
-    if len(found) > 1:
-        names = " and ".join(variables[0] for variables in found.values())
+    if not arrays:
+        every = ", ".join(variables[0] for variables in _ARRAYS.values())
+        raise InputError.of("points", text, f"this is no task of a job array: none of {every} is set", _FORM)
+    if len(arrays) > 1:
+        names = " and ".join(variables[0] for variables in arrays.values())
         raise InputError.of("points", text, f"{names} are both set; {_FORM}")
-    ((scheduler, variables),) = found.items()
+    ((scheduler, variables),) = arrays.items()
     at = _number(environment[variables[0]])
-    given = f"--points ${variables[0]}/16"
+    option = f"--points ${variables[0]}/16"
     assert at is not None
     if compact != "auto":
         count = _number(compact.removeprefix("auto/"))
@@ -107,14 +107,16 @@ def _share_of_array(text: str, compact: str, environment: Mapping[str, str]) -> 
         raise InputError.of(
             "points",
             text,
-            f"{scheduler} does not say how many tasks the array has; give the number: auto/16, or {given}",
+            f"{scheduler} does not say how many tasks the array has; give the number: auto/16, or {option}",
         )
     step = step or 1
     count = (last - first) // step + 1
     told = _number(environment.get("SLURM_ARRAY_TASK_COUNT")) if scheduler == "SLURM" else count
     if told not in (None, count) or (at - first) % step or not first <= at <= last:
         raise InputError.of(
-            "points", text, f"the numbers of the array's tasks are no range, so that shares are not clear; give {given}"
+            "points",
+            text,
+            f"the numbers of the array's tasks are no range, so that shares are not clear; give {option}",
         )
     return f"{(at - first) // step + 1}/{count}"
 

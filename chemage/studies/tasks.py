@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from chemage.ageing.elasticity import compared_again
 from chemage.contacts.role import ContactTheory
@@ -27,12 +27,14 @@ from chemage.foundation.version import __version__
 from chemage.plugins import registry
 from chemage.scene.run import Run, run, run_keys
 from chemage.scene.scene import Scene
-from chemage.studies.by_hand import Known, learn
 from chemage.studies.folder import CannotWrite, Folder, process_name
+from chemage.studies.workers import Known, learn
 from chemage.surfaces.stage import make_surface
 from chemage.surfaces.surface import Surface
 
 T = TypeVar("T")
+#: number of times that a task is tried again after its worker died
+RETRIES = 1
 
 
 @dataclass(frozen=True)
@@ -69,9 +71,13 @@ class Task:
         """The validated scene."""
         return self.source if isinstance(self.source, Scene) else self.source()
 
-    def loaded(self) -> Task:
+    def loaded(self) -> Self:
         """This task with its scene, as a worker needs it."""
         return replace(self, source=self.scene)
+
+    def outcome(self, worker: Worker) -> Outcome:
+        """Compute this task: here a run of its scene."""
+        return Outcome(worker.run(self))
 
 
 @dataclass(frozen=True)
@@ -115,10 +121,14 @@ class Answer:
 # -- what a process keeps in memory -----------------------------------------------------------------------------------
 
 
-class _Recent(Generic[T]):
+class Recent(Generic[T]):
     """A small cache of the objects used last, by key; threads that ask for one that is being made wait for it."""
 
+    #: all that this process has
+    caches: ClassVar[list[Recent[Any]]] = []
+
     def __init__(self, size: int) -> None:
+        self.caches.append(self)
         self._size, self._lock = size, threading.Lock()
         self._making: dict[str, threading.Lock] = {}
         self._kept: OrderedDict[str, T] = OrderedDict()
@@ -147,8 +157,8 @@ class _Recent(Generic[T]):
 
 
 # 50 MB each at 2500 x 2500 pixels; tasks are computed in an order for which two of each are enough
-_surfaces: _Recent[Surface] = _Recent(2)
-_contacts: _Recent[ContactSolution] = _Recent(2)
+_surfaces: Recent[Surface] = Recent(2)
+_contacts: Recent[ContactSolution] = Recent(2)
 
 
 def _owner(path: str, digest: str) -> str:
@@ -158,8 +168,8 @@ def _owner(path: str, digest: str) -> str:
 
 def forget(path: str) -> None:
     """Free the surfaces and contacts of the study in the folder ``path`` that this process has in memory."""
-    _surfaces.drop(f"{path} ")
-    _contacts.drop(f"{path} ")
+    for cache in Recent.caches:
+        cache.drop(f"{path} ")
 
 
 @lru_cache(maxsize=2)
@@ -201,12 +211,12 @@ def compute(
     begin = time.perf_counter()
     thread_budget.limit(threads)
     learn(known)
-    worker = _Worker(place, threads, remote)
-    outcomes = {one.key: worker.outcome(one) for one in tasks}
+    worker = Worker(place, threads, remote)
+    outcomes = {task.key: worker.outcome(task) for task in tasks}
     return Answer(time.perf_counter() - begin, outcomes)
 
 
-class _Worker:
+class Worker:
     """Computes tasks one after the other, and keeps what the next may need."""
 
     def __init__(self, place: Place | None, threads: int, remote: bool) -> None:
@@ -214,35 +224,40 @@ class _Worker:
         self._folder = None if place is None else place.folder
         #: where contacts and failures are kept as well
         self._whole = self._folder if place is not None and place.contacts else None
-        self._owner = _owner("", "") if place is None else _owner(place.path, place.digest)
+        #: names the study in caches of this process
+        self.owner = _owner("", "") if place is None else _owner(place.path, place.digest)
         #: the ageing that was computed last, and what came of it
         self._ageing, self._run, self._error = "", None, None
-        self._stage = "contact"
+        #: the stage that runs, which an error is of
+        self.stage = "contact"
 
     def outcome(self, task: Task) -> Outcome:
         """Compute a task, and keep its result."""
         try:
-            made = self._computed(task)
+            outcome = task.outcome(self)
         except CannotWrite:
             raise
         except (Exception, SystemExit) as error:  # a plugin that calls exit must not end the study
             return self._failed(task, error)
-        if self._folder is not None:
-            self._folder.write_point(task.key, content_of(made, task.number, task.changes))
-            return Outcome()
-        return Outcome(content=content_of(made, task.number, task.changes)) if self._remote else Outcome(made)
+        if outcome.run is not None and (self._folder is not None or self._remote):
+            outcome = Outcome(content=content_of(outcome.run, task.number, task.changes))
+        if self._folder is None or outcome.content is None:
+            return outcome
+        self._folder.write_point(task.key, outcome.content)
+        return Outcome()
 
-    def _computed(self, task: Task) -> Run:
+    def run(self, task: Task) -> Run:
+        """The run of a task's scene, which has its ageing in common with the task before if that was the same."""
         if self._run is not None and self._ageing == task.ageing:
             return _fitted_again(self._run, task.scene)
         if self._error is not None and self._ageing == task.ageing:
             raise self._error
         self._ageing, self._run, self._error = task.ageing, None, None
         try:
-            self._stage = "contact"
+            self.stage = "contact"
             theory = isinstance(task.scene.contact, ContactTheory)
-            contact = None if theory else _contacts.get(f"{self._owner} {task.contact}", lambda: self._contact(task))
-            self._stage = "ageing"
+            contact = None if theory else _contacts.get(f"{self.owner} {task.contact}", lambda: self._contact(task))
+            self.stage = "ageing"
             self._run = run(task.scene, contact=contact, threads=self._threads, warn=False, members=task.members)
         except (Exception, SystemExit) as error:
             self._error = error
@@ -264,22 +279,22 @@ class _Worker:
         scene = task.scene
         with scene.in_use():
             surface = _surfaces.get(
-                f"{self._owner} {task.surface}", lambda: make_surface(scene.surface, scene.surface_seed)
+                f"{self.owner} {task.surface}", lambda: make_surface(scene.surface, scene.surface_seed)
             )
             return solve_contact(scene.solver, surface, scene.load)
 
     def _failed(self, task: Task, error: BaseException) -> Outcome:
         if self._whole is not None:
-            self._whole.write_point(task.key, failure(task.number, task.changes, self._stage, error))
-        return Outcome(error=_sendable(error) if self._remote else error, stage=self._stage)
+            self._whole.write_point(task.key, failure(task.number, task.changes, self.stage, error))
+        return Outcome(error=_sendable(error) if self._remote else error, stage=self.stage)
 
 
-def _fitted_again(made: Run, scene: Scene) -> Run:
+def _fitted_again(before: Run, scene: Scene) -> Run:
     """The run of a scene that differs from that of ``made`` in its fit and in the limits of its material only."""
-    made = replace(made, scene=scene.todict(), keys=run_keys(scene, made.contact, made.aging))
-    if made.aging is not None and scene.chemistry is not None:
-        made = replace(made, aging=compared_again(made.aging, made.contact, scene.chemistry))
-    return made
+    before = replace(before, scene=scene.todict(), keys=run_keys(scene, before.contact, before.aging))
+    if before.aging is not None and scene.chemistry is not None:
+        before = replace(before, aging=compared_again(before.aging, before.contact, scene.chemistry))
+    return before
 
 
 def _sendable(error: BaseException) -> BaseException:
@@ -294,18 +309,18 @@ def _sendable(error: BaseException) -> BaseException:
 # -- what a folder has of a task --------------------------------------------------------------------------------------
 
 
-def content_of(made: Run, number: int, changes: Mapping[str, Any]) -> dict[str, Any]:
+def content_of(run: Run, number: int, changes: Mapping[str, Any]) -> dict[str, Any]:
     """The content of the file of a task that is done."""
     content = {
         "status": "done",
         "point": number,
         "changes": dict(changes),
-        "plugins": made.plugins,
-        "summary": made.summary(),
-        "aging": to_json(made.aging) if made.aging is not None else None,
+        "plugins": run.plugins,
+        "summary": run.summary(),
+        "aging": to_json(run.aging) if run.aging is not None else None,
     }
-    if made.aging is None and made.contact.approximate:  # the ageing has it otherwise
-        content["approximate"] = list(made.contact.approximate)
+    if run.aging is None and run.contact.approximate:  # the ageing has it otherwise
+        content["approximate"] = list(run.contact.approximate)
     return content
 
 

@@ -13,8 +13,9 @@ import numpy as np
 from pydantic import BeforeValidator
 
 import chemage
-from chemage import FilePath, (
+from chemage import (
     Choice,
+    FilePath,
     HeightMap,
     InputError,
     Length,

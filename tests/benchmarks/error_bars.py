@@ -31,10 +31,9 @@ from chemage.foundation.statistics import crossed_half_width
 from chemage.foundation.units import KB
 from chemage.scene.variants import vanishing_pixels
 from chemage.studies.arrhenius import activation_energies
-from chemage.studies.ensembles.allocation import Spread, half_width, spread_of
-from chemage.studies.ensembles.control import regressed
+from chemage.studies.ensembles.allocation import Spread, half_width, regressed, spread_of
 from chemage.studies.ensembles.running import ensemble
-from chemage.studies.trade.tradeoff import NORMAL_LIMIT
+from chemage.studies.trade.mapping import NORMAL_LIMIT
 from chemage_ageing import _table
 from chemage_ageing._independent import bonded_share
 from chemage_li2018.density_fit import EQUAL, METHOD, PUBLISHED, ROUNDING, Errors

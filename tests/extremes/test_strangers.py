@@ -237,20 +237,19 @@ def test_links_in_a_folder_of_results_are_not_followed(swept, tmp_path, name):
 
 
 def test_cluster_files_name_known_classes_only(tmp_path, monkeypatch):
-    from chemage.studies.executors.clusters import _Where
+    from chemage.studies.clusters import Cluster
 
     file = tmp_path / "cluster.toml"
     file.write_text('cluster = "os.system"\n[options]\ncommand = "true"\n')
     with pytest.raises(InputError, match="not a known class"):
-        _Where.read(str(file), None)
+        Cluster.read(str(file), None)
     monkeypatch.setenv("CHEMAGE_CLUSTERS", "my.Cluster, os.system")
-    assert _Where.read(str(file), None).cluster == "os.system"
+    assert Cluster.read(str(file), None).cluster == "os.system"
     file.write_text('cluster = "dask_jobqueue.SLURMCluster"\n')
-    assert _Where.read(str(file), None).cluster == "dask_jobqueue.SLURMCluster"
+    assert Cluster.read(str(file), None).cluster == "dask_jobqueue.SLURMCluster"
 
 
 def test_a_cluster_on_this_machine_is_reached_from_this_machine_alone():
-    from chemage.studies.executors import clusters
+    from chemage.studies.clusters import LOCAL_ONLY
 
-    assert clusters._local_options(2)["host"] == "127.0.0.1"
-    assert clusters._local_options(2)["dashboard_address"] == "127.0.0.1:0"
+    assert LOCAL_ONLY == {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}

@@ -531,7 +531,7 @@ def test_an_executor_that_breaks_ends_the_sweep_and_says_so(tiny, tmp_path):
 
 
 def test_workers_that_cannot_be_had_are_told_before_anything_is_written(tiny, tmp_path, monkeypatch):
-    monkeypatch.setattr("chemage.studies.executors.clusters.ANSWER_TIME", 0.5)
+    monkeypatch.setattr("chemage.studies.clusters.ANSWER_TIME", 0.5)
     with pytest.raises(ExecutorError, match=r"no Dask scheduler answers at 127\.0\.0\.1:9 within 0\.5 s"):
         chemage.sweep(swept(tiny), tmp_path / "out", executor="dask:127.0.0.1:9")
     assert not (tmp_path / "out").exists()

@@ -10,7 +10,6 @@ import pytest
 import chemage as ca
 from chemage import Aging, InputError
 from chemage.foundation.units import EV_PER_GPA_NM3, KB
-from chemage.studies.arrhenius import activation_energies
 
 KELVINS = (260.0, 280.0, 300.0, 325.0, 350.0)
 NU = 1e13
@@ -42,7 +41,7 @@ def of_flat_density(temperature, lower, upper, times=TIMES):
 
 @pytest.mark.parametrize("level", [0.1, 0.5, 0.9])
 def test_one_barrier_has_its_own_energy_at_every_level(level):
-    found = activation_energies([aged(t, of_one_barrier(t, 0.85)) for t in KELVINS], level, quantity="bonds_per_site")
+    found = ca.arrhenius([aged(t, of_one_barrier(t, 0.85)) for t in KELVINS], level, quantity="bonds_per_site")
     (one, *_) = found.energies
     assert one.energy == pytest.approx(0.85, abs=1e-3)
     # at half coverage t = ln 2/ν exp(E/k_B T)
@@ -74,7 +73,7 @@ def test_a_flat_density_has_an_energy_that_grows_with_the_level():
     """θ ≈ (k_B T (ln νt + γ) − E₀)/(E₁ − E₀) inside the range, so that E_a(θ) = E₀ + θ (E₁ − E₀)."""
     levels = [0.2, 0.35, 0.5, 0.65, 0.8]
     curves = [aged(t, of_flat_density(t, 0.7, 1.3)) for t in (310.0, 340.0, 370.0)]
-    found = activation_energies(curves, levels, quantity="bonds_per_site", window=NO_FIT)
+    found = ca.arrhenius(curves, levels, quantity="bonds_per_site", window=NO_FIT)
     for level, one in zip(levels, found.energies, strict=True):
         assert one.energy == pytest.approx(0.7 + 0.6 * level, abs=2e-3)
         assert math.log(one.prefactor) == pytest.approx(-np.euler_gamma - math.log(NU), abs=0.1)
@@ -83,7 +82,7 @@ def test_a_flat_density_has_an_energy_that_grows_with_the_level():
 def test_the_slope_of_a_flat_density_is_proportional_to_temperature():
     """β = k_B T ln 10/(E₁ − E₀) of the bonds per site, here equal to Δμ, and the cut-off time has the energy E₀."""
     curves = [aged(t, of_flat_density(t, 0.5, 1.5)) for t in KELVINS]
-    found = activation_energies(curves, 0.3, window=("0.1 s", "100 s"))
+    found = ca.arrhenius(curves, 0.3, window=("0.1 s", "100 s"))
     for kelvin, fit in zip(found.temperatures, found.fits, strict=True):
         assert fit.beta / kelvin == pytest.approx(KB * math.log(10), rel=2e-3)
     assert found.energies[-1].level is None
@@ -92,7 +91,7 @@ def test_the_slope_of_a_flat_density_is_proportional_to_temperature():
 
 def test_levels_are_chosen_where_the_temperatures_overlap():
     curves = [aged(t, of_flat_density(t, 0.7, 1.1)) for t in KELVINS]
-    found = activation_energies(curves, quantity="bonds_per_site")
+    found = ca.arrhenius(curves, quantity="bonds_per_site")
     levels = [one for one in found.energies if one.level is not None]
     assert len(levels) == 5
     assert all(one.temperatures.size == len(KELVINS) for one in levels)
@@ -116,7 +115,7 @@ def noisy(rng, replicas=40, common=0.0, alone=0.02, energy=0.8, kelvins=KELVINS)
 
 
 def test_what_all_temperatures_have_in_common_does_not_change_the_energy():
-    one = activation_energies(noisy(np.random.default_rng(0), common=0.05, alone=0.0), 0.3).energies[0]
+    one = ca.arrhenius(noisy(np.random.default_rng(0), common=0.05, alone=0.0), 0.3).energies[0]
     assert one.energy == pytest.approx(0.8, abs=1e-6)
     assert one.energy_stderr < 1e-6
     spread = math.log(one.prefactor_interval.high / one.prefactor)
@@ -124,7 +123,7 @@ def test_what_all_temperatures_have_in_common_does_not_change_the_energy():
 
 
 def test_the_standard_error_is_that_of_least_squares():
-    one = activation_energies(noisy(np.random.default_rng(1), replicas=200), 0.3).energies[0]
+    one = ca.arrhenius(noisy(np.random.default_rng(1), replicas=200), 0.3).energies[0]
     x = 1 / (KB * np.array(KELVINS))
     expected = 0.02 / 0.02 / math.sqrt(200) / math.sqrt(np.sum((x - x.mean()) ** 2))
     assert one.energy_stderr == pytest.approx(expected, rel=0.2)
@@ -138,14 +137,14 @@ def test_the_standard_error_is_that_of_least_squares():
 def test_intervals_hold_the_energy_in_95_of_100_cases(common, replicas):
     rng, inside = np.random.default_rng(7), 0
     for _ in range(400):
-        one = activation_energies(noisy(rng, replicas, common), 0.3, window=NO_FIT).energies[0]
+        one = ca.arrhenius(noisy(rng, replicas, common), 0.3, window=NO_FIT).energies[0]
         inside += one.energy_interval.low < 0.8 < one.energy_interval.high
     assert 0.92 <= inside / 400 <= 0.98
 
 
 def test_a_single_replica_has_the_scatter_about_the_line_for_its_error():
     rng = np.random.default_rng(2)
-    one = activation_energies(noisy(rng, replicas=1), 0.3).energies[0]
+    one = ca.arrhenius(noisy(rng, replicas=1), 0.3).energies[0]
     assert one.intervals == "Student's t, scatter about the line, 5 temperatures"
     assert one.energy_interval.low < 0.8 < one.energy_interval.high
     x, y = 1 / (KB * one.temperatures), np.log(one.times)
@@ -157,7 +156,7 @@ def test_a_single_replica_has_the_scatter_about_the_line_for_its_error():
 def test_unlike_numbers_of_replicas_are_taken_as_independent():
     curves = noisy(np.random.default_rng(3), replicas=20)
     curves[1] = aged(KELVINS[1], curves[1].bonds[:8] / 1e6)
-    one = activation_energies(curves, 0.3).energies[0]
+    one = ca.arrhenius(curves, 0.3).energies[0]
     assert one.intervals == "Student's t, jackknife over 8 to 20 replicas"
     assert one.energy_interval.low < 0.8 < one.energy_interval.high
 
@@ -184,24 +183,24 @@ def curves(*kelvins, **fields):
         (curves(300, 320, 340), {"quantity": "friction"}, "choose friction_coefficient_drop"),
         (curves(300, 320, 340), {"confidence": 1}, "between 0 and 1"),
         (curves(300, 320, 340, load=0.0), {"quantity": "friction_coefficient_drop"}, "load = 0"),
-        ([1, 2, 3], {}, "got a int; give ageing curves"),
+        ([1, 2, 3], {}, "int has no ageing curve; give runs or ageing curves"),
     ],
 )
 def test_what_makes_no_line_is_refused(results, options, message):
     with pytest.raises(InputError, match=message):
-        activation_energies(results, **options)
+        ca.arrhenius(results, **options)
 
 
 def test_temperatures_at_which_a_level_is_not_reached_are_left_out():
     short = TIMES[TIMES <= 10]
     cold = aged(200.0, of_one_barrier(200.0, 0.85, short), short)
-    found = activation_energies([cold, *curves(300, 320, 340)], 0.5, quantity="bonds_per_site")
+    found = ca.arrhenius([cold, *curves(300, 320, 340)], 0.5, quantity="bonds_per_site")
     assert found.temperatures.tolist() == [200, 300, 320, 340]
     assert found.energies[0].temperatures.tolist() == [300, 320, 340]
 
 
 def test_without_load_the_levels_are_forces():
-    found = activation_energies(curves(300, 320, 340, load=0.0), "0.5 uN")
+    found = ca.arrhenius(curves(300, 320, 340, load=0.0), "0.5 uN")
     assert found.quantity == "friction_drop"
     assert found.unit == "nN"
     assert found.label(found.energies[0]) == "ΔF = 500 nN"
@@ -209,6 +208,6 @@ def test_without_load_the_levels_are_forces():
 
 
 def test_where_nothing_overlaps_a_note_says_so():
-    found = activation_energies([aged(t, np.full(TIMES.size, 0.5)) for t in (300, 320, 340)])
+    found = ca.arrhenius([aged(t, np.full(TIMES.size, 0.5)) for t in (300, 320, 340)])
     assert found.energies == ()
     assert "no level is reached" in found.notes[0]

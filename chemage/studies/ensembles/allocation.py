@@ -49,7 +49,35 @@ def spread_of(rows: np.ndarray, chosen: int, freedom: int, regressed: bool = Fal
     return Spread(np.maximum(*parts), max(1, freedom - 1) if regressed else freedom)
 
 
-def half_width(spreads: list[Spread], counts: list[int], known: np.ndarray, confidence: float = 0.95) -> np.ndarray:
+def regressed(values: list[np.ndarray]) -> list[np.ndarray]:
+    """The samples of each level with those of the first freed from what the control, the last of them, explains, and
+    those of the control in units of each quantity.
+
+    This is double sampling with a regression estimator (Cochran, Sampling Techniques, 3rd ed. (1977), section 12.6),
+    known as multifidelity Monte Carlo where the control is a cheaper model (Peherstorfer, Willcox & Gunzburger, SIAM J.
+    Sci. Comput. 38, A3163 (2016)). Of n samples y of the first level and N ≥ n of the control x, a cheap number of
+    each surface,
+
+        mean = ȳ_n + α (x̄_N − x̄_n),   variance = σ²(1 − ρ²)/n + σ²ρ²/N
+
+    with the slope α of y against x and their correlation ρ; the two terms are uncorrelated, since the residuals of a
+    regression are uncorrelated with x.
+
+    Parameters
+    ----------
+    values
+        (samples, quantities) of each level, and (N, 1) of the control on the surfaces of the first level and on more.
+    """
+    first, control = values[0], values[-1][:, 0]
+    pairs = control[: len(first)]
+    centred = pairs - pairs.mean()
+    square = float(centred @ centred)
+    slope = centred @ first / square if square > 0 else np.zeros(first.shape[1])
+    about = control - control.mean()
+    return [first - np.outer(about[: len(first)], slope), *values[1:-1], np.outer(about, slope)]
+
+
+def half_width(spreads: list[Spread], counts: list[int], known: np.ndarray) -> np.ndarray:
     """Half the width of the interval of the sum of the means, (quantities,); nan where all samples are equal and no
     other error is known, since equal samples say nothing of their scatter.
 
@@ -62,20 +90,20 @@ def half_width(spreads: list[Spread], counts: list[int], known: np.ndarray, conf
     """
     parts = [spread.variance / count for spread, count in zip(spreads, counts, strict=True)]
     total = sum(parts) + known**2
-    found = np.full(total.shape, np.nan)
+    half = np.full(total.shape, np.nan)
     for k, variance in enumerate(total):
         if variance > 0:
             below = sum(
                 float(part[k]) ** 2 / spread.freedom for part, spread in zip(parts, spreads, strict=True) if part[k] > 0
             )
             freedom = float(variance) ** 2 / below if below > 0 else math.inf
-            found[k] = limit(freedom, confidence) * math.sqrt(variance)
-    return found
+            half[k] = limit(freedom) * math.sqrt(variance)
+    return half
 
 
-def limit(freedom: float, confidence: float = 0.95) -> float:
+def limit(freedom: float) -> float:
     """Student's limit; of the normal distribution where the freedom is infinite."""
-    return student_limit(min(freedom, 1e9), confidence)  # pyright: ignore[reportArgumentType]
+    return student_limit(min(freedom, 1e9))  # pyright: ignore[reportArgumentType]
 
 
 def allocated(
@@ -84,35 +112,32 @@ def allocated(
     done: list[int],
     known: np.ndarray,
     wanted: np.ndarray,
-    confidence: float = 0.95,
 ) -> list[int] | None:
     """The cheapest numbers of samples, none below ``done``, whose interval is within ``wanted`` in every quantity.
 
     None: no number of samples is enough, because of the errors that are ``known``.
     """
-    if np.any(limit(math.inf, confidence) * known >= wanted):
+    if np.any(limit(math.inf) * known >= wanted):
         return None
     counts = list(done)
     for k, half in enumerate(wanted):
         if not math.isfinite(half):
             continue
-        one = [Spread(spread.variance[k : k + 1], spread.freedom) for spread in spreads]
-        found = _of_one(one, costs, done, known[k : k + 1], float(half), confidence)
-        counts = [max(pair) for pair in zip(counts, found, strict=True)]
+        column = [Spread(spread.variance[k : k + 1], spread.freedom) for spread in spreads]
+        needed = _of_one(column, costs, done, known[k : k + 1], float(half))
+        counts = [max(pair) for pair in zip(counts, needed, strict=True)]
     return counts
 
 
-def _of_one(
-    spreads: list[Spread], costs: list[float], done: list[int], known: np.ndarray, wanted: float, confidence: float
-) -> list[int]:
+def _of_one(spreads: list[Spread], costs: list[float], done: list[int], known: np.ndarray, wanted: float) -> list[int]:
     """As :func:`allocated`, of one quantity."""
     scale = 1.0
     counts = list(done)
     # Student's limit depends on the counts; it falls as they rise, so that doubling the goal always ends
     for _ in range(200):
-        if float(half_width(spreads, counts, known, confidence)[0]) <= wanted:
+        if float(half_width(spreads, counts, known)[0]) <= wanted:
             break
-        goal = (wanted / limit(math.inf, confidence)) ** 2 - float(known[0]) ** 2
+        goal = (wanted / limit(math.inf)) ** 2 - float(known[0]) ** 2
         counts = _optimal([float(spread.variance[0]) for spread in spreads], costs, done, max(goal, 1e-300) / scale)
         scale *= 1.05
     return counts
@@ -128,11 +153,11 @@ def _optimal(variances: list[float], costs: list[float], done: list[int], goal: 
         if left <= 0:  # what is held is too much: let everything grow
             free, left = [k for k, variance in enumerate(variances) if variance > 0], goal
         share = sum(math.sqrt(variances[k] * costs[k]) for k in free)
-        found = {k: math.sqrt(variances[k] / costs[k]) * share / left for k in free}
-        short = [k for k in free if found[k] < done[k]]
+        best = {k: math.sqrt(variances[k] / costs[k]) * share / left for k in free}
+        short = [k for k in free if best[k] < done[k]]
         if not short or len(short) == len(free):
             for k in free:
-                counts[k] = max(found[k], done[k])
+                counts[k] = max(best[k], done[k])
             break
         free = [k for k in free if k not in short]
     return [min(MOST, math.ceil(count - 1e-9)) for count in counts]

@@ -1,31 +1,42 @@
-"""The ways in which a scene can be computed on one surface, from coarse to as it is written, and what each costs."""
+"""The ways in which a scene can be computed on one surface, from coarse to as it is written: what each costs, as
+estimated or as a map of speed against accuracy has measured it, and its errors."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import statistics
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import Aging
+from chemage.ageing.members import BARRIERS
 from chemage.contacts.role import ContactTheory
-from chemage.foundation.approximations import merged
-from chemage.foundation.codec import from_json
-from chemage.foundation.errors import InputError
 from chemage.foundation.memory import capacity
+from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.scene import plan as estimate
+from chemage.scene.files import override
+from chemage.scene.parsing import parse_scene
 from chemage.scene.run import run
 from chemage.scene.scene import Scene
 from chemage.scene.variants import coarser
+from chemage.studies.ensembles.quantities import Quantities, Sample
 from chemage.studies.runner import PROGRAM
 from chemage.studies.tasks import Outcome
+from chemage.studies.trade.choices import GRID
+from chemage.studies.trade.trade_map import Point, TradeMap
 
 #: factors by which the pixels of the contact are made larger, the largest first
 COARSER = (4, 2)
 #: a coarser grid is used where it costs at most this part of the scene's own
 PAYS = 0.6
+#: other settings are used where they are expected to cost at most this part of what those of the scene do
+MAP_PAYS = 0.9
+#: a budget is divided among so many processors at least, s of CPU time per s
+_ONE = 1.0
+#: how the error of the barriers is known
+HOW = "measured here on one surface: {}"
 #: a control is used where it costs at most this part of the cheapest computation
 CONTROL_PAYS = 0.5
 #: replicas of a sample whose contact takes all the time
@@ -71,8 +82,10 @@ class Computation:
     @property
     def words(self) -> str:
         """What is computed on a surface, in words."""
-        known = self.scene.surface.expected()
-        words = f"{known['nx']:.0f} x {known['ny']:.0f} pixels" if {"nx", "ny"} <= known.keys() else "the surface"
+        expected = self.scene.surface.expected()
+        words = (
+            f"{expected['nx']:.0f} x {expected['ny']:.0f} pixels" if {"nx", "ny"} <= expected.keys() else "the surface"
+        )
         if self.scene.ages:
             words += f", {self.replicas} replica{'s' if self.replicas > 1 else ''}"
         return words if self.grid_only else f"{words} ({self.settings})"
@@ -115,14 +128,14 @@ def computations(scene: Scene) -> list[Computation]:
     """
     base = bare(scene)
     own = estimated(base, 1)
-    found = [own]
+    ways = [own]
     for factor in reversed(COARSER):
         coarse = coarser(base, factor)
         if coarse is not None:
-            one = estimated(coarse, factor)
-            if one.seconds <= PAYS * found[-1].seconds:
-                found.append(one)
-    return found[::-1]
+            way = estimated(coarse, factor)
+            if way.seconds <= PAYS * ways[-1].seconds:
+                ways.append(way)
+    return ways[::-1]
 
 
 def bare(scene: Scene) -> Scene:
@@ -140,19 +153,19 @@ def sketched(cheapest: Computation) -> Computation | None:
     maker = None if isinstance(scene.contact, ContactTheory) else scene.surface.sketch()
     if maker is None:
         return None
-    made = estimated(scene.model_copy(update={"surface": maker, "hold": None}), cheapest.factor)
-    return made if made.seconds <= CONTROL_PAYS * cheapest.seconds else None
+    sketch = estimated(scene.model_copy(update={"surface": maker, "hold": None}), cheapest.factor)
+    return sketch if sketch.seconds <= CONTROL_PAYS * cheapest.seconds else None
 
 
 def estimated(scene: Scene, factor: int) -> Computation:
     """The computation of ``scene``, whose pixels are ``factor`` times larger, with estimated costs."""
-    known = estimate.cost(scene, here=False)
-    contact, replica = known.contact_cpu_seconds, known.kinetics_cpu_seconds
-    if known.kinetics_range is not None:
-        replica = math.sqrt(known.kinetics_range[0] * known.kinetics_range[1])
-    pixels = max(known.pixels, 1.0)
+    costs = estimate.cost(scene, here=False)
+    contact, replica = costs.contact_cpu_seconds, costs.kinetics_cpu_seconds
+    if costs.kinetics_range is not None:
+        replica = math.sqrt(costs.kinetics_range[0] * costs.kinetics_range[1])
+    pixels = max(costs.pixels, 1.0)
     # what no component says is taken as so much per pixel; only the allocation depends on it
-    parts = known.contact_bytes, known.replica_bytes if scene.ages else 0.0
+    parts = costs.contact_bytes, costs.replica_bytes if scene.ages else 0.0
     size = None if parts[0] is None or parts[1] is None else max(parts[0], parts[1])
     return Computation(scene, factor, 1e-6 * pixels if contact is None else contact, replica or 1e-3, size)
 
@@ -175,46 +188,155 @@ def replicas_of_difference(fine: Computation, coarse: Computation) -> int:
     return max(1, min(MOST_REPLICAS, round(math.sqrt(REPLICA_SHARE * contacts / max(kinetics, 1e-9)))))
 
 
+# -- settings from a map of speed against accuracy ---------------------------------------------------------------------
+
+
 @dataclass(frozen=True)
-class Sample:
-    """What one computation on one surface gives."""
+class Wanted:
+    """What the settings are chosen for: quantities with their accuracy, or one quantity in a time."""
 
-    #: nN, (replicas, m); (0, 0) without ageing
-    friction_drop: np.ndarray
-    #: measures of the contact
-    measures: Mapping[str, float]
-    #: plugins that answered or changed a stage: name -> source
-    plugins: Mapping[str, str] = field(default_factory=dict)
-    #: as in :mod:`chemage.foundation.approximations`
-    approximate: Sequence[Mapping[str, Any]] = ()
-
-    @classmethod
-    def of(cls, outcome: Outcome) -> Sample:
-        """The sample that a task gave.
-
-        Raises
-        ------
-        InputError
-            The friction is not finite.
-        """
-        if outcome.run is not None:
-            contact, aging = outcome.run.contact, outcome.run.aging
-            measures, plugins = contact.summary(), outcome.run.plugins
-            approximate = merged(contact.approximate, aging.approximate if aging is not None else ())
-        else:
-            assert outcome.content is not None
-            content = outcome.content
-            aging = from_json(Aging, content["aging"]) if content["aging"] else None
-            measures, plugins = content["summary"], content["plugins"]
-            approximate = content.get("approximate", ()) if aging is None else aging.approximate
-        numbers = {name: float(value) for name, value in measures.items() if _is_number(value)}
-        if aging is None:
-            return cls(np.zeros((1, 0)), numbers, plugins, approximate)
-        drop = np.asarray(aging.friction_drop, dtype=np.float64)
-        if not np.isfinite(drop).all():
-            raise InputError("friction_drop: has numbers that are not finite; see `chemage run` of one surface")
-        return cls(drop, numbers, plugins, approximate)
+    #: (column, relative half width) of each goal; 0: as accurate as the time allows
+    goals: Sequence[tuple[int, float]]
+    #: CPU seconds; inf: as long as it takes
+    budget: float = math.inf
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+def mapped_computations(map: TradeMap, scene: Scene, quantities: Quantities, wanted: Wanted) -> list[Computation]:
+    """The settings of the map with which ``scene`` is expected to reach what is ``wanted`` at the least cost, and those
+    of the scene itself last; only these where no other pay."""
+    base, own = bare(scene), map.own
+    if own is None:
+        return []
+    whole = _mapped(base, own, map, quantities, errors=False)
+    names = _names(quantities)
+    least, chosen = MAP_PAYS * _price(own, own, map, names, wanted), None
+    for point in map.points:
+        if point.own or point.reference:
+            continue
+        price = _price(point, own, map, names, wanted)
+        if price < least:
+            least, chosen = price, point
+    if chosen is None:
+        return [whole]
+    changed = parse_scene(override(base.todict(), chosen.changes))
+    # what the material gave is written out in the data
+    changed = changed.model_copy(update={"material": base.material, "from_material": base.from_material})
+    return [_mapped(changed, chosen, map, quantities), whole]
+
+
+def _mapped(scene: Scene, point: Point, map: TradeMap, quantities: Quantities, errors: bool = True) -> Computation:
+    ageing = statistics.median(point.ageing_seconds)
+    pixel = scene.surface.expected().get("pixel_size", 0.0)
+    own = map.scene.get("surface", {}).get("pixel_size", pixel)
+    factor = round(pixel / own) if isinstance(own, int | float) and own > 0 and pixel else 1
+    return replace(
+        estimated(scene, factor),
+        contact_seconds=statistics.median(point.contact_seconds),
+        replica_seconds=ageing / map.replicas if point.replicates and map.replicas else ageing,
+        settings="" if point.own else point.words,
+        errors=_errors(point, quantities) if errors else None,
+        grid_only=set(point.choices) <= {GRID},
+        timed=True,
+    )
+
+
+def _names(quantities: Quantities) -> list[str]:
+    """The name of every column in a map."""
+    curve = [f"friction_drop@{time:g} s" for time in quantities.hold_times.tolist()]
+    return [*(["beta"] if quantities.has_beta else []), *curve, *quantities.measures]
+
+
+def _errors(point: Point, quantities: Quantities) -> np.ndarray:
+    """(quantities,) relative standard errors of the settings; nan where they were not measured."""
+    names = _names(quantities)
+    if point.exact:
+        return np.zeros(len(names))
+    return np.array([point.deviation(name).size for name in names])
+
+
+def _price(point: Point, own: Point, map: TradeMap, names: list[str], wanted: Wanted) -> float:
+    """CPU seconds until every goal is reached, with or without corrections; with a budget alone, the relative half
+    width that it allows."""
+    return max(_price_of(point, own, map, names[column], accuracy, wanted) for column, accuracy in wanted.goals)
+
+
+def _price_of(point: Point, own: Point, map: TradeMap, name: str, accuracy: float, wanted: Wanted) -> float:
+    seconds, whole = _of_one(point, map), _of_one(own, map)
+    surfaces = map.surface_scatter.get(name, 0.0) if map.random else 0.0
+    variance = surfaces**2 + point.scatter.get(name, 0.0) ** 2
+    same = point.own or point.exact
+    size = 0.0 if same else point.deviation(name).size
+    if math.isnan(size) or math.isnan(variance):
+        return math.inf
+    deviation = point.deviation(name)
+    # on random surfaces of the mean over the replicas of a round, as a correction has several replicas
+    change = 0.0 if same else deviation.stderr**2 * (map.rounds if map.random else deviation.freedom + 1)
+    corrected = (math.sqrt(variance * seconds) + math.sqrt(change * (seconds + whole))) ** 2
+    if accuracy == 0:
+        time = wanted.budget if math.isfinite(wanted.budget) else _ONE
+        return NORMAL_LIMIT * min(math.sqrt(variance * seconds / time + size**2), math.sqrt(corrected / time))
+    left = (accuracy / NORMAL_LIMIT) ** 2 - size**2
+    plain = seconds * variance / left if left > 0 else math.inf
+    return min(plain, corrected * (NORMAL_LIMIT / accuracy) ** 2)
+
+
+def _of_one(point: Point, map: TradeMap) -> float:
+    """CPU seconds of one surface with one replica."""
+    ageing = statistics.median(point.ageing_seconds)
+    if point.replicates and map.replicas:
+        ageing /= map.replicas
+    return statistics.median(point.contact_seconds) + ageing
+
+
+def own_error(map: TradeMap, quantities: Quantities) -> str:
+    """How far the scene's own settings are from the reference of the map, in words; "" where it is not known."""
+    names = _names(quantities)
+    if map.own is None or not names:
+        return ""
+    deviation = map.own.deviation(names[0])
+    if math.isnan(deviation.half_width):
+        return ""
+    text = f"{100 * deviation.value:.2g} ± {100 * deviation.half_width:.2g} %"
+    return (
+        f"with the settings of the scene {names[0].replace('_', ' ')} differs from that of the most accurate ones by "
+        f"{text}, as measured for the map"
+    )
+
+
+# -- the error of the barriers -----------------------------------------------------------------------------------------
+
+
+def barriers_error(
+    computation: Computation,
+    seeds: tuple[int, int],
+    quantities: Quantities,
+    threads: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[np.ndarray, str]:
+    """(quantities,) relative standard errors that the forming barriers make, and how they are known; zeros and "" where
+    their distribution has no members.
+
+    The error is relative and the same for all surfaces, so that one of them, with ``seeds`` of surface and hold, is
+    enough; more surfaces do not make it smaller.
+    """
+    errors, scene = np.zeros(quantities.count), computation.scene
+    if scene.chemistry is None or scene.hold is None or not scene.ages or not scene.chemistry.forming.members(1):
+        return errors, ""
+    hold = scene.hold.model_copy(update={"seed": seeds[1]})
+    scene = scene.model_copy(update={"surface_seed": seeds[0], "hold": hold})
+
+    def report(stage: str, done: int, total: int, note: str = "") -> None:
+        if stage == BARRIERS and progress is not None and total:
+            progress(done, total)
+
+    aging = run(scene, threads=threads, warn=False, progress=report).aging
+    assert aging is not None
+    assert aging.member_ratios is not None
+    drops = aging.member_ratios * aging.mean_friction_drop
+    first = int(quantities.has_beta)
+    errors[first : first + quantities.hold_times.size] = aging.errors[BARRIERS]
+    if quantities.has_beta:
+        own = float(quantities.slope(aging.mean_friction_drop[None])[0])
+        slopes = quantities.slope(drops)
+        errors[0] = slopes.std(ddof=1) / abs(own) if own else np.nan
+    return errors, HOW.format(aging.error_sources[BARRIERS])

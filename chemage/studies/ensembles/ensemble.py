@@ -17,8 +17,7 @@ from chemage.foundation.approximations import in_words
 from chemage.foundation.datasets import dataset, frame
 from chemage.foundation.records import Doubles, Named, Number, Plain, Record
 from chemage.scene.scene import heading
-from chemage.studies.ensembles.allocation import Spread, half_width, spread_of
-from chemage.studies.ensembles.control import regressed
+from chemage.studies.ensembles.allocation import Spread, half_width, regressed, spread_of
 from chemage.studies.ensembles.quantities import CURVES, Quantities
 
 if TYPE_CHECKING:
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-#: confidence of every interval
-CONFIDENCE = 0.95
 #: name of an error -> what it is due to, in words
 SOURCES = {
     "surfaces": "scatter between surfaces",
@@ -75,7 +72,7 @@ class Ensemble(Record):
 
     The mean is a sum over levels: of the cheapest computation over many surfaces, and of the difference between a
     better and a cheaper one over few. Where a control was used, the first level is regressed on it
-    (:mod:`chemage.studies.ensembles.control`).
+    (:mod:`chemage.studies.ensembles.allocation`).
     """
 
     arrays = {"hold_times": (("hold_time",), "s", "time since the contact was made")}
@@ -147,12 +144,12 @@ class Ensemble(Record):
 
     @cached_property
     def _spreads(self) -> list[Spread]:
-        found = []
+        spreads = []
         for number, (level, rows) in enumerate(zip(self.levels, self._terms, strict=True)):
             chosen = int(level.get("variance_of", len(rows)))
             freedom = int(level.get("freedom", chosen - 1))
-            found.append(spread_of(rows, chosen, freedom, self.controlled and not number))
-        return found
+            spreads.append(spread_of(rows, chosen, freedom, self.controlled and not number))
+        return spreads
 
     @property
     def controlled(self) -> bool:
@@ -174,9 +171,9 @@ class Ensemble(Record):
     def half_widths(self) -> np.ndarray:
         """(quantities,) half the widths of their 95 % intervals."""
         counts = [len(rows) for rows in self._terms]
-        known = [np.abs(self.mean) * relative for relative in self.known.values()]
-        total = np.sqrt(np.sum([one**2 for one in known], axis=0)) if known else np.zeros(self.quantities.count)
-        return half_width(self._spreads, counts, total, CONFIDENCE)
+        errors = [np.abs(self.mean) * relative for relative in self.known.values()]
+        total = np.sqrt(np.sum([error**2 for error in errors], axis=0)) if errors else np.zeros(self.quantities.count)
+        return half_width(self._spreads, counts, total)
 
     def estimate(self, name: str, time: float | None = None) -> Estimate:
         """The mean of a quantity over surfaces; of a curve at a hold time (s), by default the last.
@@ -313,16 +310,18 @@ class Ensemble(Record):
         hold times one row for each measure of the contact. Needs pandas."""
         attributes = {"surfaces": self.surfaces if self.random else 1, "load": self.load}
         if not self.hold_times.size:
-            found = {name: self.estimate(name) for name in self.measures}
-            parts = dict.fromkeys(part for one in found.values() for part in one.errors)
+            estimates = {name: self.estimate(name) for name in self.measures}
+            parts = dict.fromkeys(part for estimate in estimates.values() for part in estimate.errors)
             columns = {
-                "measure": np.array(list(found)),
-                "value": np.array([one.value for one in found.values()]),
-                "half_width": np.array([one.half_width for one in found.values()]),
+                "measure": np.array(list(estimates)),
+                "value": np.array([estimate.value for estimate in estimates.values()]),
+                "half_width": np.array([estimate.half_width for estimate in estimates.values()]),
             }
             for part in parts:
                 none = ErrorPart(math.nan, "")
-                columns[f"error.{part}"] = np.array([one.errors.get(part, none).size for one in found.values()])
+                columns[f"error.{part}"] = np.array(
+                    [estimate.errors.get(part, none).size for estimate in estimates.values()]
+                )
             return frame(columns, "measure", attributes)
         return frame({"hold_time": self.hold_times, **self._curves()}, "hold_time", attributes)
 
@@ -330,11 +329,11 @@ class Ensemble(Record):
         """Columns of the curves of friction: name -> (m,)."""
         columns: dict[str, np.ndarray] = {}
         for name in (curve for curve in CURVES if curve in self.quantities.names):
-            found = [self.estimate(name, float(time)) for time in self.hold_times]
-            columns[name] = np.array([one.value for one in found])
-            columns[f"{name}_half_width"] = np.array([one.half_width for one in found])
-            for part in found[0].errors:
-                columns[f"{name}.{part}"] = np.array([one.errors[part].size for one in found])
+            estimates = [self.estimate(name, float(time)) for time in self.hold_times]
+            columns[name] = np.array([estimate.value for estimate in estimates])
+            columns[f"{name}_half_width"] = np.array([estimate.half_width for estimate in estimates])
+            for part in estimates[0].errors:
+                columns[f"{name}.{part}"] = np.array([estimate.errors[part].size for estimate in estimates])
         return columns
 
     def _repr_html_(self) -> str:
@@ -344,16 +343,16 @@ class Ensemble(Record):
         """One JSON-able object with the estimates, their intervals and the parts of their errors; β, the curves and the
         measures of the contact also by the names, and in the places, that they have in :meth:`Run.summary`."""
         names = [name for name in self.quantities.names if not name.endswith("_drop")]
-        found: dict[str, Any] = {name: _plain(self.estimate(name)) for name in names}
+        estimates: dict[str, Any] = {name: _plain(self.estimate(name)) for name in names}
         for name in self.quantities.names:
             if name.endswith("_drop"):
                 scale = 1 / self.load if name.endswith("coefficient_drop") else 1.0
-                found[name] = [
+                estimates[name] = [
                     {"hold_time": float(time), **_plain(self._estimate(self._curve.start + k, scale))}
                     for k, time in enumerate(self.hold_times)
                 ]
         if self.quantities.has_beta:
-            found["b"] = _plain(self.b)
+            estimates["b"] = _plain(self.b)
         approximate = in_words(self.approximate)
         return {
             "name": self.name,
@@ -367,7 +366,7 @@ class Ensemble(Record):
             "goals": self.goals,
             "stopped": self.stopped,
             "notes": list(self.notes),
-            "quantities": found,
+            "quantities": estimates,
             "versions": self.provenance.get("versions", {}),
             "plugins": self.plugins,
             "cite": self.provenance.get("cite", []),
@@ -377,20 +376,20 @@ class Ensemble(Record):
     def _as_of_a_run(self) -> dict[str, Any]:
         """The curves, β and b by the names that they have for a run."""
         parts, fitted = ("", "stderr", "half_width"), self.quantities.has_beta
-        found: dict[str, Any] = {}
+        numbers: dict[str, Any] = {}
         for name in CURVES:
-            known = name in self.quantities.names
-            estimates = [self.estimate(name, float(time)) for time in self.hold_times] if known else []
+            there = name in self.quantities.names
+            estimates = [self.estimate(name, float(time)) for time in self.hold_times] if there else []
             for part in parts:
-                column = [getattr(one, part or "value") for one in estimates]
-                found[f"{name}_{part}".rstrip("_")] = column if known else [math.nan] * self.hold_times.size
+                column = [getattr(point, part or "value") for point in estimates]
+                numbers[f"{name}_{part}".rstrip("_")] = column if there else [math.nan] * self.hold_times.size
         for name in ("beta", "b"):
             estimate = (self.estimate("beta") if name == "beta" else self.b) if fitted else None
             for part in parts:
-                found[f"{name}_{part}".rstrip("_")] = None if estimate is None else getattr(estimate, part or "value")
+                numbers[f"{name}_{part}".rstrip("_")] = None if estimate is None else getattr(estimate, part or "value")
         why = why_not_fitted(self.hold_times, self.window) if self.hold_times.size and not fitted else ""
-        found["fit_range"] = list(self.quantities.span) if fitted else None
-        return found | {"beta_reason": why or None, "beta_scatter_between_surfaces": self.scatter}
+        numbers["fit_range"] = list(self.quantities.span) if fitted else None
+        return numbers | {"beta_reason": why or None, "beta_scatter_between_surfaces": self.scatter}
 
     def __repr__(self) -> str:
         if not self.quantities.has_beta:
@@ -401,9 +400,9 @@ class Ensemble(Record):
     __str__ = __repr__
 
 
-def _plain(one: Estimate) -> dict[str, Any]:
+def _plain(estimate: Estimate) -> dict[str, Any]:
     return {
-        "value": one.value,
-        "half_width": one.half_width,
-        "errors": {name: {"standard_error": part.size, "known": part.how} for name, part in one.errors.items()},
+        "value": estimate.value,
+        "half_width": estimate.half_width,
+        "errors": {name: {"standard_error": part.size, "known": part.how} for name, part in estimate.errors.items()},
     }

@@ -20,9 +20,16 @@ from chemage.scene import sections as asked
 from chemage.scene.plan import cost
 from chemage.scene.scene import Scene
 from chemage.scene.variants import is_random
-from chemage.studies.ensembles import measured, stages
+from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.allocation import limit
-from chemage.studies.ensembles.computations import DIFFERENCE, Computation, computations, replicas_of_difference
+from chemage.studies.ensembles.computations import (
+    DIFFERENCE,
+    Computation,
+    Wanted,
+    computations,
+    mapped_computations,
+    replicas_of_difference,
+)
 from chemage.studies.ensembles.quantities import Quantities
 from chemage.studies.trade.trade_map import TradeMap
 
@@ -87,9 +94,9 @@ class Request:
                 "surfaces", surfaces, "but this surface is the same at every seed", "use replicas, or an accuracy"
             )
         quantities = Quantities.of(scene, tuple(MEASURES))
-        found = goals(scene.accuracy, quantities)
-        if scene.load == 0 and found:
-            raise InputError(f"accuracy.{found[0].name}: the load is 0, so that its mean is 0; ask at a load")
+        wishes = goals(scene.accuracy, quantities)
+        if scene.load == 0 and wishes:
+            raise InputError(f"accuracy.{wishes[0].name}: the load is 0, so that its mean is 0; ask at a load")
         if measurements is None and options.map is not None:
             measurements = TradeMap.read(options.map)
         if measurements is not None:
@@ -99,7 +106,7 @@ class Request:
                     "accuracy or a budget"
                 )
             measurements.check(scene, options.map or "the map")
-        return cls(scene, random, quantities, found, surfaces, options.budget, options.most, measurements)
+        return cls(scene, random, quantities, wishes, surfaces, options.budget, options.most, measurements)
 
     @property
     def counted(self) -> str:
@@ -111,49 +118,49 @@ class Request:
         if self.map is not None:
             goals = [(goal.column, goal.accuracy) for goal in self.goals] or [(0, 0.0)]
             budget = math.inf if self.budget is None else self.budget * available()
-            wanted = measured.Wanted(goals, budget)
-            if chosen := measured.computations(self.map, self.scene, self.quantities, wanted):
+            wanted = Wanted(goals, budget)
+            if chosen := mapped_computations(self.map, self.scene, self.quantities, wanted):
                 return chosen
-        found = computations(self.scene)
+        ways = computations(self.scene)
         if not self.random or self.surfaces is not None:
-            found = found[-1:]
+            ways = ways[-1:]
         elif self.goals:
-            found = found[self._beginning(found) :]
+            ways = ways[self._beginning(ways) :]
         if self.surfaces is not None and self.scene.hold is not None:
-            found = [found[0].with_replicas(self.scene.hold.replicas)]
-        return found
+            ways = [ways[0].with_replicas(self.scene.hold.replicas)]
+        return ways
 
-    def _beginning(self, found: list[Computation]) -> int:
+    def _beginning(self, ways: list[Computation]) -> int:
         """The grid to begin with, which is expected to lead to the goals at the lowest cost: the coarsest one where
         many surfaces are needed, a finer one where its error leaves too little of the interval to few surfaces."""
-        known, sure = cost(self.scene), limit(math.inf)
-        means = {} if known.area_fraction is None else {"area_fraction": known.area_fraction}
+        costs, sure = cost(self.scene), limit(math.inf)
+        means = {} if costs.area_fraction is None else {"area_fraction": costs.area_fraction}
         scatter = self.scene.surface.scatter(means)
         spread = SCATTER if scatter is None or not scatter.relative else scatter.relative
         accuracy = min(goal.accuracy for goal in self.goals)
         names = {"beta" if goal.column == 0 and self.quantities.has_beta else "friction_drop" for goal in self.goals}
 
-        def seconds(one: Computation) -> float:
-            errors = self.scene.surface.coarser_errors(one.factor, means) if one.factor > 1 else dict.fromkeys(names, 0)
+        def seconds(way: Computation) -> float:
+            errors = self.scene.surface.coarser_errors(way.factor, means) if way.factor > 1 else dict.fromkeys(names, 0)
             error = max(errors.get(name, math.inf) for name in names)
             left = (accuracy / sure) ** 2
             alone = math.inf
             if error**2 < left:
-                alone = max(stages.FIRST, spread**2 / (left - error**2)) * one.seconds
-            own = found[-1].with_replicas(replicas_of_difference(found[-1], one))
-            both = own.seconds + one.with_replicas(own.replicas).seconds
+                alone = max(stages.FIRST, spread**2 / (left - error**2)) * way.seconds
+            own = ways[-1].with_replicas(replicas_of_difference(ways[-1], way))
+            both = own.seconds + way.with_replicas(own.replicas).seconds
             corrections = max(stages.FIRST_DIFFERENCES, DIFFERENCE**2 / left) * both
-            return min(alone, max(stages.FIRST, spread**2 / left) * one.seconds + corrections)
+            return min(alone, max(stages.FIRST, spread**2 / left) * way.seconds + corrections)
 
-        return min(range(len(found)), key=lambda number: seconds(found[number]))
+        return min(range(len(ways)), key=lambda number: seconds(ways[number]))
 
     def accuracy(self) -> np.ndarray:
         """(quantities,) the relative half widths that are asked for; inf where none is, 0 for the first quantity if it
         is to be as accurate as the time allows."""
-        found = wanted(self.goals, self.quantities.count)
+        accuracy = wanted(self.goals, self.quantities.count)
         if not self.goals:
-            found[0] = 0.0
-        return found
+            accuracy[0] = 0.0
+        return accuracy
 
 
 def with_request(
@@ -216,9 +223,9 @@ def column_of(text: str, quantities: Quantities) -> int:
     return quantities.column(name.strip(), when)
 
 
-def wanted(found: list[Goal], count: int) -> np.ndarray:
+def wanted(goals: list[Goal], count: int) -> np.ndarray:
     """(count,) the accuracy of each column; inf where none is asked."""
-    made = np.full(count, np.inf)
-    for goal in found:
-        made[goal.column] = min(made[goal.column], goal.accuracy)
-    return made
+    accuracy = np.full(count, np.inf)
+    for goal in goals:
+        accuracy[goal.column] = min(accuracy[goal.column], goal.accuracy)
+    return accuracy

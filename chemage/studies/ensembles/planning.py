@@ -15,9 +15,9 @@ from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.allocation import limit
 from chemage.studies.ensembles.computations import PROGRAM, Computation, fitting, replicas_of_difference, sketched
-from chemage.studies.ensembles.foreseen import Foreseen, Scatters, foreseen, is_about_zero, scatters
 from chemage.studies.ensembles.goals import Request
 from chemage.studies.ensembles.running import Sampler, needing
+from chemage.studies.ensembles.trials import Expectation, Scatters, expected_of, is_about_zero, scatters
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class EnsemblePlan:
     #: scatter that is expected
     scatters: Scatters
     #: what the rule is expected to do; None: not known before the first samples are computed
-    foreseen: Foreseen | None
+    foreseen: Expectation | None
     #: how that is known, in words
     reason: str
 
@@ -56,7 +56,10 @@ class EnsemblePlan:
         used = [self.computations[0]]
         if self.foreseen is None or (len(self.foreseen.samples) > 1 and self.foreseen.samples[1]):
             used.append(self.computations[-1])
-        sizes = [None if one.bytes is None else one.bytes * self._at_once(one) for one in used]
+        sizes = [
+            None if computation.bytes is None else computation.bytes * self._at_once(computation)
+            for computation in used
+        ]
         if any(size is None for size in sizes):
             return None
         return PROGRAM + max(size for size in sizes if size is not None)
@@ -68,25 +71,25 @@ class EnsemblePlan:
     @property
     def notes(self) -> list[str]:
         """What to know before it runs, in words."""
-        found = [note for note in self.one.notes if note not in self._about_length]
+        notes = [note for note in self.one.notes if note not in self._about_length]
         asked, budget = self.request, self.request.budget
         first = stages.FIRST * self.seconds[0] / available()
         if budget is not None and first > budget:
-            found.append(
+            notes.append(
                 f"the first {stages.FIRST} {asked.counted}, without which there is no interval, take about "
                 f"{_seconds(first)}, which is longer than the budget of {budget:g} s"
             )
         seen = self.foreseen
         if seen is not None and asked.goals and seen.reason and seen.reached < 0.5:
-            found.append(self._unreached(seen))
-        return found
+            notes.append(self._unreached(seen))
+        return notes
 
     @property
     def _about_length(self) -> list[str]:
         """Notes on how long one run of the scene would take, which is another question."""
         return [note for note in self.one.notes if note.startswith("this will take ")]
 
-    def _unreached(self, seen: Foreseen) -> str:
+    def _unreached(self, seen: Expectation) -> str:
         asked = self.request
         names = ", ".join(f"accuracy.{goal.name} = {100 * goal.accuracy:g} %" for goal in asked.goals)
         if seen.reason == "most":
@@ -114,7 +117,8 @@ class EnsemblePlan:
                 "most": self.request.most,
                 "random": self.request.random,
                 "computations": [
-                    {"words": one.words, "cpu_seconds": one.seconds, "factor": one.factor} for one in self.computations
+                    {"words": computation.words, "cpu_seconds": computation.seconds, "factor": computation.factor}
+                    for computation in self.computations
                 ],
                 "levels": [
                     {"words": words, "samples": count, "replicas": replicas, "cpu_seconds": seconds}
@@ -140,38 +144,40 @@ class EnsemblePlan:
         first, last = self.computations[0], self.computations[-1]
         levels = [(first.words, self.foreseen.samples[0], first.replicas, self.seconds[0])]
         if len(self.foreseen.samples) > 1 and self.foreseen.samples[1]:
-            made = [one.with_replicas(self.replicas_of_corrections) for one in (last, first)]
-            words = " minus ".join(one.words for one in made)
-            levels.append((words, self.foreseen.samples[1], made[0].replicas, self.seconds[1]))
+            pair = [computation.with_replicas(self.replicas_of_corrections) for computation in (last, first)]
+            words = " minus ".join(computation.words for computation in pair)
+            levels.append((words, self.foreseen.samples[1], pair[0].replicas, self.seconds[1]))
         return levels
 
     @property
     def sketch(self) -> tuple[Computation, int] | None:
         """The control, and how many samples of it are expected; None where it is not expected to pay."""
         count = 0 if self.foreseen is None else self.foreseen.sketches
-        made = sketched(self.computations[0]) if count else None
-        return None if made is None else (made.here(), count)
+        sketch = sketched(self.computations[0]) if count else None
+        return None if sketch is None else (sketch.here(), count)
 
     def not_computed(self) -> list[str]:
         """What an ensemble leaves out of a run of its scene, and why, in words."""
-        asked, first, found = self.request, self.computations[0], []
+        asked, first, sentences = self.request, self.computations[0], []
         scene, own = asked.scene, self.computations[-1]
         if first.factor > 1:
             share = 100 * first.seconds / own.seconds
             corrected = len(self._levels()) > 1
             why = "corrected on some surfaces" if corrected else "within the error that is stated for it"
-            found.append(f"the contact grid of the scene on every surface: a coarser one costs {share:.2g} %, {why}")
+            sentences.append(
+                f"the contact grid of the scene on every surface: a coarser one costs {share:.2g} %, {why}"
+            )
         written = scene.hold.replicas if scene.hold is not None and scene.ages else 1
         if asked.random and first.replicas < written:
-            found.append(
+            sentences.append(
                 f"{written} replicas on each surface: with the scatter between surfaces, one on each of more "
                 "surfaces says more"
             )
         if scene.observe:
-            kinds = ", ".join(one.kind for one in scene.observe)
-            found.append(f"observables ({kinds}): an ensemble averages friction and measures of the contact")
-        found.append("maps of heights and pressure are not kept: no mean over surfaces needs them")
-        return found
+            kinds = ", ".join(observable.kind for observable in scene.observe)
+            sentences.append(f"observables ({kinds}): an ensemble averages friction and measures of the contact")
+        sentences.append("maps of heights and pressure are not kept: no mean over surfaces needs them")
+        return sentences
 
     def rows(self) -> list[tuple[str, str]]:
         """(name, text) lines for a table."""
@@ -210,13 +216,13 @@ class EnsemblePlan:
         names += ["computation that may correct it"] * (len(self.computations) - 1)
         used = [self.computations[0], *([self.computations[-1]] if len(self.computations) > 1 else [])]
         rows = [
-            (name, f"{one.words}, about {_seconds(one.seconds)} of CPU time each")
-            for name, one in zip(names, used, strict=False)
+            (name, f"{computation.words}, about {_seconds(computation.seconds)} of CPU time each")
+            for name, computation in zip(names, used, strict=False)
         ]
         if self.sketch is not None:
-            made, count = self.sketch
-            grid = made.words.partition(",")[0]
-            text = f"the area of the contact of {count} surfaces on {grid}, {_seconds(made.seconds)} of CPU time each"
+            sketch, count = self.sketch
+            grid = sketch.words.partition(",")[0]
+            text = f"the area of the contact of {count} surfaces on {grid}, {_seconds(sketch.seconds)} of CPU time each"
             rows.append(("control", text))
         levels = self._levels()
         if len(levels) > 1:
@@ -230,7 +236,7 @@ class EnsemblePlan:
         return rows
 
 
-def _cost(seen: Foreseen) -> str:
+def _cost(seen: Expectation) -> str:
     low, high = seen.cpu_range
     spread = f" ({_seconds(low)} to {_seconds(high)})" if high > 1.3 * low else ""
     return f"about {_seconds(seen.cpu_seconds)} of CPU time{spread}, {_seconds(seen.wall_seconds)} on this machine"
@@ -249,23 +255,25 @@ def plan(scene: Scene) -> EnsemblePlan:
         The request contradicts itself or the scene, or one surface needs more memory than this machine has.
     """
     with scene.in_use():
-        one = estimate.plan(scene)
+        single = estimate.plan(scene)
         sampler = Sampler(scene, warn=False)  # the plan has the doubts as notes
         request = sampler.request
         first, *_ = stated = request.computations()
-        found = tuple(one.here() for one in stated)
-        seconds, replicas = [found[0].seconds], 1
-        if len(found) > 1:
-            replicas = replicas_of_difference(found[-1], found[0])
-            seconds.append(sum(part.with_replicas(replicas).seconds for part in (found[0], found[-1])))
-        known = estimate.cost(scene)
-        expected = scatters(request, known, one.numbers)
-        seen, reason = _foreseen(sampler, known, expected, first)
+        here = tuple(computation.here() for computation in stated)
+        seconds, replicas = [here[0].seconds], 1
+        if len(here) > 1:
+            replicas = replicas_of_difference(here[-1], here[0])
+            seconds.append(sum(part.with_replicas(replicas).seconds for part in (here[0], here[-1])))
+        costs = estimate.cost(scene)
+        expected = scatters(request, costs, single.numbers)
+        seen, reason = _expectation(sampler, costs, expected, first)
         seen = None if seen is None else seen.scaled(first.scale)
-    return EnsemblePlan(one, request, found, tuple(seconds), replicas, expected, seen, reason)
+    return EnsemblePlan(single, request, here, tuple(seconds), replicas, expected, seen, reason)
 
 
-def _foreseen(sampler: Sampler, known: Plan, expected: Scatters, first: Computation) -> tuple[Foreseen | None, str]:
+def _expectation(
+    sampler: Sampler, costs: Plan, expected: Scatters, first: Computation
+) -> tuple[Expectation | None, str]:
     """What the rule is expected to do, and how that is known; ``first`` is the cheapest computation, in whose seconds
     all times are."""
     asked, workers = sampler.request, available()
@@ -273,21 +281,21 @@ def _foreseen(sampler: Sampler, known: Plan, expected: Scatters, first: Computat
     seconds, replicas = first.seconds, first.replicas
     if request.surfaces is not None:
         return _counted(request, expected, seconds, replicas), "as asked for"
-    means: Mapping[str, float] = {} if known.area_fraction is None else {"area_fraction": known.area_fraction}
-    seen = foreseen(request, sampler.possible_routes(), expected, means, fitting(first, workers))
+    means: Mapping[str, float] = {} if costs.area_fraction is None else {"area_fraction": costs.area_fraction}
+    seen = expected_of(request, sampler.possible_routes(), expected, means, fitting(first, workers))
     if seen is not None:
         return seen, _why(request, expected, replicas)
     if request.budget is not None and not request.goals:
         count = max(stages.FIRST, int(workers * request.budget / seconds))
         wall = count * seconds / workers
         total = count * seconds
-        made = Foreseen((count,), (count, count), total, (total, total), wall)
-        return made, "as many as the time allows"
+        expectation = Expectation((count,), (count, count), total, (total, total), wall)
+        return expectation, "as many as the time allows"
     over = "surfaces" if request.random else "replicas"
     return None, f"the scatter between {over} is not known before" + (f": {expected.source}" if expected.source else "")
 
 
-def _counted(request: Request, expected: Scatters, seconds: float, replicas: int) -> Foreseen:
+def _counted(request: Request, expected: Scatters, seconds: float, replicas: int) -> Expectation:
     """Of a number of surfaces that is given."""
     count = request.surfaces or 1
     column = 0
@@ -296,7 +304,7 @@ def _counted(request: Request, expected: Scatters, seconds: float, replicas: int
     if math.isfinite(scatter) and not is_about_zero(scatter):
         intervals[request.quantities.names[0]] = limit(count - 1) * scatter / math.sqrt(count)
     total = count * seconds
-    return Foreseen((count,), (count, count), total, (total, total), total / min(available(), count), intervals)
+    return Expectation((count,), (count, count), total, (total, total), total / min(available(), count), intervals)
 
 
 def _why(request: Request, expected: Scatters, replicas: int) -> str:

@@ -1,24 +1,73 @@
-"""The quantities of a sample as one row of numbers, so that all of them are averaged and judged in the same way."""
+"""A sample, and its quantities as one row of numbers, so that all of them are averaged and judged in the same way."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import few_hold_times, line_slopes
 from chemage.ageing.hold_times import within
+from chemage.foundation.approximations import merged
+from chemage.foundation.codec import from_json
 from chemage.foundation.errors import InputError
 from chemage.foundation.messages import nearest
 from chemage.scene.scene import Scene
-from chemage.studies.ensembles.computations import Sample
+from chemage.studies.tasks import Outcome
 
 #: quantities that are a curve over hold times
 CURVES = ("friction_drop", "friction_coefficient_drop")
 #: measures of a contact that are the same on every surface, and so no quantities of an ensemble
 _GIVEN = {"load", "modulus", "nominal_area", "nominal_pressure"}
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What one computation on one surface gives."""
+
+    #: nN, (replicas, m); (0, 0) without ageing
+    friction_drop: np.ndarray
+    #: measures of the contact
+    measures: Mapping[str, float]
+    #: plugins that answered or changed a stage: name -> source
+    plugins: Mapping[str, str] = field(default_factory=dict)
+    #: as in :mod:`chemage.foundation.approximations`
+    approximate: Sequence[Mapping[str, Any]] = ()
+
+    @classmethod
+    def of(cls, outcome: Outcome) -> Sample:
+        """The sample that a task gave.
+
+        Raises
+        ------
+        InputError
+            The friction is not finite.
+        """
+        if outcome.run is not None:
+            contact, aging = outcome.run.contact, outcome.run.aging
+            measures, plugins = contact.summary(), outcome.run.plugins
+            approximate = merged(contact.approximate, aging.approximate if aging is not None else ())
+        else:
+            assert outcome.content is not None
+            content = outcome.content
+            aging = from_json(Aging, content["aging"]) if content["aging"] else None
+            measures, plugins = content["summary"], content["plugins"]
+            approximate = content.get("approximate", ()) if aging is None else aging.approximate
+        numbers = {name: float(value) for name, value in measures.items() if _is_number(value)}
+        if aging is None:
+            return cls(np.zeros((1, 0)), numbers, plugins, approximate)
+        drop = np.asarray(aging.friction_drop, dtype=np.float64)
+        if not np.isfinite(drop).all():
+            raise InputError("friction_drop: has numbers that are not finite; see `chemage run` of one surface")
+        return cls(drop, numbers, plugins, approximate)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ import time
 import warnings
 from collections.abc import Generator, Mapping
 from concurrent.futures import Executor
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -19,29 +18,30 @@ from chemage.foundation.errors import InputError, PlanWarning
 from chemage.foundation.progress import Report
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
-from chemage.foundation.threads import restored as threads_restored
 from chemage.scene.files import load_scene
 from chemage.scene.parsing import parse_scene
 from chemage.scene.plan import cost, in_hours
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
-from chemage.studies.by_hand import for_workers, registered_classes
-from chemage.studies.design import PATIENCE, Part, carry_out
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.allocation import MOST
-from chemage.studies.ensembles.barriers import barriers_error
-from chemage.studies.ensembles.computations import Computation, fitting, replicas_of_difference, sketched
+from chemage.studies.ensembles.computations import (
+    Computation,
+    barriers_error,
+    fitting,
+    own_error,
+    replicas_of_difference,
+    sketched,
+)
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.goals import Goal, Request, with_request
-from chemage.studies.ensembles.measured import own_error
-from chemage.studies.ensembles.quantities import Quantities
-from chemage.studies.ensembles.sampling import Control, Difference, Parts, Samples, Single, Store, Taken, within
-from chemage.studies.executors.clusters import seconds
-from chemage.studies.executors.opening import open_pool
-from chemage.studies.runner import Runner
+from chemage.studies.ensembles.quantities import Quantities, Sample
+from chemage.studies.ensembles.sampling import Control, Difference, Parts, Samples, Single, Taken, within
 from chemage.studies.selection import Selection
+from chemage.studies.study import Archive, Part, Study
 from chemage.studies.tasks import Outcome, Task
 from chemage.studies.trade.trade_map import TradeMap
+from chemage.studies.workers import registered_classes
 
 #: seconds between two intervals that are shown
 PERIOD = 0.25
@@ -110,11 +110,11 @@ def ensemble(
     if not isinstance(scene, Scene):
         scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
     request: dict[str, Any] = {"surfaces": surfaces, "accuracy": accuracy, "budget": budget, "most": most}
-    given = measured if isinstance(measured, TradeMap) else None
-    made = with_request(scene.completed(), **request, map=None if isinstance(measured, TradeMap) else measured)
+    map = measured if isinstance(measured, TradeMap) else None
+    asked = with_request(scene.completed(), **request, map=None if isinstance(measured, TradeMap) else measured)
     where: dict[str, Any] = {"executor": executor, "workers": workers, "threads": threads, "patience": patience}
     where["points"] = points
-    return Sampler(made, samples=samples, measured=given, **where).run(progress)
+    return Sampler(asked, samples=samples, measured=map, **where).run(progress)
 
 
 def needing(names: str, count: int, seconds: float, asked: Request, so_far: str = "") -> str:
@@ -155,12 +155,15 @@ class Sampler:
     ) -> None:
         with scene.in_use():
             self.request = Request.of(scene, measured)
-            known = cost(scene)
-            known.check()
-            for doubt in known.doubts() if warn else ():
+            costs = cost(scene)
+            costs.check()
+            for doubt in costs.doubts() if warn else ():
                 if doubt.kind != "long":  # how long an ensemble takes is another question
                     warnings.warn(doubt.text, PlanWarning, stacklevel=3)
-            self.store = Store(None if samples is None else Path(samples), scene)
+            self.archive = Archive(samples, scene)
+        if samples is not None and any(Path(samples).glob("*.samples")):
+            text = "samples of chemage 0.2 (*.samples) are not used; they are computed again, and may be removed"
+            warnings.warn(f"{samples}: {text}", UserWarning, stacklevel=3)
         self.scene = scene
         self._executor, self._workers, self._threads, self._patience = executor, workers, threads, patience
         self._part = None if points is None else self._part_of(points)
@@ -189,15 +192,15 @@ class Sampler:
             It cannot be fulfilled.
         """
         self._progress = progress or _silent
-        known = for_workers(self._executor, registered_classes(self.scene.components()))
-        with ExitStack() as stack:
-            stack.enter_context(threads_restored())
-            stack.callback(self.store.close, shared=self._part is not None)
-            pool = stack.enter_context(open_pool(*self._where(), self._patience))
+        classes = registered_classes(self.scene.components())
+        with Study(*self._where(), self._patience, classes=classes) as study:
             try:
-                carry_out(self, Runner(pool, self.store.place, known), self._part)
+                study.carry_out(self, self.archive.place, self._part)
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(self._so_far()) from None
+            finally:
+                if self._part is None:
+                    self.archive.tidy()
             return self.ensemble()
 
     def _part_of(self, points: str) -> Part:
@@ -206,10 +209,9 @@ class Sampler:
             raise InputError.of("points", points, "a mean is no sweep", "give a share, such as 3/16 or auto")
         if self.request.budget is not None:
             raise InputError.of("points", points, "a wall time cannot be shared", "ask for an accuracy")
-        if self.store.place is None:
+        if self.archive.place is None:
             raise InputError.of("points", points, "shares meet in the folder of the samples", "name it: samples=...")
-        patience = PATIENCE if self._patience is None else seconds(self._patience)
-        return Part(*share, self.store.place.folder, patience)
+        return Part.of(share, self.archive.place.folder, self._patience)
 
     @property
     def writes(self) -> bool:
@@ -225,7 +227,7 @@ class Sampler:
             return self._executor, threads, 1
         return "serial", None, threads
 
-    # -- as a design, see :class:`chemage.studies.design.Design` ------------------------------------------------------
+    # -- as a design, see :class:`chemage.studies.study.Design` ------------------------------------------------------
 
     def ask(self) -> list[Task]:
         """The tasks of the samples that are needed now.
@@ -260,7 +262,7 @@ class Sampler:
     def tell(self, task: Task, outcome: Outcome) -> None:
         """Receive a sample."""
         part, _ = self._waiting[task.key]
-        part.receive(task.number, self.store.sample(task, outcome))
+        part.receive(task.number, Sample.of(self.archive.received(task, outcome)))
 
     def ensemble(self) -> Ensemble:
         """The result, when nothing more is asked."""
@@ -297,16 +299,16 @@ class Sampler:
 
     def possible_routes(self) -> list[stages.Route]:
         """Ways to the answer, the one without corrections first."""
-        found = self.request.computations()
+        ways = self.request.computations()
         base = np.hypot(self._approximation(), self._barriers)
-        coarse, fine = found[0], found[-1]
+        coarse, fine = ways[0], ways[-1]
         single = Single(self._samples(coarse, 0), self._quantities)
         sketch = sketched(coarse) if self.request.random and self.request.surfaces is None else None
         control = None if sketch is None else Control(self._samples(sketch, 0, self._sketched))
-        if len(found) == 1 or (coarse.errors is not None and not coarse.errors.any()):
+        if len(ways) == 1 or (coarse.errors is not None and not coarse.errors.any()):
             return [stages.Route("own grid", (single,), lambda mean: base, control)]
         replicas = replicas_of_difference(fine, coarse)
-        level = [self._samples(one.with_replicas(replicas), 1) for one in (fine, coarse)]
+        level = [self._samples(way.with_replicas(replicas), 1) for way in (fine, coarse)]
         difference = Difference(level[0], level[1], self._quantities)
         corrected = stages.Route("corrected", (single, difference), lambda mean: base, control)
 
@@ -320,7 +322,7 @@ class Sampler:
             computation,
             level=level,
             varied=self.request.random,
-            store=self.store,
+            archive=self.archive,
             taken=taken or self._taken,
         )
 
@@ -360,15 +362,15 @@ class Sampler:
             total += errors**2
         return np.sqrt(total)
 
-    def _columns(self, known: Mapping[str, float]) -> np.ndarray:
+    def _columns(self, errors: Mapping[str, float]) -> np.ndarray:
         """Errors by name as one number for each quantity; nan where nothing is known."""
-        found = np.full(self._quantities.count, np.nan)
+        columns = np.full(self._quantities.count, np.nan)
         first = int(self._quantities.has_beta)
-        if first and "beta" in known:
-            found[0] = known["beta"]
-        if "friction_drop" in known:
-            found[first : first + self._quantities.hold_times.size] = known["friction_drop"]
-        return found
+        if first and "beta" in errors:
+            columns[0] = errors["beta"]
+        if "friction_drop" in errors:
+            columns[first : first + self._quantities.hold_times.size] = errors["friction_drop"]
+        return columns
 
     # -- progress and messages ----------------------------------------------------------------------------------------
 
@@ -407,16 +409,16 @@ class Sampler:
         route = self._aimed[0].route if self._aimed is not None else self._routes[0]
         levels = self._aimed[0].sampled if self._aimed is not None else []
         looks = 0 if self.request.surfaces is not None else stages.LOOKS
-        found = [
+        sampled = [
             stages.Sampled(level, _of(level).so_far(), looks=looks)
-            for level in ([one.level for one in levels] or route.levels)
+            for level in ([sampled.level for sampled in levels] or route.levels)
         ]
-        if min(one.count for one in found) < 2:
+        if min(part.count for part in sampled) < 2:
             return ""
-        if len(found) > len(route.levels):  # a sample may be there before its control
-            pairs = min(found[0].count, found[-1].count)
-            found[0].values = found[0].values[:pairs]
-        state = stages.State(route, found, np.zeros(self._quantities.count, dtype=bool))
+        if len(sampled) > len(route.levels):  # a sample may be there before its control
+            pairs = min(sampled[0].count, sampled[-1].count)
+            sampled[0].values = sampled[0].values[:pairs]
+        state = stages.State(route, sampled, np.zeros(self._quantities.count, dtype=bool))
         return self._in_words(state.mean, state.half_width())
 
     def _in_words(self, mean: np.ndarray, half: np.ndarray) -> str:
@@ -434,8 +436,8 @@ class Sampler:
         route = self._aimed[0].route if self._aimed is not None else self._routes[0]
         counts = " and ".join(str(len(_of(level).so_far())) for level in route.levels)
         kept = ""
-        if self.store.path is not None:
-            kept = f", kept in {self.store.path}; the same command takes them up and goes on"
+        if self.archive.path is not None:
+            kept = f", kept in {self.archive.path}; the same command takes them up and goes on"
         return f"so far {self._interval() or 'too few for an interval,'} from {counts} samples{kept}"
 
     def _explained(self, error: stages.Unreachable) -> str:
@@ -459,7 +461,9 @@ class Sampler:
                 "ask for a wider interval"
             )
         scale = _of(state.sampled[0].level).parts[0].computation.scale
-        seconds = scale * sum(count * one.level.cost for count, one in zip(error.needed, state.sampled, strict=True))
+        seconds = scale * sum(
+            count * sampled.level.cost for count, sampled in zip(error.needed, state.sampled, strict=True)
+        )
         return needing(names, max(error.needed), seconds, asked, f" ({so_far})")
 
     # -- the result ---------------------------------------------------------------------------------------------------
@@ -467,27 +471,27 @@ class Sampler:
     def _made(self, state: stages.State, stopped: str) -> Ensemble:
         interval = self._in_words(state.mean, state.half_width())
         names = [SAMPLING, *[CORRECTING] * (len(state.route.levels) - 1), *[SKETCHING] * state.controlled]
-        for name, one in zip(names, state.sampled, strict=True):
-            self._progress(name, one.count, one.count, interval)
+        for name, sampled in zip(names, state.sampled, strict=True):
+            self._progress(name, sampled.count, sampled.count, interval)
         levels, rows, inside = [], {}, None
-        for number, one in enumerate(state.sampled):
-            parts = _of(one.level).parts
-            levels.append(self._described(one, parts))
-            rows[str(number)] = np.array(one.values)
+        for number, sampled in enumerate(state.sampled):
+            parts = _of(sampled.level).parts
+            levels.append(self._described(sampled, parts))
+            rows[str(number)] = np.array(sampled.values)
             if names[number] == SKETCHING:
                 levels[-1]["control"] = True
             else:
                 inside = within(parts, self._quantities) or inside
-        known, how = {}, {}
+        errors, how = {}, {}
         approximation = self._approximation()
         if not np.all(approximation == 0):
-            known["approximation"], how["approximation"] = approximation, "declared by the approximate parts"
+            errors["approximation"], how["approximation"] = approximation, "declared by the approximate parts"
         if self._barriers_how:
-            known[BARRIERS], how[BARRIERS] = self._barriers, self._barriers_how
+            errors[BARRIERS], how[BARRIERS] = self._barriers, self._barriers_how
         if state.route.name == "not corrected":
             part = _of(state.sampled[0].level).parts[0].computation
             name = "discretisation" if part.grid_only else "settings"
-            known[name] = self._coarsening(part, state.mean)
+            errors[name] = self._coarsening(part, state.mean)
             how[name] = f"measured before on other surfaces, pixels {part.factor} times larger"
             if part.errors is not None:
                 how[name] = f"measured for the map: {part.settings}"
@@ -499,7 +503,7 @@ class Sampler:
             levels=tuple(levels),
             rows=rows,
             within={} if inside is None else {"variance": inside[0]},
-            known=known,
+            known=errors,
             known_how=how,
             goals={goal.name: goal.accuracy for goal in self.request.goals},
             stopped=stopped,
@@ -516,9 +520,9 @@ class Sampler:
         return (*notes, text)
 
     def _provenance(self, state: stages.State) -> dict[str, Any]:
-        samples = [one for level in state.sampled for part in _of(level.level).parts for one in part.samples]
-        plugins = {name: source for one in samples for name, source in one.plugins.items()}
-        approximate = merged(*(one.approximate for one in samples))
+        samples = [sample for level in state.sampled for part in _of(level.level).parts for sample in part.samples]
+        plugins = {name: source for sample in samples for name, source in sample.plugins.items()}
+        approximate = merged(*(sample.approximate for sample in samples))
         return {
             "scene": self.scene.todict(),
             "versions": {**versions(self.scene), **plugins},
@@ -527,15 +531,15 @@ class Sampler:
             **({"approximate": approximate} if approximate else {}),
         }
 
-    def _described(self, one: stages.Sampled, parts: tuple[Samples, ...]) -> dict[str, Any]:
+    def _described(self, sampled: stages.Sampled, parts: tuple[Samples, ...]) -> dict[str, Any]:
         """A level as it is in the record."""
         return {
             "words": " minus ".join(part.computation.words for part in parts),
             "replicas": parts[0].computation.replicas,
-            "samples": one.count,
-            "cpu_seconds": one.level.cost,
-            "variance_of": one.frozen or one.count,
-            "freedom": one.freedom,
+            "samples": sampled.count,
+            "cpu_seconds": sampled.level.cost,
+            "variance_of": sampled.frozen or sampled.count,
+            "freedom": sampled.freedom,
             "random": self.request.random,
-            "seeds": [list(parts[0].seeds(k)) for k in range(min(one.count, 10))],
+            "seeds": [list(parts[0].seeds(k)) for k in range(min(sampled.count, 10))],
         }

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-import shutil
-import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
-from chemage.foundation.errors import ExecutorError
-from chemage.plugins.sources import changed
-from chemage.scene.provenance import versions
-from chemage.scene.scene import Scene
-from chemage.studies.ensembles.computations import Computation, Sample
-from chemage.studies.ensembles.quantities import Quantities
-from chemage.studies.tasks import Outcome, Place, Task, forget
+from chemage.studies.ensembles.computations import Computation
+from chemage.studies.ensembles.quantities import Quantities, Sample
+from chemage.studies.study import Archive
+from chemage.studies.tasks import Task
 
 #: called when a sample is there, with those of its computation so far
 Taken = Callable[["Samples"], None]
@@ -32,81 +25,17 @@ def seed_of(base: int, level: int, number: int, what: int) -> int:
     return (int(words[0]) << 21) | (int(words[1]) >> 11)
 
 
-@dataclass
-class Store:
-    """Where samples are kept."""
-
-    #: None: nothing is kept
-    path: Path | None
-    scene: Scene
-    #: how many samples were found there
-    found: int = 0
-    _versions: dict[str, str] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self._versions = {name: text for name, text in versions(self.scene).items() if name != "processor"}
-        if self.path is not None and any(self.path.glob("*.samples")):
-            text = "samples of chemage 0.2 (*.samples) are not used; they are computed again, and may be removed"
-            warnings.warn(f"{self.path}: {text}", UserWarning, stacklevel=4)
-
-    @property
-    def place(self) -> Place | None:
-        """The same for workers."""
-        return None if self.path is None else Place(str(self.path.absolute()), contacts=False)
-
-    def get(self, task: Task) -> Sample | None:
-        """The sample of a task; None if it is not there, damaged, or of other versions."""
-        if self.place is None:
-            return None
-        content = self.place.folder.read_point(task.key)
-        if content["status"] != "done" or changed(content["plugins"]):
-            return None
-        recorded = content["summary"]["versions"]
-        if any(recorded.get(name) != text for name, text in self._versions.items()):
-            return None
-        self.found += 1
-        return Sample.of(Outcome(content=content))
-
-    def sample(self, task: Task, outcome: Outcome) -> Sample:
-        """The sample that a task gave, which may be in the folder only.
-
-        Raises
-        ------
-        ExecutorError
-            Another version of chemage has computed it.
-        """
-        if outcome.error is not None:
-            raise outcome.error
-        if outcome.run is None and outcome.content is None:
-            assert self.place is not None
-            outcome = Outcome(content=self.place.folder.read_point(task.key))
-        if outcome.content is not None:
-            version = outcome.content["summary"]["versions"]["chemage"]
-            if version != self._versions["chemage"]:
-                raise ExecutorError(
-                    f"a worker has chemage {version}, but the mean is run by {self._versions['chemage']}"
-                )
-        return Sample.of(outcome)
-
-    def close(self, *, shared: bool) -> None:
-        """Free what this process has in memory; unless other processes use the folder, remove what is needed while
-        samples are written."""
-        forget("" if self.place is None else self.place.path)
-        if self.place is not None and not shared:
-            shutil.rmtree(self.place.folder.path / ".parts", ignore_errors=True)
-
-
 class Samples:
     """The samples of one computation on the surfaces (or replicas) of one level."""
 
     def __init__(
-        self, computation: Computation, *, level: int, varied: bool, store: Store, taken: Taken | None = None
+        self, computation: Computation, *, level: int, varied: bool, archive: Archive, taken: Taken | None = None
     ) -> None:
         """``varied``: another surface for each sample; else the surface of the scene with other replicas."""
         self.computation, self.level, self.varied = computation, level, varied
         #: without gaps, in the order of their numbers
         self.samples: list[Sample] = []
-        self._store, self._taken = store, taken
+        self._archive, self._taken = archive, taken
         self._later: dict[int, Sample] = {}
 
     def seeds(self, number: int) -> tuple[int, int]:
@@ -118,14 +47,14 @@ class Samples:
 
     def task(self, number: int) -> Task:
         """The task of a sample."""
-        one = self.computation
-        replicas = one.replicas if one.scene.ages else 0
+        computation = self.computation
+        replicas = computation.replicas if computation.scene.ages else 0
         return Task.of(
-            one.seeded(*self.seeds(number)),
+            computation.seeded(*self.seeds(number)),
             number=number,
-            contact_seconds=one.contact_seconds,
-            ageing_seconds=one.replica_seconds * replicas,
-            bytes=one.bytes or 0.0,
+            contact_seconds=computation.contact_seconds,
+            ageing_seconds=computation.replica_seconds * replicas,
+            bytes=computation.bytes or 0.0,
             members=False,
         )
 
@@ -136,11 +65,11 @@ class Samples:
             if number in self._later:
                 continue
             task = self.task(number)
-            sample = self._store.get(task)
-            if sample is None:
+            outcome = self._archive.find(task)
+            if outcome is None:
                 tasks.append(task)
             else:
-                self.receive(number, sample)
+                self.receive(number, Sample.of(outcome))
         return tasks
 
     def receive(self, number: int, sample: Sample) -> None:
@@ -192,7 +121,7 @@ class Control(Parts):
 
     def so_far(self) -> np.ndarray:
         """(samples, 1): what is there."""
-        return np.array([[one.measures["area_fraction"]] for one in self.parts[0].samples]).reshape(-1, 1)
+        return np.array([[sample.measures["area_fraction"]] for sample in self.parts[0].samples]).reshape(-1, 1)
 
 
 class Difference(Parts):

@@ -19,8 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from chemage.studies.ensembles.allocation import Spread, allocated, half_width, spread_of
-from chemage.studies.ensembles.control import regressed
+from chemage.studies.ensembles.allocation import Spread, allocated, half_width, regressed, spread_of
 
 #: samples of the first stage: of a level that is sampled often, and of one that corrects it
 FIRST, FIRST_DIFFERENCES = 6, 5
@@ -110,25 +109,25 @@ class State:
     @property
     def counts(self) -> list[int]:
         """Samples so far."""
-        return [one.count for one in self.sampled]
+        return [sampled.count for sampled in self.sampled]
 
     @property
     def costs(self) -> list[float]:
         """CPU seconds of a sample."""
-        return [one.level.cost for one in self.sampled]
+        return [sampled.level.cost for sampled in self.sampled]
 
     @property
     def terms(self) -> list[np.ndarray]:
         """(samples, quantities) of each level: independent samples, whose means add up to the mean."""
-        values = [one.values for one in self.sampled]
+        values = [sampled.values for sampled in self.sampled]
         return regressed(values) if self.controlled else values
 
     @property
     def spreads(self) -> list[Spread]:
         """Of each of the terms: the variance that the interval is made of."""
         return [
-            spread_of(term, one.frozen or one.count, one.freedom, self.controlled and not number)
-            for number, (term, one) in enumerate(zip(self.terms, self.sampled, strict=True))
+            spread_of(term, sampled.frozen or sampled.count, sampled.freedom, self.controlled and not number)
+            for number, (term, sampled) in enumerate(zip(self.terms, self.sampled, strict=True))
         ]
 
     @property
@@ -142,13 +141,13 @@ class State:
         mean = self.mean
         return self.route.known(mean) * np.abs(mean)
 
-    def half_width(self, confidence: float = 0.95) -> np.ndarray:
+    def half_width(self) -> np.ndarray:
         """(quantities,) half the width of the interval."""
-        return half_width(self.spreads, self.counts, self.known, confidence)
+        return half_width(self.spreads, self.counts, self.known)
 
-    def relative(self, confidence: float = 0.95) -> np.ndarray:
+    def relative(self) -> np.ndarray:
         """(quantities,) the same over the magnitude of the mean."""
-        return self.half_width(confidence) / np.maximum(np.abs(self.mean), 1e-300)
+        return self.half_width() / np.maximum(np.abs(self.mean), 1e-300)
 
     def reached(self, accuracy: np.ndarray) -> bool:
         """Whether the interval of everything that is to be accurate is as narrow as that, (quantities,) relative."""
@@ -157,12 +156,15 @@ class State:
 
     def cost(self, counts: Sequence[int]) -> float:
         """CPU seconds of the samples that are missing to ``counts``."""
-        return sum(max(0, count - one.count) * one.level.cost for count, one in zip(counts, self.sampled, strict=True))
+        return sum(
+            max(0, count - sampled.count) * sampled.level.cost
+            for count, sampled in zip(counts, self.sampled, strict=True)
+        )
 
     def upto(self, counts: Sequence[int], clock: Clock) -> Steps:
         """Take samples until there are ``counts``; each of the first level has that of the control."""
-        for one, count in zip(self.sampled, counts, strict=True):
-            yield from clock.upto(one, count)
+        for sampled, count in zip(self.sampled, counts, strict=True):
+            yield from clock.upto(sampled, count)
         if self.controlled:
             yield from clock.upto(self.sampled[-1], self.sampled[0].count)
 
@@ -201,31 +203,32 @@ class Clock:
         """Seconds that are left."""
         return self.seconds - (self.now() - self.begin) if math.isfinite(self.seconds) else math.inf
 
-    def upto(self, one: Sampled, count: int) -> Steps:
+    def upto(self, sampled: Sampled, count: int) -> Steps:
         """Take samples until there are ``count``, and note how long it took."""
-        before, begin = one.count, self.now()
+        before, begin = sampled.count, self.now()
         if count > before:
-            yield one.level, count
-        one.upto(count)
-        wall, done = self.spent.get(id(one.level), (0.0, 0))
-        self.spent[id(one.level)] = (wall + self.now() - begin, done + one.count - before)
+            yield sampled.level, count
+        sampled.upto(count)
+        wall, done = self.spent.get(id(sampled.level), (0.0, 0))
+        self.spent[id(sampled.level)] = (wall + self.now() - begin, done + sampled.count - before)
 
-    def wall(self, one: Sampled, state: State) -> float:
+    def wall(self, sampled: Sampled, state: State) -> float:
         """Wall seconds of one more sample, as measured; of a level without samples in proportion to its cost."""
-        wall, done = self.spent.get(id(one.level), (0.0, 0))
+        wall, done = self.spent.get(id(sampled.level), (0.0, 0))
         if done:
             return wall / done
         first = state.sampled[0]
         wall, done = self.spent.get(id(first.level), (0.0, 0))
-        return wall / max(done, 1) * one.level.cost / max(first.level.cost, 1e-12)
+        return wall / max(done, 1) * sampled.level.cost / max(first.level.cost, 1e-12)
 
     def affordable(self, state: State, counts: list[int]) -> list[int]:
         """``counts``, or as many samples as the time that is left allows, divided so that the interval is narrowest."""
         if not math.isfinite(self.seconds):
             return counts
-        walls = [max(self.wall(one, state), 1e-9) for one in state.sampled]
+        walls = [max(self.wall(sampled, state), 1e-9) for sampled in state.sampled]
         more = sum(
-            max(0, count - one.count) * wall for count, one, wall in zip(counts, state.sampled, walls, strict=True)
+            max(0, count - sampled.count) * wall
+            for count, sampled, wall in zip(counts, state.sampled, walls, strict=True)
         )
         left = max(self.left, 0.0)
         if more <= left:
@@ -234,15 +237,17 @@ class Clock:
         variances = [float(spread.variance[widest]) for spread in state.spreads]
         if not any(variances):  # equal samples say nothing of what other samples would be
             variances[0] = 1.0
-        total = left + sum(one.count * wall for one, wall in zip(state.sampled, walls, strict=True))
+        total = left + sum(sampled.count * wall for sampled, wall in zip(state.sampled, walls, strict=True))
         share = sum(math.sqrt(variance * wall) for variance, wall in zip(variances, walls, strict=True))
         best = [total * math.sqrt(v / w) / share for v, w in zip(variances, walls, strict=True)]
         short = [
-            max(0.0, count - one.count) * wall for count, one, wall in zip(best, state.sampled, walls, strict=True)
+            max(0.0, count - sampled.count) * wall
+            for count, sampled, wall in zip(best, state.sampled, walls, strict=True)
         ]
         scale = min(1.0, left / sum(short)) if sum(short) > 0 else 0.0
         return [
-            one.count + int(scale * max(0.0, count - one.count)) for count, one in zip(best, state.sampled, strict=True)
+            sampled.count + int(scale * max(0.0, count - sampled.count))
+            for count, sampled in zip(best, state.sampled, strict=True)
         ]
 
 
@@ -265,7 +270,6 @@ def steps(
     clock: Clock | None = None,
     watch: Watch | None = None,
     first: int = FIRST,
-    confidence: float = 0.95,
 ) -> Generator[Need, None, State]:
     """Sample until the half width of the interval is at most ``accuracy`` times the mean, in every quantity, or until
     the time of ``clock`` is over; stop wherever samples have to be taken, which are there when the rule goes on.
@@ -294,7 +298,7 @@ def steps(
     beginning = Sampled(routes[0].levels[0], looks=LOOKS)
     yield from clock.upto(beginning, first)
     state = State(routes[0], [beginning], np.isfinite(accuracy))
-    search = _Search(routes, accuracy, most, clock, confidence)
+    search = _Search(routes, accuracy, most, clock)
     state, counts = yield from search.chosen(state)
     state, counts = yield from search.controlled(state, counts)
     for part in (LOOK, SECOND):
@@ -303,11 +307,12 @@ def steps(
             watch(state, aimed)
         done = [0] * len(aimed) if part == LOOK else state.counts
         yield from state.upto(
-            [math.ceil(one + part * max(0, count - one)) for one, count in zip(done, aimed, strict=True)], clock
+            [math.ceil(before + part * max(0, count - before)) for before, count in zip(done, aimed, strict=True)],
+            clock,
         )
         counts = search.needed(state)
-    for one in state.sampled:
-        one.frozen = one.count
+    for sampled in state.sampled:
+        sampled.frozen = sampled.count
     while True:
         counts = search.needed(state)
         aimed = clock.affordable(state, counts)
@@ -329,7 +334,6 @@ class _Search:
     accuracy: np.ndarray
     most: int
     clock: Clock
-    confidence: float
 
     def needed(self, state: State, expected: bool = False) -> list[int]:
         """The numbers of samples that the accuracy needs; with a budget no more than ``most``.
@@ -344,7 +348,7 @@ class _Search:
         Unreachable
             See :func:`run_stages`.
         """
-        mean, half = state.mean, state.half_width(self.confidence)
+        mean, half = state.mean, state.half_width()
         asked = np.isfinite(self.accuracy)
         timed = math.isfinite(self.clock.seconds)
         if not timed and np.any(asked & ((mean == 0) | (np.abs(mean) <= 0.2 * half))):
@@ -354,19 +358,18 @@ class _Search:
         if not np.any(asked & (self.accuracy > 0)):  # as accurate as the time allows
             return [self.most] * len(state.sampled)
         counts = allocated(
-            [Spread(one.variance, CERTAIN) for one in state.spreads] if expected else state.spreads,
+            [Spread(spread.variance, CERTAIN) for spread in state.spreads] if expected else state.spreads,
             state.costs,
             state.counts,
             state.known,
             np.where(asked, np.where(asked, self.accuracy, 0.0) * np.abs(mean), np.inf),
-            self.confidence,
         )
         if counts is None and not timed:
             raise Unreachable(state, None, "known")
         if counts is None:
             return [self.most] * len(state.sampled)
         # the first samples say how many are needed within a factor of four
-        certain = all(one.frozen for one in state.sampled)
+        certain = all(sampled.frozen for sampled in state.sampled)
         if not timed and max(counts) > (self.most if certain else 4 * self.most):
             raise Unreachable(state, counts, "most")
         if state.controlled:
@@ -391,10 +394,10 @@ class _Search:
     def chosen(self, state: State) -> Generator[Need, None, tuple[State, list[int]]]:
         """The route that seems best after the first stage, and its counts; routes with corrections take their first
         samples where they may be better than those without."""
-        found: list[tuple[float, State, list[int]]] = []
+        candidates: list[tuple[float, State, list[int]]] = []
         failed: Unreachable | None = None
-        for route in sorted(self.routes, key=lambda one: len(one.levels)):
-            if found and not self._may_pay(route, state, min(one[0] for one in found)):
+        for route in sorted(self.routes, key=lambda route: len(route.levels)):
+            if candidates and not self._may_pay(route, state, min(candidate[0] for candidate in candidates)):
                 continue
             tried = State(route, [state.sampled[0]], state.asked)
             for level in route.levels[1:]:
@@ -406,21 +409,21 @@ class _Search:
             except Unreachable as error:
                 failed = failed if failed is not None and failed.needed is not None else error
                 continue
-            found.append((price, tried, counts))
-        if not found:
+            candidates.append((price, tried, counts))
+        if not candidates:
             assert failed is not None
             raise failed
-        _, chosen, counts = min(found, key=lambda one: one[0])
+        _, chosen, counts = min(candidates, key=lambda candidate: candidate[0])
         return chosen, counts
 
     def _price(self, state: State, counts: list[int]) -> float:
         """What a route costs, CPU seconds; where time is limited, the relative half width that it will reach."""
         if math.isfinite(self.clock.seconds):
             aimed = self.clock.affordable(state, counts)
-            half = half_width(state.spreads, aimed, state.known, self.confidence)
+            half = half_width(state.spreads, aimed, state.known)
             relative = half / np.maximum(np.abs(state.mean), 1e-300)
             return float(np.max(np.where(np.isnan(relative), np.inf, relative)[state.asked]))
-        spent = sum(one.level.cost * one.count for one in state.sampled[1:])
+        spent = sum(sampled.level.cost * sampled.count for sampled in state.sampled[1:])
         return state.cost(counts) + spent
 
     def _may_pay(self, route: Route, state: State, least: float) -> bool:

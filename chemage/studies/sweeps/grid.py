@@ -28,8 +28,8 @@ from chemage.scene.materials import filled_sections
 from chemage.scene.parsing import parse_scene, required_sections, section_names
 from chemage.scene.plan import cost
 from chemage.scene.scene import Scene
-from chemage.studies.by_hand import Known, registered_classes
 from chemage.studies.tasks import Task
+from chemage.studies.workers import registered_classes
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class Grid:
     def fromdict(cls, fields: Mapping[str, Any]) -> Grid:
         """The inverse of :meth:`todict`."""
         axes = tuple(
-            Axis(tuple(one["paths"]), tuple(tuple(values) for values in one["values"])) for one in fields["axes"]
+            Axis(tuple(axis["paths"]), tuple(tuple(values) for values in axis["values"])) for axis in fields["axes"]
         )
         return cls(dict(fields["base"]), axes, fields["source"])
 
@@ -181,7 +181,7 @@ def _lines(table: Mapping[str, Any], where: str, problems: list[tuple[str, str]]
                 problems.append((f"{where}.{path}", "is an empty list; an axis needs at least one value"))
             elif (wrong := _wrong_path(path)) is not None:
                 problems.append((f"{where}.{path}", wrong))
-            elif path == "contact.load" and len({nominal_pressure(one) is None for one in value}) > 1:
+            elif path == "contact.load" and len({nominal_pressure(load) is None for load in value}) > 1:
                 problems.append((f"{where}.{path}", "give all loads as forces, or all as nominal pressures"))
             else:
                 lines.append((path, value))
@@ -192,9 +192,9 @@ def _lines(table: Mapping[str, Any], where: str, problems: list[tuple[str, str]]
 
 def _wrong_path(path: str) -> str | None:
     root, _, rest = path.partition(".")
-    known = [name for name in section_names() if name != "sweep"]
-    if root not in known:
-        return f"no such section{nearest(root, known)}; the sections are {', '.join(known)}"
+    names = [name for name in section_names() if name != "sweep"]
+    if root not in names:
+        return f"no such section{nearest(root, names)}; the sections are {', '.join(names)}"
     if rest and ("" in rest.split(".") or root in ("name", "title", "material")):
         return "no such field"
     return None
@@ -240,9 +240,8 @@ class Survey:
     units: dict[str, str] = field(default_factory=dict)
     #: plugins that implement hooks of the stages: name -> source
     hooks: dict[str, str] = field(default_factory=dict)
-    #: classes of components that are registered by hand, and what workers must know of them
+    #: classes of components that are registered by hand
     classes: set[type] = field(default_factory=set)
-    known: Known = ()
     #: whether every point is a mean over surfaces
     means: bool = False
     digest: str = ""
@@ -267,11 +266,11 @@ class Survey:
 
     def warnings(self) -> list[str]:
         """What to warn of, one sentence for each kind, with the points that it concerns."""
-        found = []
+        sentences = []
         for text, first, count in self.doubts.values():
             others = f" and similar at {count - 1} more of {self.grid.size}" if count > 1 else f" of {self.grid.size}"
-            found.append(f"{text} [at point {first}{others}]" if self.grid.size > 1 else text)
-        return found
+            sentences.append(f"{text} [at point {first}{others}]" if self.grid.size > 1 else text)
+        return sentences
 
     @property
     def surfaces(self) -> int:
@@ -301,7 +300,7 @@ def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Su
     """
     result = Survey(grid, hooks=implementing(*stage_hooks()))
     result.resolved = [[[None] * len(axis.paths) for _ in axis.values] for axis in grid.axes]
-    known: dict[str, int] = {}
+    numbers: dict[str, int] = {}
     wrong: dict[tuple[str, str], list[int]] = {}
     unresolved = [set(range(len(axis))) for axis in grid.axes]
     for point in range(grid.size):
@@ -320,7 +319,7 @@ def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Su
         if wrong:
             continue
         try:
-            _add(result, point, scene, known)
+            _add(result, point, scene, numbers)
         except InputError as error:
             error.add_note(f"at point {point} of {grid.source}")
             raise
@@ -370,7 +369,7 @@ def shown(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def _add(result: Survey, point: int, scene: Scene, known: dict[str, int]) -> None:
+def _add(result: Survey, point: int, scene: Scene, numbers: dict[str, int]) -> None:
     if isinstance(scene.contact, ContactTheory):
         raise InputError(no_map(scene.contact, "a sweep has no contact to store; run each scene by itself"))
     keys, costs = scene.task_keys(), cost(scene)
@@ -386,13 +385,13 @@ def _add(result: Survey, point: int, scene: Scene, known: dict[str, int]) -> Non
         result.doubts[doubt.kind] = text, first, count + 1
     result.keys.append(keys["result"])
     result.agings.append(keys["aging"])
-    if keys["contact"] not in known:
-        known[keys["contact"]] = len(result.contacts)
+    if keys["contact"] not in numbers:
+        numbers[keys["contact"]] = len(result.contacts)
         result.contacts.append(
             Contact(keys["contact"], keys["surface"], point, costs.contact_cpu_seconds, 3000 + costs.contact_file)
         )
         _note_memory(result, costs.contact_bytes)
-    result.contact_of.append(known[keys["contact"]])
+    result.contact_of.append(numbers[keys["contact"]])
     result.cpu_seconds.append(costs.kinetics_cpu_seconds)
     result.bytes += 5000
     if scene.hold is not None:
@@ -411,16 +410,16 @@ def _resolve(result: Survey, axis: int, place: int, scene: Scene) -> None:
     """Record the validated values of one position: "20 uN" is 20000.0 nN."""
     data = scene.todict()
     for number, path in enumerate(result.grid.axes[axis].paths):
-        given = result.grid.axes[axis].values[place][number]
-        if path == "contact.load" and (pressure := nominal_pressure(given)) is not None:
+        written = result.grid.axes[axis].values[place][number]
+        if path == "contact.load" and (pressure := nominal_pressure(written)) is not None:
             # the force differs where the size of the surface is swept as well
             result.resolved[axis][place][number], result.units[path] = pressure, "GPa"
             continue
         value: Any = data
         for name in path.split("."):
             value = value.get(name) if isinstance(value, Mapping) else None
-        if isinstance(given, Mapping) or value is None or isinstance(value, Mapping | list):
-            value = given
+        if isinstance(written, Mapping) or value is None or isinstance(value, Mapping | list):
+            value = written
         result.resolved[axis][place][number] = value
         if path not in result.units:
             result.units[path] = scene.unit(path)

@@ -1,8 +1,9 @@
-"""The results of a sweep, read from its folder at any time."""
+"""The results of a sweep, read from its folder at any time; and those that several processes computed, collected."""
 
 from __future__ import annotations
 
 import json
+import shutil
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from chemage.scene.scene import Scene
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.folder import FORMAT, Folder, SweepWarning
 from chemage.studies.sweeps.grid import Axis, Grid, shown
+from chemage.studies.sweeps.shares import PLACE, remedies
 from chemage.studies.sweeps.table import Table, error_text
 
 if TYPE_CHECKING:
@@ -119,10 +121,10 @@ class Point:
             It is not in the folder, or it is damaged.
         """
         self._require_one()
-        found = self.result.store.read_contact(self.result.contact_key(self.index))
-        if found is None:
+        contact = self.result.store.read_contact(self.result.contact_key(self.index))
+        if contact is None:
             raise StoreError(f"the contact of point {self.index} is not in {self.result.folder}")
-        return found
+        return contact
 
     def _require_one(self) -> None:
         if self.result.means:
@@ -209,13 +211,16 @@ class SweepResult:
     @cached_property
     def written(self) -> dict[str, tuple[list[float], str]]:
         """Those of :attr:`swept` that were all written in one unit: dotted path -> numbers at the points, unit."""
-        found = {}
+        columns = {}
         for number, axis in enumerate(self.axes):
             for place, path in enumerate(axis.paths):
-                if self.units.get(path) and (one := in_one_unit([values[place] for values in axis.values])) is not None:
-                    at_points = [one[0][self.grid.positions(point)[number]] for point in range(len(self))]
-                    found[path] = at_points, one[1]
-        return found
+                if (
+                    self.units.get(path)
+                    and (common := in_one_unit([values[place] for values in axis.values])) is not None
+                ):
+                    at_points = [common[0][self.grid.positions(point)[number]] for point in range(len(self))]
+                    columns[path] = at_points, common[1]
+        return columns
 
     def contact_key(self, point: int) -> str:
         """Content hash of the contact of ``point``."""
@@ -254,11 +259,11 @@ class SweepResult:
 
     def states(self) -> list[str]:
         """The present state of each point: ``done``, ``failed``, ``missing`` or ``damaged``."""
-        known: dict[str, str] = {}
+        states: dict[str, str] = {}
         for key in self.keys:
-            if key not in known:
-                known[key] = self.store.state(key)
-        return [known[key] for key in self.keys]
+            if key not in states:
+                states[key] = self.store.state(key)
+        return [states[key] for key in self.keys]
 
     @property
     def failed(self) -> list[Point]:
@@ -307,16 +312,16 @@ class SweepResult:
             )
         names = self.folder / "results.csv", self.folder / "results.h5"
         table.write_csv(names[0])
-        made = self._manifest["versions"]
+        versions = self._manifest["versions"]
         table.write_hdf5(
             names[1],
             {
-                "chemage": made["chemage"],
+                "chemage": versions["chemage"],
                 "chemage_sweep": FORMAT,
                 "Conventions": "CF-1.8",
                 "sweep": json.dumps(self.grid.todict()),
                 "digest": self.digest,
-                "versions": json.dumps(made),
+                "versions": json.dumps(versions),
             },
         )
         return names
@@ -336,10 +341,10 @@ class SweepResult:
                 "axis": axis.name,
                 "rows": [
                     {"values": dict(zip(axis.paths, values, strict=True)), **row}
-                    for values, row in zip(axis.values, found, strict=True)
+                    for values, row in zip(axis.values, rows_of_axis, strict=True)
                 ],
             }
-            for axis, found in zip(self.axes, counts, strict=True)
+            for axis, rows_of_axis in zip(self.axes, counts, strict=True)
         ]
         contacts: list[str] = [] if self.means else self._manifest["contacts"]
         return {
@@ -369,3 +374,51 @@ def load_sweep(folder: str | Path) -> SweepResult:
         It is not the folder of a sweep, or a newer version of chemage wrote it.
     """
     return SweepResult(folder)
+
+
+@dataclass(frozen=True)
+class Collected:
+    """What is in the folder of a sweep, after :func:`collect_sweep`."""
+
+    #: the results
+    result: SweepResult
+    #: the numbers of points that are missing, or whose checksum does not fit
+    missing: list[int]
+    #: the numbers of points that failed
+    failed: list[int]
+    #: whether ``results.csv`` and ``results.h5`` were written: no point is missing
+    written: bool
+    #: values of ``points`` that compute what is missing or failed: shares of which each computes a part, if the points
+    #: were divided into one number of shares; and, the last, the numbers of all these points
+    points: list[str]
+    #: whether other processes of this machine compute points at present
+    computing: bool
+
+    @property
+    def complete(self) -> bool:
+        """Whether every point is done."""
+        return not self.missing and not self.failed
+
+
+def collect_sweep(folder: str | Path) -> Collected:
+    """Verify every point in the folder of a sweep, and write the tables ``results.csv`` and ``results.h5``.
+
+    The tables are written if every point is done or failed; they equal those of one process that computes all points.
+
+    Raises
+    ------
+    StoreError
+        It is not the folder of a sweep, or it cannot be written.
+    """
+    result = load_sweep(folder)
+    states = result.states()
+    missing = [point for point, state in enumerate(states) if state in ("missing", "damaged")]
+    failed = [point for point, state in enumerate(states) if state == "failed"]
+    texts = remedies(result.store, sorted(missing + failed), result.digest, len(states))
+    computing = result.store.is_locked()
+    if not missing:
+        result.write_tables()
+    if not missing and not failed and not computing:
+        shutil.rmtree(result.store.path / PLACE, ignore_errors=True)
+        shutil.rmtree(result.store.path / ".parts", ignore_errors=True)
+    return Collected(result, missing, failed, not missing, texts, computing)

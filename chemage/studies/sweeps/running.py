@@ -10,8 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager, ExitStack
-from functools import partial
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -25,29 +24,22 @@ from chemage.foundation.errors import (
     StoreError,
 )
 from chemage.foundation.memory import readable
-from chemage.foundation.threads import restored as threads_restored
 from chemage.foundation.units import in_words
 from chemage.foundation.version import __version__
 from chemage.plugins.options import completed
 from chemage.scene.files import located, override, scene_data
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
-from chemage.studies.by_hand import for_workers
-from chemage.studies.design import PATIENCE, Part, carry_out
-from chemage.studies.executors.clusters import seconds
-from chemage.studies.executors.opening import open_pool
-from chemage.studies.executors.pool import Pool
 from chemage.studies.folder import FORMAT, Folder, SweepWarning, refuse_links
 from chemage.studies.runner import Runner
 from chemage.studies.selection import Selection
-from chemage.studies.sweeps.freshness import Outdated, outdated
+from chemage.studies.study import Part, Study
 from chemage.studies.sweeps.grid import Grid, Survey, check_base, survey
-from chemage.studies.sweeps.means import SAMPLES, Means
-from chemage.studies.sweeps.points import Points
+from chemage.studies.sweeps.outdated import Outdated, outdated
+from chemage.studies.sweeps.points import SAMPLES, Means, Points
 from chemage.studies.sweeps.progress import Report, SweepProgress, reporting
 from chemage.studies.sweeps.result import SweepResult
 from chemage.studies.sweeps.shares import PLACE, agree, points_of
-from chemage.studies.tasks import forget
 
 #: sweeps of more points need confirmation before they are validated
 MANY_POINTS = 100_000
@@ -75,8 +67,8 @@ def read_grid(
     SceneError
         ``[sweep]`` is missing or not valid.
     """
-    given = scene.completed().todict() if isinstance(scene, Scene) else scene
-    data, source = (dict(given), "the scene") if isinstance(given, Mapping) else scene_data(given)
+    content = scene.completed().todict() if isinstance(scene, Scene) else scene
+    data, source = (dict(content), "the scene") if isinstance(content, Mapping) else scene_data(content)
     data = completed(in_words(override(data, changes or {})))
     if axes is not None:
         data["sweep"] = in_words({path: _listed(values) for path, values in axes.items()})
@@ -129,25 +121,25 @@ def room_for(path: Path) -> int:
     return shutil.disk_usage(place).free
 
 
-def _check_room(found: Survey, path: Path, confirm: Confirm | None) -> None:
+def _check_room(survey: Survey, path: Path, confirm: Confirm | None) -> None:
     """Ask for confirmation where the disk may be too small; warn of what is doubtful about the points."""
-    need, room = found.total_bytes, room_for(path)
+    need, room = survey.total_bytes, room_for(path)
     if need > DISK_SHARE * room:
         _require_confirmation(
-            f"the {found.grid.size} points and {len(found.contacts)} contacts may need {readable(need)}, but "
+            f"the {survey.grid.size} points and {len(survey.contacts)} contacts may need {readable(need)}, but "
             f"{path.absolute().parent} has {readable(room)} left",
             confirm,
         )
-    _warn(found)
+    _warn(survey)
 
 
-def _warn(found: Survey) -> None:
+def _warn(survey: Survey) -> None:
     """Warn of what is doubtful about the points, of each kind of doubt once."""
-    for text in found.warnings():
+    for text in survey.warnings():
         warnings.warn(text, PlanWarning, stacklevel=4)
 
 
-def _check_folder(folder: Folder, found: Survey, force: bool) -> None:
+def _check_folder(folder: Folder, survey: Survey, force: bool) -> None:
     """Refuse a folder that is not of a sweep, or of another sweep unless that is to be replaced."""
     path = folder.path
     if path.exists() and not path.is_dir():
@@ -155,15 +147,15 @@ def _check_folder(folder: Folder, found: Survey, force: bool) -> None:
     refuse_links(path)
     # what another process makes before the manifest
     begun = {".lock", ".parts", PLACE}
-    if not path.exists() or {one.name for one in path.iterdir()} <= begun:
+    if not path.exists() or {entry.name for entry in path.iterdir()} <= begun:
         return
     if not folder.manifest.exists():
         raise StoreError(f"{path} is not empty and holds no sweep; choose another folder")
     if force:
         return
-    there = _manifest_of(folder, found)
-    if there["digest"] != found.digest:
-        raise StoreError(f"{path} holds another sweep ({_difference(there, found)}); choose another folder")
+    there = _manifest_of(folder, survey)
+    if there["digest"] != survey.digest:
+        raise StoreError(f"{path} holds another sweep ({_difference(there, survey)}); choose another folder")
     now, then = versions(), there["versions"]
     changed = [f"{name} {then[name]} -> {now[name]}" for name in now if name in then and then[name] != now[name]]
     if changed:
@@ -174,35 +166,35 @@ def _check_folder(folder: Folder, found: Survey, force: bool) -> None:
         )
 
 
-def _manifest_of(folder: Folder, found: Survey) -> Mapping[str, Any]:
+def _manifest_of(folder: Folder, survey: Survey) -> Mapping[str, Any]:
     """The manifest; one that is damaged is made anew, if the folder holds points of this sweep."""
     try:
         return folder.read_manifest()
     except DamagedError as error:
-        if not any(folder.point(key).exists() for key in found.keys):
+        if not any(folder.point(key).exists() for key in survey.keys):
             raise
         warnings.warn(f"{error}; it is written again", SweepWarning, stacklevel=4)
-        return _manifest(found)
+        return _manifest(survey)
 
 
-def _difference(there: Mapping[str, Any], found: Survey) -> str:
+def _difference(there: Mapping[str, Any], survey: Survey) -> str:
     old = Grid.fromdict(there["grid"])
-    if [axis.paths for axis in old.axes] != [axis.paths for axis in found.grid.axes]:
+    if [axis.paths for axis in old.axes] != [axis.paths for axis in survey.grid.axes]:
         return f"over {', '.join(axis.name for axis in old.axes)}"
-    if old.shape != found.grid.shape:
-        return f"{old.product} points instead of {found.grid.product}"
-    different = sum(a != b for a, b in zip(there["keys"], found.keys, strict=True))
-    return f"{different} of its {len(found.keys)} points differ"
+    if old.shape != survey.grid.shape:
+        return f"{old.product} points instead of {survey.grid.product}"
+    different = sum(a != b for a, b in zip(there["keys"], survey.keys, strict=True))
+    return f"{different} of its {len(survey.keys)} points differ"
 
 
-def _outdated(folder: Folder, found: Survey, *, whole: bool) -> Outdated:
+def _outdated(folder: Folder, survey: Survey, *, whole: bool) -> Outdated:
     if not folder.manifest.exists():
         return Outdated()
     try:
         there = folder.read_manifest()
     except DamagedError:
         there = {}
-    stale = outdated(folder, found, there)
+    stale = outdated(folder, survey, there)
     if stale and not whole:
         raise StoreError(
             f"{folder.path}: {stale.describe()}; one process must do so: rerun the command without --points, or choose "
@@ -213,28 +205,28 @@ def _outdated(folder: Folder, found: Survey, *, whole: bool) -> Outdated:
     return stale
 
 
-def _describe(folder: Folder, found: Survey) -> None:
+def _describe(folder: Folder, survey: Survey) -> None:
     """Write the manifest, or note in it which plugins were asked about all that is complete."""
     try:
         there = folder.read_manifest() if folder.manifest.exists() else None
     except DamagedError:
         there = None
     if there is None:
-        folder.write_manifest(_manifest(found))
-    elif there.get("asked", {}) != found.hooks:
-        folder.write_manifest({**there, "asked": found.hooks})
+        folder.write_manifest(_manifest(survey))
+    elif there.get("asked", {}) != survey.hooks:
+        folder.write_manifest({**there, "asked": survey.hooks})
 
 
-def _describe_first(folder: Folder, found: Survey) -> None:
+def _describe_first(folder: Folder, survey: Survey) -> None:
     """Write the manifest unless another process has, whose manifest must be of this sweep."""
-    folder.write_manifest(_manifest(found), first=True)
+    folder.write_manifest(_manifest(survey), first=True)
     try:
         there = folder.read_manifest()
     except DamagedError:
-        folder.write_manifest(_manifest(found))
+        folder.write_manifest(_manifest(survey))
         return
-    if there["digest"] != found.digest:
-        raise StoreError(f"{folder.path} holds another sweep ({_difference(there, found)}); choose another folder")
+    if there["digest"] != survey.digest:
+        raise StoreError(f"{folder.path} holds another sweep ({_difference(there, survey)}); choose another folder")
     if (version := there["versions"]["chemage"]) != __version__:
         raise StoreError(
             f"{folder.path} was begun by chemage {version}, and this is {__version__}; compute all shares with one "
@@ -250,19 +242,19 @@ def _clear(folder: Folder) -> None:
         (folder.path / name).unlink(missing_ok=True)
 
 
-def _manifest(found: Survey) -> dict[str, Any]:
+def _manifest(survey: Survey) -> dict[str, Any]:
     return {
         "format": FORMAT,
-        "digest": found.digest,
-        "versions": versions(found.grid.scene(0)),
-        "asked": found.hooks,
-        "grid": found.grid.todict(),
-        "resolved": found.resolved,
-        "units": found.units,
-        "contacts": [contact.key for contact in found.contacts],
-        "contact_of": found.contact_of,
-        "keys": found.keys,
-        **({"means": True} if found.means else {}),
+        "digest": survey.digest,
+        "versions": versions(survey.grid.scene(0)),
+        "asked": survey.hooks,
+        "grid": survey.grid.todict(),
+        "resolved": survey.resolved,
+        "units": survey.units,
+        "contacts": [contact.key for contact in survey.contacts],
+        "contact_of": survey.contact_of,
+        "keys": survey.keys,
+        **({"means": True} if survey.means else {}),
     }
 
 
@@ -299,7 +291,7 @@ def sweep(
         :func:`chemage.ensemble`; in place of ``[accuracy]`` of the scene.
     executor, workers, threads, patience
         Where to compute, the number of concurrent points, the threads of each, and how long to wait where no worker of
-        Dask runs, or for other shares; see :func:`chemage.studies.executors.opening.open_pool`. Default: ``serial``,
+        Dask runs, or for other shares; see :func:`chemage.studies.executors.open_pool`. Default: ``serial``,
         and for means ``threads``. Results do not depend on them.
     changes
         Dotted path -> value: changes to the scene before it is swept.
@@ -333,88 +325,81 @@ def sweep(
     begin = time.perf_counter()
     if accuracy is not None:
         changes = {**(changes or {}), "accuracy": dict(accuracy), "ensemble.surfaces": None}
-    selection = None if points is None else Selection.read(points)
-    if selection is not None and force:
-        raise InputError("a part of the points cannot replace a sweep: give force (--force) without points (--points)")
+    selection = _selection(points, force)
     confirmed = (lambda text: True) if confirm is True else (confirm or None)
     with ExitStack() as stack:
         report = stack.enter_context(reporting(progress))
-        stack.enter_context(threads_restored())  # tasks that run in this process set their own
-        found = survey_of(read_grid(scene, changes, axes), progress=report, confirm=confirmed)
-        executor = executor or ("threads" if found.means else "serial")
-        found.known = for_workers(executor, found.classes)
+        survey = survey_of(read_grid(scene, changes, axes), progress=report, confirm=confirmed)
+        executor = executor or ("threads" if survey.means else "serial")
+        study = stack.enter_context(Study(executor, workers, threads, patience, classes=survey.classes))
         folder = Folder(Path(out).absolute())
-        _check_folder(folder, found, force)
-        _check_room(found, folder.path, confirmed)
-        pool = partial(open_pool, executor, workers, threads, patience)
-        _compute(stack, folder, found, selection, force, pool, partial(_watched, report, begin), patience)
+        _check_folder(folder, survey, force)
+        _check_room(survey, folder.path, confirmed)
+        part = _part(selection, survey, folder, patience)
+        design = _begin(stack, study, folder, survey, selection, force)
+        study.carry_out(design, design.place, part, _watched(report, begin, design))
+        if selection is None:
+            _finish(folder)
     return SweepResult(folder.path)
 
 
-def _compute(
-    stack: ExitStack,
-    folder: Folder,
-    found: Survey,
-    selection: Selection | None,
-    force: bool,
-    pool: Callable[[], AbstractContextManager[Pool]],
-    watch: Callable[[Points], Callable[[Runner], None] | None],
-    patience: float | str | None,
-) -> None:
-    """Compute what is missing in the folder, with a pool that is opened only if something is, and write the tables of
-    a whole sweep."""
-    stale = Outdated() if force else _outdated(folder, found, whole=selection is None)
-    chosen = None if selection is None else _chosen(selection, folder, found)
-    part = None
-    if found.means and selection is not None and selection.share is not None:
-        part = Part(
-            *selection.share, Folder(folder.path / SAMPLES), PATIENCE if patience is None else seconds(patience)
-        )
-    opened = None
-    # raises before anything is written if the workers cannot be started
-    if force or stale or _design(folder, found, chosen).left:
-        opened = stack.enter_context(pool())
-    points = _begin(stack, folder, found, selection, stale, force)
-    points.warn_of_damage()
-    stack.callback(forget, points.place.path)
-    if points.left:
-        runner = Runner(opened or stack.enter_context(pool()), points.place, found.known, watch(points))
-        carry_out(points, runner, part)
-    if selection is None:
-        SweepResult(folder.path).write_tables()
-        for name in (".parts", f"{SAMPLES}/.parts", PLACE):
-            shutil.rmtree(folder.path / name, ignore_errors=True)
+def _selection(points: str | None, force: bool) -> Selection | None:
+    if points is not None and force:
+        raise InputError("a part of the points cannot replace a sweep: give force (--force) without points (--points)")
+    return None if points is None else Selection.read(points)
+
+
+def _part(selection: Selection | None, survey: Survey, folder: Folder, patience: float | str | None) -> Part | None:
+    """What this process computes of the samples of means; None: all that are asked for."""
+    if not survey.means or selection is None or selection.share is None:
+        return None
+    return Part.of(selection.share, Folder(folder.path / SAMPLES), patience)
+
+
+def _finish(folder: Folder) -> None:
+    """Write the tables of a whole sweep."""
+    SweepResult(folder.path).write_tables()
+    for name in (".parts", f"{SAMPLES}/.parts", PLACE):
+        shutil.rmtree(folder.path / name, ignore_errors=True)
 
 
 def _begin(
-    stack: ExitStack, folder: Folder, found: Survey, selection: Selection | None, stale: Outdated, force: bool
+    stack: ExitStack, study: Study, folder: Folder, survey: Survey, selection: Selection | None, force: bool
 ) -> Points:
-    """Make the folder, and lock it against other calls unless both compute parts of the points."""
+    """Make the folder, lock it against other calls unless both compute parts of the points, and say what is left."""
+    stale = Outdated() if force else _outdated(folder, survey, whole=selection is None)
+    # raises before anything is written if the workers cannot be started
+    if force or stale or _design(folder, survey, _chosen(selection, folder, survey)).left:
+        study.open()
     _make(folder.path)
     stack.enter_context(folder.locked(shared=selection is not None))
     if selection is not None:
         folder.make_parts()
-        _describe_first(folder, found)
-        if selection.share is not None and not found.means:
-            agree(folder, found, selection.share[1])
-        return _design(folder, found, _chosen(selection, folder, found))
-    if force:
-        _clear(folder)
-    folder.clear_parts()
-    stale.remove(folder)
-    _describe(folder, found)
-    return _design(folder, found)
+        _describe_first(folder, survey)
+        if selection.share is not None and not survey.means:
+            agree(folder, survey, selection.share[1])
+    else:
+        if force:
+            _clear(folder)
+        folder.clear_parts()
+        stale.remove(folder)
+        _describe(folder, survey)
+    design = _design(folder, survey, _chosen(selection, folder, survey))
+    design.warn_of_damage()
+    return design
 
 
-def _design(folder: Folder, found: Survey, chosen: Sequence[int] | None = None) -> Points:
-    return Means(folder, found, chosen) if found.means else Points(folder, found, chosen)
+def _design(folder: Folder, survey: Survey, chosen: Sequence[int] | None = None) -> Points:
+    return Means(folder, survey, chosen) if survey.means else Points(folder, survey, chosen)
 
 
-def _chosen(selection: Selection, folder: Folder, found: Survey) -> Sequence[int]:
+def _chosen(selection: Selection | None, folder: Folder, survey: Survey) -> Sequence[int] | None:
     """The points that this process computes; of means all, of which each share computes a part of the samples."""
-    if found.means and selection.share is not None:
-        return range(len(found.keys))
-    return points_of(selection, folder, found)
+    if selection is None:
+        return None
+    if survey.means and selection.share is not None:
+        return range(len(survey.keys))
+    return points_of(selection, folder, survey)
 
 
 def _make(path: Path) -> None:

@@ -20,7 +20,7 @@ PLACE = ".shares"
 _FILE = re.compile(r"of-(\d{1,7})\.json")
 
 
-def points_of(selection: Selection, folder: Folder, found: Survey) -> list[int]:
+def points_of(selection: Selection, folder: Folder, survey: Survey) -> list[int]:
     """The numbers of the points of the sweep ``found`` that a process computes, ascending.
 
     Raises
@@ -29,9 +29,9 @@ def points_of(selection: Selection, folder: Folder, found: Survey) -> list[int]:
         The sweep has no such point.
     """
     share = selection.share
-    if share is None or read_partition(folder, share[1], found.digest, len(found.keys)) is not None:
-        return agreed_points(selection, folder, found.digest, len(found.keys))
-    return [point for point, of in enumerate(partition(found, share[1])) if of == share[0]]
+    if share is None or read_partition(folder, share[1], survey.digest, len(survey.keys)) is not None:
+        return agreed_points(selection, folder, survey.digest, len(survey.keys))
+    return [point for point, of in enumerate(partition(survey, share[1])) if of == share[0]]
 
 
 def agreed_points(selection: Selection, folder: Folder, digest: str, count: int) -> list[int]:
@@ -62,7 +62,7 @@ class _Piece:
     points: tuple[int, ...]
 
 
-def partition(found: Survey, count: int) -> list[int]:
+def partition(survey: Survey, count: int) -> list[int]:
     """Divide the points of a sweep into shares of about equal CPU time.
 
     Points with the same kinetics stay together, and points with one contact do unless shares become more equal if they
@@ -71,7 +71,7 @@ def partition(found: Survey, count: int) -> list[int]:
 
     Parameters
     ----------
-    found
+    survey
         The points.
     count
         Number of shares. With more shares than groups of points some shares are empty.
@@ -83,7 +83,7 @@ def partition(found: Survey, count: int) -> list[int]:
     """
     best: tuple[float, list[int]] = (math.inf, [])
     for finer in (1, 2, 4):
-        longest, of = _dealt(_pieces(found, count * finer), count, len(found.keys))
+        longest, of = _dealt(_pieces(survey, count * finer), count, len(survey.keys))
         if longest < 0.95 * best[0]:
             best = longest, of
     return best[1]
@@ -101,23 +101,23 @@ def _dealt(pieces: Sequence[_Piece], count: int, points: int) -> tuple[float, li
     return max(loads)[0], of
 
 
-def costs(found: Survey) -> tuple[list[float], list[float]]:
+def costs(survey: Survey) -> tuple[list[float], list[float]]:
     """CPU time of each contact and of each point, s; 1 for all of them if one is not known."""
-    known = found.total_cpu_seconds is not None
-    contacts = [(contact.cpu_seconds or 0.0) + 1e-3 if known else 1.0 for contact in found.contacts]
-    points = [(cost or 0.0) + 1e-3 if known else 1.0 for cost in found.cpu_seconds]
+    estimated = survey.total_cpu_seconds is not None
+    contacts = [(contact.cpu_seconds or 0.0) + 1e-3 if estimated else 1.0 for contact in survey.contacts]
+    points = [(cost or 0.0) + 1e-3 if estimated else 1.0 for cost in survey.cpu_seconds]
     return contacts, points
 
 
-def _pieces(found: Survey, count: int) -> list[_Piece]:
+def _pieces(survey: Survey, count: int) -> list[_Piece]:
     """Groups of points with one contact, none longer than a ``count``-th of all where it can be divided."""
-    of_contacts, of_points = costs(found)
+    of_contacts, of_points = costs(survey)
     groups: dict[int, dict[str, list[int]]] = {}
-    for point, contact in enumerate(found.contact_of):
-        groups.setdefault(contact, {}).setdefault(found.agings[point], []).append(point)
+    for point, contact in enumerate(survey.contact_of):
+        groups.setdefault(contact, {}).setdefault(survey.agings[point], []).append(point)
     total = sum(of_contacts) + sum(of_points[points[0]] for each in groups.values() for points in each.values())
     pieces = []
-    for contact in order_of(found.contacts):
+    for contact in order_of(survey.contacts):
         each = list(groups[contact].values())
         kinetics = [of_points[points[0]] for points in each]
         parts = min(len(each), max(1, math.ceil((of_contacts[contact] + sum(kinetics)) * count / total - 1e-9)))
@@ -140,22 +140,22 @@ class ShareCost:
     cpu_seconds: float | None
 
 
-def shares_cost(found: Survey, count: int) -> list[ShareCost]:
+def shares_cost(survey: Survey, count: int) -> list[ShareCost]:
     """The estimated cost of each of ``count`` shares."""
-    known = found.total_cpu_seconds is not None
-    of_contacts, of_points = costs(found)
+    estimated = survey.total_cpu_seconds is not None
+    of_contacts, of_points = costs(survey)
     points = [0] * count
     needed: list[tuple[set[int], dict[str, float]]] = [(set(), {}) for _ in range(count)]
-    for point, share in enumerate(partition(found, count)):
+    for point, share in enumerate(partition(survey, count)):
         points[share - 1] += 1
         contacts, kinetics = needed[share - 1]
-        contacts.add(found.contact_of[point])
-        kinetics.setdefault(found.agings[point], of_points[point])
+        contacts.add(survey.contact_of[point])
+        kinetics.setdefault(survey.agings[point], of_points[point])
     return [
         ShareCost(
             number,
             len(contacts),
-            sum(of_contacts[contact] for contact in contacts) + sum(kinetics.values()) if known else None,
+            sum(of_contacts[contact] for contact in contacts) + sum(kinetics.values()) if estimated else None,
         )
         for number, (contacts, kinetics) in zip(points, needed, strict=True)
     ]
@@ -181,19 +181,19 @@ def read_partition(folder: Folder, count: int, digest: str, points: int) -> list
     return of if all(type(share) is int and 1 <= share <= count for share in of) else None
 
 
-def agree(folder: Folder, found: Survey, count: int) -> None:
+def agree(folder: Folder, survey: Survey, count: int) -> None:
     """Write a division of the points into ``count`` shares, unless another process has.
 
     Estimates of cost may differ between machines; all processes use the division of the first one.
     """
 
     def there() -> bool:
-        return read_partition(folder, count, found.digest, len(found.keys)) is not None
+        return read_partition(folder, count, survey.digest, len(survey.keys)) is not None
 
     if not there():
         path = _partition_file(folder, count)
         path.parent.mkdir(parents=True, exist_ok=True)
-        content = sealed_json({"digest": found.digest, "shares": partition(found, count)})
+        content = sealed_json({"digest": survey.digest, "shares": partition(survey, count)})
         if not folder.place_first(path, content) and not there():
             folder.place(path, content)  # it was damaged, or that of a sweep that was replaced
 

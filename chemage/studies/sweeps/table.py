@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,6 @@ from chemage.contacts.solution import MEASURES
 from chemage.foundation.container import seal
 from chemage.foundation.errors import optional_module
 from chemage.foundation.files import fresh_file
-from chemage.studies.sweeps.dimensions import Dimension, dimensions
 from chemage.studies.sweeps.grid import Axis, shown
 
 if TYPE_CHECKING:
@@ -46,6 +45,72 @@ PARTS = {
     "_stderr": ("stderr", "standard error"),
     "_half_width": ("half_width", "half the width of the 95 % interval"),
 }
+
+
+#: names that the dataset of a sweep has anyway, beside those of the results
+RESERVED = ("point", "status", "error", "approximate", "beta_reason", "hold_time", "hold_times", "replica", "bonds")
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """The dimension of one axis; lines that vary together share one."""
+
+    #: name of one of the fields, see :func:`dimensions`
+    name: str
+    #: swept path -> name of its coordinate
+    coordinates: Mapping[str, str]
+    size: int
+
+
+def short_names(
+    paths: Sequence[str], taken: Container[str] = (), units: Mapping[str, str] | None = None
+) -> dict[str, str]:
+    """The name of each swept path: its last part (``contact.load`` is ``load``, ``engine.kind`` is ``engine``); loads
+    that are given as pressures (``units`` are those of the paths) are ``nominal_pressure``.
+
+    It is all of the path with underscores (``surface_seed``) where two would have one name, or a result has it already
+    (``taken``).
+    """
+    last = {path: last_part(path) for path in paths}
+    if units is not None and units.get("contact.load") == "GPa" and "contact.load" in last:
+        last["contact.load"] = "nominal_pressure"
+    names = {}
+    for path, name in last.items():
+        clear = list(last.values()).count(name) == 1 and name not in taken and name not in RESERVED
+        names[path] = name if clear else path.replace(".", "_").replace("/", "_")
+    return names
+
+
+def last_part(path: str) -> str:
+    """The last part of a path, without ``kind``."""
+    parts = path.split(".")
+    return parts[-2] if parts[-1] == "kind" and len(parts) > 1 else parts[-1]
+
+
+def is_seed(path: str) -> bool:
+    """Whether a swept field only chooses random numbers."""
+    return path.rpartition(".")[2] == "seed"
+
+
+def dimensions(
+    axes: Sequence[Axis],
+    values: Mapping[str, Sequence[Any]],
+    taken: Container[str] = (),
+    units: Mapping[str, str] | None = None,
+) -> tuple[Dimension, ...]:
+    """The dimensions of a sweep with ``axes``, whose paths have ``values`` at the points, in ``units``.
+
+    A dimension has the name of its field; of several that vary together, that of the first whose values all differ and
+    that is no seed, if there is one.
+    """
+    names = short_names([path for axis in axes for path in axis.paths], taken, units)
+    dims = []
+    for axis in axes:
+        distinct = [path for path in axis.paths if len({str(value) for value in values[path]}) == len(axis)]
+        fields = [path for path in distinct if not is_seed(path)]
+        leading = [*fields, *distinct, *axis.paths][0]
+        dims.append(Dimension(names[leading], {path: names[path] for path in axis.paths}, len(axis)))
+    return tuple(dims)
 
 
 @dataclass(frozen=True)
@@ -207,7 +272,7 @@ class Table:
 
     def _grid(self) -> dict[str, int]:
         """The dimensions of the grid and their lengths."""
-        return {one.name: one.size for one in self.dimensions} or {"point": self.points}
+        return {dimension.name: dimension.size for dimension in self.dimensions} or {"point": self.points}
 
     def variables(self) -> dict[str, Variable]:
         """The variables of the dataset by name."""
@@ -218,40 +283,40 @@ class Table:
             array = values if isinstance(values, np.ndarray) else np.array(values, dtype=object)
             return (*dims, *more), array.reshape(*shape, *array.shape[1:]), notes
 
-        found: dict[str, Variable] = {}
-        for axis, one in enumerate(self.dimensions):
+        variables: dict[str, Variable] = {}
+        for axis, dimension in enumerate(self.dimensions):
             first = tuple(slice(None) if place == axis else 0 for place in range(len(shape)))
-            for path, name in one.coordinates.items():
+            for path, name in dimension.coordinates.items():
                 along = self.swept[path].reshape(shape)[first]
                 notes = {"units": self.units.get(path) or "1", "long_name": "swept", "path": path}
-                found[name] = ((one.name,), along, notes)
+                variables[name] = ((dimension.name,), along, notes)
         if not self.dimensions:
             for path, values in self.swept.items():
-                found[path] = of_points(values, units=self.units.get(path) or "1", long_name="swept")
-        found["point"] = of_points(np.arange(self.points), long_name="number of the point")
-        found["status"] = of_points(self.status, long_name="done, failed, missing or damaged")
-        found["error"] = of_points(self.error, long_name="why it failed")
+                variables[path] = of_points(values, units=self.units.get(path) or "1", long_name="swept")
+        variables["point"] = of_points(np.arange(self.points), long_name="number of the point")
+        variables["status"] = of_points(self.status, long_name="done, failed, missing or damaged")
+        variables["error"] = of_points(self.error, long_name="why it failed")
         if self.beta_reason:
-            found["beta_reason"] = of_points(self.beta_reason, long_name="why beta was not fitted")
+            variables["beta_reason"] = of_points(self.beta_reason, long_name="why beta was not fitted")
         if self.approximate:
-            found["approximate"] = of_points(self.approximate, long_name="what is approximate")
+            variables["approximate"] = of_points(self.approximate, long_name="what is approximate")
         times = {"units": "s", "long_name": "time since the contact was made"}
         if self.hold_times.ndim == 1:
-            found["hold_time"] = (("hold_time",), self.hold_times, times)
+            variables["hold_time"] = (("hold_time",), self.hold_times, times)
         else:
-            found["hold_times"] = of_points(self.hold_times, "hold_time", **times)
+            variables["hold_times"] = of_points(self.hold_times, "hold_time", **times)
         for name, values in self.scalars.items():
-            if name in found:  # swept, see GIVEN
+            if name in variables:  # swept, see GIVEN
                 continue
-            found[name] = of_points(values, units=SCALARS[name][0], long_name=SCALARS[name][1])
+            variables[name] = of_points(values, units=SCALARS[name][0], long_name=SCALARS[name][1])
         for name, values in self.curves.items():
-            found[name] = of_points(values, "hold_time", units=CURVES[name][0], long_name=CURVES[name][1])
+            variables[name] = of_points(values, "hold_time", units=CURVES[name][0], long_name=CURVES[name][1])
         for name, (unit, meaning, values) in self.observed.items():
-            found[name] = of_points(values, *("hold_time",)[: values.ndim - 1], units=unit, long_name=meaning)
-        found["bonds"] = of_points(
+            variables[name] = of_points(values, *("hold_time",)[: values.ndim - 1], units=unit, long_name=meaning)
+        variables["bonds"] = of_points(
             self.bonds, "replica", "hold_time", units="1", long_name="bonds; -1 where there are none"
         )
-        return found
+        return variables
 
     def to_pandas(self) -> pandas.DataFrame:
         """A data frame with one row per point, without the curves, which :meth:`to_xarray` includes.
@@ -278,7 +343,7 @@ class Table:
         """
         xarray = optional_module("xarray", "xarray")
         variables = self.variables()
-        swept = [name for one in self.dimensions for name in one.coordinates.values()] or list(self.swept)
+        swept = [name for dimension in self.dimensions for name in dimension.coordinates.values()] or list(self.swept)
         times = [name for name in ("hold_time", "hold_times") if name in variables]
         return xarray.Dataset(variables).set_coords([*swept, "point", *times])
 
@@ -292,8 +357,8 @@ def _with_b(summary: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _counts(bonds: Sequence[Any]) -> np.ndarray:
-    found = np.array(bonds, ndmin=2)
-    return found if found.size and found.dtype.kind == "f" else found.astype(np.int32)
+    counts = np.array(bonds, ndmin=2)
+    return counts if counts.size and counts.dtype.kind == "f" else counts.astype(np.int32)
 
 
 def error_text(error: Mapping[str, Any] | None) -> str:
@@ -332,10 +397,10 @@ def _padded(count: int, rows: Mapping[int, tuple[np.ndarray, dict[str, np.ndarra
             curves[name][number, : curve.size] = curve
         if counts.size:
             bonds[number, : counts.shape[0], : counts.shape[1]] = counts
-    known = list(rows)
-    if known and all(np.array_equal(times[number], times[known[0]]) for number in known):
-        times = times[known[0]]
-    elif not known:
+    numbers = list(rows)
+    if numbers and all(np.array_equal(times[number], times[numbers[0]]) for number in numbers):
+        times = times[numbers[0]]
+    elif not numbers:
         times = times[0]
     return {"hold_times": times, "curves": curves, "bonds": bonds}
 
@@ -345,20 +410,20 @@ def _observed(
 ) -> dict[str, tuple[str, str, np.ndarray]]:
     """The columns of the numbers and curves that observables measured; ``points`` are their summaries."""
     longest = next(iter(curves.values())).shape[1]
-    found: dict[str, tuple[str, str, np.ndarray]] = {}
+    columns: dict[str, tuple[str, str, np.ndarray]] = {}
     for number, outputs in points.items():
-        for name, one in outputs.items():
-            if "mean" not in one:
+        for name, output in outputs.items():
+            if "mean" not in output:
                 continue
-            shape = (count, longest) if one["shape"] else (count,)
+            shape = (count, longest) if output["shape"] else (count,)
             for suffix, (part, meaning) in PARTS.items():
-                text = f"{one['description'] or name}{meaning and ': '}{meaning}"
-                new = (one["unit"] or "1", text, np.full(shape, np.nan))
-                values = found.setdefault(f"observable.{name}{suffix}", new)[2]
-                given = np.array(one[part], dtype=np.float64)  # None where nan
-                if values.ndim == 1 + given.ndim:
-                    values[(number, slice(given.size)) if given.ndim else number] = given
-    return found
+                text = f"{output['description'] or name}{meaning and ': '}{meaning}"
+                new = (output["unit"] or "1", text, np.full(shape, np.nan))
+                values = columns.setdefault(f"observable.{name}{suffix}", new)[2]
+                numbers = np.array(output[part], dtype=np.float64)  # None where nan
+                if values.ndim == 1 + numbers.ndim:
+                    values[(number, slice(numbers.size)) if numbers.ndim else number] = numbers
+    return columns
 
 
 def value_of(name: str, values: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -370,13 +435,13 @@ def _last(values: np.ndarray, like: np.ndarray) -> np.ndarray:
     """The number of each row at the last place where ``like`` is finite, nan where there is none."""
     if values.shape[-1] == 0:
         return np.full(values.shape[:-1], np.nan)
-    rows, known = np.atleast_2d(values), np.isfinite(np.atleast_2d(like))
-    found = np.full(rows.shape[0], np.nan)
+    rows, finite = np.atleast_2d(values), np.isfinite(np.atleast_2d(like))
+    last = np.full(rows.shape[0], np.nan)
     for number, row in enumerate(rows):
-        there = row[known[number]]
+        there = row[finite[number]]
         if there.size:
-            found[number] = there[-1]
-    return found if values.ndim == 2 else found[0]
+            last[number] = there[-1]
+    return last if values.ndim == 2 else last[0]
 
 
 def _in(unit: str) -> str:

@@ -17,10 +17,9 @@ from chemage.foundation.messages import nearest
 from chemage.foundation.statistics import crossed_half_width, student_limit
 from chemage.foundation.text import plus_minus
 from chemage.foundation.units import convert
-from chemage.studies.sweeps.dimensions import Dimension, is_seed, last_part
 from chemage.studies.sweeps.grid import Axis, shown
 from chemage.studies.sweeps.result import SweepResult
-from chemage.studies.sweeps.table import Table, value_of
+from chemage.studies.sweeps.table import Dimension, Table, is_seed, last_part, value_of
 
 #: the axis along a curve
 HOLD_TIME = "hold_time"
@@ -67,14 +66,14 @@ class SweepData:
     def __init__(self, result: SweepResult) -> None:
         self.name = result.name
         self.table: Table = result.table()
-        self.dimensions: dict[str, Dimension] = {one.name: one for one in self.table.dimensions}
-        self.shape = tuple(one.size for one in self.dimensions.values())
+        self.dimensions: dict[str, Dimension] = {dimension.name: dimension for dimension in self.table.dimensions}
+        self.shape = tuple(dimension.size for dimension in self.dimensions.values())
         self.variables = self.table.variables()
         #: coordinates that were written in one unit: name -> values along their dimension, unit
         self._written: dict[str, tuple[np.ndarray, str]] = {}
-        for axis, one in enumerate(self.dimensions.values()):
+        for axis, dimension in enumerate(self.dimensions.values()):
             first = tuple(slice(None) if place == axis else 0 for place in range(len(self.shape)))
-            for path, name in one.coordinates.items():
+            for path, name in dimension.coordinates.items():
                 if path in result.written:
                     numbers, unit = result.written[path]
                     self._written[name] = np.array(numbers).reshape(self.shape)[first], unit
@@ -102,15 +101,15 @@ class SweepData:
         InputError
             There is none; the message lists the names.
         """
-        for dim, one in self.dimensions.items():
-            if name == dim or name in one.coordinates or name in one.coordinates.values():
+        for dim, dimension in self.dimensions.items():
+            if name == dim or name in dimension.coordinates or name in dimension.coordinates.values():
                 return dim
-        same = [dim for dim, one in self.dimensions.items() if name in map(last_part, one.coordinates)]
+        same = [dim for dim, dimension in self.dimensions.items() if name in map(last_part, dimension.coordinates)]
         if len(same) == 1:
             return same[0]
-        known = [*self.dimensions, HOLD_TIME]
+        names = [*self.dimensions, HOLD_TIME]
         raise InputError.of(
-            option, name, f"is no axis of this sweep{nearest(name, known)}", f"the axes are {', '.join(known)}"
+            option, name, f"is no axis of this sweep{nearest(name, names)}", f"the axes are {', '.join(names)}"
         )
 
     def label(self, name: str, option: str) -> str:
@@ -157,8 +156,8 @@ class SweepData:
 
     def usual(self) -> list[str]:
         """What is drawn unless asked otherwise."""
-        known = [name for name in _USUAL if np.isfinite(self.variables[name][1]).any()]
-        return known or list(_WITHOUT_AGEING)
+        names = [name for name in _USUAL if np.isfinite(self.variables[name][1]).any()]
+        return names or list(_WITHOUT_AGEING)
 
     def view(self, x: str | None, lines: str | None, where: Mapping[str, str] | None = None) -> View:
         """Choose the axes that were not given.
@@ -172,13 +171,13 @@ class SweepData:
             An axis or a value does not exist.
         """
         fixed = {self.axis(name, "--where"): self._place(name, value) for name, value in (where or {}).items()}
-        given = {"--x": x, "--lines": lines}
-        asked = [self.axis(name, option) for option, name in given.items() if name and name != HOLD_TIME]
+        axes = {"--x": x, "--lines": lines}
+        asked = [self.axis(name, option) for option, name in axes.items() if name and name != HOLD_TIME]
         if len(set(asked)) < len(asked):
             raise InputError.of("--lines", lines, "is the axis of --x", "choose another one")
         if lines == HOLD_TIME:
             raise InputError.of("--lines", lines, "can only be --x")
-        free = [dim for dim, one in self.dimensions.items() if one.size > 1 and dim not in {*asked, *fixed}]
+        free = [dim for dim, dimension in self.dimensions.items() if dimension.size > 1 and dim not in {*asked, *fixed}]
         seeds = [dim for dim in free if self.is_seed(dim)]
         free = [dim for dim in free if dim not in seeds]
         free.sort(key=lambda dim: (not self.is_number(dim), -self.dimensions[dim].size))
@@ -187,23 +186,23 @@ class SweepData:
         if lines is None and free:
             lines = free.pop(0)
         used = {self.axis(name, "--x") for name in (x, lines) if name and name != HOLD_TIME}
-        rest = {dim: one.size // 2 for dim, one in self.dimensions.items() if dim not in {*used, *seeds}}
+        rest = {dim: dimension.size // 2 for dim, dimension in self.dimensions.items() if dim not in {*used, *seeds}}
         label = HOLD_TIME if x == HOLD_TIME else self.label(x, "--x")
         return View(label, self.label(lines, "--lines") if lines else None, tuple(seeds), {**rest, **fixed})
 
     def _place(self, name: str, value: str) -> int:
         label = self.label(name, "--where")
         values = list(self.values(label))
-        for place, one in enumerate(values):
-            if value == (one if isinstance(one, str) else f"{one:.6g}") or _is_number(value, one):
+        for place, number in enumerate(values):
+            if value == (number if isinstance(number, str) else f"{number:.6g}") or _is_number(value, number):
                 return place
         unit = self.variables[label][2].get("units", "1")
-        for place, one in enumerate(self.variables[label][1]):  # in the unit inside, or with a unit
-            if _is_number(value, one) or _is_quantity(value, unit, one):
+        for place, number in enumerate(self.variables[label][1]):  # in the unit inside, or with a unit
+            if _is_number(value, number) or _is_quantity(value, unit, number):
                 return place
-        known = ", ".join(self.value_text(label, place) for place in range(len(values)))
+        texts = ", ".join(self.value_text(label, place) for place in range(len(values)))
         raise InputError.of(
-            f"--where {name}", value, f"is not swept; the values are {known} {self.unit(label)}".rstrip()
+            f"--where {name}", value, f"is not swept; the values are {texts} {self.unit(label)}".rstrip()
         )
 
     def quantity(self, name: str, view: View) -> Quantity:
@@ -215,9 +214,9 @@ class SweepData:
             There is no such result, or it has no hold times and x is the hold time.
         """
         if name not in self.names:
-            known = ", ".join(self.names)
+            names = ", ".join(self.names)
             raise InputError.of(
-                "--y", name, f"is no result of this sweep{nearest(name, self.names)}", f"the results are {known}"
+                "--y", name, f"is no result of this sweep{nearest(name, self.names)}", f"the results are {names}"
             )
         along = view.x == HOLD_TIME
         is_curve = "hold_time" in self.variables[name][0]
@@ -264,13 +263,15 @@ class SweepData:
     def _last(self, name: str) -> np.ndarray:
         """A curve, or its interval, at the last hold time at which the curve is known."""
         values = {
-            key: np.asarray(one[1], np.float64) for key, one in self.variables.items() if key in (name, _bare(name))
+            key: np.asarray(variable[1], np.float64)
+            for key, variable in self.variables.items()
+            if key in (name, _bare(name))
         }
         return _last_known(values[name], value_of(name, values))
 
     def records(self) -> list[dict[str, Any]]:
         """One mapping per point: number, status, error, swept values by path, and the results."""
-        table, found = self.table, []
+        table, records = self.table, []
         for row in range(table.points):
             swept = {path: values[row] for path, values in table.swept.items()}
             numbers = {name: values[row] for name, values in table.scalars.items()}
@@ -278,7 +279,7 @@ class SweepData:
                 f"last_{name}": _last_known(values, value_of(name, table.curves))[row]
                 for name, values in table.curves.items()
             }
-            found.append(
+            records.append(
                 {
                     "point": row,
                     "status": table.status[row],
@@ -288,7 +289,7 @@ class SweepData:
                     **last,
                 }
             )
-        return found
+        return records
 
     def rows(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Headings and lines of a table with β, Δμ and the contact area; one line for the mean over seeds."""
@@ -297,7 +298,9 @@ class SweepData:
         names = [name for dim in dims for name in self._along(dim)]
         columns = [name for name in _TABLE if np.isfinite(self.variables[name][1]).any()]
         shape = [self.dimensions[dim].size for dim in dims]
-        done = self._flat(np.array([one == "done" for one in self.table.status]).reshape(self.shape), dims).sum(axis=0)
+        done = self._flat(np.array([status == "done" for status in self.table.status]).reshape(self.shape), dims).sum(
+            axis=0
+        )
         uneven = bool(seeds) and np.unique(done[done > 0]).size > 1
         results = [self._column(name, dims, bool(seeds)) for name in columns]
         lines = []
@@ -325,32 +328,34 @@ class SweepData:
     def _column(self, name: str, dims: Sequence[str], average: bool) -> tuple[np.ndarray, np.ndarray]:
         """Mean over seeds, or the number of each point, and half its 95 % interval, for each row."""
 
-        def last(one: str) -> np.ndarray:
-            along = "hold_time" in self.variables[one][0]
-            return self._flat(self._last(one) if along else np.asarray(self.variables[one][1], np.float64), dims)
+        def last(variable: str) -> np.ndarray:
+            along = "hold_time" in self.variables[variable][0]
+            return self._flat(
+                self._last(variable) if along else np.asarray(self.variables[variable][1], np.float64), dims
+            )
 
         values = last(name)
         if average:
-            return _mean(values, [one.size for dim, one in self.dimensions.items() if dim not in dims])
+            return _mean(values, [variable.size for dim, variable in self.dimensions.items() if dim not in dims])
         half = last(f"{name}_half_width") if f"{name}_half_width" in self.variables else np.full(values.shape, np.nan)
         return values[0], half[0]
 
     def notes(self) -> list[str]:
         """What to know of :meth:`rows`, in words."""
-        found = []
-        seeds = [one.size for dim, one in self.dimensions.items() if self.is_seed(dim)]
+        sentences = []
+        seeds = [dimension.size for dim, dimension in self.dimensions.items() if self.is_seed(dim)]
         if seeds and len(seeds) < len(self.dimensions):
-            found.append(f"means over {math.prod(seeds)} seeds with 95 % intervals (Student's t)")
+            sentences.append(f"means over {math.prod(seeds)} seeds with 95 % intervals (Student's t)")
         elif np.isfinite(self.variables["beta"][1]).any():
             over = "of means over surfaces" if self.table.means else "over replicas"
-            found.append(f"95 % intervals {over}")
+            sentences.append(f"95 % intervals {over}")
         times = self.table.hold_times
         if times.ndim == 1 and times.size and np.isfinite(times).any():
-            found.append(f"Δμ at the last hold time, {np.nanmax(times):g} s; β per decade of hold time")
-        found += [self.doubt] * bool(self.doubt)
+            sentences.append(f"Δμ at the last hold time, {np.nanmax(times):g} s; β per decade of hold time")
+        sentences += [self.doubt] * bool(self.doubt)
         if any(self.table.approximate):
-            found.append("approximate: " + "; ".join(dict.fromkeys(filter(None, self.table.approximate))))
-        return found
+            sentences.append("approximate: " + "; ".join(dict.fromkeys(filter(None, self.table.approximate))))
+        return sentences
 
 
 def _mean(values: np.ndarray, seeds: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -359,13 +364,13 @@ def _mean(values: np.ndarray, seeds: Sequence[int]) -> tuple[np.ndarray, np.ndar
     ``seeds`` are the numbers of seeds along each of the dimensions that are joined in the first axis: points that share
     the seed of a surface are not independent.
     """
-    known = np.isfinite(values)
-    count = known.sum(axis=0)
+    finite = np.isfinite(values)
+    count = finite.sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.where(known, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
+        mean = np.where(finite, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
         if sum(size > 1 for size in seeds) > 1:
             return mean, crossed_half_width(values.reshape(*seeds, *values.shape[1:]), len(seeds))
-        error = np.sqrt((np.where(known, values - mean, 0.0) ** 2).sum(axis=0) / (count - 1) / count)
+        error = np.sqrt((np.where(finite, values - mean, 0.0) ** 2).sum(axis=0) / (count - 1) / count)
     limits = np.array([student_limit(n - 1) if n > 1 else math.nan for n in range(values.shape[0] + 1)])
     return mean, np.where(count > 1, error, np.nan) * limits[count]
 
@@ -379,8 +384,8 @@ def _last_known(values: np.ndarray, like: np.ndarray) -> np.ndarray:
     """``values`` at the last place along the last axis where ``like`` is finite, nan where there is none."""
     if values.shape[-1] == 0:
         return np.full(values.shape[:-1], np.nan)
-    known = np.isfinite(like)
-    last = values.shape[-1] - 1 - np.argmax(known[..., ::-1], axis=-1)
+    finite = np.isfinite(like)
+    last = values.shape[-1] - 1 - np.argmax(finite[..., ::-1], axis=-1)
     return np.take_along_axis(values, last[..., None], axis=-1)[..., 0]
 
 

@@ -1,13 +1,17 @@
-"""The choices between speed and accuracy that a scene has: values of options, grids, solvers, engines, methods of
-ageing; and the changes to the scene file that each of them is."""
+"""The choices between speed and accuracy that a scene has, and the changes to the scene file that each of them is.
+
+These are the values of options in ``trade`` of its components, at any depth; coarser grids; other solvers, engines and
+methods of ageing.
+"""
 
 from __future__ import annotations
 
 import json
 import re
 import shlex
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from chemage.ageing.methods import check_method
@@ -16,12 +20,16 @@ from chemage.foundation.components import Component, call_with
 from chemage.foundation.errors import ChemageError
 from chemage.plugins import registry
 from chemage.scene.plan import cost
+from chemage.scene.provenance import nested
 from chemage.scene.scene import Scene
 from chemage.scene.variants import coarser
-from chemage.studies.trade.settings import COARSER, Setting, settings, with_section
 
 #: names of what is chosen, besides the options of components
 GRID, SOLVER, ENGINE, AGEING = "grid of the contact", "contact", "engine", "ageing"
+#: at most so many values of one option are tried, the first, the last and the scene's own among them
+MOST_VALUES = 8
+#: factors by which pixels are made larger
+COARSER = (4, 2)
 #: what an ageing method may cost before it gives its first answer, CPU seconds
 PREPARATION = 10.0
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
@@ -83,52 +91,66 @@ def go_together(combination: Combination) -> bool:
 
 def choices(scene: Scene, notes: list[str]) -> list[Choice]:
     """Every choice that ``scene`` has besides its own values; what is not tried is noted in words."""
-    found = [choice for setting in settings(scene) for choice in _of_setting(scene, setting)]
-    found += _grids(scene)
-    found += _solvers(scene, notes)
+    every = [*_options(scene, notes), *_grids(scene), *_solvers(scene, notes)]
     if scene.ages:
-        found += _engines(scene, notes)
-        found += _methods(scene, notes)
-    return found
+        every += [*_engines(scene, notes), *_methods(scene, notes)]
+    return every
 
 
-def _of_setting(scene: Scene, setting: Setting) -> Iterator[Choice]:
-    """The values of an option, but that of the scene."""
-    own = scene.sections()[setting.section]
-    stage = "contact" if setting.section in ("surface", "contact") else "ageing"
-    if setting.section.startswith("observe") or (stage == "ageing" and not scene.ages):
-        return
-    for value in setting.values:
-        if value != setting.of(own):
-            yield of_value(setting, value, stage)
+def _options(scene: Scene, notes: list[str]) -> Iterator[Choice]:
+    """The values in ``trade`` of every component, but those of the scene."""
+    for section, component in scene.sections().items():
+        stage = "contact" if section in ("surface", "contact") else "ageing"
+        for path, part in nested(component, section):
+            below = tuple(path.removeprefix(section).split(".")[1:])
+            for option, values in part.trade.items():
+                name = f"{path}.{option}"
+                if section.startswith("observe"):
+                    notes.append(f"{name}: not tried, because it changes what is measured")
+                    continue
+                if stage == "ageing" and not scene.ages:
+                    notes.append(f"{name}: not tried, because the scene stops at the contact")
+                    continue
+                own = getattr(part, option, None)
+                tried = _some(tuple(values), own)
+                if len(tried) < len(values):
+                    notes.append(f"{name}: {len(tried)} of {len(values)} values are tried")
+                for value in tried:
+                    if value != own:
+                        yield Choice(name, str(value), _turned(section, below, option, value), stage)
 
 
-def of_value(setting: Setting, value: Any, stage: str = "contact") -> Choice:
-    """One value of an option as a choice."""
-
+def _turned(section: str, below: Sequence[str], option: str, value: Any) -> Callable[[Scene], Scene]:
     def apply(scene: Scene) -> Scene:
-        return with_section(scene, setting.section, setting.turned(scene.sections()[setting.section], value))
+        component = scene.sections()[section]
+        changed = _replaced(component, below, lambda part: part.replace(**{option: value}))
+        return with_section(scene, section, changed)
 
-    return Choice(setting.name, str(value), apply, stage)
+    return apply
+
+
+def _some(values: tuple[Any, ...], own: Any) -> tuple[Any, ...]:
+    if len(values) <= MOST_VALUES:
+        return values
+    chosen = {round(k * (len(values) - 1) / (MOST_VALUES - 1)) for k in range(MOST_VALUES)}
+    if own in values and values.index(own) not in chosen:
+        nearest = min(chosen - {0, len(values) - 1}, key=lambda k: abs(k - values.index(own)))
+        chosen = chosen - {nearest} | {values.index(own)}
+    return tuple(values[k] for k in sorted(chosen))
 
 
 def _grids(scene: Scene) -> Iterator[Choice]:
     """Coarser grids of the contact, with the sites in place."""
     for factor in COARSER:
         if coarser(scene, factor) is not None:
-            yield grid(factor)
+            yield Choice(GRID, f"{factor} times coarser", partial(_coarser, factor), "contact")
 
 
-def grid(factor: int) -> Choice:
-    """Pixels that are larger."""
-
-    def apply(scene: Scene) -> Scene:
-        found = coarser(scene, factor)
-        if found is None:
-            raise ChemageError("this surface has no coarser grid")
-        return found
-
-    return Choice(GRID, f"{factor} times coarser", apply, "contact")
+def _coarser(factor: int, scene: Scene) -> Scene:
+    changed = coarser(scene, factor)
+    if changed is None:
+        raise ChemageError("this surface has no coarser grid")
+    return changed
 
 
 def _solvers(scene: Scene, notes: list[str]) -> Iterator[Choice]:
@@ -213,15 +235,62 @@ def _prepared(scene: Scene, method: Any) -> float:
     check_method(method, scene.chemistry, scene.engine, scene.rupture, ())
     if scene.site_grids:
         method.check_sites(scene.site_grids[1], None)
-    known = cost(scene)
+    costs = cost(scene)
     coupled = scene.chemistry.interaction is not None
-    replica = {"cpu_seconds": known.kinetics_cpu_seconds or 0.0}
-    seconds = call_with(method.expected, known.sites or 1.0, replica, 1, interacting=coupled)
+    replica = {"cpu_seconds": costs.kinetics_cpu_seconds or 0.0}
+    seconds = call_with(method.expected, costs.sites or 1.0, replica, 1, interacting=coupled)
     return max(0.0, seconds.get("cpu_seconds_most", 0.0) - seconds.get("cpu_seconds_least", 0.0))
 
 
 def _first_sentence(error: Exception) -> str:
     return str(error).splitlines()[0]
+
+
+# -- scenes with other components -------------------------------------------------------------------------------------
+
+
+def _replaced(component: Any, below: Sequence[str], change: Callable[[Any], Any]) -> Any:
+    """``component`` with ``change`` applied to the component that ``below`` leads to."""
+    if not below:
+        return change(component)
+    name, rest = below[0], below[1:]
+    if isinstance(component, Mapping):
+        return {**component, name: _replaced(component[name], rest, change)}
+    if isinstance(component, list | tuple):
+        items = [_replaced(item, rest, change) if k == int(name) else item for k, item in enumerate(component)]
+        return type(component)(items)
+    return component.replace(**{name: _replaced(getattr(component, name), rest, change)})
+
+
+def most_accurate(scene: Scene) -> Scene:
+    """The most accurate settings of every section, and the kinetics of every site."""
+    for name, component in scene.sections().items():
+        if not name.startswith("observe"):
+            scene = with_section(scene, name, _reference(component))
+    return scene.model_copy(update={"ageing": None}) if scene.ageing is not None else scene
+
+
+def _reference(component: Component) -> Component:
+    """The component, and those that are options of it, each as accurate as its class can make it."""
+    best = component.reference()
+    for path, _ in list(nested(best, ""))[1:]:
+        best = _replaced(best, path.split(".")[1:], lambda part: part.reference())
+    return best
+
+
+def with_section(scene: Scene, section: str, component: Component) -> Scene:
+    """``scene`` with another component in a section."""
+    name, _, number = section.partition(".")
+    if name in type(scene).model_fields:
+        value: Any = component
+        if number:
+            value = _replaced(getattr(scene, name), [number], lambda _: component)
+        return scene.model_copy(update={name: value})
+    for field in type(scene).model_fields:
+        value = getattr(scene, field)
+        if isinstance(value, Component) and name in type(value).model_fields:
+            return scene.model_copy(update={field: value.replace(**{name: component})})
+    raise KeyError(section)
 
 
 # -- a choice as changes to the scene file -----------------------------------------------------------------------------
@@ -230,22 +299,22 @@ def _first_sentence(error: Exception) -> str:
 def changes(own: Scene, other: Scene) -> dict[str, Any]:
     """What has to be set in ``own`` for ``other``: dotted path -> plain value; a component of another kind as a
     whole."""
-    found: dict[str, Any] = {}
+    changed: dict[str, Any] = {}
     before, after = _plain(own), _plain(other)
     for name in {**before, **after}:
-        one, two = before.get(name), after.get(name)
-        if one == two:
+        old, new = before.get(name), after.get(name)
+        if old == new:
             continue
-        if isinstance(one, Mapping) and isinstance(two, Mapping) and one.get("kind") == two.get("kind"):
-            keys = {**one, **two}
-            found |= {f"{name}.{key}": two.get(key) for key in keys if one.get(key) != two.get(key)}
-        elif isinstance(two, Mapping) and name in _components(other):
-            besides = {"seed", "load"} & two.keys()
+        if isinstance(old, Mapping) and isinstance(new, Mapping) and old.get("kind") == new.get("kind"):
+            keys = {**old, **new}
+            changed |= {f"{name}.{key}": new.get(key) for key in keys if old.get(key) != new.get(key)}
+        elif isinstance(new, Mapping) and name in _components(other):
+            besides = {"seed", "load"} & new.keys()
             options = _components(other)[name].model_fields_set
-            found[name] = {key: value for key, value in two.items() if key in options | {"kind", *besides}}
+            changed[name] = {key: value for key, value in new.items() if key in options | {"kind", *besides}}
         else:
-            found[name] = [] if two is None and name == "observe" else two
-    return found
+            changed[name] = [] if new is None and name == "observe" else new
+    return changed
 
 
 def _plain(scene: Scene) -> dict[str, Any]:
@@ -268,8 +337,8 @@ def _toml(value: Any, *, top: bool = False) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Mapping):
-        inner = (f"{key} = {_toml(one)}" for key, one in value.items() if one is not None)
+        inner = (f"{key} = {_toml(item)}" for key, item in value.items() if item is not None)
         return "{" + ", ".join(inner) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml(one) for one in value) + "]"
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
     return repr(value)

@@ -1,47 +1,54 @@
-"""Measures the map of speed against accuracy: every setting and combinations of them, on several surfaces, repeatedly.
+"""The map of speed against accuracy as a design: settings and combinations of them, on several surfaces, repeatedly.
 
-In each round all settings are computed on one surface with one set of random numbers, one after the other, and compared
-with a reference that is more accurate than all of them: the most accurate values of every component, and the kinetics
-of every site. Rounds differ by their seeds. A difference from the reference is therefore paired, surface by surface and
-replica by replica, and its standard error is that of the differences between rounds; where the seed does not change the
-surface, between replicas. An exact engine is compared with a reference that it has aged itself, because engines share
-the disorder but not the noise.
+In each round all settings are computed on one surface with one set of random numbers, and compared with a reference
+that is more accurate than all of them: the most accurate values of every component, and the kinetics of every site.
+Rounds differ by their seeds. A difference from the reference is therefore paired, surface by surface and replica by
+replica, and its standard error is that of the differences between rounds; where the seed does not change the surface,
+between replicas. An exact engine is compared with a reference that it has aged itself, because engines share the
+disorder but not the noise.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import Aging
-from chemage.ageing.fitting import line_slopes
-from chemage.ageing.hold_times import within
 from chemage.ageing.kinetics import EVERY_SITE
-from chemage.contacts.solution import ContactSolution
-from chemage.contacts.stage import solve_contact
+from chemage.contacts.role import ContactTheory, no_map
 from chemage.foundation.approximations import in_words
-from chemage.foundation.errors import ChemageError
+from chemage.foundation.checks import checked_count
+from chemage.foundation.errors import ChemageError, InputError
 from chemage.plugins.sources import approximations
 from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
-from chemage.scene.run import aged
 from chemage.scene.scene import Scene
 from chemage.scene.variants import is_random, question
-from chemage.scene.warm_up import warm_up
-from chemage.studies.trade.choices import ENGINE, Choice, Combination, applied, changes, choices, go_together
-from chemage.studies.trade.settings import reference as best_of
-from chemage.studies.trade.settings import with_section
+from chemage.studies.ensembles.quantities import Quantities
+from chemage.studies.study import Archive, Study
+from chemage.studies.tasks import Outcome, Task
+from chemage.studies.trade.choices import (
+    ENGINE,
+    Choice,
+    Combination,
+    applied,
+    changes,
+    choices,
+    go_together,
+    most_accurate,
+)
+from chemage.studies.trade.timing import Timed, Timing
 from chemage.studies.trade.trade_map import BETA, DISTRIBUTION, DROP, SHOWN_MEASURES, Point, TradeMap, machine, pareto
-from chemage.surfaces.stage import make_surface
+from chemage.studies.workers import registered_classes
 
-T = TypeVar("T")
-#: called with what is being measured
+#: called with what was measured
 Report = Callable[[str], None]
 #: rounds by what the scene itself is expected to cost, CPU seconds: (less than, rounds)
 ROUNDS = ((0.3, 6), (1.5, 4), (math.inf, 3))
@@ -51,52 +58,68 @@ MOST_VALUES, MOST_TRIED, MOST_KEPT = 3, 90, 24
 CHEAPER = 0.97
 #: what takes so many times as long as the scene is left out, unless it takes less than this, CPU seconds
 SLOWER, NOT_LONG = 10.0, 1.0
-#: measures of a contact that its settings do not change
-_GIVEN = {"load", "modulus", "nominal_area", "nominal_pressure"}
 
 
-@dataclass(frozen=True)
-class Seconds:
-    """CPU time over all threads, and wall time."""
+def tradeoff(
+    scene: Scene,
+    *,
+    rounds: int | None = None,
+    report: Report | None = None,
+    folder: str | Path | None = None,
+    executor: str | Executor = "serial",
+    workers: int | None = None,
+    patience: float | str | None = None,
+) -> TradeMap:
+    """Measure what each setting of ``scene`` and their combinations cost, and how large their errors are.
 
-    cpu: float
-    wall: float
+    Parameters
+    ----------
+    rounds
+        How often everything is computed, each time on another surface where the surface is random; default: three to
+        six, by the cost of the scene.
+    report
+        Called with what was measured.
+    folder
+        Where results are kept, and from which they are taken, if they are of these versions and this processor;
+        default: none are kept.
+    executor, workers, patience
+        Where to compute, as for :func:`chemage.sweep`; default: one scene after the other in this process. CPU times
+        are measured where a scene is computed, in one thread; beside other work they are longer. Threads of one process
+        cannot be told apart and are refused.
+
+    Raises
+    ------
+    InputError
+        The contact has no map, or an argument is not valid.
+    """
+    if rounds is not None:
+        checked_count("rounds", rounds)
+    if executor == "threads":
+        raise InputError.of("executor", executor, "CPU times of threads cannot be told apart", "choose processes")
+    if isinstance(scene.contact, ContactTheory):
+        raise InputError(no_map(scene.contact, "there is no pressure whose error could be measured"))
+    with scene.in_use():
+        archive = Archive(folder, scene, processor=True)
+        design = Mapper(scene, rounds=rounds, report=report, archive=archive)
+        classes = registered_classes(component for scene in design.scenes() for component in scene.components())
+        with Study(executor, workers, 1, patience, classes=classes) as study:
+            study.carry_out(design, archive.place)
+        archive.tidy()
+        return design.map()
 
 
-def timed(task: Callable[[], T]) -> tuple[T, Seconds]:
-    """What ``task`` returns, and how long it took."""
-    cpu, wall = time.process_time(), time.perf_counter()
-    result = task()
-    return result, Seconds(time.process_time() - cpu, time.perf_counter() - wall)
-
-
-@dataclass(frozen=True)
-class Solved:
-    """A contact with its times and measures."""
-
-    contact: ContactSolution
-    making: Seconds
-    solving: Seconds
-    measures: dict[str, float]
-
-
-@dataclass(frozen=True)
-class Computed:
-    """What a combination of choices gives on one surface."""
-
-    solved: Solved
-    aging: Aging | None
-    ageing: Seconds
-
-    @property
-    def contact(self) -> ContactSolution:
-        """The contact."""
-        return self.solved.contact
+def planned(scene: Scene) -> str:
+    """What a map of ``scene`` computes, in words."""
+    tried = choices(scene, [])
+    contacts = sum(choice.stage == "contact" for choice in tried)
+    ageings = len(tried) + 2 if scene.ages else 0  # and the scene itself, and the reference
+    text = f"{contacts + 2} contacts and {ageings} ageing curves on each of {_rounds(scene)} surfaces"
+    return f"{text}, and combinations of those that pay"
 
 
 @dataclass(frozen=True)
 class _Record:
-    """What is kept of a :class:`Computed`, and its difference from the reference of its round."""
+    """What a combination gives in one round, and its difference from the reference."""
 
     contact_seconds: float
     ageing_seconds: float
@@ -113,7 +136,6 @@ class _Trial:
     combination: Combination
     scene: Scene
     records: list[_Record] = field(default_factory=list)
-    trouble: str = ""
 
     @property
     def seconds(self) -> float:
@@ -121,127 +143,186 @@ class _Trial:
 
 
 class Mapper:
-    """Measures the points of one map, round by round."""
+    """Measures the points of one map, as a design of a study."""
 
-    def __init__(self, scene: Scene, *, rounds: int | None = None, report: Report | None = None) -> None:
-        self.scene, self.report = scene, report or (lambda _: None)
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        rounds: int | None = None,
+        report: Report | None = None,
+        archive: Archive | None = None,
+    ) -> None:
+        self.scene, self._report = scene, report or (lambda _: None)
+        self._archive = archive or Archive(None, scene)
         self.notes: list[str] = []
         self.random = is_random(scene)
+        self._quantities = Quantities.of(scene, ())
         self.rounds = rounds or _rounds(scene)
         self.choices = choices(scene, self.notes)
-        self.best, self._best_is_own = _best(scene), False
+        self.reference = most_accurate(scene)
         self.trials: dict[frozenset[tuple[str, str]], _Trial] = {}
-        self._round, self._contacts, self._ageings = 0, {}, {}
-        self._reference: Computed | None = None
-        #: (what is chosen, value) -> why it is left out
-        self.slow: dict[tuple[str, str], str] = {}
+        self._stages: Iterator[Sequence[tuple[str, Timed]]] | None = None
+        #: by key of a task that was asked for: what it is, in words
+        self._asked: dict[str, str] = {}
+        self._timings: dict[str, Timing] = {}
+        self._errors: dict[str, BaseException] = {}
+        #: of each round
+        self._references: list[Timing] = []
+        self._spent = 0.0
 
-    # -- computing ----------------------------------------------------------------------------------------------------
+    # -- as a design, see :class:`chemage.studies.study.Design` -------------------------------------------------------
 
-    def warm_up(self) -> None:
-        """Compile what the choices need, so that compilation is not in their times; leave out what is far slower than
-        the scene."""
-        solved = self._solved(self.scene)
-        own = solved.making.cpu + solved.solving.cpu + self._expected_seconds(self.scene, solved.contact)
-        for choice in self.choices:
-            self.report(f"compiling for {choice.words}")
-            try:
-                scene = choice.apply(self.scene)
-                if choice.stage == "contact":
-                    warm_up(scene, "contact")
+    def ask(self) -> list[Task]:
+        """The tasks of the next stage that are not in the folder."""
+        if self._stages is None:
+            self._stages = self._all_stages()
+        for stage in self._stages:
+            tasks: dict[str, Task] = {}
+            for words, task in stage:
+                if task.key in self._timings or task.key in self._errors:
                     continue
-                seconds = self._expected_seconds(scene, solved.contact)
-            except ChemageError:
-                continue  # the reason is given where it is measured
-            if seconds > max(SLOWER * own, NOT_LONG):
-                self.slow[choice.knob, choice.label] = (
-                    f"left out: about {seconds / own:.0f} times slower than the scene"
+                if (outcome := self._archive.find(task)) is not None and outcome.content is not None:
+                    self._timings[task.key] = Timing.read(outcome.content)
+                    continue
+                tasks[task.key], self._asked[task.key] = task, words
+            if tasks:
+                return list(tasks.values())
+        return []
+
+    def tell(self, task: Task, outcome: Outcome) -> None:
+        """Receive what was measured."""
+        words = self._asked.pop(task.key)
+        if isinstance(outcome.error, ChemageError):
+            self._errors[task.key] = outcome.error
+        else:
+            content = self._archive.received(task, outcome).content
+            assert content is not None
+            self._timings[task.key] = Timing.read(content)
+            self._spent += self._timings[task.key].seconds
+        each = self._spent / max(len(self._timings), 1)
+        left = f"; about {seconds:.0f} s left of these" if (seconds := each * len(self._asked)) >= 1 else ""
+        self._report(words + left)
+
+    def scenes(self) -> Iterator[Scene]:
+        """The scene, its reference, and the scene with each single choice."""
+        yield from (self.scene, self.reference, *self._alone("contact").values(), *self._alone("ageing").values())
+
+    def _alone(self, stage: str) -> dict[str, Scene]:
+        """The scene with each of the choices of a stage that can be had, by the words of the choice."""
+        scenes: dict[str, Scene] = {}
+        for choice in self.choices:
+            with suppress(ChemageError):  # the reason is noted where it is measured
+                scenes |= {choice.words: choice.apply(self.scene)} if choice.stage == stage else {}
+        return scenes
+
+    def _all_stages(self) -> Iterator[list[tuple[str, Timed]]]:
+        """The tasks of each stage; all of a stage have been computed when the next is asked for."""
+        if self.scene.ages:
+            yield from self._leave_out_slow()
+        for number in range(self.rounds):
+            reference = [("reference", self._task(self.reference, number, compared=False))]
+            yield self._named(number, reference)
+            if (error := self._errors.get(reference[0][1].key)) is not None:
+                if number or self.reference is self.scene:
+                    raise error
+                self.notes.append(f"no reference, so that errors are differences from the scene as it is: {error}")
+                self.reference = self.scene
+                reference = [("reference", self._task(self.reference, 0, compared=False))]
+                yield self._named(0, reference)
+                if (error := self._errors.get(reference[0][1].key)) is not None:
+                    raise error
+            self._references.append(self._timings[reference[0][1].key])
+            if number:
+                yield from self._measured(number, [trial.combination for trial in self.trials.values()])
+                continue
+            yield from self._measured(0, [(), *((choice,) for choice in self.choices)])
+            if frozenset() not in self.trials:
+                raise self._errors[self._task(self.scene, 0).key]
+            yield from self._measured(0, self._combinations())
+            promising = self._promising()
+            if left_out := len(self.trials) - len(promising):
+                self.notes.append(
+                    f"{left_out} combinations that were slower and less accurate than others in the first round are "
+                    "left out"
                 )
-                self.notes.append(f"{choice.words}: {self.slow[choice.knob, choice.label]}")
-        self.choices = [one for one in self.choices if (one.knob, one.label) not in self.slow]
-        self._contacts.clear()
+            self.trials = promising
+        self.trials = {key: trial for key, trial in self.trials.items() if len(trial.records) == self.rounds}
 
-    def _expected_seconds(self, scene: Scene, contact: ContactSolution) -> float:
-        """CPU seconds of the ageing of all replicas, from those of one; everything is compiled afterwards."""
-        if not scene.ages or scene.hold is None:
-            return 0.0
-        aged(scene, contact, observe=(), common="all", replicas=1)  # to compile
-        _, seconds = timed(lambda: aged(scene, contact, observe=(), common="all", replicas=1))
-        whole = scene.ageing is not None and not scene.ageing.replicates
-        return seconds.cpu * (1 if whole else scene.hold.replicas)
+    def _named(self, number: int, tasks: Sequence[tuple[str, Timed]]) -> list[tuple[str, Timed]]:
+        where = "surface" if self.random else "repetition"
+        return [(f"{where} {number + 1} of {self.rounds}: {words}", task) for words, task in tasks]
 
-    def begin(self, number: int) -> None:
-        """Begin a round: compute its reference."""
-        self._round, self._contacts, self._ageings = number, {}, {}
-        self.report(self._text("reference"))
-        try:
-            self._reference = self.computed(self.best)
-        except ChemageError as error:
-            if self._best_is_own or number:
-                raise
-            self.notes.append(f"no reference, so that errors are differences from the scene as it is: {error}")
-            self.best, self._best_is_own = self.scene, True
-            self._reference = self.computed(self.best)
+    def _leave_out_slow(self) -> Iterator[list[tuple[str, Timed]]]:
+        """Age one replica of everything, and leave out what is far slower than the scene."""
 
-    @property
-    def reference(self) -> Computed:
-        """The reference of this round."""
-        assert self._reference is not None
-        return self._reference
+        def of(scene: Scene) -> Timed:
+            assert scene.hold is not None
+            return self._task(
+                scene.model_copy(update={"hold": scene.hold.model_copy(update={"replicas": 1})}), 0, False
+            )
 
-    def compute(self, combination: Combination = ()) -> Computed:
-        """What a combination gives in this round; times and differences are recorded.
+        def seconds(scene: Scene) -> float:
+            assert scene.hold is not None
+            whole = scene.ageing is not None and not scene.ageing.replicates
+            timing = self._timings.get(of(scene).key)
+            return 0.0 if timing is None else timing.ageing_seconds * (1 if whole else scene.hold.replicas)
 
-        Raises
-        ------
-        ChemageError
-            The choices do not go together, or cannot be computed.
-        """
-        key = frozenset((choice.knob, choice.label) for choice in combination)
-        if (trial := self.trials.get(key)) is None:
-            trial = _Trial(combination, applied(self.scene, combination))
-        found = self.computed(trial.scene)
-        self.trials[key] = trial  # only what can be computed
-        if len(trial.records) == self._round:
-            trial.records.append(self._record(trial, found))
-        return found
+        scenes = self._alone("ageing")
+        yield [(f"one replica: {words}", of(scene)) for words, scene in [("scene", self.scene), *scenes.items()]]
+        first = self._timings.get(of(self.scene).key)
+        own = seconds(self.scene) + (0.0 if first is None else first.contact_seconds)
+        for choice in [choice_alone for choice_alone in self.choices if choice_alone.words in scenes]:
+            if (expected := seconds(scenes[choice.words])) > max(SLOWER * own, NOT_LONG):
+                self.notes.append(f"{choice.words}: left out: about {expected / own:.0f} times slower than the scene")
+                self.choices.remove(choice)
 
-    def _surface_seed(self) -> int:
-        return self.scene.surface_seed + (self._round if self.random else 0)
+    def _measured(self, number: int, combinations: Sequence[Combination]) -> Iterator[list[tuple[str, Timed]]]:
+        """Compute combinations in a round, and the references of exact engines among them; record what they give."""
+        scenes: dict[frozenset[tuple[str, str]], tuple[Combination, Scene]] = {}
+        for combination in combinations:
+            try:
+                scenes[_key(combination)] = combination, applied(self.scene, combination)
+            except ChemageError as error:
+                self._refused(combination, error)
+        tasks = [(_words(combination), self._task(scene, number)) for combination, scene in scenes.values()]
+        tasks += [("reference", self._compared(*combination, number)) for combination in scenes.values()]
+        yield self._named(number, tasks)
+        for key, (combination, scene) in scenes.items():
+            task = self._task(scene, number)
+            if (error := self._errors.get(task.key)) is not None:
+                self._refused(combination, error)
+                continue
+            trial = self.trials.setdefault(key, _Trial(combination, scene))
+            reference = self._timings[self._compared(combination, scene, number).key]
+            if len(trial.records) == number:
+                trial.records.append(self._record(self._timings[task.key], reference))
 
-    def _solved(self, scene: Scene) -> Solved:
-        key = scene.keys()["contact"]
-        if (known := self._contacts.get(key)) is not None:
-            return known
-        surface, making = timed(lambda: make_surface(scene.surface, self._surface_seed()))
-        contact, solving = timed(lambda: solve_contact(scene.solver, surface, scene.load))
-        pressure = contact.pressure[contact.pressure > 0]
-        measures = {name: float(value) for name, value in contact.summary().items() if name not in _GIVEN}
-        first = self._reference is None or not self._contacts  # the reference itself
-        distance = 0.0 if first else _distance(pressure, self.reference.contact)
-        found = Solved(contact, making, solving, {**measures, DISTRIBUTION: distance})
-        # the reference and the contact of the scene stay, and one more: maps of the pressure are large
-        kept = {self.best.keys()["contact"], self.scene.keys()["contact"]}
-        self._contacts = {name: one for name, one in self._contacts.items() if name in kept} | {key: found}
-        return found
+    def _refused(self, combination: Combination, error: BaseException) -> None:
+        if len(combination) == 1:
+            self.notes.append(f"{combination[0].words}: {str(error).splitlines()[0]}")
 
-    def computed(self, scene: Scene) -> Computed:
-        """What a scene gives on the surface of this round."""
-        solved = self._solved(scene)
-        aging, seconds = timed(lambda: self._aged(scene, solved.contact))
-        return Computed(solved, aging, seconds)
+    def _task(self, scene: Scene, number: int, compared: bool = True) -> Timed:
+        """A scene on the surface of a round, with its random numbers."""
+        reference = self._in_round(self.reference, number) if compared else None
+        return Timed.of(self._in_round(scene, number), number=number, reference=reference)
 
-    def _aged(self, scene: Scene, contact: ContactSolution, **more: Any) -> Aging | None:
-        if scene.hold is None:
-            return None
-        return aged(scene, contact, observe=(), common="all", seed=scene.hold.seed + self._round, **more)
+    def _in_round(self, scene: Scene, number: int) -> Scene:
+        update: dict[str, Any] = {"observe": (), "surface_seed": scene.surface_seed + (number if self.random else 0)}
+        if scene.hold is not None:
+            update["hold"] = scene.hold.model_copy(update={"seed": scene.hold.seed + number, "common": "all"})
+        return scene.model_copy(update=update)
+
+    def _compared(self, combination: Combination, scene: Scene, number: int) -> Timed:
+        """The reference that a combination is compared with: with the noise of its engine, if that is exact."""
+        exact = any(choice.knob == ENGINE and choice.exact for choice in combination)
+        same = self.reference.model_copy(update={"engine": scene.engine}) if exact else self.reference
+        return self._task(same, number, compared=False)
 
     # -- recording ----------------------------------------------------------------------------------------------------
 
-    def _record(self, trial: _Trial, found: Computed) -> _Record:
-        values = self._values(found)
-        compared = self._values(self._compared(trial))
-        differences = {}
+    def _record(self, timing: Timing, reference: Timing) -> _Record:
+        values, compared, differences = self._values(timing), self._values(reference), {}
         for name, value in values.items():
             other = compared.get(name)
             if other is None:
@@ -249,111 +330,29 @@ class Mapper:
             if len(value) != len(other):  # a method that gives the mean alone
                 value, other = value.mean(keepdims=True), other.mean(keepdims=True)
             differences[name] = value - other
-        making = found.solved.making.cpu + found.solved.solving.cpu
-        return _Record(making, found.ageing.cpu, values, differences)
+        return _Record(timing.contact_seconds, timing.ageing_seconds, values, differences)
 
-    def _compared(self, trial: _Trial) -> Computed:
-        """The reference that a trial is compared with: with the noise of its engine, if that is exact."""
-        own = trial.scene
-        exact = any(choice.knob == ENGINE and choice.exact for choice in trial.combination)
-        if not exact or own.engine is None or self.reference.aging is None:
-            return self.reference
-        if own.engine.kind not in self._ageings:
-            scene = self.best.model_copy(update={"engine": own.engine})
-            self._ageings[own.engine.kind] = self._aged(scene, self.reference.contact)
-        return Computed(self.reference.solved, self._ageings[own.engine.kind], self.reference.ageing)
-
-    def _values(self, found: Computed) -> dict[str, np.ndarray]:
-        values = {name: np.array([value]) for name, value in found.solved.measures.items()}
-        if found.aging is not None:
-            drop = np.asarray(found.aging.friction_drop, dtype=np.float64)
-            values |= {_drop_at(at): drop[:, k] for k, at in enumerate(found.aging.hold_times.tolist())}
-            if (betas := self.betas(found.aging)) is not None:
-                values[BETA] = betas
+    def _values(self, timing: Timing) -> dict[str, np.ndarray]:
+        values = {name: np.array([value]) for name, value in timing.measures.items()}
+        if (drop := timing.friction_drop) is not None:
+            values |= {_drop_at(at): drop[:, k] for k, at in enumerate(self._quantities.hold_times.tolist())}
+            if self._quantities.has_beta:
+                values[BETA] = self._quantities.slope(drop) / self.scene.load
         return values
-
-    def betas(self, aging: Aging) -> np.ndarray | None:
-        """(replicas,) β of each replica, whose mean is the fitted one, as the fit is linear; None without a fit."""
-        use = self._fitted(aging.hold_times)
-        if not self.scene.load > 0 or np.unique(aging.hold_times[use]).size < 2:
-            return None
-        curves = np.asarray(aging.friction_drop, dtype=np.float64)
-        return line_slopes(aging.hold_times, curves, (self.scene.fit.start, self.scene.fit.stop)) / self.scene.load
-
-    def _fitted(self, times: np.ndarray) -> np.ndarray:
-        return within(times, (self.scene.fit.start, self.scene.fit.stop)) & (times > 0)
-
-    # -- the rounds ---------------------------------------------------------------------------------------------------
-
-    def first_round(self) -> None:
-        """Everything that is left to compute in the first round: single choices, and combinations of those that pay."""
-        self._all(self._singles())
-        tried = self._combinations()
-        self._all(tried)
-        kept = self._promising()
-        if left_out := len(self.trials) - len(kept):
-            self.notes.append(
-                f"{left_out} combinations that were slower and less accurate than others in the first round are left "
-                "out"
-            )
-        self.trials = kept
-
-    def further_rounds(self) -> None:
-        """Compute everything that was kept once more on each of the other surfaces."""
-        for number in range(1, self.rounds):
-            self.begin(number)
-            # all of one contact one after the other
-            self._all(sorted((one.combination for one in self.trials.values()), key=_contact_of))
-        self.trials = {key: one for key, one in self.trials.items() if len(one.records) == self.rounds}
-
-    def _singles(self) -> list[Combination]:
-        return [(), *((choice,) for choice in self.choices)]
-
-    def _all(self, combinations: list[Combination]) -> None:
-        missing = [one for one in combinations if not self._is_done(one)]
-        for number, one in enumerate(missing):
-            self.report(self._text(_named(one), missing[number:]))
-            try:
-                self.compute(one)
-            except ChemageError as error:
-                if len(one) == 1:
-                    self.notes.append(f"{one[0].words}: {str(error).splitlines()[0]}")
-
-    def _is_done(self, combination: Combination) -> bool:
-        trial = self.trials.get(frozenset((choice.knob, choice.label) for choice in combination))
-        return trial is not None and len(trial.records) > self._round
-
-    def _text(self, what: str, missing: list[Combination] | None = None) -> str:
-        """What is being measured, and how long it will take, in words."""
-        where = "surface" if self.random else "repetition"
-        text = f"{where} {self._round + 1} of {self.rounds}: {what}"
-        left = self._left(missing or []) if self.trials else 0.0
-        return text + (f"; about {left:.0f} s left" if left >= 1 else "")
-
-    def _left(self, missing: list[Combination]) -> float:
-        """CPU seconds that are left, from the times of the first round."""
-        done = [one for one in self.trials.values() if one.records]
-        each = sum(one.records[0].ageing_seconds for one in done)
-        contacts = {_contact_of(one.combination): one.records[0].contact_seconds for one in done}
-        whole = each + sum(contacts.values()) + self._seconds_of(self.reference)
-        share = len(missing) / max(len(done), len(missing), 1)
-        rounds_left = self.rounds - self._round - 1
-        return whole * (share + rounds_left)
-
-    @staticmethod
-    def _seconds_of(found: Computed) -> float:
-        return found.solved.making.cpu + found.solved.solving.cpu + found.ageing.cpu
 
     # -- combinations -------------------------------------------------------------------------------------------------
 
     def observables(self) -> list[str]:
         """The observables that are shown, as far as the reference has them."""
-        known = self._values(self.reference)
-        found = [BETA] if BETA in known else []
+        rounds = [self._values(timing) for timing in self._references]
+        mean = {name: float(np.mean([values[name].mean() for values in rounds])) for name in rounds[0]}
+        names = [BETA] if BETA in mean else []
         if self.scene.ages and self.scene.hold is not None:
-            found += [_drop_at(at) for at in _decades(self.scene.hold.hold_times)]
-        found = [name for name in found if known[name].mean() != 0]
-        return found + [name for name in SHOWN_MEASURES if math.isfinite(known[name].mean())]
+            names += [_drop_at(at) for at in _decades(self.scene.hold.hold_times)]
+        return [
+            *(name for name in names if mean[name] != 0),
+            *(name for name in SHOWN_MEASURES if math.isfinite(mean[name])),
+        ]
 
     def _error(self, trial: _Trial, name: str) -> float:
         """The error of the first round, or what it may be where the replicas hide it."""
@@ -365,45 +364,45 @@ class Mapper:
 
     def _fronts(self, trials: list[_Trial], seconds: Callable[[_Trial], float]) -> list[_Trial]:
         """The trials on the front of at least one observable, in the first round."""
-        found: dict[int, _Trial] = {}
+        on_front: dict[int, _Trial] = {}
         for name in self.observables():
-            known = [one for one in trials if not math.isnan(self._error(one, name))]
-            for one in pareto(known, lambda one, name=name: (seconds(one), self._error(one, name))):
-                found[id(one)] = one
-        return list(found.values())
+            comparable = [trial for trial in trials if not math.isnan(self._error(trial, name))]
+            for trial in pareto(comparable, lambda trial, name=name: (seconds(trial), self._error(trial, name))):
+                on_front[id(trial)] = trial
+        return list(on_front.values())
 
     def _useful(self) -> dict[str, list[Choice]]:
         """What is chosen -> the values that make their stage cheaper, and are not beaten by another value."""
         own = self.trials[frozenset()].records[0]
-        found: dict[str, list[Choice]] = {}
+        useful: dict[str, list[Choice]] = {}
         for knob in dict.fromkeys(choice.knob for choice in self.choices):
-            singles = [one for one in self.trials.values() if len(one.combination) == 1]
-            singles = [one for one in singles if one.combination[0].knob == knob]
+            singles = [trial for trial in self.trials.values() if len(trial.combination) == 1]
+            singles = [trial for trial in singles if trial.combination[0].knob == knob]
             stage = "ageing_seconds" if singles and singles[0].combination[0].stage == "ageing" else "contact_seconds"
 
-            def seconds(one: _Trial, stage: str = stage) -> float:
-                return getattr(one.records[0], stage)
+            def seconds(trial: _Trial, stage: str = stage) -> float:
+                return getattr(trial.records[0], stage)
 
-            cheaper = [one for one in singles if seconds(one) <= CHEAPER * getattr(own, stage)]
+            cheaper = [trial for trial in singles if seconds(trial) <= CHEAPER * getattr(own, stage)]
             if knob == ENGINE:  # exact engines differ by their speed alone
-                exact = [one for one in cheaper if one.combination[0].exact]
-                cheaper = [one for one in cheaper if one not in exact] + sorted(exact, key=seconds)[:1]
+                exact = [trial for trial in cheaper if trial.combination[0].exact]
+                cheaper = [trial for trial in cheaper if trial not in exact] + sorted(exact, key=seconds)[:1]
             front = sorted(self._fronts(cheaper, seconds), key=seconds)
             if len(front) > MOST_VALUES:
                 front = [front[0], front[len(front) // 2], front[-1]]
-            found[knob] = [one.combination[0] for one in front]
-        return found
+            useful[knob] = [trial.combination[0] for trial in front]
+        return useful
 
     def _combinations(self) -> list[Combination]:
         """Combinations of useful values, the cheapest contacts first."""
         useful = [[None, *values] for values in self._useful().values() if values]
-        found: list[Combination] = []
+        tried: list[Combination] = []
         for chosen in itertools.product(*useful):
-            one = tuple(choice for choice in chosen if choice is not None)
-            if len(one) > 1 and go_together(one) and _is_scene(self.scene, one):
-                found.append(one)
-        found = sorted(found, key=self._presumed)[:MOST_TRIED]
-        return sorted(found, key=_contact_of)
+            combination = tuple(choice for choice in chosen if choice is not None)
+            if len(combination) > 1 and go_together(combination) and _is_scene(self.scene, combination):
+                tried.append(combination)
+        tried = sorted(tried, key=self._presumed)[:MOST_TRIED]
+        return sorted(tried, key=_contact_of)
 
     def _presumed(self, combination: Combination) -> float:
         """CPU seconds if every choice saves the same part as alone."""
@@ -418,30 +417,30 @@ class Mapper:
     def _promising(self) -> dict[Any, _Trial]:
         """Single choices, and the combinations that may be on a front."""
         everything = list(self.trials.values())
-        front = self._fronts(everything, lambda one: one.seconds)
-        contacts = [one for one in everything if _only_contact(one.combination)]
-        front += self._fronts(contacts, lambda one: one.records[0].contact_seconds)
-        combined = list({id(one): one for one in front if len(one.combination) > 1}.values())
-        combined = sorted(combined, key=lambda one: one.seconds)
+        front = self._fronts(everything, lambda trial: trial.seconds)
+        contacts = [trial for trial in everything if _only_contact(trial.combination)]
+        front += self._fronts(contacts, lambda trial: trial.records[0].contact_seconds)
+        combined = list({id(trial): trial for trial in front if len(trial.combination) > 1}.values())
+        combined = sorted(combined, key=lambda trial: trial.seconds)
         if len(combined) > MOST_KEPT:
             step = len(combined) / MOST_KEPT
             combined = [combined[int(k * step)] for k in range(MOST_KEPT)]
-        kept = {id(one) for one in combined}
-        return {key: one for key, one in self.trials.items() if len(one.combination) < 2 or id(one) in kept}
+        kept = {id(trial) for trial in combined}
+        return {key: trial for key, trial in self.trials.items() if len(trial.combination) < 2 or id(trial) in kept}
 
     # -- the map ------------------------------------------------------------------------------------------------------
 
-    def made(self) -> TradeMap:
+    def map(self) -> TradeMap:
         """The map of what was measured."""
         own = self.trials[frozenset()]
-        means = {name: [one.values[name].mean() for one in own.records] for name in own.records[0].values}
+        means = {name: [record.values[name].mean() for record in own.records] for name in own.records[0].values}
         scatter = {}
         if self.random and self.rounds > 1:
             for name, values in means.items():
-                total, noise = np.var(values, ddof=1), np.mean([_noise(one.values[name]) for one in own.records])
+                total, noise = np.var(values, ddof=1), np.mean([_noise(record.values[name]) for record in own.records])
                 mean = abs(float(np.mean(values)))
                 scatter[name] = math.sqrt(max(float(total) - float(noise), 0.0)) / mean if mean else math.nan
-        found = TradeMap(
+        map = TradeMap(
             scene=self.scene.todict(),
             question=question(self.scene),
             versions=versions(self.scene),
@@ -451,31 +450,31 @@ class Mapper:
             replicas=self.scene.hold.replicas if self.scene.ages and self.scene.hold is not None else 0,
             observables=self.observables(),
             surface_scatter=scatter,
-            points=[self._point(one) for one in self.trials.values()],
+            points=[self._point(record) for record in self.trials.values()],
             notes=list(self.notes),
         )
-        return found.marked()
+        return map.marked()
 
     def _point(self, trial: _Trial) -> Point:
         records = trial.records
         differences, values, scatter = {}, {}, {}
         for name in records[0].differences:
-            reference = [one.values[name].mean() - one.differences[name].mean() for one in records]
+            reference = [record.values[name].mean() - record.differences[name].mean() for record in records]
             scale = abs(float(np.mean(reference))) if name != DISTRIBUTION else 1.0
-            mean, stderr, freedom = _mean_and_error([one.differences[name] for one in records], self.random)
+            mean, stderr, freedom = _mean_and_error([record.differences[name] for record in records], self.random)
             if stderr < 1e-13 * max(abs(mean), scale):  # equal but for rounding
                 stderr = 0.0
             differences[name] = (mean / scale, stderr / scale, freedom) if scale else (math.nan, math.nan, 0)
-            values[name] = float(np.mean([one.values[name].mean() for one in records]))
-            noise = float(np.mean([_noise(one.values[name]) * len(one.values[name]) for one in records]))
+            values[name] = float(np.mean([record.values[name].mean() for record in records]))
+            noise = float(np.mean([_noise(record.values[name]) * len(record.values[name]) for record in records]))
             if len(records[0].values[name]) > 1 and values[name]:
                 scatter[name] = math.sqrt(noise) / abs(values[name])
         method = trial.scene.ageing
         return Point(
             choices={choice.knob: choice.label for choice in trial.combination},
             changes=changes(self.scene, trial.scene),
-            contact_seconds=[one.contact_seconds for one in records],
-            ageing_seconds=[one.ageing_seconds for one in records],
+            contact_seconds=[record.contact_seconds for record in records],
+            ageing_seconds=[record.ageing_seconds for record in records],
             differences=differences,
             values=values,
             scatter=scatter,
@@ -488,17 +487,9 @@ class Mapper:
 
 
 def _rounds(scene: Scene) -> int:
-    known = cost(scene)
-    seconds = (known.contact_cpu_seconds or 0.0) + (known.kinetics_cpu_seconds or 0.0)
+    costs = cost(scene)
+    seconds = (costs.contact_cpu_seconds or 0.0) + (costs.kinetics_cpu_seconds or 0.0)
     return next(rounds for most, rounds in ROUNDS if seconds < most)
-
-
-def _best(scene: Scene) -> Scene:
-    """The most accurate settings of every section, and the kinetics of every site."""
-    for name, component in scene.sections().items():
-        if not name.startswith("observe"):
-            scene = with_section(scene, name, best_of(component))
-    return scene.model_copy(update={"ageing": None}) if scene.ageing is not None else scene
 
 
 def _replaced(own: Scene, other: Scene) -> Iterator[Any]:
@@ -509,31 +500,21 @@ def _replaced(own: Scene, other: Scene) -> Iterator[Any]:
             yield component
 
 
-def _distance(pressure: np.ndarray, reference: ContactSolution) -> float:
-    """Wasserstein distance of the distributions of pressure over the contact, over the mean pressure."""
-    from scipy import stats
-
-    other = reference.pressure[reference.pressure > 0]
-    if not pressure.size or not other.size:
-        return math.nan
-    return float(stats.wasserstein_distance(pressure, other)) / float(other.mean(dtype=np.float64))
-
-
 def _mean_and_error(rounds: list[np.ndarray], random: bool) -> tuple[float, float, int]:
     """The mean difference, its standard error, and the degrees of freedom of that.
 
     Where rounds are surfaces, the error is that of the scatter between these. A few surfaces may by chance scatter less
     than their replicas do: the error is then that of the replicas.
     """
-    means = np.array([one.mean() for one in rounds])
+    means = np.array([differences.mean() for differences in rounds])
     if not random:
         means = np.concatenate(rounds)
     count = len(means)
     stderr = float(means.std(ddof=1)) / math.sqrt(count) if count > 1 else math.nan
     if random and min(map(len, rounds)) > 1:
-        within = math.sqrt(float(np.mean([_noise(one) for one in rounds])) / count)
+        within = math.sqrt(float(np.mean([_noise(differences) for differences in rounds])) / count)
         if not stderr >= within:
-            return float(means.mean()), within, sum(len(one) - 1 for one in rounds)
+            return float(means.mean()), within, sum(len(differences) - 1 for differences in rounds)
     return float(means.mean()), stderr, count - 1
 
 
@@ -542,16 +523,20 @@ def _noise(values: np.ndarray) -> float:
     return float(values.var(ddof=1)) / len(values) if len(values) > 1 else 0.0
 
 
+def _key(combination: Combination) -> frozenset[tuple[str, str]]:
+    return frozenset((choice.knob, choice.label) for choice in combination)
+
+
 def _only_contact(combination: Combination) -> bool:
     return all(choice.stage == "contact" for choice in combination)
 
 
 def _contact_of(combination: Combination) -> str:
     """The part of a combination on which the contact depends."""
-    return _named(tuple(choice for choice in combination if choice.stage == "contact"))
+    return _words(tuple(choice for choice in combination if choice.stage == "contact"))
 
 
-def _named(combination: Combination) -> str:
+def _words(combination: Combination) -> str:
     return ", ".join(choice.words for choice in combination) or "the scene as it is"
 
 
@@ -570,12 +555,12 @@ def _drop_at(time: float) -> str:
 
 def _decades(times: np.ndarray) -> list[float]:
     """Of each decade, the hold time that is next to its beginning, where one is within a quarter of a decade."""
-    found: dict[int, float] = {}
-    for one in times[times > 0].tolist():
-        power = math.log10(one)
+    nearest: dict[int, float] = {}
+    for time in times[times > 0].tolist():
+        power = math.log10(time)
         whole = round(power)
         if abs(power - whole) < 0.25 and (
-            whole not in found or abs(power - whole) < abs(math.log10(found[whole]) - whole)
+            whole not in nearest or abs(power - whole) < abs(math.log10(nearest[whole]) - whole)
         ):
-            found[whole] = one
-    return [found[whole] for whole in sorted(found)]
+            nearest[whole] = time
+    return [nearest[whole] for whole in sorted(nearest)]

@@ -16,20 +16,19 @@ from chemage.foundation.container import read_json, sealed_json
 from chemage.foundation.errors import DamagedError, InputError, StoreError
 from chemage.foundation.files import fresh_file
 from chemage.foundation.machine import processor
-from chemage.foundation.statistics import student_limit
+from chemage.foundation.statistics import NORMAL_LIMIT, student_limit
 from chemage.foundation.text import jsonable, percent, power_text
 from chemage.foundation.threads import processors
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 from chemage.scene.variants import question
 from chemage.studies.trade.choices import pasted
+from chemage.studies.trade.timing import DISTRIBUTION
 
 #: the accuracies for which the cheapest settings are named
 WITHIN = (0.1, 0.03, 0.01, 0.003)
 #: observables of the ageing; all others are of the contact alone
 BETA, DROP = "beta", "friction_drop"
-#: distance of the distribution of pressure from that of the reference over the mean pressure
-DISTRIBUTION = "pressure_distribution"
 #: measures of the contact that are shown
 SHOWN_MEASURES = ("corrected_area", DISTRIBUTION, "patches", "perimeter_to_area")
 #: observable -> what it is, in words
@@ -40,8 +39,6 @@ WORDS = {
     "patches": "number of patches",
     "perimeter_to_area": "perimeter over area",
 }
-#: standard errors on either side that hold the truth in 95 % of cases
-LIMIT = 1.96
 #: replicas that are thought of
 MOST_REPLICAS = 100_000
 FORMAT = 1
@@ -90,7 +87,7 @@ class Deviation:
     @property
     def size(self) -> float:
         """The standard error that stands for this difference where it is not corrected."""
-        return math.hypot(self.value, self.half_width / LIMIT)
+        return math.hypot(self.value, self.half_width / NORMAL_LIMIT)
 
 
 @dataclass(frozen=True)
@@ -140,11 +137,11 @@ class Point:
 
     def spread(self, observable: str = BETA) -> float:
         """Half the range of the middle half of the repeated timings, CPU seconds."""
-        found = [
-            one + (two if of_ageing(observable) else 0.0)
-            for one, two in zip(self.contact_seconds, self.ageing_seconds, strict=True)
+        seconds = [
+            contact + (ageing if of_ageing(observable) else 0.0)
+            for contact, ageing in zip(self.contact_seconds, self.ageing_seconds, strict=True)
         ]
-        low, high = np.percentile(found, [25, 75])
+        low, high = np.percentile(seconds, [25, 75])
         return 0.5 * float(high - low)
 
 
@@ -177,13 +174,13 @@ class Cheapest:
     def text(self, wider: Sequence[float] = ()) -> str:
         """What was found, in words; ``wider`` are accuracies for which it is the cheapest as well."""
         within = " and ".join(
-            filter(None, [", ".join(f"{100 * one:.2g}" for one in wider), f"{100 * self.within:.2g}"])
+            filter(None, [", ".join(f"{100 * accuracy:.2g}" for accuracy in wider), f"{100 * self.within:.2g}"])
         )
         if self.point is None:
-            known = f"; the best is known to {percent(self.best)}" if math.isfinite(self.best) else ""
+            best = f"; the best is known to {percent(self.best)}" if math.isfinite(self.best) else ""
             if self.best < self.within:
-                known = f" with at most {MOST_REPLICAS:,} replicas"
-            return f"within {within} %: none found{known}"
+                best = f" with at most {MOST_REPLICAS:,} replicas"
+            return f"within {within} %: none found{best}"
         parts = f"settings {percent(self.settings_error)}, replicas {percent(self.replicas_error)}"
         error = f"error {percent(self.error)}" + (f" ({parts})" if self.replicas_error else "")
         how = self.options or "as the scene is"
@@ -240,36 +237,38 @@ class TradeMap:
 
     def of(self, observable: str) -> list[Point]:
         """The points that can be compared at an observable: for one of the contact, those that differ there."""
-        found = [one for one in self.points if not one.reference and not math.isnan(one.deviation(observable).bound)]
-        return found if of_ageing(observable) else [one for one in found if one.contact_only]
+        points = [
+            point for point in self.points if not point.reference and not math.isnan(point.deviation(observable).bound)
+        ]
+        return points if of_ageing(observable) else [point for point in points if point.contact_only]
 
     def front(self, observable: str) -> list[Point]:
         """The Pareto front, from fast to accurate: no other point is both faster and more accurate."""
-        return pareto(self.of(observable), lambda one: (one.seconds(observable), one.deviation(observable).bound))
+        return pareto(self.of(observable), lambda point: (point.seconds(observable), point.deviation(observable).bound))
 
     def marked(self) -> TradeMap:
         """The same with the front of every observable marked in the points."""
-        fronts = {name: {id(one) for one in self.front(name)} for name in self.observables}
+        fronts = {name: {id(point) for point in self.front(name)} for name in self.observables}
         points = []
-        for one in self.points:
-            on = [name for name in self.observables if id(one) in fronts[name]]
-            points.append(Point(**{**_shallow(one), "front": on}))
+        for point in self.points:
+            on = [name for name in self.observables if id(point) in fronts[name]]
+            points.append(Point(**{**_shallow(point), "front": on}))
         return TradeMap(**{**_shallow(self), "points": points})
 
     def cheapest(self, observable: str, within: float) -> Cheapest:
         """The settings that give an observable of one surface within an accuracy at the least cost, with as many
         replicas as that needs."""
-        found: Cheapest | None = None
+        least: Cheapest | None = None
         best = math.inf
         for point in self.of(observable):
             bound = point.deviation(observable).bound
             best = min(best, bound)
             if bound >= within:
                 continue
-            one = self._with_replicas(point, observable, within, bound)
-            if one is not None and (found is None or one.seconds < found.seconds):
-                found = one
-        return found or Cheapest(observable, within, None, best=best)
+            candidate = self._with_replicas(point, observable, within, bound)
+            if candidate is not None and (least is None or candidate.seconds < least.seconds):
+                least = candidate
+        return least or Cheapest(observable, within, None, best=best)
 
     def _with_replicas(self, point: Point, observable: str, within: float, bound: float) -> Cheapest | None:
         contact = statistics.median(point.contact_seconds)
@@ -280,10 +279,10 @@ class TradeMap:
             return Cheapest(observable, within, point, None, contact + ageing, bound, bound)
         if not math.isfinite(scatter):
             return None
-        count = max(2, math.ceil((LIMIT * scatter) ** 2 / (within**2 - bound**2)))
+        count = max(2, math.ceil((NORMAL_LIMIT * scatter) ** 2 / (within**2 - bound**2)))
         if count > MOST_REPLICAS:
             return None
-        noise = LIMIT * scatter / math.sqrt(count)
+        noise = NORMAL_LIMIT * scatter / math.sqrt(count)
         seconds = contact + ageing / self.replicas * count
         return Cheapest(observable, within, point, count, seconds, math.hypot(bound, noise), bound, noise)
 
@@ -292,30 +291,48 @@ class TradeMap:
         return {name: self._sentences([self.cheapest(name, within) for within in WITHIN]) for name in self.observables}
 
     @staticmethod
-    def _sentences(found: list[Cheapest]) -> list[str]:
+    def _sentences(choices: list[Cheapest]) -> list[str]:
         texts, wider = [], []
-        for one, following in zip(found, [*found[1:], None], strict=True):
-            same = following is not None and following.point is one.point and following.replicas == one.replicas
+        for cheapest, following in zip(choices, [*choices[1:], None], strict=True):
+            same = (
+                following is not None and following.point is cheapest.point and following.replicas == cheapest.replicas
+            )
             if same:
-                wider.append(one.within)
+                wider.append(cheapest.within)
                 continue
-            texts.append(one.text(wider))
+            texts.append(cheapest.text(wider))
             wider = []
         return texts
 
+    def summary(self) -> dict[str, Any]:
+        """One JSON-able object: the map, and the cheapest settings within each of the accuracies."""
+        cheapest = [self.cheapest(name, within).todict() for name in self.observables for within in WITHIN]
+        return {
+            "scene": self.name,
+            "notes": self.notes,
+            "map": self.todict(),
+            "cheapest": cheapest,
+            "sentences": self.sentences(),
+        }
+
     def todict(self) -> dict[str, Any]:
         """One JSON-able object."""
-        data = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "points"}
-        return jsonable({**data, "points": [asdict(one) for one in self.points]})
+        data = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "points"}
+        return jsonable({**data, "points": [asdict(item) for item in self.points]})
 
     @classmethod
     def fromdict(cls, data: Mapping[str, Any]) -> TradeMap:
         """The inverse of :meth:`todict`."""
         points = []
-        for one in data["points"]:
-            differences = {name: (_float(d), _float(s), int(n)) for name, (d, s, n) in one["differences"].items()}
-            numbers = {name: {key: _float(value) for key, value in one[name].items()} for name in ("values", "scatter")}
-            points.append(Point(**{**one, **numbers, "differences": differences}))
+        for data_of_point in data["points"]:
+            differences = {
+                name: (_float(d), _float(s), int(n)) for name, (d, s, n) in data_of_point["differences"].items()
+            }
+            numbers = {
+                name: {key: _float(value) for key, value in data_of_point[name].items()}
+                for name in ("values", "scatter")
+            }
+            points.append(Point(**{**data_of_point, **numbers, "differences": differences}))
         scatter = {name: _float(value) for name, value in data["surface_scatter"].items()}
         return cls(**{**data, "surface_scatter": scatter, "points": points})
 
@@ -386,19 +403,19 @@ def _float(value: Any) -> float:
     return math.nan if value is None else float(value)
 
 
-def _shallow(one: Any) -> dict[str, Any]:
-    return {item.name: getattr(one, item.name) for item in fields(one)}
+def _shallow(record: Any) -> dict[str, Any]:
+    return {item.name: getattr(record, item.name) for item in fields(record)}
 
 
 def pareto(points: Sequence[Any], of: Any) -> list[Any]:
     """The points on the front, from fast to accurate; ``of`` gives (cost, error)."""
-    found, least = [], math.inf
-    for one in sorted(points, key=of):
-        error = of(one)[1]
+    front, least = [], math.inf
+    for point in sorted(points, key=of):
+        error = of(point)[1]
         if error < least:
-            found.append(one)
+            front.append(point)
             least = error
-    return found
+    return front
 
 
 def machine() -> dict[str, Any]:

@@ -14,9 +14,9 @@ import pytest
 
 import chemage
 from chemage import ExecutorError, InputError
-from chemage.studies.executors import clusters
-from chemage.studies.executors.clusters import Dask, seconds
-from chemage.studies.executors.opening import open_pool
+from chemage.studies import clusters
+from chemage.studies.clusters import Dask, seconds
+from chemage.studies.executors import open_pool
 
 STUBS = Path(__file__).parents[2] / "stubs"
 WORDS = "Batch job submission failed: Invalid account or account/partition combination specified"
@@ -67,14 +67,14 @@ def fails(message, executor="dask:cluster.toml", **options):
 
 def test_without_sbatch_the_program_is_named(queue, monkeypatch):
     assert shutil.which("sbatch") is None
-    fails(r"the program sbatch, which Queue needs to submit jobs, is not on the PATH: run this on a login node")
+    fails(r"jobs cannot be submitted: the program sbatch is not on the PATH: run this on a login node")
 
 
 @pytest.mark.parametrize("more", ["workers = 2", "adapt = { minimum = 0, maximum = 4 }"])
 def test_what_sbatch_says_is_quoted(queue, capfd, more):
     queue(REFUSES)
     Path("cluster.toml").write_text(f'cluster = "job_queue.Queue"\n{more}\n')
-    fails(f"jobs cannot be submitted: sbatch ended with exit status 1: sbatch: error: {WORDS}$")
+    fails(f"jobs cannot be submitted: RuntimeError: .*Exit code: 1 .*stderr: sbatch: error: {WORDS}$")
     assert "Traceback" not in capfd.readouterr().err
 
 

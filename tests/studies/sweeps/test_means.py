@@ -136,7 +136,7 @@ def test_samples_of_another_version_end_the_mean(file, tmp_path, monkeypatch):
     monkeypatch.setattr(tasks, "content_of", other)
     result = ca.sweep(file, tmp_path / "out")
     assert result.states() == ["failed"] * 2
-    assert "a worker has chemage 0.0.1, but the mean is run by" in result[0].error
+    assert "a worker has chemage 0.0.1, but the study is run by" in result[0].error
     assert not list((tmp_path / "out").rglob(".parts"))
 
 

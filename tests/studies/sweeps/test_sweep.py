@@ -19,10 +19,10 @@ from chemage import Aging, InputError, SceneError, StoreError, override, parse_s
 from chemage.foundation.codec import from_json, to_json
 from chemage.kinetics.hooks import REPLICA_SECONDS
 from chemage.scene.schema import scene_schema
-from chemage.studies.sweeps.dimensions import short_names
 from chemage.studies.sweeps.grid import Grid, order_of
 from chemage.studies.sweeps.progress import SweepProgress
-from chemage.studies.sweeps.running import SweepWarning, read_grid, survey_of
+from chemage.studies.sweeps.running import read_grid, survey_of
+from chemage.studies.sweeps.table import short_names
 
 AXES = """
 [sweep]
@@ -284,7 +284,7 @@ def test_other_versions_are_told(tiny, tmp_path):
     content["versions"]["numpy"] = "1.0.0"
     folder.clear_parts()
     folder.write_manifest(content)
-    with pytest.warns(SweepWarning, match=r"numpy 1\.0\.0 -> "):
+    with pytest.warns(UserWarning, match=r"numpy 1\.0\.0 -> "):
         chemage.sweep(swept(tiny, AXES), tmp_path / "out")
 
 

@@ -104,7 +104,7 @@ def test_a_class_that_cannot_be_imported_is_refused_before_anything_is_computed(
         kind = "local"
 
     chemage.register(Local)
-    with pytest.raises(InputError, match=r"Local \(barriers 'local'\) was registered by hand from .*test_by_hand"):
+    with pytest.raises(InputError, match=r"Local \(barriers 'local'\) was registered by hand from .*test_workers"):
         sweep(tiny, tmp_path / "out", "local", executor=executor)
     assert not (tmp_path / "out").exists()
     assert tiny.computed() == []

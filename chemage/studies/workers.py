@@ -35,12 +35,12 @@ def for_workers(executor: str | Executor, classes: Iterable[type]) -> Known:
     """
     if _same_process(executor):
         return ()
-    known = []
+    modules = []
     for cls in sorted(classes, key=lambda one: one.__qualname__):
         if "." in cls.__qualname__ or not _importable(cls.__module__, cls.__qualname__, cls):
             role, kind = getattr(cls, "role", ""), getattr(cls, "kind", "")
             raise InputError(_refusal(f"the class {cls.__qualname__} ({role} {kind!r})", cls.__module__))
-        known.append((cls.__qualname__, f"{cls.__module__}:{cls.__qualname__}"))
+        modules.append((cls.__qualname__, f"{cls.__module__}:{cls.__qualname__}"))
     plugins = registry.current()
     answering = plugins.implementing(*stage_hooks())
     for record in plugins.records:
@@ -48,8 +48,8 @@ def for_workers(executor: str | Executor, classes: Iterable[type]) -> Known:
             continue
         if not _importable(record.module, "", plugins.implementation(record.name)):
             raise InputError(_refusal(f"the plugin {record.name!r}", record.module))
-        known.append((record.name, record.module))
-    return tuple(known)
+        modules.append((record.name, record.module))
+    return tuple(modules)
 
 
 def _refusal(what: str, module: str) -> str:
@@ -71,11 +71,11 @@ def _importable(module: str, name: str, expected: Any) -> bool:
     if module == "__main__" or module not in sys.modules:
         return False
     try:
-        found = find_spec(module)
+        spec = find_spec(module)
     except (ImportError, ValueError):
         return False
     loaded = sys.modules[module]
-    return found is not None and (getattr(loaded, name, None) if name else loaded) is expected
+    return spec is not None and (getattr(loaded, name, None) if name else loaded) is expected
 
 
 def learn(known: Known) -> None:
@@ -90,18 +90,18 @@ def learn(known: Known) -> None:
     for name, target in known:
         module, _, attribute = target.partition(":")
         try:
-            found: Any = importlib.import_module(module)
-            thing = getattr(found, attribute) if attribute else found
+            loaded: Any = importlib.import_module(module)
+            component = getattr(loaded, attribute) if attribute else loaded
         except (ImportError, AttributeError) as error:
             raise ExecutorError(
                 f"a worker cannot import {target} ({error}); the module must be on the import path of every worker"
             ) from None
-        if not any(_is(record, name, thing) for record in plugins.records):
+        if not any(_is(record, name, component) for record in plugins.records):
             if attribute:
-                plugins.register_class(thing)
+                plugins.register_class(component)
             else:
-                plugins.register(thing, name)
+                plugins.register(component, name)
 
 
-def _is(record: PluginRecord, name: str, thing: Any) -> bool:
-    return record.component is thing if record.component is not None else record.name == name
+def _is(record: PluginRecord, name: str, loaded: Any) -> bool:
+    return record.component is loaded if record.component is not None else record.name == name

@@ -44,7 +44,7 @@ def is_about_zero(scatter: np.ndarray | float) -> np.ndarray | bool:
     return scatter**2 > stages.FIRST
 
 
-def scatters(request: Request, known: Plan, contact: Mapping[str, float]) -> Scatters:
+def scatters(request: Request, costs: Plan, contact: Mapping[str, float]) -> Scatters:
     """The scatter of what ``request`` averages, of which ``known`` are the estimates and ``contact`` the expected
     measures of the contact."""
     quantities, scene = request.quantities, request.scene
@@ -58,24 +58,24 @@ def scatters(request: Request, known: Plan, contact: Mapping[str, float]) -> Sca
             # the friction drop scatters as much as β does
             surfaces[: first + times] = scatter.relative
     replicas = np.zeros(quantities.count)
-    replicas[: first + times] = _replicas(scene, known, request)
+    replicas[: first + times] = _replicas(scene, costs, request)
     return Scatters(surfaces, replicas, source)
 
 
-def _replicas(scene: Scene, known: Plan, request: Request) -> np.ndarray:
+def _replicas(scene: Scene, costs: Plan, request: Request) -> np.ndarray:
     """(β and hold times,) standard deviation between replicas over the mean: that of sites which react independently.
 
     Of N sites that are bonded with the probability p(t), the bonds at t ≤ u have the covariance N p(t) (1 − p(u)).
     """
     quantities, chemistry, hold = request.quantities, scene.chemistry, scene.hold
     first, times = int(quantities.has_beta), quantities.hold_times.size
-    found = np.full(first + times, np.nan)
-    if chemistry is None or hold is None or known.mean_pressure is None or not known.sites:
-        return found
+    scatter = np.full(first + times, np.nan)
+    if chemistry is None or hold is None or costs.mean_pressure is None or not costs.sites:
+        return scatter
     if scene.ageing is not None and not scene.ageing.replicates:
         return np.zeros(first + times)
-    spread = smooth_pressures if "radius" in known.surface else rough_pressures
-    pressures = spread(known.mean_pressure)
+    spread = smooth_pressures if "radius" in costs.surface else rough_pressures
+    pressures = spread(costs.mean_pressure)
     needed = {goal.column - first for goal in request.goals} | set(np.flatnonzero(quantities.fitted) if first else ())
     bonded = np.full(times, np.nan)
     for number in needed:
@@ -83,17 +83,17 @@ def _replicas(scene: Scene, known: Plan, request: Request) -> np.ndarray:
             time = float(quantities.hold_times[number])
             bonded[number] = expected_kinetics(chemistry, pressures, time, hold.temperature).bonded
     with np.errstate(divide="ignore", invalid="ignore"):
-        found[first:] = np.sqrt((1 - bonded) / (known.sites * bonded))
+        scatter[first:] = np.sqrt((1 - bonded) / (costs.sites * bonded))
     if first:
         share = bonded[quantities.fitted]
         x = np.log10(quantities.hold_times[quantities.fitted])
         x = x - x.mean()
         earlier, later = np.minimum.outer(share, share), np.maximum.outer(share, share)
-        variance, slope = float(x @ (earlier * (1 - later)) @ x) / known.sites, float(x @ share)
+        variance, slope = float(x @ (earlier * (1 - later)) @ x) / costs.sites, float(x @ share)
         # the quadrature of shares that are all 0 or all 1 rounds
         rises = slope > 1e-12 * float(np.abs(x).sum())
-        found[0] = math.sqrt(max(variance, 0.0)) / slope if rises else math.inf if slope == slope else math.nan
-    return found
+        scatter[0] = math.sqrt(max(variance, 0.0)) / slope if rises else math.inf if slope == slope else math.nan
+    return scatter
 
 
 @dataclass
@@ -129,7 +129,7 @@ class _Imagined:
 
 
 @dataclass(frozen=True)
-class Foreseen:
+class Expectation:
     """Medians over trials of what the rule does, and ranges of 80 % of the trials."""
 
     #: samples of the first level, and of the corrections
@@ -148,7 +148,7 @@ class Foreseen:
     #: samples of the control
     sketches: int = 0
 
-    def scaled(self, factor: float) -> Foreseen:
+    def scaled(self, factor: float) -> Expectation:
         """The same where everything takes ``factor`` times as long."""
         low, high = self.cpu_range
         return replace(
@@ -159,9 +159,9 @@ class Foreseen:
         )
 
 
-def foreseen(
+def expected_of(
     request: Request, routes: list[stages.Route], expected: Scatters, means: Mapping[str, float], workers: int
-) -> Foreseen | None:
+) -> Expectation | None:
     """Apply the rule to imagined samples; None where the scatter of a quantity is not known.
 
     Parameters
@@ -181,7 +181,7 @@ def foreseen(
         if request.budget is not None:
             count = max(count, int(workers * request.budget / cost))
         cpu = count * cost
-        return Foreseen((count,), (count, count), cpu, (cpu, cpu), cpu / workers, {}, 0.0, "zero")
+        return Expectation((count,), (count, count), cpu, (cpu, cpu), cpu / workers, {}, 0.0, "zero")
     if not np.isfinite(scatter).all():
         return None
     full = _mean(request, means)
@@ -193,7 +193,7 @@ def foreseen(
     low, high = int(TAIL * (TRIALS - 1)), int((1 - TAIL) * (TRIALS - 1))
     middle = {name: float(np.median([trial.intervals[name] for trial in trials])) for name in trials[0].intervals}
     reasons = [trial.reason for trial in trials if trial.reason]
-    return Foreseen(
+    return Expectation(
         samples=tuple(round(float(np.median(one))) for one in counts),
         range=(firsts[low], firsts[high]),
         cpu_seconds=float(np.median(cpu)),
@@ -225,13 +225,13 @@ def _trial(
     columns: list[int],
     workers: int,
     seed: int,
-) -> Foreseen:
+) -> Expectation:
     """One application of the rule."""
     rng, spent = np.random.default_rng(seed), _Spent()
-    made: dict[int, _Imagined] = {}
+    levels: dict[int, _Imagined] = {}
 
     def imagined(level: stages.Level, number: int) -> _Imagined:
-        if id(level) not in made:
+        if id(level) not in levels:
             replicas = _replicas_of(level)
             deviation = expected.sample(replicas)[columns]
             mean, correlation = np.ones(len(columns)), np.zeros(len(columns))
@@ -240,8 +240,8 @@ def _trial(
                 deviation, mean = np.full(len(columns), DIFFERENCE * math.sqrt(per_surface)), np.zeros(len(columns))
             else:
                 correlation = CORRELATION * expected.surfaces[columns] / np.maximum(deviation, 1e-300)
-            made[id(level)] = _Imagined(level.cost, mean, deviation, rng, workers, spent, correlation, seed)
-        return made[id(level)]
+            levels[id(level)] = _Imagined(level.cost, mean, deviation, rng, workers, spent, correlation, seed)
+        return levels[id(level)]
 
     def sketched(level: stages.Level | None) -> _Imagined | None:
         one = np.ones(1)
@@ -275,7 +275,7 @@ def _trial(
     if reason == "most":
         cpu = sum(count * one.level.cost for count, one in zip(counts, state.sampled, strict=True))
         wall = cpu / workers
-    return Foreseen(
+    return Expectation(
         samples=tuple(counts[: len(counts) - state.controlled]),
         sketches=counts[-1] if state.controlled else 0,
         range=(counts[0], counts[0]),

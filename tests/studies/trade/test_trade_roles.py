@@ -10,9 +10,8 @@ import pytest
 
 import chemage as ca
 from chemage import Choice, Length
-from chemage.results.tradeoff_figure import figure
-from chemage.studies.trade.settings import MOST_VALUES, planned, settings
-from chemage.studies.trade.tradeoff import l2_error, tradeoff
+from chemage.studies.trade.choices import MOST_VALUES, choices
+from chemage.studies.trade.mapping import planned, tradeoff
 
 #: methods that first make a table are left out
 pytestmark = pytest.mark.usefixtures("without_preparation")
@@ -133,59 +132,36 @@ def scene():
 
 
 @pytest.fixture(scope="module")
-def reports():
-    return []
+def found(scene):
+    return tradeoff(scene, rounds=1)
 
 
-@pytest.fixture(scope="module")
-def found(scene, reports):
-    return tradeoff(scene, rounds=1, report=reports.append)
-
-
-def rows(found, option):
-    return [row for row in found.rows if row.option == option]
+def singles(found, option):
+    """The points that differ from the scene in this option alone: value -> point."""
+    return {one.choices[option]: one for one in found.points if set(one.choices) == {option}}
 
 
 TRADED = {
-    "surface.grain": (0.1, 0.01, 0.001),
-    "forming.levels": (2, 8, 512),
-    "interaction.digits": (0, 1, 6),
-    "engine.grain": (4, 2, 1),
+    "surface.grain": (0.1, 0.001),
+    "forming.levels": (2, 512),
+    "interaction.digits": (0, 1),
+    "engine.grain": (2, 1),
+    "contact.inner.tolerance": (1e-3, 1e-4, 1e-6, 1e-8, 1e-10),
 }
 
 
 @pytest.mark.parametrize("option", TRADED)
 def test_every_option_of_every_role_is_tried(found, option):
-    measured = rows(found, option)
-    assert [row.setting for row in measured] == [str(value) for value in TRADED[option]]
-    assert sum(row.own for row in measured) == 1
-    assert all(row.cpu_seconds >= 0 and row.wall_seconds > 0 for row in measured)
-    assert all(math.isfinite(row.beta) for row in measured)
-    section = option.partition(".")[0]
-    assert any(note.startswith(f"{section}: differences are those from a reference") for note in found.notes)
-
-
-def test_an_option_of_a_component_inside_a_component_is_tried(found, scene):
-    surface, solver = scene.surface.make(), scene.contact.inner
-    best = solver.reference().solve(surface, scene.load)
-    inner = rows(found, "contact.inner.tolerance")
-    assert [float(row.setting) for row in inner] == list(solver.trade["tolerance"])
-    assert [row.own for row in inner].count(True) == 1
-    for row in inner[:3]:
-        one = solver.replace(tolerance=float(row.setting)).solve(surface, scene.load)
-        assert row.pressure_error == pytest.approx(l2_error(one.pressure, best.pressure), rel=1e-6)
-    assert any("inner.tolerance = 1e-12" in note for note in found.notes)
+    assert singles(found, option).keys() == {str(value) for value in TRADED[option]}
 
 
 def test_errors_of_a_surface_are_differences_from_its_most_accurate_setting(found, scene):
     def area(grain):
-        return ca.solve_contact(scene.contact, Grained(grain=grain).make(), scene.load).corrected_area
+        return scene.contact.inner.reference().solve(Grained(grain=grain).make(), scene.load).corrected_area
 
-    coarse, own, finest = rows(found, "surface.grain")
-    assert coarse.area_error == pytest.approx(abs(area(0.1) / area(0.001) - 1))
-    assert own.area_error == pytest.approx(abs(area(0.01) / area(0.001) - 1), abs=1e-12)
-    assert math.isnan(finest.area_error)
-    assert coarse.pressure_error > own.pressure_error > 0
+    coarse, finest = singles(found, "surface.grain").values()
+    assert coarse.deviation("corrected_area").value == pytest.approx(area(0.1) / area(0.001) - 1, rel=1e-3)
+    assert coarse.deviation("pressure_distribution").value > finest.deviation("pressure_distribution").value
 
 
 def betas(scene, **changes):
@@ -206,42 +182,36 @@ def betas(scene, **changes):
     return np.polyfit(np.log10(aging.hold_times[use]), aging.friction_coefficient_drop[:, use].T, 1)[0]
 
 
-@pytest.mark.parametrize(
-    ("option", "make", "part", "best"),
-    [
-        ("forming.levels", Stepped, "forming", 512),
-        ("interaction.digits", Rounded, "interaction", 6),
-        ("engine.grain", Thinned, "engine", 1),
-    ],
-)
-def test_differences_of_beta_are_paired(found, scene, option, make, part, best):
-    name = option.partition(".")[2]
-    reference = betas(scene, **{part: make(**{name: best})})
-    for row in rows(found, option):
-        each = betas(scene, **{part: make(**{name: int(row.setting)})}) - reference
-        assert row.beta_difference == pytest.approx(each.mean(), rel=1e-6, abs=1e-12)
-        assert row.beta_difference_stderr == pytest.approx(each.std(ddof=1) / 2, rel=1e-6, abs=1e-12)
-    assert rows(found, option)[-1].beta_difference == 0
+def test_differences_of_beta_are_paired(found, scene):
+    """All parts of the reference are the most accurate; replica by replica with the same random numbers."""
+    own = betas(scene)
+    contact = Within(inner=scene.contact.inner.reference())
+    best = betas(
+        scene.model_copy(update={"surface": Grained(grain=0.001), "contact": contact}),
+        forming=Stepped(levels=512),
+        interaction=Rounded(digits=6),
+        engine=Thinned(grain=1),
+    )  # fmt: skip
+    deviation = found.own.deviation("beta")
+    assert deviation.value == pytest.approx((own - best).mean() / best.mean())
+    # one surface: the scatter between replicas is not its error
+    assert math.isnan(deviation.half_width) or deviation.stderr > 0
 
 
 def test_approximate_settings_are_marked(found):
-    for row in [*rows(found, "engine.grain"), *(row for row in rows(found, "engine") if row.setting == "thinned")]:
-        assert "approximate: thinned (declared error 50 % of the mean number of bonds)" in row.remark
+    assert all("thinned (declared error 50 %" in one.remark for one in singles(found, "engine.grain").values())
 
 
 def test_an_option_of_an_observable_is_left_out_with_a_sentence(found):
-    assert not rows(found, "observe.0.parts")
+    assert not singles(found, "observe.0.parts")
     assert any(note.startswith("observe.0.parts: not tried") for note in found.notes)
 
 
-def test_the_cost_is_said_before(scene, found, reports):
-    assert planned(scene) in reports[0]
-    # two options of the solver inside, one of the surface, three values or more each, and a reference each
-    contacts = int(planned(scene).split()[0])
-    ageings = int(planned(scene).split()[3])
-    computed = sum(row.option.startswith(("contact", "surface")) for row in found.rows)
-    assert contacts >= computed
-    assert ageings >= sum(math.isfinite(row.beta) for row in found.rows)
+def test_the_cost_is_said_before(scene, found):
+    contacts, _, _, ageings = planned(scene).split()[:4]
+    alone = [one for one in found.points if len(one.choices) < 2]
+    assert int(contacts) >= 1 + sum(one.contact_only for one in alone)
+    assert int(ageings) >= len(alone)
 
 
 def test_few_of_many_values_are_tried():
@@ -252,11 +222,12 @@ def test_few_of_many_values_are_tried():
     ca.register(Many)
     made = ca.parse_scene({**SCENE, "forming": {"kind": "many", "levels": 37}})
     ca.unregister(Many)
-    (one,) = [setting for setting in settings(made) if setting.name == "forming.levels"]
-    assert len(one.values) == MOST_VALUES
-    assert one.named == 100
-    assert {1, 37, 100} <= set(one.values)
-    assert list(one.values) == sorted(one.values)
+    notes: list[str] = []
+    values = [int(one.label) for one in choices(made, notes) if one.knob == "forming.levels"]
+    assert len(values) == MOST_VALUES - 1  # and that of the scene
+    assert {1, 100} <= set(values)
+    assert values == sorted(values)
+    assert "forming.levels: 8 of 100 values are tried" in notes
 
 
 def test_a_setting_that_is_refused_has_its_reason():
@@ -275,20 +246,11 @@ def test_a_setting_that_is_refused_has_its_reason():
         few = tradeoff(ca.parse_scene(plain), rounds=1)
     finally:
         ca.unregister(Refusing)
-    first, *others = rows(few, "forming.levels")
-    assert first.remark == "two levels are too few"
-    assert math.isnan(first.cpu_seconds)
-    assert all(math.isfinite(row.beta) for row in others)
+    assert singles(few, "forming.levels").keys() == {"512"}
+    assert "forming.levels 2: two levels are too few" in few.notes
 
 
 def test_contact_mechanics_alone_says_that_the_rest_is_not_tried():
     data = {name: part for name, part in SCENE.items() if name in ("name", "surface", "contact")}
     found = tradeoff(ca.parse_scene(data), rounds=1)
-    assert {row.option.partition(".")[0] for row in found.rows} == {"surface", "contact"}
-
-
-def test_options_of_every_role_are_in_the_map(found):
-    knobs = {knob for point in found.map.points for knob in point.choices}
-    assert {"forming.levels", "engine.grain", "surface.grain", "interaction.digits"} <= knobs
-    assert "contact.inner.tolerance" in knobs
-    assert figure(found.map).axes
+    assert {knob.partition(".")[0] for one in found.points for knob in one.choices} == {"surface", "contact"}

@@ -15,10 +15,10 @@ from chemage import ContactSolution, ContactSolver, DamagedError, InputError, Pr
 from chemage.cli.options import changed_fields
 from chemage.results.tradeoff_figure import figure
 from chemage.scene.files import override
-from chemage.studies.trade.choices import changes, go_together, pasted
-from chemage.studies.trade.mapping import Mapper
+from chemage.studies.trade.choices import changes, choices, go_together, pasted
+from chemage.studies.trade.mapping import tradeoff
+from chemage.studies.trade.timing import Timed
 from chemage.studies.trade.trade_map import Deviation, Point, TradeMap, pareto, words
-from chemage.studies.trade.tradeoff import tradeoff
 
 ROUNDS = 3
 
@@ -71,9 +71,7 @@ _MADE: list[TradeMap] = []
 def found(scene):
     """The map of the scene, measured once for all tests."""
     if not _MADE:
-        made = tradeoff(scene, rounds=ROUNDS).map
-        assert made is not None
-        _MADE.append(made)
+        _MADE.append(tradeoff(scene, rounds=ROUNDS))
     return _MADE[0]
 
 
@@ -153,8 +151,7 @@ def test_the_noise_of_an_exact_engine_is_not_an_error(found):
 
 def test_where_the_seed_changes_no_surface_replicas_are_the_sample(scene, monkeypatch):
     monkeypatch.setattr("chemage.studies.trade.mapping.is_random", lambda _: False)
-    made = tradeoff(scene, rounds=2).map
-    assert made is not None
+    made = tradeoff(scene, rounds=2)
     assert not made.random
     assert made.surface_scatter == {}
     one = point(made, contact_share="0.5")
@@ -171,8 +168,7 @@ def test_observables_are_of_each_decade_and_of_the_contact(found):
 
 def test_a_contact_alone_has_a_map(scene, tiny):
     data = {name: part for name, part in scene.todict().items() if name in ("name", "surface", "contact")}
-    made = tradeoff(ca.parse_scene(data), rounds=2).map
-    assert made is not None
+    made = tradeoff(ca.parse_scene(data), rounds=2)
     assert made.observables == ["corrected_area", "pressure_distribution", "patches", "perimeter_to_area"]
     assert made.cheapest("corrected_area", 0.01).point is not None
 
@@ -186,23 +182,86 @@ def test_the_time_that_is_left_is_said(scene):
 # -- combinations ------------------------------------------------------------------------------------------------------
 
 
-def test_choices_that_save_time_are_combined(scene, monkeypatch):
-    mapper = Mapper(scene, rounds=1)
-    mapper.begin(0)
-    for one in mapper._singles():
-        mapper.compute(one)
-    for trial in mapper.trials.values():  # as if every other value than the scene's were twice as fast
-        record = trial.records[0]
-        trial.records[0] = replace(record, contact_seconds=2.0 ** -len(trial.combination), ageing_seconds=1e-3)
-    named = [{choice.knob for choice in one} for one in mapper._combinations()]
-    assert {"contact.share", "contact.smooth"} in named
-    assert all(go_together(one) for one in mapper._combinations())
+@pytest.fixture
+def faster(monkeypatch):
+    """As if every other value than the scene's were twice as fast."""
+    content = Timed._content
+
+    def timed(task, *of):
+        contact = task.scene.contact
+        faster = (getattr(contact, "share", 1) < 1) + (not getattr(contact, "smooth", True))
+        seconds = {"contact_seconds": 2.0**-faster, "ageing_seconds": 1e-3}
+        return {**content(task, *of), **seconds}
+
+    monkeypatch.setattr(Timed, "_content", timed)
+
+
+def test_choices_that_save_time_are_combined(scene, faster):
+    combined = [set(one.choices) for one in tradeoff(scene, rounds=1).points if len(one.choices) > 1]
+    assert {"contact.share", "contact.smooth"} in combined
+    assert all(len({name for name in one if name.startswith("engine")}) < 2 for one in combined)
 
 
 def test_two_values_of_one_option_are_not_combined(scene):
-    share = [choice for choice in Mapper(scene, rounds=1).choices if choice.knob == "contact.share"]
+    share = [choice for choice in choices(scene, []) if choice.knob == "contact.share"]
     assert len(share) == 2  # and that of the scene
     assert not go_together(tuple(share))
+
+
+# -- where it is computed ----------------------------------------------------------------------------------------------
+
+
+def differences(found: TradeMap) -> dict[str, Any]:
+    return {one.words: (one.differences, one.values, one.scatter) for one in found.points}
+
+
+def test_a_map_that_was_stopped_is_resumed_with_equal_times(scene, faster, tmp_path, tiny):
+    class Stopped(Exception):
+        pass
+
+    def stop(text):
+        if text.startswith("surface 2 of 2: contact.smooth"):
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        tradeoff(scene, rounds=2, folder=tmp_path, report=stop)
+    kept = len(list(tmp_path.rglob("*.json")))
+    assert kept > 5
+    tiny.forget()
+    resumed = tradeoff(scene, rounds=2, folder=tmp_path)
+    assert len(list(tmp_path.rglob("*.json"))) > kept
+    assert 0 < len(tiny.computed("kinetics")) < len(resumed.points) * 2 * 3
+    tiny.forget()
+    again = tradeoff(scene, rounds=2, folder=tmp_path)
+    assert tiny.computed("kinetics") == []  # what is refused is tried again
+    assert again.todict() == resumed.todict()
+    assert repr(differences(tradeoff(scene, rounds=2))) == repr(differences(resumed))  # nan are equal
+
+
+def test_times_of_another_processor_are_not_taken(scene, tmp_path, tiny, monkeypatch):
+    tradeoff(scene, rounds=1, folder=tmp_path)
+    monkeypatch.setattr("chemage.scene.provenance.processor", lambda: "another")
+    tiny.forget()
+    tradeoff(scene, rounds=1, folder=tmp_path)
+    assert tiny.computed("kinetics") != []
+
+
+@pytest.mark.long
+def test_processes_measure_the_same():
+    plain = ca.load_scene(
+        "silica-rough",
+        {"surface.pixels": 64, "surface.zeta": 8, "contact.load": "200 nN", "hold.replicas": 3, "hold.per_decade": 2},
+    )
+    here, there = (tradeoff(plain, rounds=2, executor=executor) for executor in ("serial", "processes"))
+    both = differences(here).keys() & differences(there).keys()  # which combinations are kept depends on times
+    assert {name for name in differences(here) if "," not in name} <= both
+    assert [name for name in both if repr(differences(here)[name]) != repr(differences(there)[name])] == []
+    assert all(one.seconds() > 0 for one in there.points)
+
+
+def test_threads_of_one_process_are_refused(scene):
+    with pytest.raises(InputError, match="CPU times of threads cannot be told apart; choose processes"):
+        tradeoff(scene, executor="threads")
 
 
 def test_settings_can_be_pasted(scene, found):
@@ -216,7 +275,7 @@ def test_settings_can_be_pasted(scene, found):
 
 def test_a_coarser_grid_can_be_pasted_with_its_sites_in_place():
     scene = ca.load_scene("silica-rough")
-    (grid,) = [choice for choice in Mapper(scene, rounds=1).choices if choice.label == "2 times coarser"]
+    (grid,) = [choice for choice in choices(scene, []) if choice.label == "2 times coarser"]
     changed = changes(scene, grid.apply(scene))
     assert changed["surface.pixels"] == [1250, 1250]
     again = ca.parse_scene(override(scene.todict(), changed))
@@ -269,7 +328,7 @@ def test_the_cheapest_settings_have_as_many_replicas_as_they_need(drawn):
     # a bias of 2 % leaves 2.24 % for the replicas, whose scatter is 5 %
     assert one.replicas == 20
     assert one.seconds == pytest.approx(0.1 + 0.001 * 20)
-    assert one.error == pytest.approx(np.hypot(0.02, 1.96 * 0.05 / np.sqrt(20)))
+    assert one.error == pytest.approx(np.hypot(0.02, 1.959963984540054 * 0.05 / np.sqrt(20)))
     assert one.error <= 0.03
     assert one.options == "--set contact.tolerance=0.02 --set hold.replicas=20"
     assert "within 3 %: 0.12 CPU s" in one.text()
@@ -371,7 +430,7 @@ def test_the_keys_of_json(scene, tmp_path, command, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "part.toml").write_text(toml(scene))
     found = json.loads(command("tradeoff", "part.toml", "--rounds", 2, "--json").out)
-    assert {"scene", "rows", "notes", "map", "cheapest", "sentences"} == found.keys()
+    assert {"scene", "notes", "map", "cheapest", "sentences"} == found.keys()
     assert found["scene"] == "part"
     assert {"observable", "within", "options", "cpu_seconds", "error"} <= found["cheapest"][0].keys()
 
@@ -386,8 +445,5 @@ def test_what_is_far_slower_than_the_scene_is_left_out(scene, monkeypatch):
     monkeypatch.setattr("chemage.studies.trade.mapping.NOT_LONG", 0.0)
     monkeypatch.setattr("chemage.studies.trade.mapping.SLOWER", 0.0)
     made = tradeoff(scene, rounds=2)
-    assert made.map is not None
-    assert all(set(one.choices) <= {"contact", "contact.share", "contact.smooth"} for one in made.map.points)
-    assert any("engine tiny-toss: left out: about" in note for note in made.map.notes)
-    (row,) = [row for row in made.rows if row.option == "engine" and row.setting == "tiny-toss"]
-    assert "times slower than the scene" in row.remark
+    assert all(set(one.choices) <= {"contact", "contact.share", "contact.smooth"} for one in made.points)
+    assert any("engine tiny-toss: left out: about" in note for note in made.notes)

@@ -51,45 +51,45 @@ class Outdated:
             folder.contact(key).unlink(missing_ok=True)
 
 
-def outdated(folder: Folder, found: Survey, there: Mapping[str, Any]) -> Outdated:
+def outdated(folder: Folder, survey: Survey, there: Mapping[str, Any]) -> Outdated:
     """Compare the completed part of ``folder``, whose manifest is ``there``, with the plugins in use."""
     result = Outdated()
-    known = there.get("asked", {})
-    new = {name: source for name, source in found.hooks.items() if known.get(name) != source}
-    check = _Check(folder, found, new, result)
+    asked = there.get("asked", {})
+    new = {name: source for name, source in survey.hooks.items() if asked.get(name) != source}
+    check = _Check(folder, survey, new, result)
     points: dict[int, list[int]] = {}
-    for point, contact in enumerate(found.contact_of):
+    for point, contact in enumerate(survey.contact_of):
         points.setdefault(contact, []).append(point)
-    for number in order_of(found.contacts):
+    for number in order_of(survey.contacts):
         check.contact(number, points.get(number, []))
     return result
 
 
 class _Check:
-    def __init__(self, folder: Folder, found: Survey, new: Plugins, result: Outdated) -> None:
-        self.folder, self.found, self.result = folder, found, result
+    def __init__(self, folder: Folder, survey: Survey, new: Plugins, result: Outdated) -> None:
+        self.folder, self.survey, self.result = folder, survey, result
         self.new_in_contact = [name for name in implementing(*_CONTACT_HOOKS) if name in new]
         self.new_in_ageing = [name for name in implementing(*_AGEING_HOOKS) if name in new]
         self._surface: tuple[str, Surface] | None = None
 
     def contact(self, number: int, points: list[int]) -> None:
-        keys = {self.found.keys[point]: point for point in points}
+        keys = {self.survey.keys[point]: point for point in points}
         done = {key: content for key in keys if (content := self.folder.read_point(key))["status"] == "done"}
         touched = {key: self._changed(content.get("plugins", {})) for key, content in done.items()}
-        contact = self.found.contacts[number]
+        contact = self.survey.contacts[number]
         if not (any(touched.values()) or self.new_in_contact or self.new_in_ageing or not done):
             return
         solution = self.folder.intact_contact(contact.key)
         if solution is None:
             self.result.points |= {key for key, changes in touched.items() if changes}
             return
-        scene = self.found.grid.scene(contact.point)
+        scene = self.survey.grid.scene(contact.point)
         if self._changed(solution.plugins) or self._contact_would_change(scene, contact.surface, solution):
             self.result.contacts.add(contact.key)
             self.result.points |= set(done)
             return
         for key in done:
-            if touched[key] or self._ageing_would_change(self.found.grid.scene(keys[key]), solution):
+            if touched[key] or self._ageing_would_change(self.survey.grid.scene(keys[key]), solution):
                 self.result.points.add(key)
 
     def _changed(self, recorded: Plugins) -> bool:
@@ -129,5 +129,5 @@ class _Check:
 
     def _joined(self, names: list[str]) -> bool:
         for name in names:
-            self.result.reasons.setdefault(name, f"{name} ({self.found.hooks[name]}) answers or changes them now")
+            self.result.reasons.setdefault(name, f"{name} ({self.survey.hooks[name]}) answers or changes them now")
         return bool(names)

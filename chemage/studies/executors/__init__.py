@@ -1,1 +1,0 @@
-"""Executors of a sweep: this process, several processes, or a Dask cluster."""

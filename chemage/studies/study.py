@@ -1,0 +1,271 @@
+"""A study: many runs that a design asks for, on an executor, and the folder in which their results are kept.
+
+A design says what to compute next, and is told what came of it, until it asks for nothing more. A grid is a design, and
+so are a mean over surfaces, which stops at an accuracy, and a map of speed against accuracy. Where their tasks are
+computed changes no result.
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, Self
+
+from chemage.foundation.errors import ExecutorError, StoreError
+from chemage.foundation.threads import restored
+from chemage.plugins.sources import changed
+from chemage.scene.provenance import versions
+from chemage.scene.run import Run
+from chemage.scene.scene import Scene
+from chemage.studies.clusters import seconds
+from chemage.studies.executors import Pool, open_pool
+from chemage.studies.folder import RESUME, Folder
+from chemage.studies.runner import Runner
+from chemage.studies.tasks import Outcome, Place, Task, forget
+from chemage.studies.workers import for_workers
+
+#: seconds between two looks for what other processes have computed
+LOOK = 0.5
+#: seconds after which nothing more is expected of other processes that have computed nothing, unless more are given
+PATIENCE = 3600.0
+
+
+class Design(Protocol):
+    """What a study computes."""
+
+    def ask(self) -> Sequence[Task]:
+        """The tasks to compute now; none when the design is content. All of them are told before it is asked again."""
+        ...
+
+    def tell(self, task: Task, outcome: Outcome) -> None:
+        """Receive what came of a task that was asked for; in any order."""
+        ...
+
+
+@dataclass(frozen=True)
+class Part:
+    """What one of several processes computes of a design that asks again when all of them have answered."""
+
+    #: the first is 1
+    share: int
+    count: int
+    #: which all processes see
+    folder: Folder
+    #: s without anything new before this process gives up
+    patience: float = PATIENCE
+
+    @classmethod
+    def of(cls, share: tuple[int, int], folder: Folder, patience: float | str | None) -> Part:
+        """A share of several; ``patience`` as users give it."""
+        return cls(*share, folder, PATIENCE if patience is None else seconds(patience))
+
+    def is_mine(self, task: Task) -> bool:
+        """Whether this process computes a task: of the same number all do the same, which have a contact in common."""
+        return task.number % self.count == self.share - 1
+
+    def wait(self, tasks: Sequence[Task], design: Design) -> None:
+        """Wait until other processes have computed ``tasks``.
+
+        Raises
+        ------
+        StoreError
+            Nothing new has come for too long.
+        """
+        left, since = list(tasks), time.monotonic()
+        while left:
+            there = [task for task in left if self.folder.state(task.key) == "done"]
+            for task in there:
+                design.tell(task, Outcome())
+            left = [task for task in left if task not in there]
+            now = time.monotonic()
+            since = now if there else since
+            if left and now - since > self.patience:
+                raise StoreError(
+                    f"{self.folder.path}: {len(left)} samples of other shares are missing, and none has come for "
+                    f"{self.patience:.0f} s; start the other shares, or wait longer with --patience; {RESUME}"
+                )
+            if left:
+                time.sleep(LOOK)
+
+
+class Study:
+    """Carries designs out during a block, at whose end its executor is closed.
+
+    Parameters
+    ----------
+    executor, workers, threads, patience
+        Where to compute, see :func:`chemage.studies.executors.open_pool`.
+    components
+        What workers in other processes must be able to import, see :func:`chemage.studies.workers.for_workers`.
+
+    Raises
+    ------
+    InputError
+        They cannot.
+    """
+
+    def __init__(
+        self,
+        executor: str | Executor,
+        workers: int | None = None,
+        threads: int | None = None,
+        patience: float | str | None = None,
+        *,
+        classes: Iterable[type] = (),
+    ) -> None:
+        self._where = executor, workers, threads, patience
+        self._known = for_workers(executor, classes)
+        self._stack, self._pool = ExitStack(), None
+
+    def __enter__(self) -> Self:
+        self._stack.enter_context(restored())  # tasks that run in this process set their own number of threads
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._stack.__exit__(*error)
+
+    def open(self) -> Pool:
+        """The executor, which is opened when it is first needed.
+
+        Raises
+        ------
+        ExecutorError
+            It cannot be started, or does not respond.
+        """
+        if self._pool is None:
+            self._pool = self._stack.enter_context(open_pool(*self._where))
+        return self._pool
+
+    def carry_out(
+        self,
+        design: Design,
+        place: Place | None,
+        part: Part | None = None,
+        watch: Callable[[Runner], None] | None = None,
+    ) -> None:
+        """Compute what ``design`` asks for until it asks for nothing more.
+
+        Parameters
+        ----------
+        place
+            The folder in which workers keep results; None: they are handed to the design.
+        part
+            What this process computes beside others, which compute the rest; default: all.
+        watch
+            Called several times a second while tasks run.
+        """
+        self._stack.callback(forget, "" if place is None else place.path)
+        runner = None
+        while tasks := design.ask():
+            runner = runner or Runner(self.open(), place, self._known, watch)
+            runner.run([task for task in tasks if part is None or part.is_mine(task)], design.tell)
+            if part is not None:
+                part.wait([task for task in tasks if not part.is_mine(task)], design)
+
+
+class Archive:
+    """The results of single tasks of one scene, in a folder if there is one.
+
+    Parameters
+    ----------
+    path
+        None: nothing is kept.
+    scene
+        Results of other versions of what it needs are computed again.
+    processor
+        Whether those of another processor are, as well.
+    """
+
+    def __init__(self, path: str | Path | None, scene: Scene, *, processor: bool = False) -> None:
+        self.path = None if path is None else Path(path)
+        #: how many results were taken from the folder
+        self.taken = 0
+        self._versions = {name: text for name, text in versions(scene).items() if processor or name != "processor"}
+
+    @property
+    def place(self) -> Place | None:
+        """The folder, for workers."""
+        return None if self.path is None else Place(str(self.path.absolute()), contacts=False)
+
+    def find(self, task: Task) -> Outcome | None:
+        """What came of a task; None if it is not there, damaged, or of other versions."""
+        if self.place is None:
+            return None
+        content = self.place.folder.read_point(task.key)
+        if content["status"] != "done" or changed(content["plugins"]):
+            return None
+        recorded = content["summary"]["versions"]
+        # a task that has another component in place of that of the scene names no provider of the latter
+        if any(recorded.get(name, text) != text for name, text in self._versions.items()):
+            return None
+        self.taken += 1
+        return Outcome(content=content)
+
+    def received(self, task: Task, outcome: Outcome) -> Outcome:
+        """What came of a task, which may be in the folder only; errors are raised.
+
+        Raises
+        ------
+        ExecutorError
+            Another version of chemage has computed it.
+        """
+        if outcome.error is not None:
+            raise outcome.error
+        if outcome.run is None and outcome.content is None:
+            assert self.place is not None
+            outcome = Outcome(content=self.place.folder.read_point(task.key))
+        if outcome.content is not None:
+            version = outcome.content["summary"]["versions"]["chemage"]
+            if version != self._versions["chemage"]:
+                raise ExecutorError(
+                    f"a worker has chemage {version}, but the study is run by {self._versions['chemage']}"
+                )
+        return outcome
+
+    def tidy(self) -> None:
+        """Remove what is needed while results are written."""
+        if self.place is not None:
+            shutil.rmtree(self.place.folder.path / ".parts", ignore_errors=True)
+
+
+class _Scenes:
+    """Scenes as a design: all of them are asked for at once."""
+
+    def __init__(self, scenes: Sequence[Scene]) -> None:
+        self._tasks = [Task.of(scene, number=number) for number, scene in enumerate(scenes)]
+        self._left = {task.key: task for task in self._tasks}
+        self._outcomes: dict[str, Outcome] = {}
+
+    def ask(self) -> list[Task]:
+        left, self._left = list(self._left.values()), {}
+        return left
+
+    def tell(self, task: Task, outcome: Outcome) -> None:
+        if outcome.error is not None:
+            raise outcome.error
+        self._outcomes[task.key] = outcome
+
+    @property
+    def runs(self) -> list[Run]:
+        return [run for task in self._tasks if (run := self._outcomes[task.key].run) is not None]
+
+
+def run_scenes(scenes: Sequence[Scene], *, threads: int | None = None, workers: int | None = None) -> list[Run]:
+    """Runs of several scenes, without their surfaces, in this process; those of one contact solve it once.
+
+    Parameters
+    ----------
+    threads
+        Threads for each, where ``workers`` is not given.
+    workers
+        Scenes at the same time, in one thread each.
+    """
+    design = _Scenes(scenes)
+    with Study("threads" if workers else "serial", workers, threads) as study:
+        study.carry_out(design, None)
+    return design.runs
