@@ -152,7 +152,6 @@ class ContactSolution(Contact):
     }
 
     has_map = True
-    later = frozenset({"contact_pixels"})
 
     pressure: Reals
     """(nx, ny) GPa, ≥ 0; contact is where it is positive"""
