@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from chemage.cli import arrhenius, citing, experiments, inference, kernels, materials, output, plugins, results
+from chemage.cli import experiments, inference, output, plugins, reference, results
 from chemage.cli.tradeoff import tradeoff
 from chemage.foundation.logs import LOGGER
 from chemage.plugins.in_use import PREFER, preference
@@ -27,8 +27,8 @@ COMMANDS = {
         *(experiments.init, experiments.check, experiments.run, experiments.sweep, experiments.status),
         *(tradeoff, inference.infer),
     ),
-    "Results": (results.show, results.plot, results.compare, results.report, arrhenius.arrhenius, citing.cite),
-    "Reference": (materials.materials, experiments.schema, kernels.warmup),
+    "Results": (results.show, results.plot, results.compare, results.report, results.arrhenius, results.cite),
+    "Reference": (reference.materials, reference.schema, reference.warmup),
 }
 _OF_PLUGINS = "Commands of plugins"
 #: set by the script that the shell runs for completion

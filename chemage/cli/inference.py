@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -40,9 +38,6 @@ if TYPE_CHECKING:
     from chemage.inference.unexplained import UnexplainedError
     from chemage.scene.scene import Scene
 
-#: width of the tables
-_WIDTH = 80
-
 
 def infer(
     measured: MeasuredArg,
@@ -72,6 +67,7 @@ def infer(
     loading("loading chemage")
     from chemage.cli import infer_words
     from chemage.foundation.files import preflight
+    from chemage.foundation.result import result_of
     from chemage.inference.unexplained import UnexplainedError
     from chemage.scene.scene_files import load_scene
 
@@ -99,15 +95,8 @@ def infer(
     except UnexplainedError as error:
         _show_best_fit(error, curves)
         raise
-    if as_json:
-        print(json.dumps({**made.summary(), "file": str(path), "figures": [str(p) for p in pictures]}))
-        return
-    show(made)
-    terminal.remark()
-    terminal.say(f"result   {path}")
-    for picture in pictures:
-        terminal.say(f"figure   {picture}")
-    terminal.remark(f'use it   forming = {{ kind = "inferred", path = "{path}" }}')
+    hint = f'use it   forming = {{ kind = "inferred", path = "{path}" }}'
+    terminal.answer(result_of(made), as_json, [hint], file=path, figures=pictures)
 
 
 def _protect(path: Path, inputs: Sequence[Path]) -> None:
@@ -139,8 +128,8 @@ def _computed(
     force: bool,
 ) -> tuple[InferenceResult, list[Path]]:
     """Infer, forecast, rank, write and draw."""
+    from chemage.foundation.result import result_of
     from chemage.inference import infer as inferring
-    from chemage.results import inference_figures
     from chemage.results.inference_files import write_inference
 
     pictures: list[Path] = []
@@ -151,7 +140,7 @@ def _computed(
             write_inference(path, made, force=force)
         if figures:
             with result_written(path), reported(report, "drawing"):
-                pictures = drawn(partial(inference_figures.save, made), figures_of(path))
+                pictures = drawn(result_of(made), path)
     return made, pictures
 
 
@@ -170,32 +159,6 @@ def _asked_of(inference: Inference, asked: Asked, report: Any) -> InferenceResul
         with reported(report, "planned measurements"):
             ranked = inference.next_experiment(asked.candidates, target=asked.target)
     return InferenceResult(inference, forecasts, tuple(ranked), asked.target_text if ranked else "")
-
-
-def show(made: InferenceResult) -> None:
-    """Print the density with its bands, the scores of families, forecasts, and the best next measurements."""
-    from chemage.results import inference_text as words
-
-    terminal.show_pairs(f"{words.title(made)}; bands hold 95 %", words.rows(made), _WIDTH)
-    if families := words.family_rows(made.inference):
-        table = terminal.table("Left-out hold times, predicted by", ("", "log score", "chi²", "parameters"))
-        for row in families:
-            table.add_row(*row)
-        terminal.show(table, _WIDTH)
-        terminal.remark(words.family_verdict(made.inference))
-    if made.forecasts:
-        table = terminal.table("Forecasts of the friction drop", ("", "median", "68 % (nN)", "95 % (nN)"))
-        for label, one in made.forecasts.items():
-            table.add_row(*words.forecast_row(label, one))
-        terminal.show(table, _WIDTH)
-    if made.experiments:
-        title = f"Next measurements, by how much they narrow {made.target}"
-        table = terminal.table(title, ("", "variance falls by", "deviation then"))
-        for one in made.experiments[: words.MOST_EXPERIMENTS]:
-            table.add_row(*words.experiment_row(one))
-        terminal.show(table, _WIDTH)
-    for note in words.notes(made):
-        terminal.remark(f"note: {note}")
 
 
 def _show_best_fit(error: UnexplainedError, curves: Sequence[MeasuredCurve]) -> None:

@@ -53,6 +53,18 @@ ResultArg = Annotated[
         metavar="FILE", autocompletion=completion.results, help="result file (.h5), or the folder of a sweep"
     ),
 ]
+ResultsArg = Annotated[
+    list[Path],
+    typer.Argument(metavar="FILES", autocompletion=completion.results, help="result files (.h5), folders of sweeps"),
+]
+CsvOpt = Annotated[bool, typer.Option("--csv", help="print CSV instead of tables")]
+FiguresOpt = Annotated[bool, typer.Option(help="draw figures into the folder NAME-figures beside the result")]
+ReplicasOpt = Annotated[
+    int | None, typer.Option(metavar="N", help="number of replicas; short for --set hold.replicas=N")
+]
+SeedOpt = Annotated[
+    int | None, typer.Option(metavar="N", help="seed of the disorder and the kinetics; short for --set hold.seed=N")
+]
 JsonOpt = Annotated[bool, typer.Option("--json", help="print one JSON object instead of tables")]
 ForceOpt = Annotated[bool, typer.Option("--force", help="overwrite existing files; default: refuse")]
 YesOpt = Annotated[

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,10 @@ from typing import Any
 import typer
 
 from chemage.cli import output, terminal
-from chemage.foundation.errors import ChemageError, InputError
+from chemage.foundation.errors import ChemageError
 from chemage.foundation.logs import LOGGER
 from chemage.foundation.printable import printable
+from chemage.foundation.result import result_of
 from chemage.foundation.text import jsonable
 from chemage.studies.selection import Selection, in_ranges
 from chemage.studies.sweeps.collecting import collect_sweep
@@ -25,12 +26,10 @@ from chemage.studies.sweeps.progress import Report, SweepProgress, show_progress
 from chemage.studies.sweeps.result import SweepResult, load_sweep
 from chemage.studies.sweeps.running import read_grid, room_for, survey_of, sweep
 from chemage.studies.sweeps.shares import ShareCost, agreed_points, shares_cost
-from chemage.studies.sweeps.views import SweepData, swept_rows
+from chemage.studies.sweeps.views import swept_rows
 
-#: the table of results and the list of failures are printed up to this many points
+#: failures are listed up to this many points
 _LISTED = 24
-#: `show` prints so many rows
-_SHOWN = 60
 
 
 def confirm(yes: bool) -> Any:
@@ -92,7 +91,8 @@ def _print_whole(result: SweepResult, state: dict[str, Any], *, as_json: bool) -
     if as_json:
         print(json.dumps(jsonable({**state, "results": tables})))
     else:
-        _print_result(result, state)
+        terminal.show_result(result_of(result))
+        _print_failures(state)
         terminal.say("\n".join(f"results  {file}" for file in tables.values()))
     if state["failed"]:
         raise typer.Exit(1)
@@ -198,7 +198,7 @@ def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool, shar
         ("expected disk space", f"{numbers['disk'] / 1e6:.3g} MB of {numbers['disk_free'] / 1e6:.3g} MB free here")
     )
     rows += _share_rows(each)
-    terminal.show_pairs(f"{scene} is valid at every point", rows)
+    terminal.show_rows(f"{scene} is valid at every point", (), rows)
     for text in found.warnings():
         terminal.say(f"warning: {text}")
 
@@ -255,118 +255,6 @@ def status(folder: Path, *, as_json: bool) -> None:
     table.add_row("contacts", str(state["contacts"]), str(state["contacts_done"]), "", "")
     terminal.show(table)
     _print_failures(state)
-
-
-def show(folder: Path, *, as_json: bool) -> None:
-    """Print what a sweep varies, its state, and the table of its results, with means over seeds."""
-    result = load_sweep(folder)
-    state = result.status()
-    data = SweepData(result)
-    if as_json:
-        print(json.dumps(jsonable({**state, "units": result.units, "results": data.records()})))
-        return
-    rows = [*swept_rows(result.axes), ("points", _counted(state))]
-    terminal.show_pairs(f"{result.name} in {folder}", rows, width=80)
-    headings, lines = data.rows()
-    table = terminal.table("", headings)
-    for line in lines[:_SHOWN]:
-        table.add_row(*line)
-    if state["done"]:
-        terminal.show(table, width=80)
-    if (more := len(lines) - _SHOWN) > 0:
-        terminal.say(f"{more} more rows; {folder / 'results.csv'} lists every point")
-    if notes := data.notes():
-        terminal.say("\n".join(notes))
-    _print_failures(state)
-
-
-def _counted(state: dict[str, Any]) -> str:
-    kinds = ("done", "failed", "missing", "damaged")
-    return f"{state['points']}: " + ", ".join(f"{state[kind]} {kind}" for kind in kinds if state[kind])
-
-
-def plot(
-    folder: Path,
-    out: Path | None,
-    *,
-    x: str | None,
-    lines: str | None,
-    y: list[str],
-    where: list[str],
-    heat: bool,
-    fmt: str,
-    force: bool,
-) -> None:
-    """Draw the results of a sweep."""
-    from chemage.foundation.progress import progress_bars, reported
-    from chemage.results.figures import save_figures
-    from chemage.results.sweep_figures import sweep_figures
-
-    fixed: dict[str, str] = {}
-    for text in where:
-        axis, equals, value = text.partition("=")
-        if not equals:
-            raise InputError(f"--where {text}: write it as AXIS=VALUE, such as load=50")
-        fixed[axis.strip()] = value.strip()
-    result = load_sweep(folder)
-    target = out or folder.resolve().with_name(f"{folder.resolve().name}-figures")
-    with progress_bars() as report, reported(report, "drawing"):
-        made = sweep_figures(result, x=x, lines=lines, y=y, where=fixed, heat=heat)
-        pictures = save_figures(made, target if out else _near(target), force=force, suffix=fmt)
-    for picture in pictures:
-        terminal.say(picture)
-
-
-def _near(path: Path) -> Path:
-    """A path relative to the current folder where it is inside."""
-    here = Path.cwd()
-    return path.relative_to(here) if path.is_relative_to(here) else path
-
-
-def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
-    from chemage.foundation.text import plus_minus
-
-    reasons: dict[str, list[int]] = {}
-    title = f"{state['done']} of {state['points']} points done, {state['contacts']} contacts"
-    if len(result) <= _LISTED:
-        data = SweepData(result)
-        swept = [(axis, name) for axis, one in enumerate(data.dimensions.values()) for name in one.coordinates.values()]
-        headings = [f"{name} ({unit})" if (unit := data.unit(name)) else name for _, name in swept]
-        table = terminal.table(title, ("point", *headings, "A/A0", "friction drop (nN)", "beta"))
-        for point in result:
-            if point.status != "done":
-                continue
-            numbers = point.summary
-            drop, error = (
-                numbers[name][-1] if numbers.get(name) else None
-                for name in ("friction_drop", "friction_drop_half_width")
-            )
-            half = _nan(numbers.get("beta_half_width"))
-            beta = plus_minus(numbers["beta"], half) if numbers["beta"] is not None else _not_fitted(numbers)
-            if reason := numbers.get("beta_reason"):
-                reasons.setdefault(reason, []).append(point.index)
-            table.add_row(
-                str(point.index),
-                *(data.value_text(name, result.grid.positions(point.index)[axis]) for axis, name in swept),
-                f"{numbers['area_fraction']:.5f}",
-                "-" if drop is None else plus_minus(drop, _nan(error)),
-                beta,
-            )
-        terminal.show(table)
-        for reason, points in reasons.items():
-            named = ", ".join(str(point) for point in points)
-            terminal.say(f"beta not fitted at point{'s' if len(points) > 1 else ''} {named}: {reason}")
-    else:
-        terminal.remark(title)
-    _print_failures(state)
-
-
-def _not_fitted(numbers: Mapping[str, Any]) -> str:
-    return "not fitted" if numbers.get("beta_reason") else "-"
-
-
-def _nan(value: float | None) -> float:
-    return float("nan") if value is None else value
 
 
 def _print_failures(state: dict[str, Any]) -> None:

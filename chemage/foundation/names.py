@@ -61,7 +61,7 @@ NAMES = {
     "plugins.registry": "fromdict register unregister",
     "plugins.settings": "plugin_options prefer_plugins",
     "results.arrhenius": "arrhenius",
-    "results.comparison.comparison": "compare_files",
+    "results.comparison": "compare_files",
     "results.page": "write_report",
     "results.maps": "open_maps",
     "results.files": "read write",
@@ -80,8 +80,8 @@ NAMES = {
 HOME = {name: module for module, names in NAMES.items() for name in names.split()}
 #: role -> the function that makes a component of it, where a module has the name of the role
 FACTORIES = {"ageing": "ageing_method"}
-#: the module that draws results in notebooks
-PICTURES = "results.pictures"
+#: the module that knows what shows the results of chemage
+PICTURES = "results.kinds"
 #: public modules -> their full name
 MODULES = {
     "options": "cli.options",
@@ -91,7 +91,7 @@ MODULES = {
     "tables": "foundation.tables",
     "text": "foundation.text",
     "errors": "foundation.errors",
-    "figures": "results.figures",
+    "figures": "foundation.figures",
     "random": "foundation.random",
     "registry": "plugins.registry",
     "roughness": "surfaces.roughness",

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from chemage.ageing.plotted import Observed, PlottedResult
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError
+from chemage.foundation.figures import CORE, PALETTE, blank
 from chemage.lattices.chemistry import Chemistry
 from chemage.plugins import registry
 from chemage.plugins.sources import implementing, stage_hooks
-from chemage.results.figures import CORE, PALETTE, blank
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

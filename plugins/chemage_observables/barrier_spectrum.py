@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage import BondHistory, Chemistry, ContactSolution, Energy, Observable, Observed, Output, ReactionLattice
+from chemage.foundation.figures import BLUE, GREEN, GREY, ORANGE
 from chemage.foundation.text import power_text
-from chemage.results.figures import BLUE, GREEN, GREY, ORANGE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

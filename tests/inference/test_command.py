@@ -192,12 +192,12 @@ def test_interrupted_leaves_nothing(command, folder, monkeypatch):
 
 
 def test_interrupted_drawing_keeps_the_result(command, folder, made_up, monkeypatch):
-    from chemage.results import inference_figures
+    from chemage.inference import figures
 
     def draw(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(inference_figures, "draw_data", draw)
+    monkeypatch.setattr(figures, "draw_data", draw)
     done = command("infer", "tip.csv", "--scene", "tip.toml")
     assert done.status == 130
     assert "the result is in tip-inferred.h5" in done.err

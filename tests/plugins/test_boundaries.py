@@ -397,7 +397,7 @@ def outputs_and_figures(examples) -> set[str]:
 
 
 def test_figures_of_chemage_itself_are_not_those_of_plugins(examples):
-    from chemage.results.figures import CORE
+    from chemage.foundation.figures import CORE
 
     assert "barriers" in outputs_and_figures(examples)
     # "pressures" is also an output of an observable, which is no figure

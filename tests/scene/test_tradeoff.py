@@ -12,7 +12,7 @@ import pytest
 
 import chemage as ca
 from chemage.cli.app import main
-from chemage.results.tradeoff_figure import figure
+from chemage.results.drawing import figures
 from chemage.studies.trade.tradeoff import Row, Tradeoff, l2_error, measured, relative, tradeoff
 from chemage_contact import FFTBEM
 
@@ -239,7 +239,7 @@ def test_error_measures():
 
 def test_the_figure_has_a_panel_for_each_observable(found: Tradeoff):
     assert found.map is not None
-    titles = [axes.get_title() for axes in figure(found.map).axes]
+    titles = [axes.get_title() for axes in figures(found.map)["trade"].axes]
     assert titles[0] == "β"
     assert titles[-4:] == [
         "corrected contact area",

@@ -10,7 +10,7 @@ import pytest
 
 import chemage as ca
 from chemage import Choice, Length
-from chemage.results.tradeoff_figure import figure
+from chemage.results.drawing import figures
 from chemage.studies.trade.settings import MOST_VALUES, planned, settings
 from chemage.studies.trade.tradeoff import l2_error, tradeoff
 
@@ -291,4 +291,4 @@ def test_options_of_every_role_are_in_the_map(found):
     knobs = {knob for point in found.map.points for knob in point.choices}
     assert {"forming.levels", "engine.grain", "surface.grain", "interaction.digits"} <= knobs
     assert "contact.inner.tolerance" in knobs
-    assert figure(found.map).axes
+    assert figures(found.map)["trade"].axes

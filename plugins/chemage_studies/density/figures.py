@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from chemage.results.figures import BLACK, BLUE, GREY, ORANGE, panels
+from chemage.foundation.figures import BLACK, BLUE, GREY, ORANGE, panels
 from chemage_studies.density import fit
 from chemage_studies.density.rates import SLOPES, TIMES
 from chemage_studies.density.study import Study

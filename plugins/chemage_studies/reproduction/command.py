@@ -115,7 +115,7 @@ def write(
 ) -> Found:
     """Write figures and page of completed sweeps, by base, into ``folder``, and return the comparisons."""
     from chemage import fresh_file, versions
-    from chemage.results.figures import save_figures
+    from chemage.foundation.figures import save_figures
     from chemage_studies.reproduction import claims, estimates, figures_supplement, numbers, pages
     from chemage_studies.reproduction.calibration import bands, times
     from chemage_studies.reproduction.points import Point, studies_of

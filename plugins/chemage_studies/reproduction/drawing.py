@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.results.figures import panels
+from chemage.foundation.figures import panels
 from chemage_studies.reproduction.points import Mean, Point, curve, spread
 
 if TYPE_CHECKING:

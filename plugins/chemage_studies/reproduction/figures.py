@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from chemage.results.figures import GREY, PALETTE, draw_map, pooled
+from chemage.foundation.figures import GREY, PALETTE, draw_map, pooled
 from chemage_studies.reproduction import published
 from chemage_studies.reproduction.claims import morphology
 from chemage_studies.reproduction.drawing import SMALL, band, bars, density, figure, legend, letter, say_scatter

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.results.figures import GREY, PALETTE, pooled
+from chemage.foundation.figures import GREY, PALETTE, pooled
 from chemage_studies.reproduction import figures, published
 from chemage_studies.reproduction.drawing import bars, density, figure, legend
 from chemage_studies.reproduction.numbers import Studies, front, rows

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.results.figures import BLACK, BLUE, GREEN, GREY, ORANGE, panels
+from chemage.foundation.figures import BLACK, BLUE, GREEN, GREY, ORANGE, panels
 from chemage_studies.tips.study import UNIFORM, Study, deviation
 
 if TYPE_CHECKING:

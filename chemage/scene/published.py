@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from chemage.foundation.figures import BLACK, plain
 from chemage.plugins import registry
-from chemage.results.figures import BLACK, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,7 +12,6 @@ from chemage.foundation.text import plus_minus, power_text
 from chemage.inference.forecast import Forecast
 from chemage.inference.forecasting import UNSEEN
 from chemage.inference.inference import Inference
-from chemage.inference.result import InferenceResult
 from chemage.inference.shape import empty, peaks, rises, shares, three_shares, trend, unresolved
 
 #: unit of what may be unknown
@@ -30,15 +29,14 @@ NONE = "-"
 Rows = list[tuple[str, str]]
 
 
-def title(made: InferenceResult) -> str:
+def title(one: Inference) -> str:
     """What was inferred from what."""
-    names = ", ".join(dict.fromkeys(one["name"] for one in made.inference.curves))
+    names = ", ".join(dict.fromkeys(curve["name"] for curve in one.curves))
     return f"Density of forming barriers inferred from {names if len(names) < 40 else 'measured curves'}"
 
 
-def rows(made: InferenceResult) -> Rows:
+def rows(one: Inference) -> Rows:
     """The main numbers: (name, text); bands hold 95 % of the posterior."""
-    one = made.inference
     found = [("measured", measured_text(one)), ("visible energies", visible_text(one))]
     found += shape_rows(one)
     found += [
@@ -188,14 +186,6 @@ def experiment_text(one: Mapping[str, Any]) -> str:
             value = one[name]
             text += f", {value:g} {unit}" if isinstance(value, int | float) else f", {value}"
     return text
-
-
-def notes(made: InferenceResult) -> list[str]:
-    """What users should know, each once."""
-    found = [*made.inference.notes]
-    for label, one in made.forecasts.items():
-        found += [f"forecast {label}: {note}" for note in one.notes]
-    return list(dict.fromkeys(found))
 
 
 def _parameters(fit: Mapping[str, Any]) -> str:

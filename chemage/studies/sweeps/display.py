@@ -1,22 +1,31 @@
-"""Figures of a sweep: lines with error bands over one axis, or a heat map over two."""
+"""How a sweep is shown: its table, and figures of it: lines with error bands over one axis, or heat maps over two."""
 
 from __future__ import annotations
 
+import itertools
 import textwrap
 from collections.abc import Mapping, Sequence
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.results.figures import BLUE, PALETTE, panels, plain
-from chemage.studies.sweeps.result import SweepResult
-from chemage.studies.sweeps.views import HOLD_TIME, Quantity, SweepData, View
+from chemage.foundation.figures import BLUE, PALETTE, plain
+from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Table, displays, result_of
+from chemage.foundation.text import jsonable
+from chemage.foundation.version import __version__
+from chemage.studies.sweeps.grid import Grid
+from chemage.studies.sweeps.result import Point, SweepResult
+from chemage.studies.sweeps.views import HOLD_TIME, Quantity, SweepData, View, swept_rows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+#: rows of the table that are printed
+MOST_ROWS = 60
 #: more lines are drawn as a heat map
 MOST_LINES = 8
 #: an axis whose values span more decades is logarithmic
@@ -33,54 +42,139 @@ _LABELS = {
 _GREY = "#DDDDDD"
 
 
-def sweep_figures(
-    result: SweepResult,
-    *,
-    x: str | None = None,
-    lines: str | None = None,
-    y: Sequence[str] = (),
-    where: Mapping[str, str] | None = None,
-    heat: bool = False,
-) -> dict[str, Figure]:
-    """Draw the results of a sweep: name of the figure -> figure.
+@displays(SweepResult)
+class SweepDisplay(Result):
+    """A sweep as users see it, complete or not: its axes, the table of its results, and these against its axes."""
 
-    Parameters
-    ----------
-    result
-        The sweep, complete or not.
-    x, lines
-        Axes, by the name of their field or its path, or ``"hold_time"`` for ``x``. Default: the numeric axis with most
-        values, and the next one. Axes of seeds are averaged over.
-    y
-        Results, a panel each. Default: β and ΔF at the last hold time; without ageing, the contact area.
-    where
-        Axis -> its value, for further axes; default: the value in the middle.
-    heat
-        Draw a heat map over ``x`` and ``lines``; default: where there would be more than 8 lines.
+    errors = "95 % intervals over replicas on one surface, or over seeds where these are averaged"
 
-    Without any choice, a second figure shows Δμ against hold time.
+    def __init__(self, sweep: SweepResult) -> None:
+        self.sweep = sweep
 
-    Raises
-    ------
-    InputError
-        An axis, a value or a result does not exist, or no point is done.
-    """
-    data = SweepData(result)
-    if "done" not in data.table.status:
-        raise InputError(f"{result.folder}: no point is done; there is nothing to draw")
-    view = data.view(x, lines, where)
-    chosen = list(y) or (["friction_coefficient_drop"] if view.x == HOLD_TIME else data.usual())
-    made = dict([_figure(data, view, chosen, heat)])
-    is_default = not (x or lines or y or where or heat)
-    if is_default and view.x != HOLD_TIME and data.usual()[0] == "beta" and data.table.hold_times.ndim == 1:
-        along = data.view(HOLD_TIME, view.x if data.dimensions[data.axis(view.x, "--x")].size <= MOST_LINES else None)
-        made |= dict([_figure(data, along, ["friction_coefficient_drop"], False)])
-    return made
+    @cached_property
+    def data(self) -> SweepData:
+        """The table of the sweep."""
+        return SweepData(self.sweep)
+
+    @cached_property
+    def state(self) -> dict[str, Any]:
+        """How many points are done, and why others failed."""
+        return self.sweep.status()
+
+    @property
+    def name(self) -> str:
+        return self.sweep.name
+
+    @property
+    def title(self) -> str:
+        return f"{self.name} in {self.sweep.folder}"
+
+    def rows(self) -> Rows:
+        state = self.state
+        left = "".join(f", {state[kind]} {kind}" for kind in ("failed", "missing", "damaged") if state[kind])
+        points = f"{state['done']} of {state['points']} points done, {state['contacts']} contacts{left}"
+        return [*swept_rows(self.sweep.axes), ("points", points)]
+
+    def numbers(self) -> dict[str, Any]:
+        return jsonable({**self.state, "units": self.sweep.units, "results": self.data.records()})
+
+    def notes(self) -> list[str]:
+        """Of the table, and where β could not be fitted."""
+        reasons: dict[str, list[str]] = {}
+        for point in self.sweep if len(self.sweep) <= MOST_ROWS else ():
+            if point.status == "done" and (reason := point.summary.get("beta_reason")):
+                reasons.setdefault(reason, []).append(str(point.index))
+        words = [
+            f"beta not fitted at point{'s' if len(points) > 1 else ''} {', '.join(points)}: {reason}"
+            for reason, points in reasons.items()
+        ]
+        return [*self.data.notes(), *words]
+
+    def tables(self) -> list[Table]:
+        if not self.state["done"]:
+            return []
+        headings, lines = self.data.rows()
+        more = len(lines) - MOST_ROWS
+        listed = f"{more} more rows; {self.sweep.folder / 'results.csv'} lists every point"
+        remarks = (listed,) if more > 0 else ()
+        return [Table("", headings, lines, "Results", remarks, in_detail=False, most=MOST_ROWS)]
+
+    def columns(self) -> dict[str, Any]:
+        headings, lines = self.data.rows()
+        return {heading: [line[at] for line in lines] for at, heading in enumerate(headings)} if lines else {}
+
+    def cite(self) -> tuple[list[str], str]:
+        return [], self.sweep.versions.get("chemage", __version__)
+
+    def made_by(self) -> Mapping[str, Any]:
+        return {"components": components_of_grid(self.sweep.grid)}
+
+    def pictures(
+        self,
+        *,
+        x: str | None = None,
+        lines: str | None = None,
+        y: Sequence[str] = (),
+        where: Mapping[str, str] | None = None,
+        heat: bool = False,
+    ) -> dict[str, Picture]:
+        """Results against one axis, or heat maps over two.
+
+        Parameters
+        ----------
+        x, lines
+            Axes, by the name of their field or its path, or ``"hold_time"`` for ``x``. Default: the numeric axis with
+            most values, and the next one. Axes of seeds are averaged over.
+        y
+            Results, a panel each. Default: β and ΔF at the last hold time; without ageing, the contact area.
+        where
+            Axis -> its value, for further axes; default: the value in the middle.
+        heat
+            Draw a heat map over ``x`` and ``lines``; default: where there would be more than 8 lines.
+
+        Without any choice, a second figure shows Δμ against hold time.
+
+        Raises
+        ------
+        InputError
+            An axis, a value or a result does not exist, or no point is done.
+        """
+        data = self.data
+        if "done" not in data.table.status:
+            raise InputError(f"{self.sweep.folder}: no point is done; there is nothing to draw")
+        view = data.view(x, lines, where)
+        chosen = list(y) or (["friction_coefficient_drop"] if view.x == HOLD_TIME else data.usual())
+        pictures = dict([_picture(data, view, chosen, heat)])
+        is_default = not (x or lines or y or where or heat)
+        if is_default and view.x != HOLD_TIME and data.usual()[0] == "beta" and data.table.hold_times.ndim == 1:
+            few = data.dimensions[data.axis(view.x, "--x")].size <= MOST_LINES
+            along = data.view(HOLD_TIME, view.x if few else None)
+            pictures |= dict([_picture(data, along, ["friction_coefficient_drop"], False)])
+        return pictures
 
 
-def _figure(data: SweepData, view: View, names: Sequence[str], heat: bool) -> tuple[str, Figure]:
-    found = [data.quantity(name, view) for name in names]
-    number = found[0].mean.shape[0]
+def components_of_grid(grid: Grid) -> list[Component]:
+    """The components of all points; only an axis of kinds or of whole sections changes them."""
+    varied = [
+        range(len(axis))
+        if any(path.endswith("kind") for path in axis.paths)
+        or any(isinstance(value, dict | bool) for row in axis.values for value in row)
+        else (0,)
+        for axis in grid.axes
+    ]
+    points = [int(np.ravel_multi_index(places, grid.shape)) for places in itertools.product(*varied)]
+    return [component for point in points for component in grid.scene(point).components()]
+
+
+@displays(Point)
+def point_display(point: Point) -> Result:
+    """A point of a sweep as users see it."""
+    return result_of(point.run())
+
+
+def _picture(data: SweepData, view: View, names: Sequence[str], heat: bool) -> tuple[str, Picture]:
+    quantities = [data.quantity(name, view) for name in names]
+    number = quantities[0].mean.shape[0]
     as_map = heat or number > MOST_LINES
     if as_map and view.lines is None:
         raise InputError("--heat: a heat map needs two axes; this sweep has one, or choose --lines")
@@ -89,18 +183,20 @@ def _figure(data: SweepData, view: View, names: Sequence[str], heat: bool) -> tu
             raise InputError(f"--heat: {view.x} and {view.lines} must have numbers as values")
         as_map = False
     legend = 0.0 if as_map or view.lines is None else 1.6
-    figure, axes = panels(4.9 * len(found) + legend, 4.1, len(found))
-    for one, panel in zip(found, axes, strict=True):
-        (_draw_heat if as_map else _draw_lines)(panel, data, view, one)
-    if legend:
-        handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(
-            handles, labels, title=plain(_axis_label(data, view.lines or "")), loc="outside right center", frameon=False
-        )
-    title = textwrap.fill(_title(data, view, found, bands=not as_map), int(12 * figure.get_figwidth()))
-    figure.suptitle(title, fontsize=9.5, parse_math=False)
+    function = _draw_heat if as_map else _draw_lines
+    drawn = [Panel(partial(function, data=data, view=view, one=one)) for one in quantities]
+
+    def finish(figure: Figure, plots: list[Axes]) -> None:
+        if legend:
+            entries = plots[0].get_legend_handles_labels()
+            place = {"loc": "outside right center", "frameon": False}
+            figure.legend(*entries, title=plain(_axis_label(data, view.lines or "")), **place)
+        title = textwrap.fill(_title(data, view, quantities, bands=not as_map), int(12 * figure.get_figwidth()))
+        figure.suptitle(title, fontsize=9.5, parse_math=False)
+
     to = "-and-" if as_map else "-by-"
-    return f"{'-'.join(names)}-against-{view.x}{to + view.lines if view.lines else ''}", figure
+    name = f"{'-'.join(names)}-against-{view.x}{to + view.lines if view.lines else ''}"
+    return name, Picture(drawn, (4.9 * len(drawn) + legend, 4.1), finish=finish)
 
 
 def _title(data: SweepData, view: View, found: Sequence[Quantity], *, bands: bool) -> str:
@@ -148,7 +244,7 @@ def is_logarithmic(values: np.ndarray) -> bool:
     return bool(known.size > 1 and known.min() > 0 and np.log10(known.max()) - np.log10(known.min()) > LOG_DECADES)
 
 
-def _draw_lines(axes: Axes, data: SweepData, view: View, one: Quantity) -> None:
+def _draw_lines(axes: Axes, medium: Medium, data: SweepData, view: View, one: Quantity) -> None:
     given = data.values(view.x)
     is_number = view.x == HOLD_TIME or data.is_number(view.x)
     x = np.asarray(given, dtype=np.float64) if is_number else np.arange(len(given), dtype=np.float64)
@@ -194,7 +290,7 @@ def _colours(data: SweepData, view: View, number: int) -> list[Any]:
     return [colormaps["viridis"](0.92 * rank / (number - 1)) for rank in ranks]
 
 
-def _draw_heat(axes: Axes, data: SweepData, view: View, one: Quantity) -> None:
+def _draw_heat(axes: Axes, medium: Medium, data: SweepData, view: View, one: Quantity) -> None:
     from matplotlib.colors import LogNorm
 
     assert view.lines is not None
