@@ -180,7 +180,6 @@ def _without_figures(one: Scene, path: Path) -> Run | None:
     from chemage.foundation.errors import ChemageError
     from chemage.results.files import read
     from chemage.scene.provenance import versions
-    from chemage.scene.run import Run
 
     if not path.is_file() or figures_of(path).exists():
         return None
@@ -188,7 +187,7 @@ def _without_figures(one: Scene, path: Path) -> Run | None:
         found = read(path)
     except ChemageError:
         return None
-    if not isinstance(found, Run) or found.scene != one.todict():
+    if getattr(found, "scene", None) != one.todict():
         return None
     if found.versions != versions(one, (found.contact, found.aging)):
         return None

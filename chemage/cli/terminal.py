@@ -76,17 +76,18 @@ def show_rows(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]],
 
 def show_result(result: Result) -> None:
     """Print the main numbers of a result, its tables and its notes."""
-    show_rows(result.heading, (), result.rows())
-    for one in result.tables():
-        if one.in_detail:
-            continue
+    tables = [one for one in result.tables() if not one.in_detail]
+    width = NARROW if tables else WIDTH
+    show_rows(result.heading, (), result.rows(), width)
+    for one in tables:
         made = table(one.title, one.columns or ("",))
         made.show_header = bool(one.columns)
         if one.dense:
             made.padding = (0, 0)
+            made.columns[0].min_width = 22
         for row in one.rows[: one.most]:
             made.add_row(*row)
-        show(made, NARROW if one.dense else WIDTH)
+        show(made, width)
         for text in one.remarks:
             remark(text)
     for note in result.notes():

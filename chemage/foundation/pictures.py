@@ -8,16 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage.foundation.errors import InputError
-from chemage.foundation.figures import panels, png
-from chemage.foundation.result import CELL, FILE, Panel, Picture, Result, result_of
-from chemage.foundation.text import html_table
+from chemage.foundation.figures import panels
+from chemage.foundation.result import FILE, Picture, result_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-#: inches of each panel in a cell
-_SIZE = (3.7, 3.1)
 
 
 def figure(picture: Picture) -> Figure:
@@ -73,29 +69,5 @@ def _new_axes(columns: int) -> list[Axes]:
 
 
 def html(thing: Any) -> str:
-    """The picture of a result and a table of its main numbers and notes, as HTML without references to anything else;
-    the table alone where matplotlib is missing."""
-    shown = result_of(thing)
-    rows = [*shown.rows(), *(("note", note) for note in shown.notes())]
-    return f"<div>{_cell(shown)}<div>{html_table(shown.heading, rows)}</div></div>"
-
-
-def _cell(shown: Result) -> str:
-    drawn = [part.pictures() for part in shown.parts().values()]
-    chosen: list[Panel] = []
-    for pictures in drawn if any(drawn) else [shown.pictures()]:
-        for picture in list(pictures.values())[:1]:
-            chosen += picture.panels[: picture.in_cell]
-    if not chosen:
-        return ""
-    try:
-        figure, axes = panels(_SIZE[0] * len(chosen), _SIZE[1], len(chosen), dpi=96)
-    except ImportError:
-        return ""
-    for plot, panel in zip(axes, chosen, strict=True):
-        panel.draw(plot, CELL)
-        plot.title.set_fontsize(9)
-        if (legend := plot.get_legend()) is not None:
-            for text in legend.get_texts():
-                text.set_fontsize(7)
-    return png(figure, shown.heading)
+    """What the cell of a notebook shows of a result."""
+    return result_of(thing)._repr_html_()

@@ -16,9 +16,10 @@ import numpy as np
 
 from chemage.foundation.approximations import in_words
 from chemage.foundation.errors import InputError
+from chemage.foundation.figures import panels, png
 from chemage.foundation.names import PICTURES
 from chemage.foundation.records import Record
-from chemage.foundation.text import jsonable, with_article
+from chemage.foundation.text import html_table, jsonable, with_article
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,6 +39,8 @@ class Medium:
     pixels: int
 
 
+#: inches of each panel in the cell of a notebook
+_CELL_SIZE = (3.7, 3.1)
 #: a file, the page of a report (legible on a phone), and the cell of a notebook, whose page holds every picture
 FILE, PAGE, CELL = Medium(8, 900), Medium(7, 900), Medium(7, 160)
 
@@ -263,6 +266,33 @@ class Result(ABC):
         if not panels:
             raise InputError(f"{with_article(self.name)} has no picture")
         panels[0].draw(axes, medium)
+
+    def _repr_html_(self) -> str:
+        """Its picture and a table of its main numbers and notes, as HTML without references to anything else; the table
+        alone where matplotlib is missing."""
+        rows = [*self.rows(), *(("note", note) for note in self.notes())]
+        return f"<div>{self._cell()}<div>{html_table(self.heading, rows)}</div></div>"
+
+    def _cell(self) -> str:
+        """The first panels of its parts, or of its own pictures."""
+        drawn = [part.pictures() for part in self.parts().values()]
+        chosen: list[Panel] = []
+        for pictures in drawn if any(drawn) else [self.pictures()]:
+            for picture in list(pictures.values())[:1]:
+                chosen += picture.panels[: picture.in_cell]
+        if not chosen:
+            return ""
+        try:
+            figure, axes = panels(_CELL_SIZE[0] * len(chosen), _CELL_SIZE[1], len(chosen), dpi=96)
+        except ImportError:
+            return ""
+        for plot, panel in zip(axes, chosen, strict=True):
+            panel.draw(plot, CELL)
+            plot.title.set_fontsize(9)
+            if (legend := plot.get_legend()) is not None:
+                for text in legend.get_texts():
+                    text.set_fontsize(7)
+        return png(figure, self.heading)
 
 
 R = TypeVar("R", bound=Record)

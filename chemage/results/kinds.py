@@ -26,6 +26,9 @@ from chemage.studies.trade import display as _trade  # noqa: F401
 from chemage.studies.trade.trade_map import TradeMap
 from chemage.surfaces import display as _surfaces  # noqa: F401
 
+#: class of what :func:`chemage.read` gives -> what reads all that its file holds
+_WITH_MORE = {Inference: read_inference}
+
 
 def load(path: str | os.PathLike[str], *, maps: bool = True) -> Result:
     """Read what users see of a result file, the folder of a sweep, a point of it (``FOLDER/3``), or a map of speed
@@ -50,7 +53,7 @@ def load(path: str | os.PathLike[str], *, maps: bool = True) -> Result:
     if source.suffix.lower() == ".json" and source.is_file():
         return result_of(TradeMap.read(source))
     thing = read(source, maps=maps)
-    return result_of(read_inference(source) if isinstance(thing, Inference) else thing)
+    return result_of(_WITH_MORE[type(thing)](source) if type(thing) in _WITH_MORE else thing)
 
 
 def is_point(path: Path) -> bool:

@@ -194,7 +194,7 @@ def test_interrupted_leaves_nothing(command, folder, monkeypatch):
 def test_interrupted_drawing_keeps_the_result(command, folder, made_up, monkeypatch):
     from chemage.inference import figures
 
-    def draw(*_):
+    def draw(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(figures, "draw_data", draw)

@@ -6,6 +6,7 @@ import itertools
 import textwrap
 from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -67,7 +68,8 @@ class SweepDisplay(Result):
 
     @property
     def title(self) -> str:
-        return f"{self.name} in {self.sweep.folder}"
+        folder, here = Path(self.sweep.folder), Path.cwd()
+        return f"{self.name} in {folder.relative_to(here) if folder.is_relative_to(here) else folder}"
 
     def rows(self) -> Rows:
         state = self.state

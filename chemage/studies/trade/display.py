@@ -79,7 +79,7 @@ class TradeDisplay(Result):
         tables = [self._table("Ageing", chosen)] if chosen else []
         tables.append(self._table("Contact", [name for name in names if not of_ageing(name)]))
         for name, lines in self.trade.sentences().items():
-            title = f"The cheapest settings for the {words(name)} of one surface"
+            title = f"The cheapest settings for the {words(name)} of one surface:"
             tables.append(Table(title, (), [(line,) for line in lines], "Cheapest settings", in_detail=False))
         return tables
 
