@@ -135,13 +135,14 @@ class RunDisplay(Result):
         ]
 
     def compared(self, times: Sequence[float]) -> Compared:
-        made = of_scene(self.scene) | self.contact.compared(times)
-        if self.aging is not None:
-            made = made | self.aging.compared(times)
-            made.chemistry = chemistry_of_scene(self.scene, self.aging.record.temperature)
-        # those of friction before that of the pressure
-        made.curves = dict(sorted(made.curves.items(), key=lambda item: item[0] in self.contact.curves()))
-        return made
+        contact = self.contact.compared(times)
+        if self.aging is None:
+            return of_scene(self.scene) | contact
+        aging = self.aging.compared(times)
+        aging.numbers |= {name: value for name, value in contact.numbers.items() if name != "replicas"}
+        aging.curves |= contact.curves  # those of friction before that of the pressure
+        aging.chemistry = chemistry_of_scene(self.scene, self.aging.record.temperature)
+        return of_scene(self.scene) | aging
 
 
 def of_scene(scene: Mapping[str, Any]) -> Compared:
