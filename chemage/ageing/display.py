@@ -134,7 +134,8 @@ class AgingDisplay(OfRecord[Aging]):
         if aging.errors:
             rows.append((f"errors of the mean {last}", aging.error_words))
         rows += elastic_rows(aging)
-        rows += [(f"{name}{' ' + last if one.is_curve else ''}", one.text()) for name, one in aging.measured.items()]
+        for name, output in aging.measured.items():
+            rows.append((f"{name}{' ' + last if output.is_curve else ''}", output.text()))
         return rows + self._fit_rows()
 
     def _fit_rows(self) -> Rows:
@@ -154,11 +155,11 @@ class AgingDisplay(OfRecord[Aging]):
         if scatter is not None and not alone:
             rows.append(("surfaces", scatter.text(fit.relative_stderr)))
         beside = "" if fit.replicas == 1 else ", beside the interval above"
-        known = dict(beta_errors(self.record, self.window))
+        sizes = dict(beta_errors(self.record, self.window))
         if (barriers := barriers_error(self.record, self.window)) is not None:
-            known[BARRIERS] = barriers
+            sizes[BARRIERS] = barriers
         text = "error of beta: {}"
-        return rows + [(text.format(name), f"{percent(size)} (standard error){beside}") for name, size in known.items()]
+        return rows + [(text.format(name), f"{percent(size)} (standard error){beside}") for name, size in sizes.items()]
 
     def numbers(self) -> dict[str, Any]:
         aging, numbers = self.record, super().numbers()
@@ -167,7 +168,7 @@ class AgingDisplay(OfRecord[Aging]):
         if aging.errors:
             numbers["bond_errors"] = {name: error.tolist() for name, error in aging.errors.items()}
             numbers["bond_error_sources"] = aging.error_sources
-        measured = {name: one.summary() for name, one in aging.measured.items()}
+        measured = {name: output.summary() for name, output in aging.measured.items()}
         return jsonable({**numbers, **elastic_measures(aging), "observables": measured})
 
     def notes(self) -> list[str]:
@@ -206,7 +207,7 @@ class AgingDisplay(OfRecord[Aging]):
 
     def columns(self) -> dict[str, Any]:
         units = {"hold_time": "s", "friction_drop": "nN"} | {
-            f"observable.{name}": one.unit for name, one in self.record.measured.items()
+            f"observable.{name}": output.unit for name, output in self.record.measured.items()
         }
         columns: dict[str, Any] = {}
         for name, values in self.record.columns().items():
@@ -230,65 +231,65 @@ class AgingDisplay(OfRecord[Aging]):
 
     def compared(self, times: Sequence[float]) -> Compared:
         aging, (fit, _) = self.record, self.fit
-        made = compared_measures(aging.contact)
+        joined = compared_measures(aging.contact)
         last = float(aging.hold_times[-1])
         replicas = f"{aging.replicas} replica{'s' if aging.replicas > 1 else ''}"
-        made.rows |= {
+        joined.rows |= {
             "load": force_text(aging.load),
             "sites": f"{aging.sites.mean():.5g}",
             "grid of sites": aging.site_grid,
             "replicas": str(aging.replicas),
         }
-        made.rows |= {"mean over": f"{replicas} on one surface", "every ± is": _meaning(aging)}
-        made.only_beside = ("mean over", "every ± is", "standard errors of β")
+        joined.rows |= {"mean over": f"{replicas} on one surface", "every ± is": _meaning(aging)}
+        joined.only_beside = ("mean over", "every ± is", "standard errors of β")
         moments = [(time, f"{time:g} s", time) for time in times] + [(last, "the last hold time", None)]
         for name, (label, unit, _) in CURVES.items():
             for time, words, _ in moments:
-                made.rows[f"{label} at {words}"] = mean_text(at(aging.hold_times, self.curves_of()[name], time), unit)
+                joined.rows[f"{label} at {words}"] = mean_text(at(aging.hold_times, self.curves_of()[name], time), unit)
         elastic = elastic_measures(aging)
-        self._add_details(made, elastic, moments)
-        made.rows |= {
+        self._add_details(joined, elastic, moments)
+        joined.rows |= {
             "last hold time": f"{last:.5g} s",
             "hold times of the fit": self._fitted_over(),
             "β, 95 % interval": self._beta_text(),
             "cut-off time, 95 % interval": fit.cutoff_text() if fit else "not fitted",
         }
-        made.rows["standard errors of β"] = (
+        joined.rows["standard errors of β"] = (
             f"replicas on one surface: {percent(fit.relative_stderr)}"
             if fit is not None and math.isfinite(fit.relative_stderr)
             else NONE
         )
         if (scatter := self.scatter) is not None:
-            made.rows["scatter of β between surfaces"] = (
+            joined.rows["scatter of β between surfaces"] = (
                 NONE if fit is None else scatter.text(fit.relative_stderr) or "one surface"
             )
-        made.numbers |= self._compared_numbers(elastic)
+        joined.numbers |= self._compared_numbers(elastic)
         for time, _, chosen in moments:
-            made.at.append({"time": time, **self._numbers_at(time, chosen)})
-        made.units |= {"fit_start": "s", "fit_stop": "s", "fit_first": "s", "fit_last": "s", "last": "s"}
-        made.units |= {"cutoff_time": "s", "cutoff_time_low": "s", "cutoff_time_high": "s"}
-        made.units |= {name: unit for name, (_, _, unit) in CURVES.items() if unit}
-        made.units |= {name: unit for name, (unit, _) in MEASURES.items() if unit != "1"}
-        made.units |= {f"observable.{name}": one.unit for name, one in aging.measured.items() if one.unit}
-        made.curves, made.load, made.window, made.fit = self._curves(), aging.load, self.window, self._fit_like
-        made.chemistry = self._chemistry()
-        return made
+            joined.at.append({"time": time, **self._numbers_at(time, chosen)})
+        joined.units |= {"fit_start": "s", "fit_stop": "s", "fit_first": "s", "fit_last": "s", "last": "s"}
+        joined.units |= {"cutoff_time": "s", "cutoff_time_low": "s", "cutoff_time_high": "s"}
+        joined.units |= {name: unit for name, (_, _, unit) in CURVES.items() if unit}
+        joined.units |= {name: unit for name, (unit, _) in MEASURES.items() if unit != "1"}
+        joined.units |= {f"observable.{name}": output.unit for name, output in aging.measured.items() if output.unit}
+        joined.curves, joined.load, joined.window, joined.fit = self._curves(), aging.load, self.window, self._fit_like
+        joined.chemistry = self._chemistry()
+        return joined
 
-    def _add_details(self, made: Compared, elastic: Mapping[str, float], moments: Sequence[tuple[Any, ...]]) -> None:
+    def _add_details(self, joined: Compared, elastic: Mapping[str, float], moments: Sequence[tuple[Any, ...]]) -> None:
         """Rows of errors, limits of the elastic model, and what observables measured."""
         aging = self.record
         if aging.error_words:
-            made.rows["further errors of the mean"] = aging.error_words
+            joined.rows["further errors of the mean"] = aging.error_words
         for name, value in elastic.items():
             unit = "" if MEASURES[name][0] == "1" else MEASURES[name][0]
-            made.rows[_ELASTIC[name]] = f"{value:.5g} {unit}".strip()
-        for name, one in aging.measured.items():
-            if one.numbers is not None and one.is_number:
-                made.rows[name] = mean_text(one.numbers, one.unit)
-            elif one.numbers is not None:
+            joined.rows[_ELASTIC[name]] = f"{value:.5g} {unit}".strip()
+        for name, output in aging.measured.items():
+            if output.numbers is not None and output.is_number:
+                joined.rows[name] = mean_text(output.numbers, output.unit)
+            elif output.numbers is not None:
                 for time, words, chosen in moments:
-                    values = one.numbers if chosen is None else at(aging.hold_times, one.values, time)
-                    made.rows[f"{name} at {words}"] = mean_text(values, one.unit)
+                    values = output.numbers if chosen is None else at(aging.hold_times, output.values, time)
+                    joined.rows[f"{name} at {words}"] = mean_text(values, output.unit)
 
     def _compared_numbers(self, elastic: Mapping[str, float]) -> dict[str, Any]:
         aging, (fit, reason), scatter = self.record, self.fit, self.scatter
@@ -315,18 +316,18 @@ class AgingDisplay(OfRecord[Aging]):
             "cutoff_time_interval": [fit.cutoff_interval.low, fit.cutoff_interval.high] if fit else None,
             **elastic,
         }
-        for name, one in aging.measured.items():
-            if one.is_number:
-                numbers |= _with_errors(f"observable.{name}", one.values)
+        for name, output in aging.measured.items():
+            if output.is_number:
+                numbers |= _with_errors(f"observable.{name}", output.values)
         return numbers
 
     def _numbers_at(self, time: float, chosen: float | None) -> dict[str, float]:
         aging, numbers = self.record, {}
         for name, values in self.curves_of().items():
             numbers |= _with_errors(name, at(aging.hold_times, values, time))
-        for name, one in aging.measured.items():
-            if one.is_curve and one.numbers is not None:
-                values = one.numbers if chosen is None else at(aging.hold_times, one.values, time)
+        for name, output in aging.measured.items():
+            if output.is_curve and output.numbers is not None:
+                values = output.numbers if chosen is None else at(aging.hold_times, output.values, time)
                 numbers |= _with_errors(f"observable.{name}", values)
         return numbers
 

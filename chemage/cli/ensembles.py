@@ -21,7 +21,7 @@ def samples_of(path: Path) -> Path:
 
 
 def run(
-    one: Scene,
+    scene: Scene,
     path: Path,
     *,
     threads: int | None,
@@ -49,21 +49,21 @@ def run(
         raise user_error(f"{folder}, the folder for the samples, is a file or a link; choose another --out")
     pictures: list[Path] = []
     where = {"executor": executor or ("processes" if (workers or 1) > 1 else "threads"), "workers": workers}
-    sampler = Sampler(one, samples=folder, threads=threads, patience=patience, points=points, **where)
+    sampler = Sampler(scene, samples=folder, threads=threads, patience=patience, points=points, **where)
     counted = sampler.request.counted
     with progress_bars({SAMPLING: counted, SKETCHING: counted, CORRECTING: counted}, alive=True) as report:
-        with compiled_ahead(one, report, threads, early) as told:
-            made = sampler.run(told)
+        with compiled_ahead(scene, report, threads, early) as told:
+            mean = sampler.run(told)
         if not sampler.writes:
-            terminal.show_result(result_of(made))
+            terminal.show_result(result_of(mean))
             return terminal.say(f"the first share writes {path}")
         with reported(report, "writing"):
-            write(path, made, force=force)
+            write(path, mean, force=force)
         if figures:
             with result_written(path), reported(report, "drawing"):
-                pictures = drawn(result_of(made), path)
+                pictures = drawn(result_of(mean), path)
     kept = sampler.store.found
     taken = [f"{kept} sample{'s' if kept > 1 else ''} taken from {folder}"] if kept else []
     more = "a run with a smaller interval takes these samples up; the folder may be removed otherwise"
     written = {"file": path, "samples": folder, "samples_taken": kept, "figures": pictures}
-    terminal.answer(result_of(made), as_json, [*taken, more], **written)
+    terminal.answer(result_of(mean), as_json, [*taken, more], **written)

@@ -35,8 +35,8 @@ def check_ending(path: Path, endings: tuple[str, ...], what: str, option: str = 
     if path.suffix.lower() not in endings and (os.path.isfile(path) or not os.path.exists(path)):
         *others, last = endings
         names = f"{', '.join(others)} or {last}" if others else last
-        found = f"ends in {path.suffix}" if path.suffix else "has no ending"
-        raise user_error(f"{option} {path}: the name {found}; {what} must end in {names}")
+        ending = f"ends in {path.suffix}" if path.suffix else "has no ending"
+        raise user_error(f"{option} {path}: the name {ending}; {what} must end in {names}")
 
 
 SceneArg = Annotated[

@@ -41,26 +41,26 @@ def materials(
     if as_toml and (name is None or as_json):
         raise user_error("--toml: give the name of a material, and no --json")
     if name is None:
-        known = [material(one) for one in sorted(registry.current().materials())]
+        entries = [material(entry) for entry in sorted(registry.current().materials())]
         if as_json:
-            print(json.dumps([one.todict() for one in known]))
+            print(json.dumps([entry.todict() for entry in entries]))
             return
         table = terminal.table("", ("material", "", "values", "from"))
-        for one in known:
-            table.add_row(one.name, one.title, str(len(one.values)), one.source)
+        for entry in entries:
+            table.add_row(entry.name, entry.title, str(len(entry.values)), entry.source)
         terminal.show(table)
         return
-    one = material(name)
+    entry = material(name)
     if as_json:
-        print(json.dumps(one.todict()))
+        print(json.dumps(entry.todict()))
     elif as_toml:
-        terminal.say(one.toml(), end="")
+        terminal.say(entry.toml(), end="")
     else:
-        table = terminal.table(f"{one.name}: {one.title}", ("value", "", "how", "source"))
-        for value in one.values:
+        table = terminal.table(f"{entry.name}: {entry.title}", ("value", "", "how", "source"))
+        for value in entry.values:
             table.add_row(value.path, value.text, value.how, value.source + (f"; {value.note}" if value.note else ""))
-        if one.about:
-            terminal.say(f"{one.about}\n")
+        if entry.about:
+            terminal.say(f"{entry.about}\n")
         terminal.show(table)
 
 
@@ -106,17 +106,17 @@ def warmup(
         )
         seen: set[str] = set()
         for name in scenes or sorted(registry.current().scenes()):
-            for one in _forms(name):
-                if (what := form(one)) in seen:
+            for entry in _forms(name):
+                if (what := form(entry)) in seen:
                     continue
                 seen.add(what)
                 try:
-                    warm_up(one)
+                    warm_up(entry)
                 except Exception as error:
                     if registry.current().strict:
                         raise
                     failed[name] = f"{type(error).__name__}: {error}"
-    found: dict[str, Any] = {
+    told: dict[str, Any] = {
         "kernels": compiled.kernels,
         "seconds": round(time.perf_counter() - begin, 2),
         "folders": sorted((not os.environ.get("NUMBA_CACHE_DIR") and compiled.folders) or kernel_cache.places()),
@@ -126,16 +126,16 @@ def warmup(
     for name, why in failed.items():
         terminal.say(f"chemage: warning: not everything could be compiled for {name}: {why}", file=sys.stderr)
     if as_json:
-        print(json.dumps(found))
+        print(json.dumps(told))
     else:
         number = len(compiled.kernels)
         terminal.say(
-            f"{number} kernel{'' if number == 1 else 's'} compiled in {found['seconds']:.1f} s"
+            f"{number} kernel{'' if number == 1 else 's'} compiled in {told['seconds']:.1f} s"
             if number
             else "all kernels are compiled already"
         )
-        terminal.say(f"for the processor {found['processor']}")
-        for folder in found["folders"]:
+        terminal.say(f"for the processor {told['processor']}")
+        for folder in told["folders"]:
             terminal.say(f"in {folder}")
     if failed:
         raise typer.Exit(1)

@@ -183,17 +183,17 @@ def compare(
 
     if as_json and as_csv:
         raise user_error("--json and --csv: choose one")
-    made = comparison.compare_files(files, measured=measured or (), times=at or comparison.TIMES)
+    joined = comparison.compare_files(files, measured=measured or (), times=at or comparison.TIMES)
     pictures: list[Path] = []
     if figures is not None:
         with progress_bars() as report, reported(report, "drawing"):
-            pictures = save_figures(drawing.comparison_figures(made), figures, force=force, suffix=fmt)
+            pictures = save_figures(drawing.comparison_figures(joined), figures, force=force, suffix=fmt)
     if as_json:
-        print(json.dumps({**made.todict(), "figures": [str(path) for path in pictures]}))
+        print(json.dumps({**joined.todict(), "figures": [str(path) for path in pictures]}))
     elif as_csv:
-        terminal.say(made.csv(), end="")
+        terminal.say(joined.csv(), end="")
     else:
-        _print_comparison(made)
+        _print_comparison(joined)
         for picture in pictures:
             terminal.say(f"figure   {picture}")
 
@@ -220,20 +220,20 @@ def report(
     terminal.say(written)
 
 
-def _print_comparison(made: Comparison) -> None:
-    names, rows = [one.name for one in made.results], made.table()
+def _print_comparison(joined: Comparison) -> None:
+    names, rows = [entry.name for entry in joined.results], joined.table()
     for first in range(0, len(names), 4):  # more columns do not fit a screen
         chosen = slice(first, first + 4)
         terminal.show_rows("", ("", *names[chosen]), ((label, *texts[chosen]) for label, texts in rows))
-    terminal.remark(made.statement())
-    for different in made.chemistry_differences():
+    terminal.remark(joined.statement())
+    for different in joined.chemistry_differences():
         values = ("none" if value is None else f"{value}" for value in different.values)
         terminal.remark(f"  {different.path}: {' | '.join(values)}")
-    if fits := made.fits():
+    if fits := joined.fits():
         columns = ("data", "model", "β per decade", "b per e-fold", "cut-off time")
         lines = ((name, fit.describe(), fit.beta_text(), fit.b_text(), fit.cutoff_text()) for name, fit in fits)
         terminal.show_rows("Fits, 95 % intervals", columns, lines)
-    for name, model, reason in made.not_fitted():
+    for name, model, reason in joined.not_fitted():
         terminal.say(f"{name}: {model} not fitted: {reason}")
 
 
@@ -323,8 +323,8 @@ def cite(
 
     if fmt not in ("bibtex", "text"):
         raise user_error(f"--format {fmt}: choose bibtex or text")
-    found = _references(what)
-    print(bibtex(found) if fmt == "bibtex" else text(found), end="")
+    publications = _references(what)
+    print(bibtex(publications) if fmt == "bibtex" else text(publications), end="")
 
 
 def _references(what: str) -> list[Reference]:

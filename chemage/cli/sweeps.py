@@ -137,21 +137,21 @@ def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_jso
 
 def collect(folder: Path, *, as_json: bool) -> None:
     """Verify the points of a sweep and write its tables; exit status 1 if points failed or are missing."""
-    found = collect_sweep(folder)
-    state = {**found.result.status(), "folder": str(folder), "points_to_compute": found.points}
-    if found.written:
-        return _print_whole(found.result, state, as_json=as_json)
+    survey = collect_sweep(folder)
+    state = {**survey.result.status(), "folder": str(folder), "points_to_compute": survey.points}
+    if survey.written:
+        return _print_whole(survey.result, state, as_json=as_json)
     if as_json:
         print(json.dumps(jsonable({**state, "results": None})))
         raise typer.Exit(1)
     say = partial(terminal.say, file=sys.stderr)
     _print_failures(state)
-    say(f"{len(found.missing)} of {state['points']} points are missing in {folder}; no tables were written")
-    say(f"missing: points {in_ranges(found.missing)}")
-    if found.computing:
+    say(f"{len(survey.missing)} of {state['points']} points are missing in {folder}; no tables were written")
+    say(f"missing: points {in_ranges(survey.missing)}")
+    if survey.computing:
         say("a process of this machine computes points at present")
-    scene = found.result.grid.source if Path(found.result.grid.source).is_file() else "SCENE"
-    *parts, everything = found.points
+    scene = survey.result.grid.source if Path(survey.result.grid.source).is_file() else "SCENE"
+    *parts, everything = survey.points
     for part in parts[:_LISTED]:
         say(f"computes some of them: chemage sweep {scene} --out {folder} --points {part}")
     say(f"computes all of them: chemage sweep {scene} --out {folder} --points {everything}")
@@ -170,24 +170,24 @@ def _kept(folder: Path) -> str:
 def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool, shares: int | None = None) -> None:
     """Validate every point and estimate the cost of the sweep, and of its shares, without computing anything."""
     with show_progress() as report:
-        found = survey_of(read_grid(scene, changes), progress=report, confirm=confirm(yes))
-    numbers = _numbers(found)
-    each = [] if shares is None or found.means else shares_cost(found, shares)
+        survey = survey_of(read_grid(scene, changes), progress=report, confirm=confirm(yes))
+    numbers = _numbers(survey)
+    each = [] if shares is None or survey.means else shares_cost(survey, shares)
     if each:
-        numbers["shares"] = [vars(one) for one in each]
+        numbers["shares"] = [vars(share) for share in each]
     if as_json:
         print(json.dumps(jsonable(numbers)))
         return
 
-    rows = swept_rows(found.grid.axes)
-    rows.append(("points", f"{found.grid.size}" + (f" ({found.grid.product})" if len(found.grid.axes) > 1 else "")))
-    if found.means:
+    rows = swept_rows(survey.grid.axes)
+    rows.append(("points", f"{survey.grid.size}" + (f" ({survey.grid.product})" if len(survey.grid.axes) > 1 else "")))
+    if survey.means:
         rows.append(("each point", "a mean over surfaces; points have surfaces in common where they can"))
     else:
-        rows.append(("contacts to solve", f"{len(found.contacts)} on {found.surfaces} surfaces"))
-    if found.hooks:
+        rows.append(("contacts to solve", f"{len(survey.contacts)} on {survey.surfaces} surfaces"))
+    if survey.hooks:
         rows.append(
-            ("plugins that implement hooks", ", ".join(f"{name} ({source})" for name, source in found.hooks.items()))
+            ("plugins that implement hooks", ", ".join(f"{name} ({source})" for name, source in survey.hooks.items()))
         )
     cost, memory = numbers["cpu_seconds"], numbers["memory"]
     time = "unknown" if cost is None else f"about {_duration(cost)} of CPU time once kernels are compiled"
@@ -199,7 +199,7 @@ def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool, shar
     )
     rows += _share_rows(each)
     terminal.show_rows(f"{scene} is valid at every point", (), rows)
-    for text in found.warnings():
+    for text in survey.warnings():
         terminal.say(f"warning: {text}")
 
 
@@ -207,28 +207,28 @@ def _share_rows(each: Sequence[ShareCost]) -> list[tuple[str, str]]:
     """What the smallest and the largest of the shares cost."""
     if not each:
         return []
-    points = [one.points for one in each]
-    costs = [one.cpu_seconds for one in each if one.cpu_seconds is not None]
+    points = [share.points for share in each]
+    costs = [share.cpu_seconds for share in each if share.cpu_seconds is not None]
     rows = [(f"points in each of {len(each)} shares", f"{min(points)} to {max(points)}")]
     if len(costs) == len(each):
         rows.append(("CPU time of a share", f"{_duration(min(costs))} to {_duration(max(costs))}"))
     return rows
 
 
-def _numbers(found: Survey) -> dict[str, Any]:
+def _numbers(survey: Survey) -> dict[str, Any]:
     return {
-        "name": found.grid.base.get("name", "scene"),
-        "points": found.grid.size,
-        "axes": {axis.name: len(axis) for axis in found.grid.axes},
-        "contacts": len(found.contacts),
-        "surfaces": found.surfaces,
-        "hooks": found.hooks,
-        "cpu_seconds": expected_seconds(found) if found.means else found.total_cpu_seconds,
-        "memory": None if found.memory is None else 2e8 + found.memory,
-        "disk": found.total_bytes,
+        "name": survey.grid.base.get("name", "scene"),
+        "points": survey.grid.size,
+        "axes": {axis.name: len(axis) for axis in survey.grid.axes},
+        "contacts": len(survey.contacts),
+        "surfaces": survey.surfaces,
+        "hooks": survey.hooks,
+        "cpu_seconds": expected_seconds(survey) if survey.means else survey.total_cpu_seconds,
+        "memory": None if survey.memory is None else 2e8 + survey.memory,
+        "disk": survey.total_bytes,
         "disk_free": room_for(Path.cwd()),
-        "digest": found.digest,
-        "notes": found.warnings(),
+        "digest": survey.digest,
+        "notes": survey.warnings(),
     }
 
 

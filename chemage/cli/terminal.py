@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from chemage.foundation.result import Result
 
-#: characters of a line where stdout is not a terminal, and of one in which every one counts
-WIDTH, NARROW = 110, 80
+#: characters of a line where stdout is not a terminal
+WIDTH = 110
 
 
 def table(title: str, columns: Sequence[str] = ()) -> Table:
@@ -30,10 +30,10 @@ def table(title: str, columns: Sequence[str] = ()) -> Table:
             super().add_row(*(printable(cell) if isinstance(cell, str) else cell for cell in cells), **options)
 
     heading = printable(title) or None
-    made = Harmless(title=heading, title_justify="left", box=box.SIMPLE, show_header=bool(columns), pad_edge=False)
+    grid = Harmless(title=heading, title_justify="left", box=box.SIMPLE, show_header=bool(columns), pad_edge=False)
     for name in columns or ("", ""):
-        made.add_column(printable(name), overflow="fold")
-    return made
+        grid.add_column(printable(name), overflow="fold")
+    return grid
 
 
 def say(text: object = "", end: str = "\n", file: Any = None) -> None:
@@ -68,27 +68,26 @@ def show(table: Table, width: int = WIDTH) -> None:
 
 def show_rows(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], width: int = WIDTH) -> None:
     """Print a table of text; without ``columns`` of names and values."""
-    made = table(title, columns)
+    grid = table(title, columns)
     for row in rows:
-        made.add_row(*row)
-    show(made, width)
+        grid.add_row(*row)
+    show(grid, width)
 
 
 def show_result(result: Result) -> None:
     """Print the main numbers of a result, its tables and its notes."""
-    tables = [one for one in result.tables() if not one.in_detail]
-    width = NARROW if tables else WIDTH
-    show_rows(result.heading, (), result.rows(), width)
-    for one in tables:
-        made = table(one.title, one.columns or ("",))
-        made.show_header = bool(one.columns)
-        if one.dense:
-            made.padding = (0, 0)
-            made.columns[0].min_width = 22
-        for row in one.rows[: one.most]:
-            made.add_row(*row)
-        show(made, width)
-        for text in one.remarks:
+    tables = [part for part in result.tables() if not part.in_detail]
+    show_rows(result.heading, (), result.rows(), result.width)
+    for part in tables:
+        grid = table(part.title, part.columns or ("",))
+        grid.show_header = bool(part.columns)
+        if part.dense:
+            grid.padding = (0, 0)
+            grid.columns[0].min_width = 22
+        for row in part.rows[: part.most]:
+            grid.add_row(*row)
+        show(grid, result.width)
+        for text in part.remarks:
             remark(text)
     for note in result.notes():
         remark(f"note: {note}")

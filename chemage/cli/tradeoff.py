@@ -66,9 +66,9 @@ def tradeoff(
         preflight(file, force=force)
     if len(set(files)) < len(files):
         raise user_error("--out: one file is named twice")
-    one = load_scene(scene, changed_fields(changes))
+    loaded = load_scene(scene, changed_fields(changes))
     if not output.quiet():
-        print(f"{one.name}: {planned(one)}", file=sys.stderr)
+        print(f"{loaded.name}: {planned(loaded)}", file=sys.stderr)
     done = 0
     with progress_bars({_STAGE: "steps"}, alive=True) as report:
 
@@ -77,36 +77,36 @@ def tradeoff(
             done += 1
             report(_STAGE, done, 0, what)
 
-        found = measure(one, rounds=rounds, report=shown)
+        measured = measure(loaded, rounds=rounds, report=shown)
         report(_STAGE, 1, 1)
-    assert found.map is not None
-    result = result_of(found.map)
+    assert measured.map is not None
+    result = result_of(measured.map)
     for file in files:
         if file.suffix.lower() == ".json":
-            found.map.write(file, force=force)
+            measured.map.write(file, force=force)
             continue
         save_picture(result, file, force=force)
     if as_json:
-        print(json.dumps(found.todict()))
+        print(json.dumps(measured.todict()))
         return
     if details:
-        _show_rows(found)
+        _show_rows(measured)
     terminal.show_result(result)
-    for note in found.notes:
+    for note in measured.notes:
         terminal.remark(f"note: {note}")
     for file in files:
         terminal.say(f"{'map' if file.suffix.lower() == '.json' else 'figure':8} {file}")
 
 
-def _show_rows(found: Tradeoff) -> None:
+def _show_rows(trade: Tradeoff) -> None:
     table = terminal.table(
-        f"Single settings on the surface of {found.scene} (* as in the scene; ± is half the width of a 95 % interval)",
+        f"Single settings on the surface of {trade.scene} (* as in the scene; ± is half the width of a 95 % interval)",
         (
             *("option", "value", "CPU (s)", "wall (s)", "A/A0", "corrected", "area error"),
             *("p error", "estimate", "beta", "difference", ""),
         ),
     )
-    for row in found.rows:
+    for row in trade.rows:
         table.add_row(
             row.option,
             row.setting + (" *" if row.own else ""),

@@ -103,9 +103,9 @@ class OfContact(OfRecord[C], Generic[C]):
         return {"scene": {}, "contact": self.record.provenance}
 
     def compared(self, times: Sequence[float]) -> Compared:
-        made = compared_measures(self.record.summary())
-        made.curves = self.curves()
-        return made
+        joined = compared_measures(self.record.summary())
+        joined.curves = self.curves()
+        return joined
 
     def curves(self) -> dict[str, Curve]:
         """The distribution of the pressure, to be drawn with others."""

@@ -165,6 +165,8 @@ class Compared:
 class Result(ABC):
     """A result as users see it. Only :meth:`rows` must be written; every other answer has a sensible default."""
 
+    #: characters of a line, where it is printed into a file or a pipe
+    width: int = 110
     #: what its errors are, in words, for the foot of a page
     errors: str = ""
     #: what stands below the heading of its references

@@ -35,6 +35,7 @@ _CAPTIONS = {
 class InferenceDisplay(Result):
     """An inference as users see it, with what was asked of it."""
 
+    width = 80
     errors = "bands of the posterior: they contain the errors of the measurements, and not those of the scene"
     please_cite = "Please cite these works:"
 

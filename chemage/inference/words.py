@@ -37,20 +37,20 @@ def title(one: Inference) -> str:
 
 def rows(one: Inference) -> Rows:
     """The main numbers: (name, text); bands hold 95 % of the posterior."""
-    found = [("measured", measured_text(one)), ("visible energies", visible_text(one))]
-    found += shape_rows(one)
-    found += [
+    rows_ = [("measured", measured_text(one)), ("visible energies", visible_text(one))]
+    rows_ += shape_rows(one)
+    rows_ += [
         ("effective parameters", f"{one.effective_parameters:.1f} of {one.hold_times.size} points"),
         ("chi²", f"{one.chi2:.1f} for {one.hold_times.size} points; largest residual {_largest_residual(one)}"),
     ]
-    found += [(name, text) for name, text in scalar_rows(one)]
+    rows_ += [(name, text) for name, text in scalar_rows(one)]
     sampling = one.diagnostics
     if "effective_samples" in sampling:
         text = f"{len(one.samples)} kept, {sampling['effective_samples']:.0f} effective"
         if "r_hat" in sampling:
             text += f", R-hat {sampling['r_hat']:.3f}"
-        found.append(("samples", f"{text}; seed {one.seed}"))
-    return found
+        rows_.append(("samples", f"{text}; seed {one.seed}"))
+    return rows_
 
 
 def measured_text(one: Inference) -> str:
@@ -76,13 +76,13 @@ def shape_rows(one: Inference) -> Rows:
     low, high = one.visible_range
     if not math.isfinite(low):
         return []
-    found: Rows = [("density", density_text(one))]
+    rows_: Rows = [("density", density_text(one))]
     for part in shares(one):
         text = f"{_percent(part.mean, part.band)} of the sites"
-        found.append((f"  {part.low:.3f} to {part.high:.3f} eV", text))
+        rows_.append((f"  {part.low:.3f} to {part.high:.3f} eV", text))
     above = three_shares(one)[2]
-    found.append((f"  above {high:.3f} eV", f"{_percent(above.mean, above.band)} of the sites: seen as not reacted"))
-    return found
+    rows_.append((f"  above {high:.3f} eV", f"{_percent(above.mean, above.band)} of the sites: seen as not reacted"))
+    return rows_
 
 
 def density_text(one: Inference) -> str:
@@ -111,14 +111,14 @@ def density_text(one: Inference) -> str:
 
 def scalar_rows(one: Inference) -> Rows:
     """The unknown scalars, with their intervals and the bounds of their priors."""
-    found = []
+    rows_ = []
     for name, values in one.scalars.items():
         low, high = one.interval(name)
         bounds = one.scalar_bounds.get(name)
         within = f"; prior {bounds[0]:.3g} to {bounds[1]:.3g}" if bounds else ""
         text = f"{np.median(values):.3g} {UNITS.get(name, '')} ({low:.3g} to {high:.3g}{within})"
-        found.append((name, text))
-    return found
+        rows_.append((name, text))
+    return rows_
 
 
 def family_rows(one: Inference) -> list[tuple[str, str, str, str]]:
@@ -126,16 +126,16 @@ def family_rows(one: Inference) -> list[tuple[str, str, str, str]]:
     if not one.scores:
         return []
     best = max(one.scores.values())
-    found = []
+    rows_ = []
     for name, score in sorted(one.scores.items(), key=lambda item: -item[1]):
         fit: Mapping[str, Any] = one.families.get(name, {})
         less = "best" if score == best else f"{score - best:.1f}"
         if name == SMOOTH:
-            found.append(("smooth density", less, f"{one.chi2:.1f}", "as above"))
+            rows_.append(("smooth density", less, f"{one.chi2:.1f}", "as above"))
             continue
         chi2 = f"{fit['chi2']:.1f}" if "chi2" in fit else ""
-        found.append((name, less, chi2, _parameters(fit)))
-    return found
+        rows_.append((name, less, chi2, _parameters(fit)))
+    return rows_
 
 
 def family_verdict(one: Inference) -> str:

@@ -78,8 +78,8 @@ def _collected(
     if where:
         raise InputError("where: chooses points of a sweep; give a sweep or its folder")
     agings, windows = [], []
-    for thing in [results] if is_result(results) or not isinstance(results, Iterable) else results:
-        shown = result_of(read(thing, maps=False) if isinstance(thing, str | os.PathLike) else thing)
+    for source in [results] if is_result(results) or not isinstance(results, Iterable) else results:
+        shown = result_of(read(source, maps=False) if isinstance(source, str | os.PathLike) else source)
         aging = shown.made_by().get("aging")
         if aging is None:
             raise InputError(
@@ -137,7 +137,7 @@ class ArrheniusDisplay(Result):
         return self.energies.todict()
 
     def notes(self) -> list[str]:
-        intervals = dict.fromkeys(one.intervals for one in self.energies.energies)
+        intervals = dict.fromkeys(energy.intervals for energy in self.energies.energies)
         words = [f"intervals: {text}; scatter between surfaces is not included" for text in intervals]
         return [*words, *self.energies.notes]
 
@@ -150,10 +150,10 @@ class ArrheniusDisplay(Result):
                 texts = (fit.beta_text(), fit.b_text(), f"{fit.beta / kelvin:.4g}", fit.cutoff_text())
             by_temperature.append((f"{kelvin:g}", *texts))
         by_level = []
-        for one in self.energies.energies:
-            kelvins = f"{one.temperatures.size} ({one.temperatures[0]:g} to {one.temperatures[-1]:g})"
-            texts = one.energy_text(), one.prefactor_text(), f"{one.rms_residual:.2g}", kelvins
-            by_level.append((self.energies.label(one), *texts))
+        for energy in self.energies.energies:
+            kelvins = f"{energy.temperatures.size} ({energy.temperatures[0]:g} to {energy.temperatures[-1]:g})"
+            texts = energy.energy_text(), energy.prefactor_text(), f"{energy.rms_residual:.2g}", kelvins
+            by_level.append((self.energies.label(energy), *texts))
         columns = ("T (K)", "β per decade", "b per e-fold", "β/T (1/K)", "cut-off time")
         levels = ("time at which", "activation energy", "prefactor t0", "rms of ln t", "temperatures")
         return [
@@ -163,7 +163,7 @@ class ArrheniusDisplay(Result):
 
     def pictures(self) -> dict[str, Picture]:
         """The times of each level against 1/T with their lines, and the activation energy against the level."""
-        levels = [one for one in self.energies.energies if one.level is not None]
+        levels = [energy for energy in self.energies.energies if energy.level is not None]
         times = Panel(self._draw_times, "Hold times at which each level is reached, against 1/T.")
         energies = Panel(self._draw_energies, "Activation energy against the level.")
         drawn = (times, energies) if levels else (times,)
@@ -171,16 +171,17 @@ class ArrheniusDisplay(Result):
 
     def _draw_times(self, axes: Axes, medium: Medium) -> None:
         energies = self.energies.energies
-        for number, one in enumerate(energies):
-            colour = BLACK if one.level is None else PALETTE[number % len(PALETTE)]
-            x = 1e3 / one.temperatures
-            half = np.nan_to_num(one.log_time_half_widths)
-            lower, upper = one.times * -np.expm1(-half), one.times * np.expm1(half)
-            marker = "s" if one.level is None else "o"
-            axes.errorbar(x, one.times, yerr=[lower, upper], fmt=marker, ms=4, capsize=2, lw=1, color=colour)
+        for number, energy in enumerate(energies):
+            colour = BLACK if energy.level is None else PALETTE[number % len(PALETTE)]
+            x = 1e3 / energy.temperatures
+            half = np.nan_to_num(energy.log_time_half_widths)
+            lower, upper = energy.times * -np.expm1(-half), energy.times * np.expm1(half)
+            marker = "s" if energy.level is None else "o"
+            axes.errorbar(x, energy.times, yerr=[lower, upper], fmt=marker, ms=4, capsize=2, lw=1, color=colour)
             line = np.linspace(x.min(), x.max(), 50)
-            label = plain(f"{self.energies.label(one)}: {one.energy:.3g} eV")
-            axes.plot(line, one(1e3 / line), color=colour, lw=1.2, ls="--" if one.level is None else "-", label=label)
+            label = plain(f"{self.energies.label(energy)}: {energy.energy:.3g} eV")
+            dashes = "--" if energy.level is None else "-"
+            axes.plot(line, energy(1e3 / line), color=colour, lw=1.2, ls=dashes, label=label)
         axes.set(yscale="log", xlabel="1000 K / T", ylabel="hold time (s)")
         if energies:
             title = f"bars: {self._sure}; activation energy at"
@@ -196,11 +197,11 @@ class ArrheniusDisplay(Result):
         return f"{100 * self.energies.confidence:g} % intervals"
 
     def _draw_energies(self, axes: Axes, medium: Medium) -> None:
-        result, levels = self.energies, [one for one in self.energies.energies if one.level is not None]
-        energies = np.array([one.energy for one in levels])
-        ends = np.array([[one.energy_interval.low, one.energy_interval.high] for one in levels])
+        result, levels = self.energies, [energy for energy in self.energies.energies if energy.level is not None]
+        energies = np.array([energy.energy for energy in levels])
+        ends = np.array([[energy.energy_interval.low, energy.energy_interval.high] for energy in levels])
         bars = np.nan_to_num(np.abs(ends - energies[:, None])).T
-        values = [one.level or 0.0 for one in levels]
+        values = [energy.level or 0.0 for energy in levels]
         axes.errorbar(values, energies, yerr=bars, fmt="o-", ms=4, capsize=3, lw=1, color=PALETTE[0])
         unit = f" ({result.unit})" if result.unit else ""
         axes.set(xlabel=f"{SYMBOLS[result.quantity]}{unit}", ylabel="activation energy (eV)")

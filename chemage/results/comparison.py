@@ -123,68 +123,70 @@ class Comparison:
     @property
     def has_several_errors(self) -> bool:
         """Whether the errors of the results have different meanings, so that it must be said what each contains."""
-        return len({one.errors for one in self.results}) > 1
+        return len({result.errors for result in self.results}) > 1
 
-    def summary(self, one: Entry) -> Rows:
+    def summary(self, result: Entry) -> Rows:
         """The main numbers of one of the results."""
-        return one.summaries[self.has_several_errors]
+        return result.summaries[self.has_several_errors]
 
     def chemistry_differences(self) -> list[Difference]:
         """Find the fields in which the chemistry of the aged results differs; empty if it is the same."""
-        return _differences([one.chemistry() for one in self.results if one.ages])
+        return _differences([result.chemistry() for result in self.results if result.ages])
 
     def other_differences(self) -> list[Difference]:
         """Find the other fields in which the scenes differ, without options that exist for one kind only.
 
         A section that only some of the scenes have appears with its kind.
         """
-        found = _differences([one.elsewhere() for one in self.results if one.scene])
-        other_kinds = {one.path.removesuffix("kind") for one in found if one.path.endswith(".kind")}
+        fields = _differences([result.elsewhere() for result in self.results if result.scene])
+        other_kinds = {result.path.removesuffix("kind") for result in fields if result.path.endswith(".kind")}
         return [
-            one
-            for one in found
-            if None not in one.values or one.path.endswith(".kind") or not one.path.startswith(tuple(other_kinds))
+            result
+            for result in fields
+            if None not in result.values
+            or result.path.endswith(".kind")
+            or not result.path.startswith(tuple(other_kinds))
         ]
 
     def statement(self) -> str:
         """State in one sentence whether the chemistry is the same."""
-        reacting = [one.name for one in self.results if one.ages]
+        reacting = [result.name for result in self.results if result.ages]
         if len(reacting) < 2:
             return "Chemistry: nothing to compare; fewer than two of the results were aged."
         different = self.chemistry_differences()
         if not different:
             return "Chemistry: the same in all results."
-        return f"Chemistry: differs in {', '.join(one.path for one in different)}."
+        return f"Chemistry: differs in {', '.join(result.path for result in different)}."
 
     def table(self) -> list[tuple[str, list[str]]]:
         """The rows of the printed table: (quantity, text of each result)."""
-        several = [one.compared for one in self.results]
+        several = [result.compared for result in self.results]
         rows = [
-            (label, [one.rows.get(label, NONE) for one in several])
-            for label in _joined(one.rows for one in several)
-            if not all(label in one.only_beside or label not in one.rows for one in several)
+            (label, [result.rows.get(label, NONE) for result in several])
+            for label in _joined(result.rows for result in several)
+            if not all(label in result.only_beside or label not in result.rows for result in several)
         ]
-        if any(one.approximation for one in self.results):
-            rows.append(("approximate", [one.approximation or NONE for one in self.results]))
-        if any(one.plugins for one in self.results):
-            texts = [", ".join(one.plugins.values()) or NONE for one in self.results]
+        if any(result.approximation for result in self.results):
+            rows.append(("approximate", [result.approximation or NONE for result in self.results]))
+        if any(result.plugins for result in self.results):
+            texts = [", ".join(result.plugins.values()) or NONE for result in self.results]
             rows.append(("plugins that took part", texts))
         return rows
 
     def numbers(self) -> list[dict[str, Any]]:
         """The results as plain JSON values, one object each."""
-        return [jsonable(self._numbers(one)) for one in self.results]
+        return [jsonable(self._numbers(result)) for result in self.results]
 
-    def _numbers(self, one: Entry) -> dict[str, Any]:
+    def _numbers(self, result: Entry) -> dict[str, Any]:
         several = [each.compared for each in self.results]
-        moments = one.compared.at or [{"time": time} for time in (*self.times, math.nan)]
+        moments = result.compared.at or [{"time": time} for time in (*self.times, math.nan)]
         names = _joined(entry for each in several for entry in each.at)
-        approximate = {"approximate": one.approximation} if any(each.approximation for each in self.results) else {}
+        approximate = {"approximate": result.approximation} if any(each.approximation for each in self.results) else {}
         return {
-            "name": one.name,
-            "file": one.source,
-            **{name: one.compared.numbers.get(name) for name in _joined(each.numbers for each in several)},
-            "plugins": dict(one.plugins),
+            "name": result.name,
+            "file": result.source,
+            **{name: result.compared.numbers.get(name) for name in _joined(each.numbers for each in several)},
+            "plugins": dict(result.plugins),
             **approximate,
             "at": [{"time": entry["time"], **{name: entry.get(name) for name in names}} for entry in moments],
         }
@@ -193,12 +195,12 @@ class Comparison:
         """The whole comparison as plain JSON values."""
 
         def listed(differences: list[Difference]) -> list[dict[str, Any]]:
-            return [{"field": one.path, "values": jsonable(list(one.values))} for one in differences]
+            return [{"field": result.path, "values": jsonable(list(result.values))} for result in differences]
 
         different = self.chemistry_differences()
         return {
             "results": self.numbers(),
-            "same_chemistry": not different if sum(one.ages for one in self.results) > 1 else None,
+            "same_chemistry": not different if sum(result.ages for result in self.results) > 1 else None,
             "chemistry_differences": listed(different),
             "other_differences": listed(self.other_differences()),
             "fits": [{"data": name, **fit.todict()} for name, fit in self.fits()],
@@ -209,8 +211,8 @@ class Comparison:
 
     def csv(self) -> str:
         """The comparison as CSV with one line per result and units in the header."""
-        units = {name: unit for one in self.results for name, unit in one.compared.units.items()}
-        ages = any(one.compared.at for one in self.results)
+        units = {name: unit for result in self.results for name, unit in result.compared.units.items()}
+        ages = any(result.compared.at for result in self.results)
         lines = []
         for numbers in self.numbers():
             moments = numbers.pop("at")
@@ -247,9 +249,9 @@ class Comparison:
                     continue
                 positive = data.hold_times[data.hold_times > 0]
                 window = fit.window or (float(positive.min()), float(positive.max()))
-                for one in self.results:
-                    if one.compared.fit is not None:
-                        yield one.name, model, one.compared.fit(model, window, data.quantity)
+                for result in self.results:
+                    if result.compared.fit is not None:
+                        yield result.name, model, result.compared.fit(model, window, data.quantity)
 
     def measured_fit(self, data: Measurements, model: Model) -> Fit | None:
         """Fit a model to measurements; None if there are too few."""
@@ -299,10 +301,10 @@ def compare_files(
         if not (math.isfinite(value) and value > 0):
             raise InputError.of("times", time, "must be above zero and finite", 'give times such as "1e3 s"')
     data = [read_measurements(path) for path in measured]
-    repeated = Counter(one.name for one in data)
+    repeated = Counter(result.name for result in data)
     data = [
-        one if repeated[one.name] == 1 else replace(one, name=str(path))
-        for one, path in zip(data, measured, strict=True)
+        result if repeated[result.name] == 1 else replace(result, name=str(path))
+        for result, path in zip(data, measured, strict=True)
     ]
     return Comparison(_entries(files, seconds), data, seconds)
 
@@ -371,7 +373,7 @@ def _differences(flats: Sequence[Mapping[str, Any]]) -> list[Difference]:
     """Find the fields that differ between flat mappings of dotted path -> value."""
     paths = dict.fromkeys(path for flat in flats for path in flat)
     every = [Difference(path, tuple(flat.get(path) for flat in flats)) for path in paths]
-    return [one for one in every if not all(_same(one.values[0], value) for value in one.values[1:])]
+    return [result for result in every if not all(_same(result.values[0], value) for value in result.values[1:])]
 
 
 def _same(a: Any, b: Any) -> bool:

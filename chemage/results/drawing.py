@@ -48,13 +48,13 @@ def figures(thing: Any, **choice: Any) -> dict[str, Figure]:
     """
     result = result_of(thing)
     drawn = {name: figure(picture) for name, picture in result.pictures(**choice).items()}
-    return {**drawn, **{name: one.figure for name, one in brought_figures([Entry.of(result)], (5.4, 4.0)).items()}}
+    return {**drawn, **{name: entry.figure for name, entry in brought_figures([Entry.of(result)], (5.4, 4.0)).items()}}
 
 
 def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
     """Draw every figure of several results for which there are data, those of plugins last: name -> figure."""
     brought = brought_figures(comparison.results)
-    return {**curve_figures(comparison), **{name: one.figure for name, one in brought.items()}}
+    return {**curve_figures(comparison), **{name: entry.figure for name, entry in brought.items()}}
 
 
 # -- curves of several results ----------------------------------------------------------------------------------------
@@ -64,18 +64,20 @@ def curve_figures(comparison: Comparison) -> dict[str, Figure]:
     """Draw the curves that results have in common, and measurements: name -> figure."""
     curves: dict[str, list[tuple[Entry, Curve]]] = {}
     several = len(comparison.results) > 1 or comparison.measured
-    for one in comparison.results:
-        for name, curve in one.compared.curves.items():
+    for entry in comparison.results:
+        for name, curve in entry.compared.curves.items():
             if several or curve.alone:
-                curves.setdefault(name, []).append((one, curve))
+                curves.setdefault(name, []).append((entry, curve))
     return {name: _figure(comparison, name, drawn) for name, drawn in curves.items()}
 
 
 def _figure(comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> Figure:
     """Draw one curve of each result with its 95 % interval, what is known beside them, and measurements."""
     drawn, axes = blank(*_SIZE)
-    styles = {one.name: style for one, style in zip(comparison.results, _styles(len(comparison.results)), strict=True)}
-    last = [_draw_curve(axes, comparison, one, curve, styles[one.name]) for one, curve in curves]
+    styles = {
+        entry.name: style for entry, style in zip(comparison.results, _styles(len(comparison.results)), strict=True)
+    }
+    last = [_draw_curve(axes, comparison, entry, curve, styles[entry.name]) for entry, curve in curves]
     sample = curves[0][1]
     axes.set(xlabel=sample.xlabel, ylabel=sample.ylabel)
     if _is_distribution(sample):
@@ -84,10 +86,10 @@ def _figure(comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Cur
         return drawn
     axes.set_xscale("log")
     if len(comparison.results) <= _FITTED:
-        for one, curve in curves:
+        for entry, curve in curves:
             if curve.beside is not None:
                 alone = len(comparison.results) == 1
-                curve.beside(axes, *(("", "") if alone else (one.name, _darker(styles[one.name]["color"]))))
+                curve.beside(axes, *(("", "") if alone else (entry.name, _darker(styles[entry.name]["color"]))))
     quantity = next((key for key, (figure_name, *_) in FIGURES.items() if figure_name == name), "")
     if quantity in ("friction_drop", "friction_coefficient_drop"):
         _draw_measurements(axes, comparison, quantity)
@@ -99,28 +101,28 @@ def _styles(count: int) -> list[dict[str, Any]]:
     return [{"color": PALETTE[i % len(PALETTE)], "marker": _MARKERS[i % len(_MARKERS)]} for i in range(count)]
 
 
-def _legend_name(one: Entry) -> str:
+def _legend_name(entry: Entry) -> str:
     """The name, marked where the result is approximate, as a matplotlib label."""
-    return plain(f"{one.name} (approximate)" if one.approximation else one.name)
+    return plain(f"{entry.name} (approximate)" if entry.approximation else entry.name)
 
 
 def _is_distribution(curve: Curve) -> bool:
     return curve.x.size == curve.mean.size + 1
 
 
-def _draw_curve(axes: Axes, comparison: Comparison, one: Entry, curve: Curve, style: dict[str, Any]) -> float:
+def _draw_curve(axes: Axes, comparison: Comparison, entry: Entry, curve: Curve, style: dict[str, Any]) -> float:
     """Draw a curve; return its last value. A band contains the scatter between surfaces; bars are errors of replicas on
     one surface."""
     if _is_distribution(curve):
         axes.stairs(curve.mean, curve.x, color=style["color"], lw=1.4)
         middles, every = 0.5 * (curve.x[1:] + curve.x[:-1]), max(1, curve.mean.size // 8)
         axes.plot(middles, curve.mean, ls="none", markevery=every, ms=3.5, **style)
-        axes.plot([], [], lw=1.4, ms=3.5, label=_legend_name(one), **style)  # both in one entry of the legend
+        axes.plot([], [], lw=1.4, ms=3.5, label=_legend_name(entry), **style)  # both in one entry of the legend
         return 0.0
     what = curve.what
     if comparison.has_several_errors and not curve.band and " replicas," in what:
         what = what.replace(" replicas,", " replicas on one surface,")
-    label, positive = f"{_legend_name(one)}, {what}" if what else _legend_name(one), curve.x > 0
+    label, positive = f"{_legend_name(entry)}, {what}" if what else _legend_name(entry), curve.x > 0
     x, mean, half = (values[positive] if values.size else values for values in (curve.x, curve.mean, curve.half))
     error = np.nan_to_num(half)
     if curve.band:
@@ -159,7 +161,7 @@ def _darker(color: str) -> str:
 
 def _draw_measurements(axes: Axes, comparison: Comparison, quantity: Quantity) -> None:
     """Draw measurements of a quantity, or of another that one common load turns into it, with the fit of a curve."""
-    loads = {one.compared.load for one in comparison.results}
+    loads = {entry.compared.load for entry in comparison.results}
     load = loads.pop() if len(loads) == 1 else None
     for number, original in enumerate(comparison.measured):
         data = original.as_quantity(quantity, load)
@@ -196,11 +198,11 @@ def brought_figures(results: Sequence[Entry], size: tuple[float, float] = _SIZE)
         return Maps(**results[number].whole().maps())
 
     sources = []
-    for number, (one, style) in enumerate(zip(results, _styles(len(results)), strict=True)):
-        chemistry = chemistry_of(one.aging.provenance) if one.aging is not None else None
-        known: Mapping[str, Any] = {"scene": one.scene, "load_maps": partial(maps, number)}
-        result = PlottedResult(_legend_name(one), one.aging, chemistry, style["color"], **known)
-        sources.append(Source(result, one.components, one.plugins))
+    for number, (entry, style) in enumerate(zip(results, _styles(len(results)), strict=True)):
+        chemistry = chemistry_of(entry.aging.provenance) if entry.aging is not None else None
+        more: Mapping[str, Any] = {"scene": entry.scene, "load_maps": partial(maps, number)}
+        result = PlottedResult(_legend_name(entry), entry.aging, chemistry, style["color"], **more)
+        sources.append(Source(result, entry.components, entry.plugins))
     return plugin_figures(sources, size=size)
 
 
@@ -225,13 +227,13 @@ def window_figure(path: Path, window: str | Sequence[float | str]) -> Figure:
     lengths = [_length(edge) for edge in edges]
     with open_maps(path) as maps:
         figure, axes = panels(5.0 * len(maps) + 0.5, 4.4, len(maps))
-        for one, (name, stored) in zip(axes, maps.items(), strict=True):
+        for entry, (name, stored) in zip(axes, maps.items(), strict=True):
             label, pool, colours = _MAPS[name]
             part, extent = _part(stored, lengths, window)
             values = pooled(part, pool)
             shown = np.ma.masked_equal(values, 0.0) if name == "contact/pressure" else values
-            draw_map(one, shown, extent, f"{label} ({stored.unit})", cmap=colours)
-            one.set_title(f"{part.shape[0]} x {part.shape[1]} pixels of {stored.pixel_size:g} nm")
+            draw_map(entry, shown, extent, f"{label} ({stored.unit})", cmap=colours)
+            entry.set_title(f"{part.shape[0]} x {part.shape[1]} pixels of {stored.pixel_size:g} nm")
     return figure
 
 

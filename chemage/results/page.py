@@ -105,12 +105,12 @@ def write_report(
 
 def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) -> str:
     """Make the page as text; arguments and errors as for :func:`write_report`."""
-    made = compare_files(files, measured=measured)
-    several = len(made.results) > 1
+    comparison = compare_files(files, measured=measured)
+    several = len(comparison.results) > 1
     sections, cite, please = [], {}, ""
-    if several or made.measured:
-        sections.append(_comparison(made, "Comparison" if several else "Measurements"))
-    for number, entry in enumerate(made.results, 1):
+    if several or comparison.measured:
+        sections.append(_comparison(comparison, "Comparison" if several else "Measurements"))
+    for number, entry in enumerate(comparison.results, 1):
         result = entry.whole()  # one file at a time: the maps of a large run take 100 MB
         title = entry.title if not entry.title or entry.title.startswith(entry.name) else f"{entry.name}: {entry.title}"
         name = (title or entry.name) if several else "Result"
@@ -120,15 +120,15 @@ def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) ->
     if cite:
         sections.append(Section("cite", "References", [Part(items=list(cite))], [please]))
     style = resources.files("chemage.results").joinpath("report.css").read_text(encoding="utf-8")
-    only = made.results[0]
+    only = comparison.results[0]
     return _template().render(
-        title=f"Comparison of {len(made.results)} results" if several else (only.title or only.name),
+        title=f"Comparison of {len(comparison.results)} results" if several else (only.title or only.name),
         policy=_POLICY,
         style=_markup(style),
-        sources=[one.source for one in made.results],
+        sources=[entry.source for entry in comparison.results],
         sections=sections,
         version=__version__,
-        errors=_errors(made),
+        errors=_errors(comparison),
     )
 
 
@@ -140,11 +140,11 @@ def _template() -> Template:
     return jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(text)
 
 
-def _errors(made: Comparison) -> str:
+def _errors(comparison: Comparison) -> str:
     """What the errors of the page are, in words."""
     names: dict[str, list[str]] = {}
-    for one in made.results:
-        names.setdefault(one.errors, []).append(one.name)
+    for entry in comparison.results:
+        names.setdefault(entry.errors, []).append(entry.name)
     meanings = [text for text in names if text]
     if len(names) == 1:
         return "".join(f"Errors are {text}." for text in meanings)
@@ -154,38 +154,38 @@ def _errors(made: Comparison) -> str:
 # -- sections ---------------------------------------------------------------------------------------------------------
 
 
-def _comparison(made: Comparison, name: str) -> Section:
-    names, several = [one.name for one in made.results], len(made.results) > 1
+def _comparison(comparison: Comparison, name: str) -> Section:
+    names, several = [entry.name for entry in comparison.results], len(comparison.results) > 1
     tables: list[Table] = []
     if several:
-        rows = [(label, *values) for label, values in made.table()]
+        rows = [(label, *values) for label, values in comparison.table()]
         tables.append(Table("Comparison of the results", ["", *names], rows))
         for caption, differences in (
-            ("Differences in chemistry", made.chemistry_differences()),
-            ("Other differences between the scenes, in internal units", made.other_differences()),
+            ("Differences in chemistry", comparison.chemistry_differences()),
+            ("Other differences between the scenes, in internal units", comparison.other_differences()),
         ):
             if differences:
-                tables.append(Table(caption, ["field", *names], [_difference_row(one) for one in differences]))
-    if fits := made.fits():
+                tables.append(Table(caption, ["field", *names], [_difference_row(entry) for entry in differences]))
+    if fits := comparison.fits():
         rows = [(name, fit.describe(), fit.beta_text(), fit.b_text(), fit.cutoff_text()) for name, fit in fits]
         columns = ["data", "model", "β per decade", "b per e-fold", "cut-off time t_c"]
         tables.append(Table("Equal fits to measurements and results", columns, rows))
-    if left_out := made.not_fitted():
+    if left_out := comparison.not_fitted():
         tables.append(Table("Fits that cannot be made", ["data", "model", "reason"], left_out))
-    drawn = [*_curves(made, "c"), *_brought(made, "c")]
+    drawn = [*_curves(comparison, "c"), *_brought(comparison, "c")]
     leading, others = Part(figures=drawn[:1]), drawn[1:]
-    leading.tables = [_main_table(made)] if several else []
+    leading.tables = [_main_table(comparison)] if several else []
     parts = [leading, Part(tables=tables), *([Part("Figures", figures=others)] if others else [])]
-    return Section(name.lower(), name, parts, [made.statement()] if several else [])
+    return Section(name.lower(), name, parts, [comparison.statement()] if several else [])
 
 
-def _difference_row(one: Difference) -> tuple[str, ...]:
-    return one.path, *("none" if value is None else f"{value}" for value in one.values)
+def _difference_row(entry: Difference) -> tuple[str, ...]:
+    return entry.path, *("none" if value is None else f"{value}" for value in entry.values)
 
 
-def _main_table(made: Comparison) -> Table:
+def _main_table(comparison: Comparison) -> Table:
     """The main numbers of every result; what differs from the heading of its column is said with the number."""
-    numbers = {one.name: made.summary(one) for one in made.results}
+    numbers = {entry.name: comparison.summary(entry) for entry in comparison.results}
     columns = [what for _, what in max(numbers.values(), key=len)]
     rows = []
     for name, summary in numbers.items():
@@ -235,21 +235,23 @@ def scene_toml(scene: Mapping[str, Any]) -> str:
 # -- figures ----------------------------------------------------------------------------------------------------------
 
 
-def _approximate(made: Comparison) -> str:
+def _approximate(comparison: Comparison) -> str:
     """What is added to the caption of a figure of approximate results."""
-    several = len(made.results) > 1
+    several = len(comparison.results) > 1
     return "".join(
-        f" {one.name + ' is' if several else 'The result is'} approximate: {one.approximation}."
-        for one in made.results
-        if one.approximation
+        f" {entry.name + ' is' if several else 'The result is'} approximate: {entry.approximation}."
+        for entry in comparison.results
+        if entry.approximation
     )
 
 
-def _curves(made: Comparison, key: str) -> list[tuple[Any, str]]:
+def _curves(comparison: Comparison, key: str) -> list[tuple[Any, str]]:
     """The curves of all results, one figure each."""
     drawn = []
-    for name, figure in curve_figures(made).items():
-        curves = [(one.name, one.compared.curves[name]) for one in made.results if name in one.compared.curves]
+    for name, figure in curve_figures(comparison).items():
+        curves = [
+            (entry.name, entry.compared.curves[name]) for entry in comparison.results if name in entry.compared.curves
+        ]
         sample = curves[0][1]
         texts = [
             f"{of} goes from {curve.mean[0]:.3g} at {curve.x[0]:g} s to {curve.mean[-1]:.3g} at {curve.x[-1]:g} s"
@@ -259,17 +261,17 @@ def _curves(made: Comparison, key: str) -> list[tuple[Any, str]]:
         if sample.xlabel != "hold time (s)":
             alt = f"{sample.caption} Curves for {', '.join(of for of, _ in curves)}."
         bars = _BARS if len({curve.band for _, curve in curves}) > 1 else ""
-        drawn.append((_markup(svg(figure, alt, f"{key}-{name}")), sample.caption + bars + _approximate(made)))
+        drawn.append((_markup(svg(figure, alt, f"{key}-{name}")), sample.caption + bars + _approximate(comparison)))
     return drawn
 
 
-def _brought(made: Comparison, key: str) -> list[tuple[Any, str]]:
+def _brought(comparison: Comparison, key: str) -> list[tuple[Any, str]]:
     """The figures of plugins."""
     drawn = []
-    for name, one in brought_figures(made.results).items():
-        alt = f"{one.caption} Curves for {', '.join(entry.name for entry in made.results)}."
+    for name, brought in brought_figures(comparison.results).items():
+        alt = f"{brought.caption} Curves for {', '.join(entry.name for entry in comparison.results)}."
         anchor = re.sub(r"[^\w-]", "-", f"{key}-{name}")
-        drawn.append((_markup(svg(one.figure, alt, anchor)), one.caption + _approximate(made)))
+        drawn.append((_markup(svg(brought.figure, alt, anchor)), brought.caption + _approximate(comparison)))
     return drawn
 
 

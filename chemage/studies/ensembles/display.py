@@ -76,10 +76,10 @@ class EnsembleDisplay(OfRecord[Ensemble]):
     @property
     def over(self) -> str:
         """What the mean is over, in few words."""
-        made = self.record
-        if made.controlled:
-            return f"{made.surfaces} surfaces and {made.levels[-1]['samples']} sketches"
-        return f"{made.surfaces} surfaces" if made.random else f"{made.surfaces} replicas on one surface"
+        ensemble = self.record
+        if ensemble.controlled:
+            return f"{ensemble.surfaces} surfaces and {ensemble.levels[-1]['samples']} sketches"
+        return f"{ensemble.surfaces} surfaces" if ensemble.random else f"{ensemble.surfaces} replicas on one surface"
 
     @property
     def ages(self) -> bool:
@@ -90,27 +90,27 @@ class EnsembleDisplay(OfRecord[Ensemble]):
 
     def rows(self) -> Rows:
         """What was averaged, the main estimates with their intervals, and the parts of the error of the first."""
-        made, names = self.record, self.record.quantities.names
+        ensemble, names = self.record, self.record.quantities.names
         rows = self._averaged()
         if "beta" in names:
-            span = "{:g} to {:g} s".format(*made.quantities.span)
-            fitted = f", {int(made.quantities.fitted.sum())} hold times from {span}"
+            span = "{:g} to {:g} s".format(*ensemble.quantities.span)
+            fitted = f", {int(ensemble.quantities.fitted.sum())} hold times from {span}"
             rows.append(("beta", self._text("beta", None, "per decade") + fitted))
-            rows.append(("b = beta/ln 10", plus_minus(made.b.value, made.b.half_width, "per e-fold")))
+            rows.append(("b = beta/ln 10", plus_minus(ensemble.b.value, ensemble.b.half_width, "per e-fold")))
         for curve, (_, unit) in _CURVES.items():
             if curve in names:
                 for time in self._moments():
                     rows.append((f"{curve.replace('_', ' ')} at {time:g} s", self._text(curve, time, unit)))
         if "area_fraction" in names:
             rows.append(("area fraction A/A0", self._text("area_fraction")))
-        wanted = [name for name in made.quantities.measures if name in made.goals and name != "area_fraction"]
+        wanted = [name for name in ensemble.quantities.measures if name in ensemble.goals and name != "area_fraction"]
         rows += [(name.replace("_", " "), self._text(name)) for name in wanted]
-        for part, size, how in error_parts(made.estimate(names[0])):
+        for part, size, how in error_parts(ensemble.estimate(names[0])):
             text = f"{size} (standard error)" if size.endswith("%") else size
             rows.append((f"error of {names[0]}: {part}", f"{text}, {how}"))
         rows += self.remarks()
-        rows += [(f"plugin {name}", source) for name, source in made.plugins.items()]
-        return rows + ([("ended because", made.stopped)] if made.stopped else [])
+        rows += [(f"plugin {name}", source) for name, source in ensemble.plugins.items()]
+        return rows + ([("ended because", ensemble.stopped)] if ensemble.stopped else [])
 
     def _averaged(self) -> Rows:
         """What was averaged, with its grids and replicas."""
@@ -129,24 +129,24 @@ class EnsembleDisplay(OfRecord[Ensemble]):
 
     def _moments(self) -> list[float]:
         """The hold times that are shown: the last, and those that were asked for."""
-        made = self.record
-        if not made.hold_times.size:
+        ensemble = self.record
+        if not ensemble.hold_times.size:
             return []
-        first = int(made.quantities.has_beta)
-        columns = {column_of(name, made.quantities) - first for name in made.goals}
-        chosen = {number for number in columns if 0 <= number < made.hold_times.size}
-        return [float(made.hold_times[number]) for number in sorted({*chosen, made.hold_times.size - 1})]
+        first = int(ensemble.quantities.has_beta)
+        columns = {column_of(name, ensemble.quantities) - first for name in ensemble.goals}
+        chosen = {number for number in columns if 0 <= number < ensemble.hold_times.size}
+        return [float(ensemble.hold_times[number]) for number in sorted({*chosen, ensemble.hold_times.size - 1})]
 
     def _text(self, name: str, time: float | None = None, unit: str = "") -> str:
         """An estimate with its interval, and what was asked for."""
-        estimate, made = self.record.estimate(name, time), self.record
+        estimate, ensemble = self.record.estimate(name, time), self.record
         text = interval_text(estimate, unit)
         if math.isfinite(estimate.relative) and estimate.half_width > EXACT * abs(estimate.value):
             relative = estimate.relative
             text += f", ± {percent(relative)}" if relative < 1 else ", not distinguishable from 0"
-        column = made.quantities.column(name, time)
-        for goal, size in made.goals.items():
-            if goal.partition("@")[0].strip() == name and column_of(goal, made.quantities) == column:
+        column = ensemble.quantities.column(name, time)
+        for goal, size in ensemble.goals.items():
+            if goal.partition("@")[0].strip() == name and column_of(goal, ensemble.quantities) == column:
                 text += f" ({100 * size:.3g} % asked)"
         return text
 
@@ -158,19 +158,19 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         return list(provenance.get("cite", [])), provenance.get("versions", {}).get("chemage", __version__)
 
     def summary(self, beside: bool = False) -> Rows:
-        made, names, rows = self.record, self.record.quantities.names, []
+        ensemble, names, rows = self.record, self.record.quantities.names, []
         sure = f"95 % interval, mean over {self.over}"
         curve = next((name for name in reversed(_CURVES) if name in names), None)
         if curve is not None:
-            inside = [time for time in TIMES if made.hold_times[0] <= time <= made.hold_times[-1]]
-            time = inside[-1] if inside else float(made.hold_times[-1])
+            inside = [time for time in TIMES if ensemble.hold_times[0] <= time <= ensemble.hold_times[-1]]
+            time = inside[-1] if inside else float(ensemble.hold_times[-1])
             if (drop := self.estimate(curve, time)) is not None:
                 symbol, unit = _CURVES[curve]
                 rows.append(
                     (plus_minus(drop.value, drop.half_width, unit), f"{symbol} at {power_text(time)} s, {sure}")
                 )
         if "beta" in names:
-            beta, span = made.estimate("beta"), span_text(made.quantities.span)
+            beta, span = ensemble.estimate("beta"), span_text(ensemble.quantities.span)
             rows.append((plus_minus(beta.value, beta.half_width), f"β per decade, line fitted {span}, {sure}"))
         more = () if curve else (("mean_contact_pressure", "mean contact pressure", "GPa"), ("patches", "patches", ""))
         for name, words, unit in (("area_fraction", "area fraction A/A₀", ""), *more):
@@ -184,27 +184,27 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         return f"{about.rstrip('.')}, but for a budget of time, which ends where the time does.", scene
 
     def tables(self) -> list[Table]:
-        made, names = self.record, self.record.quantities.names
-        wanted = [name.partition("@")[0].strip() for name in made.goals]
+        ensemble, names = self.record, self.record.quantities.names
+        wanted = [name.partition("@")[0].strip() for name in ensemble.goals]
         usual = [name for name in ("beta", "friction_coefficient_drop", "area_fraction") if name in names]
         rows = []
         for name in dict.fromkeys([*usual, *wanted]):
             words = "β" if name == "beta" else name.replace("_", " ")
-            when = f" at {made.hold_times[-1]:g} s" if name.endswith("_drop") else ""
-            rows += [(words + when, size, part, how) for part, size, how in error_parts(made.estimate(name))]
+            when = f" at {ensemble.hold_times[-1]:g} s" if name.endswith("_drop") else ""
+            rows += [(words + when, size, part, how) for part, size, how in error_parts(ensemble.estimate(name))]
         columns = ["of", "size", "due to", "how it is known"]
         tables = [Table("Standard errors by name", columns, rows, "Parts of the error")]
         curves = {name: text for name, text in _CURVES.items() if name in names}
-        if made.hold_times.size:
+        if ensemble.hold_times.size:
             headings = [f"{symbol} ({unit})" if unit else symbol for symbol, unit in curves.values()]
             rows = [
-                (f"{time:.6g}", *(interval_text(made.estimate(name, time)) for name in curves))
-                for time in made.hold_times.tolist()
+                (f"{time:.6g}", *(interval_text(ensemble.estimate(name, time)) for name in curves))
+                for time in ensemble.hold_times.tolist()
             ]
             title = f"Means over {self.over} with 95 % intervals (Student's t)"
             tables.append(Table(title, ["hold time (s)", *headings], rows, "Friction against hold time"))
-        if made.measures:
-            rows = [(name.replace("_", " "), interval_text(made.estimate(name))) for name in made.measures]
+        if ensemble.measures:
+            rows = [(name.replace("_", " "), interval_text(ensemble.estimate(name))) for name in ensemble.measures]
             title = "Means with 95 % intervals, in internal units (nm, nN, GPa)"
             rows = [row for row in rows if row[1] != NONE]
             tables.append(Table(title, ["measure", "mean"], rows, "Contact"))
@@ -221,15 +221,15 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         return {"scene": self.scene}
 
     def provenance(self) -> Rows:
-        made, rows = self.record, []
-        for number, level in enumerate(made.levels):
+        ensemble, rows = self.record, []
+        for number, level in enumerate(ensemble.levels):
             first = "samples" if number == 0 else "control" if level.get("control") else "corrections"
             rows.append((first, f"{level['samples']} of {level['words']}"))
             pairs = level.get("seeds", [])[:_SEEDS]
             text = ", ".join(f"{surface} {hold}" for surface, hold in pairs)
             more = ", …" if level["samples"] > len(pairs) else ""
             rows.append((f"seeds of {first} (surface, disorder and kinetics)", text + more))
-        versions = made.provenance.get("versions", {})
+        versions = ensemble.provenance.get("versions", {})
         return [*rows, *((f"version of {name}", str(text)) for name, text in versions.items()), *super().provenance()]
 
     # -- beside others ------------------------------------------------------------------------------------------------
@@ -240,20 +240,20 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         Between hold times the mean is interpolated linearly in log t, and so is half the width of the interval, which
         is at most too wide.
         """
-        made = self.record
-        if name not in made.quantities.names:
+        ensemble = self.record
+        if name not in ensemble.quantities.names:
             return None
         if time is None:
-            return made.estimate(name)
-        t = made.hold_times
+            return ensemble.estimate(name)
+        t = ensemble.hold_times
         near = int(np.abs(t - time).argmin())
         if abs(t[near] - time) <= 1e-6 * time:
-            return made.estimate(name, float(t[near]))
+            return ensemble.estimate(name, float(t[near]))
         after = int(np.searchsorted(t, time))
         if not 0 < after < t.size or t[after - 1] <= 0:
             return None
         part = math.log(time / t[after - 1]) / math.log(t[after] / t[after - 1])
-        low, high = (made.estimate(name, float(t[k])) for k in (after - 1, after))
+        low, high = (ensemble.estimate(name, float(t[k])) for k in (after - 1, after))
         errors = {
             name: ErrorPart(low.errors[name].size * (1 - part) + high.errors[name].size * part, low.errors[name].how)
             for name in low.errors
@@ -262,38 +262,42 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         return Estimate(value, low.half_width * (1 - part) + high.half_width * part, errors)
 
     def compared(self, times: Sequence[float]) -> Compared:
-        made, quantities = self.record, self.record.quantities
-        means = {name: made.estimate(name).value for name in made.measures}
+        ensemble, quantities = self.record, self.record.quantities
+        means = {name: ensemble.estimate(name).value for name in ensemble.measures}
         measures = {name: value for name, value in means.items() if math.isfinite(value)}
         joined = of_scene(self.scene) | compared_measures(measures)
-        joined.load = made.load
-        joined.rows["load"] = force_text(made.load)
+        joined.load = ensemble.load
+        joined.rows["load"] = force_text(ensemble.load)
         for name, (label, unit, _) in COMPARED.items():
             measure = self.estimate(name)
             if measure is not None and math.isfinite(measure.half_width):
                 joined.rows[label] = interval_text(measure, unit)
-        replicas = made.levels[0]["replicas"]
-        each = f", {replicas} replica{'s' if replicas > 1 else ''} each" if made.hold_times.size and made.random else ""
+        replicas = ensemble.levels[0]["replicas"]
+        each = (
+            f", {replicas} replica{'s' if replicas > 1 else ''} each"
+            if ensemble.hold_times.size and ensemble.random
+            else ""
+        )
         joined.rows |= {"mean over": self.over + each, "every ± is": self._meaning()}
         joined.numbers |= {
-            "load": made.load,
-            "surfaces": made.surfaces if made.random else 1,
-            "interval_over": "surfaces" if made.random else "replicas on one surface",
-            "fit_window": list(made.window),
+            "load": ensemble.load,
+            "surfaces": ensemble.surfaces if ensemble.random else 1,
+            "interval_over": "surfaces" if ensemble.random else "replicas on one surface",
+            "fit_window": list(ensemble.window),
         }
-        if made.hold_times.size:
+        if ensemble.hold_times.size:
             self._compare_curves(joined, times)
         if quantities.has_beta:
             self._compare_beta(joined)
-        joined.window, joined.fit = made.window, self._fit_like if made.hold_times.size else None
-        if made.random and math.isfinite(made.scatter):
-            text = f"{percent(made.scatter)} (standard deviation), measured here on {made.surfaces} surfaces"
+        joined.window, joined.fit = ensemble.window, self._fit_like if ensemble.hold_times.size else None
+        if ensemble.random and math.isfinite(ensemble.scatter):
+            text = f"{percent(ensemble.scatter)} (standard deviation), measured here on {ensemble.surfaces} surfaces"
             joined.rows["scatter of β between surfaces"] = text
-            joined.numbers["beta_scatter_between_surfaces"] = made.scatter
+            joined.numbers["beta_scatter_between_surfaces"] = ensemble.scatter
         return joined
 
     def _compare_curves(self, joined: Compared, times: Sequence[float]) -> None:
-        made, last = self.record, float(self.record.hold_times[-1])
+        ensemble, last = self.record, float(self.record.hold_times[-1])
         for name, (symbol, unit) in _CURVES.items():
             for time, words in (*((time, f"{time:g} s") for time in times), (last, "the last hold time")):
                 drop = self.estimate(name, time)
@@ -309,31 +313,40 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         joined.units |= {"friction_drop": "nN", "fit_start": "s", "fit_stop": "s", "fit_first": "s", "fit_last": "s"}
         temperature = float(self.scene.get("hold", {}).get("temperature", math.nan))
         joined.chemistry = chemistry_of_scene(self.scene, temperature)
-        what = f"mean of {self.over}, 95 %" + (" band" if made.random else "")
+        what = f"mean of {self.over}, 95 %" + (" band" if ensemble.random else "")
         for name in ("friction_coefficient_drop", "friction_drop"):
-            if self.ages and name in made.quantities.names:
+            if self.ages and name in ensemble.quantities.names:
                 figure, words, unit, label, caption = FIGURES[name]
-                scale = 1.0 if name == "friction_drop" else 1 / made.load
-                mean, half = scale * made.friction_drop, scale * made.friction_drop_half_width
+                scale = 1.0 if name == "friction_drop" else 1 / ensemble.load
+                mean, half = scale * ensemble.friction_drop, scale * ensemble.friction_drop_half_width
                 axes = "hold time (s)", label
                 joined.curves[figure] = Curve(
-                    words, unit, *axes, caption, made.hold_times, mean, half, what, band=made.random, alone=False
+                    words,
+                    unit,
+                    *axes,
+                    caption,
+                    ensemble.hold_times,
+                    mean,
+                    half,
+                    what,
+                    band=ensemble.random,
+                    alone=False,
                 )
 
     def _compare_beta(self, joined: Compared) -> None:
-        made, quantities = self.record, self.record.quantities
-        beta, b = interval_text(made.estimate("beta"), "per decade"), interval_text(made.b, "per e-fold")
+        ensemble, quantities = self.record, self.record.quantities
+        beta, b = interval_text(ensemble.estimate("beta"), "per decade"), interval_text(ensemble.b, "per e-fold")
         doubt = f"; {quantities.doubt}" if quantities.doubt else ""
-        parts = error_parts(made.estimate("beta"))
+        parts = error_parts(ensemble.estimate("beta"))
         joined.rows |= {
             "hold times of the fit": "{:g} to {:g} s".format(*quantities.span) + doubt,
             "β, 95 % interval": f"{beta}; b = {b}",
             "standard errors of β": "; ".join(f"{part}: {size}" for part, size, _ in parts),
         }
         joined.numbers |= {"fit_range": list(quantities.span), "beta_reason": None}
-        for name, one in (("beta", made.estimate("beta")), ("b", made.b)):
-            ends = [one.value - one.half_width, one.value + one.half_width]
-            joined.numbers |= {name: one.value, f"{name}_stderr": one.stderr, f"{name}_interval": ends}
+        for name, estimate in (("beta", ensemble.estimate("beta")), ("b", ensemble.b)):
+            ends = [estimate.value - estimate.half_width, estimate.value + estimate.half_width]
+            joined.numbers |= {name: estimate.value, f"{name}_stderr": estimate.stderr, f"{name}_interval": ends}
 
     def _meaning(self) -> str:
         """What the errors contain, so that those of one surface are not taken for those of a mean."""
@@ -349,8 +362,8 @@ class EnsembleDisplay(OfRecord[Ensemble]):
     def pictures(self) -> dict[str, Picture]:
         """Δμ (ΔF without load) against hold time with the 95 % interval of the mean and the single surfaces, and the
         parts of the error of β, or else of the first quantity there is."""
-        made, name = self.record, self.record.quantities.names[0]
-        sizes = "; ".join(f"{part} {size}" for part, size, _ in error_parts(made.estimate(name)))
+        ensemble, name = self.record, self.record.quantities.names[0]
+        sizes = "; ".join(f"{part} {size}" for part, size, _ in error_parts(ensemble.estimate(name)))
         words = "β" if name == "beta" else name.replace("_", " ")
         parts = Panel(
             self._draw_parts,
@@ -360,16 +373,16 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             heading="Parts of the error",
         )
         if not self.ages:
-            return {"ensemble": Picture((parts,), (5.6, 3.2), title=made.title)}
-        what = "surfaces" if made.random else "replicas on the one surface"
-        (first, *_, last), (begin, *_, end) = made.friction_drop, made.hold_times
+            return {"ensemble": Picture((parts,), (5.6, 3.2), title=ensemble.title)}
+        what = "surfaces" if ensemble.random else "replicas on the one surface"
+        (first, *_, last), (begin, *_, end) = ensemble.friction_drop, ensemble.hold_times
         curve = Panel(
             self._draw_curve,
             f"Mean over {what} with its 95 % interval (band), and single {what.split()[0]} (grey).",
             f"Friction against hold time, mean of {self.over}: from {first:.3g} nN at {begin:g} s to {last:.3g} nN at "
             f"{end:g} s.",
         )
-        return {"ensemble": Picture((curve, parts), (10.5, 4.2), title=made.title, in_cell=2)}
+        return {"ensemble": Picture((curve, parts), (10.5, 4.2), title=ensemble.title, in_cell=2)}
 
     def draw(
         self, axes: Axes, medium: Medium = FILE, *, singles: bool = True, color: str | None = None, label: str = ""
@@ -384,28 +397,29 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         self, axes: Axes, medium: Medium, singles: bool = True, color: str | None = None, label: str = ""
     ) -> None:
         """Draw the mean curve with its 95 % interval as a band, the single surfaces, and the line of β."""
-        made = self.record
-        drawn = made.hold_times > 0
-        times, scale = made.hold_times[drawn], 1 / made.load if made.load > 0 else 1.0
+        ensemble = self.record
+        drawn = ensemble.hold_times > 0
+        times, scale = ensemble.hold_times[drawn], 1 / ensemble.load if ensemble.load > 0 else 1.0
         if singles:
-            text = f"single {'surfaces' if made.random else 'replicas'}: {made.levels[0]['words']}"
-            for number, curve in enumerate(scale * made.single_friction_drops[:MOST_CURVES, drawn]):
+            text = f"single {'surfaces' if ensemble.random else 'replicas'}: {ensemble.levels[0]['words']}"
+            for number, curve in enumerate(scale * ensemble.single_friction_drops[:MOST_CURVES, drawn]):
                 axes.plot(times, curve, color=GREY, lw=0.5, alpha=0.4, label=None if number else text)
-        mean, half = scale * made.friction_drop[drawn], scale * made.friction_drop_half_width[drawn]
+        mean, half = scale * ensemble.friction_drop[drawn], scale * ensemble.friction_drop_half_width[drawn]
         own = color or BLUE
         axes.plot(times, mean, color=own, lw=1.6, marker="o", ms=3, label=plain(label or f"mean of {self.over}"))
         if np.isfinite(half).any():
             band = "95 % interval of the mean"
             axes.fill_between(times, mean - half, mean + half, color=own, alpha=0.3, lw=0, label=band)
-        if made.quantities.has_beta:
-            beta, fitted = made.estimate("beta"), made.quantities.fitted[drawn]
+        if ensemble.quantities.has_beta:
+            beta, fitted = ensemble.estimate("beta"), ensemble.quantities.fitted[drawn]
             x = np.log10(times[fitted])
             line = mean[fitted].mean() + beta.value * (x - x.mean())
-            text = f"β = {with_error(beta.value, beta.half_width)} per decade (line, {span_text(made.quantities.span)})"
-            text += f"\n{short_doubt(made.quantities.doubt)}" * bool(made.quantities.doubt)
+            slope, span = with_error(beta.value, beta.half_width), span_text(ensemble.quantities.span)
+            text = f"β = {slope} per decade (line, {span})"
+            text += f"\n{short_doubt(ensemble.quantities.doubt)}" * bool(ensemble.quantities.doubt)
             axes.plot(times[fitted], line, color=ORANGE, lw=1.2, zorder=3, label=plain(text))
         axes.set(xscale="log", xlabel="hold time (s)")
-        axes.set_ylabel("friction coefficient drop Δμ" if made.load > 0 else "friction drop ΔF (nN)")
+        axes.set_ylabel("friction coefficient drop Δμ" if ensemble.load > 0 else "friction drop ΔF (nN)")
         axes.set_ylim(bottom=0)
         legend(axes, fontsize=min(medium.font, 7.5))
 

@@ -47,6 +47,7 @@ _GREY = "#DDDDDD"
 class SweepDisplay(Result):
     """A sweep as users see it, complete or not: its axes, the table of its results, and these against its axes."""
 
+    width = 80
     errors = "95 % intervals over replicas on one surface, or over seeds where these are averaged"
 
     def __init__(self, sweep: SweepResult) -> None:
@@ -186,7 +187,7 @@ def _picture(data: SweepData, view: View, names: Sequence[str], heat: bool) -> t
         as_map = False
     legend = 0.0 if as_map or view.lines is None else 1.6
     function = _draw_heat if as_map else _draw_lines
-    drawn = [Panel(partial(function, data=data, view=view, one=one)) for one in quantities]
+    drawn = [Panel(partial(function, data=data, view=view, quantity=quantity)) for quantity in quantities]
 
     def finish(figure: Figure, plots: list[Axes]) -> None:
         if legend:
@@ -204,13 +205,13 @@ def _picture(data: SweepData, view: View, names: Sequence[str], heat: bool) -> t
 def _title(data: SweepData, view: View, found: Sequence[Quantity], *, bands: bool) -> str:
     """What the figure shows beside its axes: fixed values, the meaning of the band, points that are missing."""
     parts = [data.text(dim, place) for dim, place in view.fixed.items()]
-    with_errors = bands and any(np.isfinite(one.low).any() for one in found)
+    with_errors = bands and any(np.isfinite(quantity.low).any() for quantity in found)
     if view.averaged:
         count = int(np.prod([data.dimensions[dim].size for dim in view.averaged]))
         parts.append(f"mean over {count} seeds" + (", band: its 95 % interval" if with_errors else ""))
     elif with_errors:
         parts.append("band: 95 % interval over replicas")
-    if any(one.name.partition("_")[0] in ("beta", "b", "cutoff") for one in found) and data.doubt:
+    if any(quantity.name.partition("_")[0] in ("beta", "b", "cutoff") for quantity in found) and data.doubt:
         parts.append(data.doubt)
     status = data.table.status
     if rest := len(status) - status.count("done"):
@@ -224,14 +225,14 @@ def _axis_label(data: SweepData, name: str) -> str:
     return _with_unit(_LABELS.get(name) or plain(name.replace("_", " ")), data.unit(name))
 
 
-def _label(data: SweepData, one: Quantity) -> str:
-    meaning = one.meaning if one.name.startswith("observable.") else one.name.replace("_", " ")
-    label = _LABELS.get(one.name) or plain(meaning)
+def _label(data: SweepData, quantity: Quantity) -> str:
+    meaning = quantity.meaning if quantity.name.startswith("observable.") else quantity.name.replace("_", " ")
+    label = _LABELS.get(quantity.name) or plain(meaning)
     times = data.table.hold_times
-    if one.at_last:
+    if quantity.at_last:
         last = times[np.isfinite(times)].max() if times.ndim == 1 and times.size else None
         label += " at the last hold time" if last is None else f" at {last:g} s"
-    return _with_unit(label, one.unit)
+    return _with_unit(label, quantity.unit)
 
 
 def _with_unit(label: str, unit: str) -> str:
@@ -242,42 +243,42 @@ def _with_unit(label: str, unit: str) -> str:
 
 def is_logarithmic(values: np.ndarray) -> bool:
     """Whether positive values span more than 1.5 decades."""
-    known = values[np.isfinite(values)]
-    return bool(known.size > 1 and known.min() > 0 and np.log10(known.max()) - np.log10(known.min()) > LOG_DECADES)
+    finite = values[np.isfinite(values)]
+    return bool(finite.size > 1 and finite.min() > 0 and np.log10(finite.max()) - np.log10(finite.min()) > LOG_DECADES)
 
 
-def _draw_lines(axes: Axes, medium: Medium, data: SweepData, view: View, one: Quantity) -> None:
-    given = data.values(view.x)
+def _draw_lines(axes: Axes, medium: Medium, data: SweepData, view: View, quantity: Quantity) -> None:
+    places = data.values(view.x)
     is_number = view.x == HOLD_TIME or data.is_number(view.x)
-    x = np.asarray(given, dtype=np.float64) if is_number else np.arange(len(given), dtype=np.float64)
+    x = np.asarray(places, dtype=np.float64) if is_number else np.arange(len(places), dtype=np.float64)
     order = np.argsort(x, kind="stable")
     if view.x == HOLD_TIME:
         order = order[x[order] > 0]
-    colours = _colours(data, view, one.mean.shape[0])
+    colours = _colours(data, view, quantity.mean.shape[0])
     for number, colour in enumerate(colours):
-        mean, low, high = (values[number][order] for values in (one.mean, one.low, one.high))
+        mean, low, high = (values[number][order] for values in (quantity.mean, quantity.low, quantity.high))
         label = plain(data.value_text(view.lines, number)) if view.lines else None
         marker = None if order.size > 20 else "o"
         axes.plot(x[order], mean, color=colour, marker=marker, ms=3.5, lw=1.3, label=label, zorder=3)
         band = np.isfinite(low) & np.isfinite(high)
         axes.fill_between(x[order], low, high, where=band, color=colour, alpha=0.22, lw=0)
-    if is_number and x.size <= 10 and np.asarray(given).dtype.kind == "i" and not is_logarithmic(x):
+    if is_number and x.size <= 10 and np.asarray(places).dtype.kind == "i" and not is_logarithmic(x):
         axes.set_xticks(x, [f"{value:g}" for value in x])
     elif is_number:
         axes.set_xscale("log" if is_logarithmic(x[order]) else "linear")
     else:
-        axes.set_xticks(x, [plain(str(value)) for value in given], rotation=30, ha="right")
-    if is_logarithmic(np.concatenate([one.mean, one.low, one.high])) and not _reaches_zero(one):
+        axes.set_xticks(x, [plain(str(value)) for value in places], rotation=30, ha="right")
+    if is_logarithmic(np.concatenate([quantity.mean, quantity.low, quantity.high])) and not _reaches_zero(quantity):
         axes.set_yscale("log")
-    elif np.nanmin(one.mean, initial=0.0) >= 0:
+    elif np.nanmin(quantity.mean, initial=0.0) >= 0:
         axes.set_ylim(bottom=0)
-    axes.set(xlabel=_axis_label(data, view.x), ylabel=_label(data, one))
+    axes.set(xlabel=_axis_label(data, view.x), ylabel=_label(data, quantity))
     axes.grid(alpha=0.25, lw=0.6)
 
 
-def _reaches_zero(one: Quantity) -> bool:
+def _reaches_zero(quantity: Quantity) -> bool:
     """Whether a band, which a logarithmic axis would cut, reaches zero."""
-    return bool((one.low[np.isfinite(one.low)] <= 0).any())
+    return bool((quantity.low[np.isfinite(quantity.low)] <= 0).any())
 
 
 def _colours(data: SweepData, view: View, number: int) -> list[Any]:
@@ -292,7 +293,7 @@ def _colours(data: SweepData, view: View, number: int) -> list[Any]:
     return [colormaps["viridis"](0.92 * rank / (number - 1)) for rank in ranks]
 
 
-def _draw_heat(axes: Axes, medium: Medium, data: SweepData, view: View, one: Quantity) -> None:
+def _draw_heat(axes: Axes, medium: Medium, data: SweepData, view: View, quantity: Quantity) -> None:
     from matplotlib.colors import LogNorm
 
     assert view.lines is not None
@@ -302,8 +303,8 @@ def _draw_heat(axes: Axes, medium: Medium, data: SweepData, view: View, one: Qua
     if view.x == HOLD_TIME:
         columns = columns[x[columns] > 0]
     scales = ["log" if is_logarithmic(values) else "linear" for values in (x[columns], y[rows])]
-    values = np.ma.masked_invalid(one.mean[np.ix_(rows, columns)])
-    style: dict[str, Any] = {"norm": LogNorm()} if is_logarithmic(one.mean) else {}
+    values = np.ma.masked_invalid(quantity.mean[np.ix_(rows, columns)])
+    style: dict[str, Any] = {"norm": LogNorm()} if is_logarithmic(quantity.mean) else {}
     axes.set_facecolor(_GREY)
     image = axes.pcolormesh(
         _edges(x[columns], scales[0]), _edges(y[rows], scales[1]), values, cmap="viridis", rasterized=True, **style
@@ -311,7 +312,7 @@ def _draw_heat(axes: Axes, medium: Medium, data: SweepData, view: View, one: Qua
     axes.set(xscale=scales[0], yscale=scales[1], xlabel=_axis_label(data, view.x), ylabel=_axis_label(data, view.lines))
     _tick_values(axes.xaxis, x[columns], scales[0])
     _tick_values(axes.yaxis, y[rows], scales[1])
-    axes.figure.colorbar(image, ax=axes).set_label(_label(data, one))
+    axes.figure.colorbar(image, ax=axes).set_label(_label(data, quantity))
     if values.mask.any():
         axes.set_title("grey: not done, or not defined", fontsize=8.5)
 

@@ -35,6 +35,7 @@ _SHORT = {
 class TradeDisplay(Result):
     """A map of speed against accuracy as users see it."""
 
+    width = 80
     errors = "95 % intervals over the surfaces on which everything was computed"
 
     def __init__(self, trade: TradeMap) -> None:
