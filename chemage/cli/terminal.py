@@ -76,9 +76,8 @@ def show_rows(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]],
 
 def show_result(result: Result) -> None:
     """Print the main numbers of a result, its tables and its notes."""
-    tables = [part for part in result.tables() if not part.in_detail]
     show_rows(result.heading, (), result.rows(), result.width)
-    for part in tables:
+    for part in (part for part in result.tables() if not part.in_detail):
         grid = table(part.title, part.columns or ("",))
         grid.show_header = bool(part.columns)
         if part.dense:

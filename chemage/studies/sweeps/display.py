@@ -103,8 +103,9 @@ class SweepDisplay(Result):
         return [Table("", headings, lines, "Results", remarks, in_detail=False, most=MOST_ROWS)]
 
     def columns(self) -> dict[str, Any]:
-        headings, lines = self.data.rows()
-        return {heading: [line[at] for line in lines] for at, heading in enumerate(headings)} if lines else {}
+        """One line for each point: what was swept, and its numbers in internal units; curves at the last hold time."""
+        lines = [{**record.pop("swept"), **record} for record in self.data.records()]
+        return {name: [line.get(name) for line in lines] for name in lines[0]} if lines else {}
 
     def cite(self) -> tuple[list[str], str]:
         return [], self.sweep.versions.get("chemage", __version__)
