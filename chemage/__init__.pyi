@@ -100,7 +100,8 @@ from chemage.foundation.checks import checked_seed as checked_seed
 from chemage.foundation.checks import checked_states as checked_states
 from chemage.lattices.chemistry import chemistry as chemistry
 from chemage.studies.sweeps.result import collect_sweep as collect_sweep
-from chemage.results.comparison.comparison import compare_files as compare_files
+from chemage.contacts.options import contact_modulus as contact_modulus
+from chemage.results.comparison import compare_files as compare_files
 from chemage.contacts.options import contact_modulus as contact_modulus
 from chemage.lattices.site_grid import contact_sites as contact_sites
 from chemage.lattices.chemistry import contact_statistics as contact_statistics
@@ -152,7 +153,7 @@ from chemage.results.files import write as write
 from chemage.results.page import write_report as write_report
 from chemage.foundation import container as container
 from chemage.foundation import errors as errors
-from chemage.results import figures as figures
+from chemage.foundation import figures as figures
 from chemage.foundation import memory as memory
 from chemage.cli import options as options
 from chemage.foundation import progress as progress

@@ -82,7 +82,7 @@ def quick_figures(request):
         if not any(mark.name == "drawn" for mark in (marks if isinstance(marks, list) else [marks])):
             from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-            from chemage.results.figures import panels
+            from chemage.foundation.figures import panels
 
             patch.setattr(ConstrainedLayoutEngine, "execute", lambda self, figure: None)
             patch.setitem(panels.__kwdefaults__, "dpi", 40)

@@ -345,14 +345,18 @@ class Aging(Record):
         Means over replicas of bonds, ΔF (nN) and Δμ, with standard errors and half widths of 95 % intervals; errors
         beside the scatter of the replicas (``error.NAME``, relative); what observables measured at every hold time.
         """
+        attributes = {"replicas": self.replicas, "load": self.load, "temperature": self.temperature}
+        return frame(self.columns(), "hold_time", attributes)
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """The columns of :meth:`to_pandas`: name -> (m,)."""
         curves = {name: getattr(self, name) for name in ("bonds", "friction_drop", "friction_coefficient_drop")}
         curves |= {f"observable.{name}": output.values for name, output in self.measured.items() if output.is_curve}
         columns = {"hold_time": self.hold_times}
         for name, values in curves.items():
             columns |= _with_errors(name, values)
         columns |= {f"error.{name}": error for name, error in self.errors.items()}
-        attributes = {"replicas": self.replicas, "load": self.load, "temperature": self.temperature}
-        return frame(columns, "hold_time", attributes)
+        return columns
 
     def _repr_html_(self) -> str:
         return pictures.html(self)

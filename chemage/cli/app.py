@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from chemage.cli import arrhenius, citing, experiments, inference, kernels, materials, output, plugins, results
+from chemage.cli import experiments, inference, output, plugins, reference, results
 from chemage.cli.tradeoff import tradeoff
 from chemage.foundation.progress import LOGGER
 from chemage.plugins.context import PREFER, preference
@@ -27,8 +27,8 @@ COMMANDS = {
         *(experiments.init, experiments.check, experiments.run, experiments.sweep, experiments.status),
         *(tradeoff, inference.infer),
     ),
-    "Results": (results.show, results.plot, results.compare, results.report, arrhenius.arrhenius, citing.cite),
-    "Reference": (materials.materials, experiments.schema, kernels.warmup),
+    "Results": (results.show, results.plot, results.compare, results.report, results.arrhenius, results.cite),
+    "Reference": (reference.materials, reference.schema, reference.warmup),
 }
 _OF_PLUGINS = "Commands of plugins"
 #: set by the script that the shell runs for completion
@@ -45,12 +45,13 @@ class _Commands(typer.core.TyperGroup):
             if command is not None and not command.hidden:
                 heading = getattr(command, "rich_help_panel", None)
                 sections.setdefault(heading if isinstance(heading, str) else _OF_PLUGINS, []).append((name, command))
-        longest = max(len(name) for found in sections.values() for name, _ in found)
-        for heading, found in sections.items():
-            if found:
+        longest = max(len(name) for listed in sections.values() for name, _ in listed)
+        for heading, listed in sections.items():
+            if listed:
                 with formatter.section(heading):
                     room = formatter.width - 6 - longest
-                    formatter.write_dl([(f"{name:{longest}}", one.get_short_help_str(room)) for name, one in found])
+                    lines = [(f"{name:{longest}}", command.get_short_help_str(room)) for name, command in listed]
+                    formatter.write_dl(lines)
 
 
 app = typer.Typer(
@@ -105,18 +106,18 @@ def _options(
 
 def _choose_plugins(words: list[str]) -> None:
     """Apply ``--without`` and ``--prefer``, before plugins are found; processes that are started inherit them."""
-    given: dict[str, list[str]] = {"--without": [], "--prefer": []}
+    chosen: dict[str, list[str]] = {"--without": [], "--prefer": []}
     for at, word in enumerate(words):
         name, _, value = word.partition("=")
-        if name in given:
-            given[name].append(value or (words[at + 1] if at + 1 < len(words) else ""))
-        elif not word.startswith("-") and (at == 0 or words[at - 1] not in (*given, "--log")):
+        if name in chosen:
+            chosen[name].append(value or (words[at + 1] if at + 1 < len(words) else ""))
+        elif not word.startswith("-") and (at == 0 or words[at - 1] not in (*chosen, "--log")):
             break
-    if given["--without"]:
+    if chosen["--without"]:
         before = filter(None, [os.environ.get("CHEMAGE_PLUGINS", "")])
-        os.environ["CHEMAGE_PLUGINS"] = ",".join([*before, *(f"-{name}" for name in given["--without"])])
-    if given["--prefer"]:
-        os.environ[PREFER] = ",".join(given["--prefer"])
+        os.environ["CHEMAGE_PLUGINS"] = ",".join([*before, *(f"-{name}" for name in chosen["--without"])])
+    if chosen["--prefer"]:
+        os.environ[PREFER] = ",".join(chosen["--prefer"])
 
 
 def _add_plugin_commands() -> None:
@@ -126,17 +127,18 @@ def _add_plugin_commands() -> None:
     from chemage.plugins import registry
 
     registry.current().check_preference(preference(), PREFER)
-    known = {one.name or one.callback.__name__ for one in app.registered_commands if one.callback is not None}
-    known |= {one.name for one in app.registered_groups if isinstance(one.name, str)}
+    registered = [command for command in app.registered_commands if command.callback is not None]
+    taken = {command.name or getattr(command.callback, "__name__", "") for command in registered}
+    taken |= {command.name for command in app.registered_groups if isinstance(command.name, str)}
     for hook in registry.current().manager.hook.chemage_cli.get_hookimpls():
         try:
             commands: Any = hook.function()
             for name, function in commands:
-                if name in known:
-                    if any(function is one.callback for one in app.registered_commands):
+                if name in taken:
+                    if any(function is command.callback for command in app.registered_commands):
                         continue  # a second call in one process
                     raise ValueError(f"the command {name!r} exists already")
-                known.add(name)
+                taken.add(name)
                 trial = typer.Typer()
                 trial.command(name)(function)
                 typer.main.get_command(trial)  # raises if typer cannot read the signature

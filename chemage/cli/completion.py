@@ -98,10 +98,10 @@ def _scene() -> Mapping[str, Any]:
 
 
 def _paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:
-    found = []
+    paths = []
     for name, value in data.items():
         if isinstance(value, Mapping):
-            found += _paths(value, f"{prefix}{name}.")
+            paths += _paths(value, f"{prefix}{name}.")
         elif not (isinstance(value, list) and any(isinstance(item, Mapping) for item in value)):
-            found.append(f"{prefix}{name}")
-    return found
+            paths.append(f"{prefix}{name}")
+    return paths

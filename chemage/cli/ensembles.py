@@ -1,9 +1,7 @@
-"""Ensembles on the command line: running one, and printing its result."""
+"""Ensembles on the command line."""
 
 from __future__ import annotations
 
-import json
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +13,6 @@ from chemage.foundation.progress import progress_bars, reported
 
 if TYPE_CHECKING:
     from chemage.scene.scene import Scene
-    from chemage.studies.ensembles.ensemble import Ensemble
 
 
 def samples_of(path: Path) -> Path:
@@ -24,7 +21,7 @@ def samples_of(path: Path) -> Path:
 
 
 def run(
-    one: Scene,
+    scene: Scene,
     path: Path,
     *,
     threads: int | None,
@@ -39,8 +36,7 @@ def run(
 ) -> None:
     """Sample the ensemble that a scene asks for, write it to ``path`` and print it."""
     from chemage.foundation.files import preflight
-    from chemage.foundation.text import jsonable
-    from chemage.results import ensemble_figure
+    from chemage.foundation.result import result_of
     from chemage.results.files import write
     from chemage.scene.warm_up import compiled_ahead
     from chemage.studies.ensembles.running import CORRECTING, SAMPLING, SKETCHING, Sampler
@@ -53,39 +49,21 @@ def run(
         raise user_error(f"{folder}, the folder for the samples, is a file or a link; choose another --out")
     pictures: list[Path] = []
     where = {"executor": executor or ("processes" if (workers or 1) > 1 else "threads"), "workers": workers}
-    sampler = Sampler(one, samples=folder, threads=threads, patience=patience, points=points, **where)
+    sampler = Sampler(scene, samples=folder, threads=threads, patience=patience, points=points, **where)
     counted = sampler.request.counted
     with progress_bars({SAMPLING: counted, SKETCHING: counted, CORRECTING: counted}) as report:
-        with compiled_ahead(one, report, threads, early) as told:
-            made = sampler.run(told)
+        with compiled_ahead(scene, report, threads, early) as told:
+            mean = sampler.run(told)
         if not sampler.writes:
-            show(made)
+            terminal.show_result(result_of(mean))
             return terminal.say(f"the first share writes {path}")
         with reported(report, "writing"):
-            write(path, made, force=force)
+            write(path, mean, force=force)
         if figures:
             with result_written(path), reported(report, "drawing"):
-                pictures = drawn(partial(ensemble_figure.save, made), figures_of(path))
-    found = sampler.archive.taken
-    if as_json:
-        files = {"file": str(path), "samples": str(folder), "samples_taken": found}
-        print(json.dumps({**jsonable(made.summary()), **files, "figures": [str(p) for p in pictures]}))
-        return
-    show(made)
-    terminal.remark()
-    if found:
-        terminal.remark(f"{found} sample{'s' if found > 1 else ''} taken from {folder}")
-    terminal.say(f"result   {path}")
-    terminal.say(f"samples  {folder}")
-    for picture in pictures:
-        terminal.say(f"figure   {picture}")
-    terminal.remark("a run with a smaller interval takes these samples up; the folder may be removed otherwise")
-
-
-def show(made: Ensemble) -> None:
-    """Print the estimates with their intervals, and the parts of the error."""
-    from chemage.results.ensemble_text import TITLE, rows
-
-    terminal.show_pairs(f"{made.title}: {TITLE}", rows(made))
-    for note in made.notes:
-        terminal.remark(f"note: {note}")
+                pictures = drawn(result_of(mean), path)
+    kept = sampler.archive.taken
+    taken = [f"{kept} sample{'s' if kept > 1 else ''} taken from {folder}"] if kept else []
+    more = "a run with a smaller interval takes these samples up; the folder may be removed otherwise"
+    written = {"file": path, "samples": folder, "samples_taken": kept, "figures": pictures}
+    terminal.answer(result_of(mean), as_json, [*taken, more], **written)

@@ -1,10 +1,9 @@
-"""The commands of an experiment: run, sweep, check, status, schema, init."""
+"""The commands of an experiment: run, sweep, check, status, init."""
 
 from __future__ import annotations
 
 import json
 import sys
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,12 +16,15 @@ from chemage.cli.options import (
     AccuracyOpt,
     BudgetOpt,
     ExecutorOpt,
+    FiguresOpt,
     ForceOpt,
     JsonOpt,
     MapOpt,
     PatienceOpt,
     PointsOpt,
+    ReplicasOpt,
     SceneArg,
+    SeedOpt,
     SetOpt,
     SurfacesOpt,
     ThreadsOpt,
@@ -33,7 +35,6 @@ from chemage.cli.options import (
     requested_fields,
     user_error,
 )
-from chemage.cli.results import print_run
 from chemage.foundation import compiling
 from chemage.foundation.progress import loaded, loading, progress_bars, reported, watching
 
@@ -59,13 +60,8 @@ def run(
     budget: BudgetOpt = None,
     surfaces: SurfacesOpt = None,
     measured: MapOpt = None,
-    replicas: Annotated[
-        int | None, typer.Option(metavar="N", help="number of replicas; short for --set hold.replicas=N")
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="seed of the disorder and the kinetics; short for --set hold.seed=N"),
-    ] = None,
+    replicas: ReplicasOpt = None,
+    seed: SeedOpt = None,
     threads: ThreadsOpt = None,
     workers: WorkersOpt = None,
     executor: ExecutorOpt = None,
@@ -80,7 +76,7 @@ def run(
             "an interrupted run; default: none are kept",
         ),
     ] = None,
-    figures: Annotated[bool, typer.Option(help="draw figures into the folder NAME-figures beside the result")] = True,
+    figures: FiguresOpt = True,
     as_json: JsonOpt = False,
     force: ForceOpt = False,
 ) -> None:
@@ -154,7 +150,7 @@ def _run_one(
 ) -> None:
     from chemage.ageing.kinetics import EVERY_SITE
     from chemage.foundation.files import preflight
-    from chemage.results import run_figures
+    from chemage.foundation.result import result_of
     from chemage.results.files import write
     from chemage.scene import run as experiments
     from chemage.scene.plan import plan
@@ -175,15 +171,8 @@ def _run_one(
                 write(path, result, force=force)
         if figures:
             with result_written(path), reported(report, "drawing"):
-                pictures = drawn(partial(run_figures.save, result), figures_of(path))
-    if as_json:
-        print(json.dumps({**result.summary(), "file": str(path), "figures": [str(p) for p in pictures]}))
-        return
-    print_run(result)
-    terminal.remark()
-    terminal.say(f"result   {path}")
-    for picture in pictures:
-        terminal.say(f"figure   {picture}")
+                pictures = drawn(result_of(result), path)
+    terminal.answer(result_of(result), as_json, file=path, figures=pictures)
 
 
 def _without_figures(one: Scene, path: Path) -> Run | None:
@@ -191,7 +180,6 @@ def _without_figures(one: Scene, path: Path) -> Run | None:
     from chemage.foundation.errors import ChemageError
     from chemage.results.files import read
     from chemage.scene.provenance import versions
-    from chemage.scene.run import Run
 
     if not path.is_file() or figures_of(path).exists():
         return None
@@ -199,7 +187,7 @@ def _without_figures(one: Scene, path: Path) -> Run | None:
         found = read(path)
     except ChemageError:
         return None
-    if not isinstance(found, Run) or found.scene != one.todict():
+    if getattr(found, "scene", None) != one.todict():
         return None
     if found.versions != versions(one, (found.contact, found.aging)):
         return None
@@ -220,10 +208,8 @@ def sweep(
     changes: SetOpt = None,
     accuracy: AccuracyOpt = None,
     surfaces: SurfacesOpt = None,
-    replicas: Annotated[int | None, typer.Option(help="number of replicas; short for --set hold.replicas=N")] = None,
-    seed: Annotated[
-        int | None, typer.Option(help="seed of the disorder and the kinetics; short for --set hold.seed=N")
-    ] = None,
+    replicas: ReplicasOpt = None,
+    seed: SeedOpt = None,
     threads: ThreadsOpt = None,
     workers: WorkersOpt = None,
     executor: ExecutorOpt = None,
@@ -304,7 +290,7 @@ def check(
     if as_json:
         print(json.dumps(jsonable(made.todict())))
         return
-    terminal.show_pairs(f"{scene} is valid", made.rows())
+    terminal.show_rows(f"{scene} is valid", (), made.rows())
     for note in made.notes:
         terminal.say(f"warning: {note}")
 
@@ -322,16 +308,6 @@ def status(
     from chemage.cli import sweeps
 
     sweeps.status(folder, as_json=as_json)
-
-
-def schema() -> None:
-    """Print the JSON Schema of scene files.
-
-    Editors check scenes with it. It includes the options of all installed components.
-    """
-    from chemage.scene.schema import scene_schema
-
-    print(json.dumps(scene_schema(), indent=2))
 
 
 def init(

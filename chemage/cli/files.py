@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from chemage.cli.options import user_error
 
 if TYPE_CHECKING:
+    from chemage.foundation.result import Result
     from chemage.scene.scene import Scene
 
 
@@ -20,18 +21,32 @@ def figures_of(path: Path) -> Path:
     return path.with_name(f"{path.stem}-figures")
 
 
-def drawn(save: Callable[..., list[Path]], folder: Path) -> list[Path]:
-    """Draw figures with ``save(folder, force=...)``; a new folder gets its name when all of them are in it."""
+def drawn(result: Result, path: Path) -> list[Path]:
+    """Draw the figures of a result beside its file; a new folder gets its name when all of them are in it."""
+    from chemage.foundation.figures import save_figures
+    from chemage.results.drawing import figures
+
+    folder, named = figures_of(path), figures(result)
     if folder.exists():
-        return save(folder, force=True)
+        return save_figures(named, folder, force=True)
     part = folder.with_name(f".{folder.name}.part")
     shutil.rmtree(part, ignore_errors=True)
     try:
-        pictures = save(part)
+        pictures = save_figures(named, part)
         part.rename(folder)
     finally:
         shutil.rmtree(part, ignore_errors=True)
     return [folder / picture.name for picture in pictures]
+
+
+def save_picture(result: Result, file: Path, *, force: bool) -> None:
+    """Draw the first picture of a result into a file, in the format of its ending."""
+    from chemage.foundation.files import fresh_file
+    from chemage.foundation.pictures import figure
+
+    (picture, *_) = result.pictures().values()
+    with fresh_file(file, force=force) as part:
+        figure(picture).savefig(part, format=file.suffix.removeprefix(".").lower() or "png")
 
 
 def protect_inputs(path: Path, source: str, one: Scene) -> None:

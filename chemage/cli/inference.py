@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -137,6 +135,7 @@ def infer(
     loading("loading chemage")
     from chemage.cli import infer_words
     from chemage.foundation.files import preflight
+    from chemage.foundation.result import result_of
     from chemage.foundation.units import convert
     from chemage.inference.result import UnexplainedError
     from chemage.scene.files import load_scene
@@ -165,15 +164,8 @@ def infer(
     except UnexplainedError as error:
         _show_best_fit(error, curves)
         raise
-    if as_json:
-        print(json.dumps({**result.summary(), "file": str(path), "figures": [str(p) for p in pictures]}))
-        return
-    show(result)
-    terminal.remark()
-    terminal.say(f"result   {path}")
-    for picture in pictures:
-        terminal.say(f"figure   {picture}")
-    terminal.remark(f'use it   forming = {{ kind = "inferred", path = "{path}" }}')
+    hint = f'use it   forming = {{ kind = "inferred", path = "{path}" }}'
+    terminal.answer(result_of(result), as_json, [hint], file=path, figures=pictures)
 
 
 def _protect(path: Path, inputs: Sequence[Path]) -> None:
@@ -204,8 +196,8 @@ def _computed(
     force: bool,
 ) -> tuple[InferenceResult, list[Path]]:
     """Infer, forecast, rank, write and draw."""
+    from chemage.foundation.result import result_of
     from chemage.inference import infer as inferring
-    from chemage.results import inference_figures
     from chemage.results.files import write_inference
 
     pictures: list[Path] = []
@@ -216,7 +208,7 @@ def _computed(
             write_inference(path, result, force=force)
         if figures:
             with result_written(path), reported(report, "drawing"):
-                pictures = drawn(partial(inference_figures.save, result), figures_of(path))
+                pictures = drawn(result_of(result), path)
     return result, pictures
 
 
@@ -235,32 +227,6 @@ def _with_wishes(inference: Inference, wishes: Wishes, report: Report) -> Infere
         with reported(report, "planned measurements"):
             ranked = inference.next_experiment(wishes.candidates, target=wishes.target)
     return InferenceResult(inference, forecasts, tuple(ranked), wishes.target_text if ranked else "")
-
-
-def show(result: InferenceResult) -> None:
-    """Print the density with its bands, the scores of families, forecasts, and the best next measurements."""
-    from chemage.results import inference_text as words
-
-    terminal.show_pairs(f"{words.title(result)}; bands hold 95 %", words.rows(result), _WIDTH)
-    if families := words.family_rows(result.inference):
-        table = terminal.table("Left-out hold times, predicted by", ("", "log score", "chi²", "parameters"))
-        for row in families:
-            table.add_row(*row)
-        terminal.show(table, _WIDTH)
-        terminal.remark(words.family_verdict(result.inference))
-    if result.forecasts:
-        table = terminal.table("Forecasts of the friction drop", ("", "median", "68 % (nN)", "95 % (nN)"))
-        for label, forecast in result.forecasts.items():
-            table.add_row(*words.forecast_row(label, forecast))
-        terminal.show(table, _WIDTH)
-    if result.experiments:
-        title = f"Next measurements, by how much they narrow {result.target}"
-        table = terminal.table(title, ("", "variance falls by", "deviation then"))
-        for experiment in result.experiments[: words.MOST_EXPERIMENTS]:
-            table.add_row(*words.experiment_row(experiment))
-        terminal.show(table, _WIDTH)
-    for note in words.notes(result):
-        terminal.remark(f"note: {note}")
 
 
 def _show_best_fit(error: UnexplainedError, curves: Sequence[MeasuredCurve]) -> None:

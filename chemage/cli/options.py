@@ -35,8 +35,8 @@ def check_ending(path: Path, endings: tuple[str, ...], what: str, option: str = 
     if path.suffix.lower() not in endings and (os.path.isfile(path) or not os.path.exists(path)):
         *others, last = endings
         names = f"{', '.join(others)} or {last}" if others else last
-        found = f"ends in {path.suffix}" if path.suffix else "has no ending"
-        raise user_error(f"{option} {path}: the name {found}; {what} must end in {names}")
+        ending = f"ends in {path.suffix}" if path.suffix else "has no ending"
+        raise user_error(f"{option} {path}: the name {ending}; {what} must end in {names}")
 
 
 SceneArg = Annotated[
@@ -52,6 +52,18 @@ ResultArg = Annotated[
     typer.Argument(
         metavar="FILE", autocompletion=completion.results, help="result file (.h5), or the folder of a sweep"
     ),
+]
+ResultsArg = Annotated[
+    list[Path],
+    typer.Argument(metavar="FILES", autocompletion=completion.results, help="result files (.h5), folders of sweeps"),
+]
+CsvOpt = Annotated[bool, typer.Option("--csv", help="print CSV instead of tables")]
+FiguresOpt = Annotated[bool, typer.Option(help="draw figures into the folder NAME-figures beside the result")]
+ReplicasOpt = Annotated[
+    int | None, typer.Option(metavar="N", help="number of replicas; short for --set hold.replicas=N")
+]
+SeedOpt = Annotated[
+    int | None, typer.Option(metavar="N", help="seed of the disorder and the kinetics; short for --set hold.seed=N")
 ]
 JsonOpt = Annotated[bool, typer.Option("--json", help="print one JSON object instead of tables")]
 ForceOpt = Annotated[bool, typer.Option("--force", help="overwrite existing files; default: refuse")]

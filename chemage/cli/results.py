@@ -1,93 +1,65 @@
-"""The commands about results: show, plot, compare, report."""
+"""The commands about results of every kind: show, plot, compare, report, arrhenius, cite."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chemage.cli import completion, terminal
+from chemage.cli import terminal
 from chemage.cli.options import (
+    FIGURES,
     PAGES,
+    CsvOpt,
     ForceOpt,
     FormatOpt,
     JsonOpt,
     MeasuredOpt,
     ResultArg,
+    ResultsArg,
+    changed_fields,
     check_ending,
     user_error,
 )
 from chemage.foundation.progress import progress_bars, reported
 
 if TYPE_CHECKING:
-    from chemage.ageing.aging import Aging
-    from chemage.contacts.solution import ContactSolution, ContactStatistics
-    from chemage.results.comparison.comparison import Comparison
-    from chemage.scene.run import Run
+    from chemage.foundation.result import Result
+    from chemage.results.comparison import Comparison
+    from chemage.scene.citations import Reference
 
 
-def show(file: ResultArg, as_json: JsonOpt = False) -> None:
+def show(file: ResultArg, as_json: JsonOpt = False, as_csv: CsvOpt = False) -> None:
     """Print the main numbers of a result file, or of a sweep."""
-    if file.is_dir():
-        from chemage.cli import sweeps  # imports numpy, which help and completion do without
+    from chemage.results.kinds import load
 
-        sweeps.show(file, as_json=as_json)
-        return
-    from chemage.ageing.aging import Aging
-    from chemage.ageing.elasticity import elastic_measures
-    from chemage.foundation.approximations import in_words
-    from chemage.foundation.text import jsonable
-    from chemage.inference.result import Inference
-    from chemage.results.files import read
-    from chemage.scene.run import Run, bond_errors
-    from chemage.studies.ensembles.ensemble import Ensemble
-
-    thing = read(file)
-    if isinstance(thing, Inference):
-        from chemage.cli import inference
-        from chemage.results.files import read_inference
-
-        if as_json:
-            print(json.dumps(read_inference(file).summary()))
-        else:
-            inference.show(read_inference(file))
-        return
-    if isinstance(thing, Ensemble):
-        from chemage.cli import ensembles
-
-        if as_json:
-            print(json.dumps(jsonable(thing.summary())))
-        else:
-            ensembles.show(thing)
-        return
-    if isinstance(thing, Run):
-        if as_json:
-            print(json.dumps(thing.summary()))
-        else:
-            print_run(thing)
-        return
-    fields: dict[str, Any] = {
-        name: f"array {value.shape} {value.dtype}" if hasattr(value, "shape") else value
-        for name, value in thing.todict().items()
-    }
-    if isinstance(thing, Aging):
-        for name in ("observables", "outputs", "elasticity", "errors", "error_sources"):
-            del fields[name]
-        fields |= bond_errors(thing)
-        fields |= elastic_measures(thing)
-        if as_json:
-            fields["observables"] = {name: one.summary() for name, one in thing.measured.items()}
-        else:
-            fields |= {f"observables.{name}": text for name, text in measured_rows(thing)}
+    result = load(file)
+    if as_json and as_csv:
+        raise user_error("--json and --csv: choose one")
     if as_json:
-        print(json.dumps({"object": type(thing).__name__, **jsonable(fields)}, default=str))
-        return
-    rows = [(name, str(value)) for name, value in fields.items()]
-    if approximate := in_words(thing.approximate):
-        rows.insert(0, ("approximate", approximate))
-    terminal.show_pairs(f"{type(thing).__name__} in {file}", rows)
+        print(json.dumps(result.numbers(), default=str))
+    elif as_csv:
+        terminal.say(_csv(result), end="")
+    else:
+        terminal.show_result(result)
+
+
+def _csv(result: Result) -> str:
+    """The many values of a result, one column each, or its rows."""
+    import csv
+    import io
+
+    columns: Mapping[str, Any] = result.columns()
+    names, texts = zip(*result.rows(), strict=True) if not columns else ((), ())
+    lines = zip(*columns.values(), strict=True) if columns else [texts]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns or names)
+    writer.writerows(lines)
+    return text.getvalue()
 
 
 def plot(
@@ -142,166 +114,52 @@ def plot(
     The figures of a sweep are results against one axis, with a line for each value of another and bands of the 95 %
     interval, or heat maps; seeds are averaged over.
     """
-    choice = {"--x": x, "--lines": lines, "--y": y, "--where": where, "--heat": heat}
-    if file.is_dir():
+    from chemage.foundation.figures import save_figures
+    from chemage.results import drawing
+    from chemage.results.kinds import load
+
+    choice: dict[str, Any] = {"x": x, "lines": lines, "y": y, "where": _fixed(where), "heat": heat}
+    choice = {name: value for name, value in choice.items() if value}
+    is_sweep = file.is_dir()
+    if is_sweep and window is not None:
+        raise user_error(f"--window: {file} is a sweep, which has no maps; plot a result file")
+    if choice and not is_sweep:
+        raise user_error(f"--{next(iter(choice))} is for sweeps, and {file} is a file; give the folder of a sweep")
+    beside = _near(file.resolve().with_name(f"{file.resolve().name}-figures")) if is_sweep else None
+    folder = out or beside or file.with_name(f"{file.stem}-figures")
+    with progress_bars() as report, reported(report, "drawing"):
         if window is not None:
-            raise user_error(f"--window: {file} is a sweep, which has no maps; plot a result file")
-        from chemage.cli import sweeps
-
-        sweeps.plot(file, out, x=x, lines=lines, y=y or [], where=where or [], heat=heat, fmt=fmt, force=force)
-        return
-    if given := [name for name, value in choice.items() if value]:
-        raise user_error(f"{given[0]} is for sweeps, and {file} is a file; give the folder of a sweep")
-    if window is not None:
-        _plot_window(file, window, out, fmt, force)
-        return
-    for picture in _plotted(file, out, fmt, force):
-        terminal.say(picture)
-
-
-def _plotted(file: Path, out: Path | None, fmt: str, force: bool) -> list[Path]:
-    """Draw the figures of a result file."""
-    from chemage.inference.result import Inference
-    from chemage.results import ensemble_figure, inference_figures, run_figures
-    from chemage.results.files import read, read_inference
-    from chemage.scene.run import Run
-    from chemage.studies.ensembles.ensemble import Ensemble
-
-    thing, folder = read(file), out or file.with_name(f"{file.stem}-figures")
-    if isinstance(thing, Inference):
-        with progress_bars() as report, reported(report, "drawing"):
-            return inference_figures.save(read_inference(file), folder, force=force, suffix=fmt)
-    if not isinstance(thing, Run | Ensemble):
-        raise user_error(f"{file} holds one {type(thing).__name__}, not a run; `chemage run` makes files to plot")
-    with progress_bars() as report, reported(report, "drawing"):
-        if isinstance(thing, Ensemble):
-            return ensemble_figure.save(thing, folder, force=force, suffix=fmt)
-        return run_figures.save(thing, folder, force=force, suffix=fmt)
-
-
-def _plot_window(file: Path, window: str, out: Path | None, fmt: str, force: bool) -> None:
-    from chemage.results.figures import save_figures
-    from chemage.results.window_figure import window_figure
-
-    with progress_bars() as report, reported(report, "drawing"):
-        made = {"window": window_figure(file, window)}
-        pictures = save_figures(made, out or file.with_name(f"{file.stem}-figures"), force=force, suffix=fmt)
+            drawn = {"window": drawing.window_figure(file, window)}
+        else:
+            drawn = drawing.figures(load(file), **choice)
+        if not drawn:
+            raise user_error(f"{file} holds nothing that can be drawn; `chemage run` makes files to plot")
+        pictures = save_figures(drawn, folder, force=force, suffix=fmt)
     for picture in pictures:
         terminal.say(picture)
 
 
-def print_run(result: Run) -> None:
-    """Print the main numbers of a run."""
-    from chemage.ageing.elasticity import elastic_rows
-    from chemage.contacts.options import force_text
-    from chemage.foundation.text import mean_text, percent
-    from chemage.scene.scene import heading
-
-    contact, aging, fit = result.contact, result.aging, result.fit()
-    rows: list[tuple[str, str]] = [
-        ("surface", _surface(result)),
-        (
-            "contact",
-            f"{result.scene['contact']['kind']}, load {force_text(contact.load)}{_pressure(contact)}, "
-            f"E* {contact.modulus:g} GPa" + ("" if contact.converged else "  NOT CONVERGED"),
-        ),
-        ("area fraction A/A0", f"{contact.area_fraction:.5f}"),
-        ("kappa", f"{contact.kappa:.3f}"),
-        *_of_map(contact),
-        ("mean contact pressure", f"{contact.mean_contact_pressure:.4g} GPa"),
-    ]
-    if aging is not None:
-        last = f"at {aging.hold_times[-1]:g} s"
-        rows += [
-            ("sites", f"{aging.sites.mean():.0f}, {aging.site_grid}"),
-            ("engine", _kinetics(aging)),
-            ("rupture law", aging.rupture or ("mean force per bond" if aging.rupture_force is None else "a plugin's")),
-            ("random numbers", aging.random_numbers or ("none" if aging.method else "not recorded")),
-            (f"friction drop {last}", mean_text(aging.friction_drop[:, -1], "nN")),
-            (f"friction coefficient drop {last}", mean_text(aging.friction_coefficient_drop[:, -1])),
-        ]
-        if aging.errors:
-            rows.append((f"errors of the mean {last}", aging.error_words))
-        rows += elastic_rows(aging)
-        rows += measured_rows(aging)
-    if aging is not None and fit is None:
-        rows += [("beta", f"not fitted: {result.fit_reason}"), ("cut-off time", "not fitted")]
-    if fit is not None:
-        rows.append(
-            ("beta", f"{fit.beta_text()} per decade, {fit.points} hold times from {fit.span[0]:g} to {fit.span[1]:g} s")
-        )
-        rows.append(("b = beta/ln 10", f"{fit.b_text()} per e-fold"))
-        rows.append(("cut-off time", fit.cutoff_text()))
-        scatter = result.scatter
-        alone = scatter is not None and scatter.relative == 0
-        more = "" if alone else ": disorder and noise on this surface; scatter between surfaces is not included"
-        rows.append(("errors", f"95 %, {fit.intervals_text()}{more}"))
-        if scatter is not None and not alone:
-            rows.append(("surfaces", scatter.text(fit.relative_stderr)))
-        beside = "" if fit.replicas == 1 else ", beside the interval above"
-        for name, error in result.beta_errors.items():
-            rows.append((f"error of beta: {name}", f"{percent(error)} (standard error){beside}"))
-    if result.approximate:
-        rows.append(("approximate", result.approximate))
-    rows += [(f"plugin {name}", source) for name, source in result.plugins.items()]
-    if result.timings:
-        rows.append(("wall time", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in result.timings.items())))
-    terminal.show_pairs(heading(result.scene), rows)
-    for note in result.notes:
-        terminal.remark(f"note: {note}")
+def _fixed(where: list[str] | None) -> dict[str, str]:
+    """Read ``--where AXIS=VALUE``."""
+    fixed: dict[str, str] = {}
+    for text in where or []:
+        axis, equals, value = text.partition("=")
+        if not equals:
+            raise user_error(f"--where {text}: write it as AXIS=VALUE, such as load=50")
+        fixed[axis.strip()] = value.strip()
+    return fixed
 
 
-def _surface(result: Run) -> str:
-    from chemage.contacts.solution import ContactStatistics
-
-    contact, kind = result.contact, result.scene["surface"]["kind"]
-    if isinstance(contact, ContactStatistics):
-        return f"{kind}, {contact.nominal_area:.5g} nm² without a map, rms slope {contact.rms_slope:.4g}"
-    nx, ny = contact.shape
-    return f"{kind}, {nx} x {ny} pixels of {contact.pixel_size:g} nm, rms slope {contact.rms_slope:.4g}"
-
-
-def _pressure(contact: ContactSolution | ContactStatistics) -> str:
-    """The nominal pressure, where the contact has one."""
-    from chemage.contacts.options import pressure_text
-
-    return f" ({pressure_text(contact.nominal_pressure)} nominal)" if getattr(contact, "periodic", True) else ""
-
-
-def _of_map(contact: ContactSolution | ContactStatistics) -> list[tuple[str, str]]:
-    """The rows that need the map of the contact."""
-    from chemage.contacts.solution import ContactStatistics
-
-    if isinstance(contact, ContactStatistics):
-        return [("patches, rim", "not known: the contact has no map")]
-    return [
-        ("patches", f"{contact.patches}"),
-        ("perimeter to area C/A", f"{contact.perimeter_to_area:.4f} /nm"),
-    ]
-
-
-def _kinetics(aging: Aging) -> str:
-    """Engine, method of ageing, replicas and events, in words."""
-    by = f" by ageing {aging.method!r}" if aging.method else ""
-    events = "" if aging.events is None else f", {aging.events.sum()} events"
-    return f"{aging.engine}{by}, {aging.replicas} replica{'s' if aging.replicas > 1 else ''}{events}"
-
-
-def measured_rows(aging: Aging) -> list[tuple[str, str]]:
-    """What observables measured: (name, text)."""
-    last = f" at {aging.hold_times[-1]:g} s"
-    return [(f"{name}{last if one.is_curve else ''}", one.text()) for name, one in aging.measured.items()]
+def _near(path: Path) -> Path:
+    """A path relative to the current folder where it is inside."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path
 
 
 def compare(
-    files: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="FILES", autocompletion=completion.results, help="result files (.h5), folders of sweeps"
-        ),
-    ],
+    files: ResultsArg,
     as_json: JsonOpt = False,
-    as_csv: Annotated[bool, typer.Option("--csv", help="print CSV, one line per result, instead of tables")] = False,
+    as_csv: CsvOpt = False,
     figures: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="draw figures into this folder; default: no figures")
     ] = None,
@@ -320,35 +178,28 @@ def compare(
 
     Results of single asperities and of rough contacts can be compared.
     """
-    from chemage.results import comparison
-    from chemage.results.figures import save_figures
+    from chemage.foundation.figures import save_figures
+    from chemage.results import comparison, drawing
 
     if as_json and as_csv:
         raise user_error("--json and --csv: choose one")
-    made = comparison.compare_files(files, measured=measured or (), times=at or comparison.TIMES)
+    joined = comparison.compare_files(files, measured=measured or (), times=at or comparison.TIMES)
     pictures: list[Path] = []
     if figures is not None:
         with progress_bars() as report, reported(report, "drawing"):
-            pictures = save_figures(comparison.comparison_figures(made), figures, force=force, suffix=fmt)
+            pictures = save_figures(drawing.comparison_figures(joined), figures, force=force, suffix=fmt)
     if as_json:
-        print(json.dumps({**made.todict(), "figures": [str(path) for path in pictures]}))
+        print(json.dumps({**joined.todict(), "figures": [str(path) for path in pictures]}))
     elif as_csv:
-        terminal.say(made.csv(), end="")
+        terminal.say(joined.csv(), end="")
     else:
-        _print_comparison(made)
+        _print_comparison(joined)
         for picture in pictures:
             terminal.say(f"figure   {picture}")
 
 
 def report(
-    files: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="FILES",
-            autocompletion=completion.results,
-            help="result files (.h5), folders of sweeps; several results are also compared",
-        ),
-    ],
+    files: ResultsArg,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="the page to write, ending in .html")] = Path(
         "report.html"
     ),
@@ -357,7 +208,8 @@ def report(
 ) -> None:
     """Write a report of results as an HTML page.
 
-    One file with figures, tables, scenes, provenance and references, which needs no network.
+    One file with figures, tables, scenes, provenance and references, which needs no network. Several results are also
+    compared.
     """
     from chemage.results.page import write_report
 
@@ -368,25 +220,130 @@ def report(
     terminal.say(written)
 
 
-def _print_comparison(made: Comparison) -> None:
-    names, rows = [one.name for one in made.results], made.table()
+def _print_comparison(joined: Comparison) -> None:
+    names, rows = [entry.name for entry in joined.results], joined.table()
     for first in range(0, len(names), 4):  # more columns do not fit a screen
         chosen = slice(first, first + 4)
-        table = terminal.table("", ("", *names[chosen]))
-        for label, texts in rows:
-            table.add_row(label, *texts[chosen])
-        terminal.show(table)
-    terminal.remark(made.statement())
-    for different in made.chemistry_differences():
+        terminal.show_rows("", ("", *names[chosen]), ((label, *texts[chosen]) for label, texts in rows))
+    terminal.remark(joined.statement())
+    for different in joined.chemistry_differences():
         values = ("none" if value is None else f"{value}" for value in different.values)
         terminal.remark(f"  {different.path}: {' | '.join(values)}")
-    fits = made.fits()
-    if fits:
-        table = terminal.table(
-            "Fits, 95 % intervals", ("data", "model", "β per decade", "b per e-fold", "cut-off time")
-        )
-        for name, fit in fits:
-            table.add_row(name, fit.describe(), fit.beta_text(), fit.b_text(), fit.cutoff_text())
-        terminal.show(table)
-    for name, model, reason in made.not_fitted():
+    if fits := joined.fits():
+        columns = ("data", "model", "β per decade", "b per e-fold", "cut-off time")
+        lines = ((name, fit.describe(), fit.beta_text(), fit.b_text(), fit.cutoff_text()) for name, fit in fits)
+        terminal.show_rows("Fits, 95 % intervals", columns, lines)
+    for name, model, reason in joined.not_fitted():
         terminal.say(f"{name}: {model} not fitted: {reason}")
+
+
+def arrhenius(
+    results: Annotated[
+        list[Path], typer.Argument(help="the folder of a sweep over hold.temperature, or result files (.h5)")
+    ],
+    level: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="VALUE",
+            help="level of the quantity at which times are compared; repeatable; default: five are chosen",
+        ),
+    ] = None,
+    quantity: Annotated[
+        str | None,
+        typer.Option(
+            help="friction_coefficient_drop, friction_drop (nN) or bonds_per_site; default: the first, or the second "
+            "without load"
+        ),
+    ] = None,
+    window: Annotated[
+        str | None,
+        typer.Option(
+            metavar='"T0 T1"', help="hold times of the line of β, s or with units; default: that of the scene"
+        ),
+    ] = None,
+    where: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATH=VALUE",
+            help="sweeps with more axes: use the points at which a field has this value; repeatable",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="file of the figure (.png, .pdf or .svg); default: no figure")
+    ] = None,
+    as_json: JsonOpt = False,
+    force: ForceOpt = False,
+) -> None:
+    """Find activation energies from results at several temperatures.
+
+    Lists β and the cut-off time at each temperature, and for each level of the friction rise the apparent activation
+    energy of the time at which it is reached, with 95 % intervals.
+    """
+    from chemage.cli.files import save_picture
+    from chemage.foundation.errors import InputError
+    from chemage.foundation.files import preflight
+    from chemage.foundation.result import result_of
+    from chemage.results.arrhenius import arrhenius as summarise
+
+    limits = tuple(window.split()) if window is not None else None
+    if limits is not None and len(limits) != 2:
+        raise InputError.of("window", window, "is not two hold times", 'give "10 1e4", say, or with units "10s 1e4s"')
+    if out is not None:
+        check_ending(out, FIGURES, "a figure")
+        preflight(out, force=force)
+    energies = summarise(
+        results[0] if len(results) == 1 else results,
+        level,
+        quantity=quantity,  # pyright: ignore[reportArgumentType]
+        window=tuple(_time(text) for text in limits) if limits else None,  # pyright: ignore[reportArgumentType]
+        where=changed_fields(where) if where else None,
+    )
+    result = result_of(energies)
+    if out is not None:
+        save_picture(result, out, force=force)
+    terminal.answer(result, as_json, figure=out)
+
+
+def _time(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def cite(
+    what: Annotated[str, typer.Argument(help="a result file (.h5), the folder of a sweep, or a scene")],
+    fmt: Annotated[str, typer.Option("--format", help="bibtex, or text: one line per publication")] = "bibtex",
+) -> None:
+    """Print what to cite, as BibTeX.
+
+    These are chemage, the paper of its model, and the publications of the components that were used.
+    """
+    from chemage.scene.citations import bibtex, text
+
+    if fmt not in ("bibtex", "text"):
+        raise user_error(f"--format {fmt}: choose bibtex or text")
+    publications = _references(what)
+    print(bibtex(publications) if fmt == "bibtex" else text(publications), end="")
+
+
+def _references(what: str) -> list[Reference]:
+    from chemage.plugins import registry
+    from chemage.results.kinds import components, load
+    from chemage.scene.citations import references
+    from chemage.scene.files import scene_data
+    from chemage.scene.parsing import parse_scene
+    from chemage.studies.sweeps.display import components_of_grid
+    from chemage.studies.sweeps.grid import Grid
+
+    path, texts, version = Path(what), [], ""
+    if path.is_dir() or (path.is_file() and path.suffix != ".toml" and what not in registry.current().scenes()):
+        result = load(path, maps=False)
+        parts = [component for _, component in components(result)]
+        texts, version = result.cite()
+    else:
+        data, source = scene_data(what)
+        grid = Grid.read(data, source) if "sweep" in data else None
+        parts = components_of_grid(grid) if grid is not None else parse_scene(data, source).components()
+    texts = texts or [text for component in parts for text in component.cite]
+    return references(texts, parts, **({"version": version} if version else {}))

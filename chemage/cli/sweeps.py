@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,9 @@ from typing import Any
 import typer
 
 from chemage.cli import output, terminal
-from chemage.foundation.errors import ChemageError, InputError, printable
+from chemage.foundation.errors import ChemageError, printable
 from chemage.foundation.progress import LOGGER
+from chemage.foundation.result import result_of
 from chemage.foundation.text import jsonable
 from chemage.studies.selection import Selection, in_ranges
 from chemage.studies.sweeps.grid import Survey, shown
@@ -23,12 +24,10 @@ from chemage.studies.sweeps.progress import Report, SweepProgress, show_progress
 from chemage.studies.sweeps.result import SweepResult, collect_sweep, load_sweep
 from chemage.studies.sweeps.running import read_grid, room_for, survey_of, sweep
 from chemage.studies.sweeps.shares import ShareCost, agreed_points, shares_cost
-from chemage.studies.sweeps.views import SweepData, swept_rows
+from chemage.studies.sweeps.views import swept_rows
 
-#: the table of results and the list of failures are printed up to this many points
+#: failures are listed up to this many points
 _LISTED = 24
-#: `show` prints so many rows
-_SHOWN = 60
 
 
 def confirm(yes: bool) -> Any:
@@ -90,7 +89,8 @@ def _print_whole(result: SweepResult, state: dict[str, Any], *, as_json: bool) -
     if as_json:
         print(json.dumps(jsonable({**state, "results": tables})))
     else:
-        _print_result(result, state)
+        terminal.show_result(result_of(result))
+        _print_failures(state)
         terminal.say("\n".join(f"results  {file}" for file in tables.values()))
     if state["failed"]:
         raise typer.Exit(1)
@@ -135,21 +135,21 @@ def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_jso
 
 def collect(folder: Path, *, as_json: bool) -> None:
     """Verify the points of a sweep and write its tables; exit status 1 if points failed or are missing."""
-    found = collect_sweep(folder)
-    state = {**found.result.status(), "folder": str(folder), "points_to_compute": found.points}
-    if found.written:
-        return _print_whole(found.result, state, as_json=as_json)
+    survey = collect_sweep(folder)
+    state = {**survey.result.status(), "folder": str(folder), "points_to_compute": survey.points}
+    if survey.written:
+        return _print_whole(survey.result, state, as_json=as_json)
     if as_json:
         print(json.dumps(jsonable({**state, "results": None})))
         raise typer.Exit(1)
     say = partial(terminal.say, file=sys.stderr)
     _print_failures(state)
-    say(f"{len(found.missing)} of {state['points']} points are missing in {folder}; no tables were written")
-    say(f"missing: points {in_ranges(found.missing)}")
-    if found.computing:
+    say(f"{len(survey.missing)} of {state['points']} points are missing in {folder}; no tables were written")
+    say(f"missing: points {in_ranges(survey.missing)}")
+    if survey.computing:
         say("a process of this machine computes points at present")
-    scene = found.result.grid.source if Path(found.result.grid.source).is_file() else "SCENE"
-    *parts, everything = found.points
+    scene = survey.result.grid.source if Path(survey.result.grid.source).is_file() else "SCENE"
+    *parts, everything = survey.points
     for part in parts[:_LISTED]:
         say(f"computes some of them: chemage sweep {scene} --out {folder} --points {part}")
     say(f"computes all of them: chemage sweep {scene} --out {folder} --points {everything}")
@@ -168,24 +168,24 @@ def _kept(folder: Path) -> str:
 def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool, shares: int | None = None) -> None:
     """Validate every point and estimate the cost of the sweep, and of its shares, without computing anything."""
     with show_progress() as report:
-        found = survey_of(read_grid(scene, changes), progress=report, confirm=confirm(yes))
-    numbers = _numbers(found)
-    each = [] if shares is None or found.means else shares_cost(found, shares)
+        survey = survey_of(read_grid(scene, changes), progress=report, confirm=confirm(yes))
+    numbers = _numbers(survey)
+    each = [] if shares is None or survey.means else shares_cost(survey, shares)
     if each:
-        numbers["shares"] = [vars(one) for one in each]
+        numbers["shares"] = [vars(share) for share in each]
     if as_json:
         print(json.dumps(jsonable(numbers)))
         return
 
-    rows = swept_rows(found.grid.axes)
-    rows.append(("points", f"{found.grid.size}" + (f" ({found.grid.product})" if len(found.grid.axes) > 1 else "")))
-    if found.means:
+    rows = swept_rows(survey.grid.axes)
+    rows.append(("points", f"{survey.grid.size}" + (f" ({survey.grid.product})" if len(survey.grid.axes) > 1 else "")))
+    if survey.means:
         rows.append(("each point", "a mean over surfaces; points have surfaces in common where they can"))
     else:
-        rows.append(("contacts to solve", f"{len(found.contacts)} on {found.surfaces} surfaces"))
-    if found.hooks:
+        rows.append(("contacts to solve", f"{len(survey.contacts)} on {survey.surfaces} surfaces"))
+    if survey.hooks:
         rows.append(
-            ("plugins that implement hooks", ", ".join(f"{name} ({source})" for name, source in found.hooks.items()))
+            ("plugins that implement hooks", ", ".join(f"{name} ({source})" for name, source in survey.hooks.items()))
         )
     cost, memory = numbers["cpu_seconds"], numbers["memory"]
     time = "unknown" if cost is None else f"about {_duration(cost)} of CPU time once kernels are compiled"
@@ -196,8 +196,8 @@ def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool, shar
         ("expected disk space", f"{numbers['disk'] / 1e6:.3g} MB of {numbers['disk_free'] / 1e6:.3g} MB free here")
     )
     rows += _share_rows(each)
-    terminal.show_pairs(f"{scene} is valid at every point", rows)
-    for text in found.warnings():
+    terminal.show_rows(f"{scene} is valid at every point", (), rows)
+    for text in survey.warnings():
         terminal.say(f"warning: {text}")
 
 
@@ -205,28 +205,28 @@ def _share_rows(each: Sequence[ShareCost]) -> list[tuple[str, str]]:
     """What the smallest and the largest of the shares cost."""
     if not each:
         return []
-    points = [one.points for one in each]
-    costs = [one.cpu_seconds for one in each if one.cpu_seconds is not None]
+    points = [share.points for share in each]
+    costs = [share.cpu_seconds for share in each if share.cpu_seconds is not None]
     rows = [(f"points in each of {len(each)} shares", f"{min(points)} to {max(points)}")]
     if len(costs) == len(each):
         rows.append(("CPU time of a share", f"{_duration(min(costs))} to {_duration(max(costs))}"))
     return rows
 
 
-def _numbers(found: Survey) -> dict[str, Any]:
+def _numbers(survey: Survey) -> dict[str, Any]:
     return {
-        "name": found.grid.base.get("name", "scene"),
-        "points": found.grid.size,
-        "axes": {axis.name: len(axis) for axis in found.grid.axes},
-        "contacts": len(found.contacts),
-        "surfaces": found.surfaces,
-        "hooks": found.hooks,
-        "cpu_seconds": expected_seconds(found) if found.means else found.total_cpu_seconds,
-        "memory": None if found.memory is None else 2e8 + found.memory,
-        "disk": found.total_bytes,
+        "name": survey.grid.base.get("name", "scene"),
+        "points": survey.grid.size,
+        "axes": {axis.name: len(axis) for axis in survey.grid.axes},
+        "contacts": len(survey.contacts),
+        "surfaces": survey.surfaces,
+        "hooks": survey.hooks,
+        "cpu_seconds": expected_seconds(survey) if survey.means else survey.total_cpu_seconds,
+        "memory": None if survey.memory is None else 2e8 + survey.memory,
+        "disk": survey.total_bytes,
         "disk_free": room_for(Path.cwd()),
-        "digest": found.digest,
-        "notes": found.warnings(),
+        "digest": survey.digest,
+        "notes": survey.warnings(),
     }
 
 
@@ -253,118 +253,6 @@ def status(folder: Path, *, as_json: bool) -> None:
     table.add_row("contacts", str(state["contacts"]), str(state["contacts_done"]), "", "")
     terminal.show(table)
     _print_failures(state)
-
-
-def show(folder: Path, *, as_json: bool) -> None:
-    """Print what a sweep varies, its state, and the table of its results, with means over seeds."""
-    result = load_sweep(folder)
-    state = result.status()
-    data = SweepData(result)
-    if as_json:
-        print(json.dumps(jsonable({**state, "units": result.units, "results": data.records()})))
-        return
-    rows = [*swept_rows(result.axes), ("points", _counted(state))]
-    terminal.show_pairs(f"{result.name} in {folder}", rows, width=80)
-    headings, lines = data.rows()
-    table = terminal.table("", headings)
-    for line in lines[:_SHOWN]:
-        table.add_row(*line)
-    if state["done"]:
-        terminal.show(table, width=80)
-    if (more := len(lines) - _SHOWN) > 0:
-        terminal.say(f"{more} more rows; {folder / 'results.csv'} lists every point")
-    if notes := data.notes():
-        terminal.say("\n".join(notes))
-    _print_failures(state)
-
-
-def _counted(state: dict[str, Any]) -> str:
-    kinds = ("done", "failed", "missing", "damaged")
-    return f"{state['points']}: " + ", ".join(f"{state[kind]} {kind}" for kind in kinds if state[kind])
-
-
-def plot(
-    folder: Path,
-    out: Path | None,
-    *,
-    x: str | None,
-    lines: str | None,
-    y: list[str],
-    where: list[str],
-    heat: bool,
-    fmt: str,
-    force: bool,
-) -> None:
-    """Draw the results of a sweep."""
-    from chemage.foundation.progress import progress_bars, reported
-    from chemage.results.figures import save_figures
-    from chemage.results.sweep_figures import sweep_figures
-
-    fixed: dict[str, str] = {}
-    for text in where:
-        axis, equals, value = text.partition("=")
-        if not equals:
-            raise InputError(f"--where {text}: write it as AXIS=VALUE, such as load=50")
-        fixed[axis.strip()] = value.strip()
-    result = load_sweep(folder)
-    target = out or folder.resolve().with_name(f"{folder.resolve().name}-figures")
-    with progress_bars() as report, reported(report, "drawing"):
-        made = sweep_figures(result, x=x, lines=lines, y=y, where=fixed, heat=heat)
-        pictures = save_figures(made, target if out else _near(target), force=force, suffix=fmt)
-    for picture in pictures:
-        terminal.say(picture)
-
-
-def _near(path: Path) -> Path:
-    """A path relative to the current folder where it is inside."""
-    here = Path.cwd()
-    return path.relative_to(here) if path.is_relative_to(here) else path
-
-
-def _print_result(result: SweepResult, state: dict[str, Any]) -> None:
-    from chemage.foundation.text import plus_minus
-
-    reasons: dict[str, list[int]] = {}
-    title = f"{state['done']} of {state['points']} points done, {state['contacts']} contacts"
-    if len(result) <= _LISTED:
-        data = SweepData(result)
-        swept = [(axis, name) for axis, one in enumerate(data.dimensions.values()) for name in one.coordinates.values()]
-        headings = [f"{name} ({unit})" if (unit := data.unit(name)) else name for _, name in swept]
-        table = terminal.table(title, ("point", *headings, "A/A0", "friction drop (nN)", "beta"))
-        for point in result:
-            if point.status != "done":
-                continue
-            numbers = point.summary
-            drop, error = (
-                numbers[name][-1] if numbers.get(name) else None
-                for name in ("friction_drop", "friction_drop_half_width")
-            )
-            half = _nan(numbers.get("beta_half_width"))
-            beta = plus_minus(numbers["beta"], half) if numbers["beta"] is not None else _not_fitted(numbers)
-            if reason := numbers.get("beta_reason"):
-                reasons.setdefault(reason, []).append(point.index)
-            table.add_row(
-                str(point.index),
-                *(data.value_text(name, result.grid.positions(point.index)[axis]) for axis, name in swept),
-                f"{numbers['area_fraction']:.5f}",
-                "-" if drop is None else plus_minus(drop, _nan(error)),
-                beta,
-            )
-        terminal.show(table)
-        for reason, points in reasons.items():
-            named = ", ".join(str(point) for point in points)
-            terminal.say(f"beta not fitted at point{'s' if len(points) > 1 else ''} {named}: {reason}")
-    else:
-        terminal.remark(title)
-    _print_failures(state)
-
-
-def _not_fitted(numbers: Mapping[str, Any]) -> str:
-    return "not fitted" if numbers.get("beta_reason") else "-"
-
-
-def _nan(value: float | None) -> float:
-    return float("nan") if value is None else value
 
 
 def _print_failures(state: dict[str, Any]) -> None:

@@ -55,7 +55,7 @@ NAMES = {
     "plugins.options": "Choice PluginOptions plugin_options prefer_plugins",
     "plugins.registry": "fromdict register unregister",
     "results.arrhenius": "arrhenius",
-    "results.comparison.comparison": "compare_files",
+    "results.comparison": "compare_files",
     "results.page": "write_report",
     "results.files": "open_maps read write",
     "surfaces.reading": "HeightMap Reader reader_for",
@@ -69,8 +69,8 @@ NAMES = {
 HOME = {name: module for module, names in NAMES.items() for name in names.split()}
 #: role -> the function that makes a component of it, where a module has the name of the role
 FACTORIES = {"ageing": "ageing_method"}
-#: the module that draws results in notebooks
-PICTURES = "results.pictures"
+#: the module that knows what shows the results of chemage
+PICTURES = "results.kinds"
 #: public modules -> their full name
 MODULES = {
     "container": "foundation.container",
@@ -81,7 +81,7 @@ MODULES = {
     "tables": "foundation.tables",
     "text": "foundation.text",
     "errors": "foundation.errors",
-    "figures": "results.figures",
+    "figures": "foundation.figures",
     "random": "foundation.random",
     "registry": "plugins.registry",
     "roughness": "surfaces.roughness",

@@ -1,22 +1,73 @@
-"""What notebooks show of a result: a picture of it and its main numbers.
-
-Results are in rooms above the one that draws, and import nothing of it. The module that draws is therefore known here
-by its name alone, as the modules of public names are, and imported when something is to be drawn.
-"""
+"""Pictures of results: as figures, and in the cells of notebooks."""
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
-from chemage.foundation.names import PICTURES
+import numpy as np
+
+from chemage.foundation.errors import InputError
+from chemage.foundation.figures import panels
+from chemage.foundation.result import FILE, Picture, result_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
-def draw(thing: Any, *arguments: Any, **options: Any) -> Any:
-    """Draw ``thing`` by the function of :mod:`chemage.results.pictures` for its class."""
-    return import_module(f"chemage.{PICTURES}").draw(thing, *arguments, **options)
+def figure(picture: Picture) -> Figure:
+    """Draw a picture as it is in a file."""
+    count = len(picture.panels)
+    columns = picture.columns or count
+    drawn, axes = panels(*picture.size, columns, -(-count // columns), dpi=picture.dpi)
+    for empty in axes[count:]:
+        empty.remove()
+    for panel, plot in zip(picture.panels, axes, strict=False):
+        panel.draw(plot, FILE)
+    if picture.finish is not None:
+        picture.finish(drawn, axes[:count])
+    if picture.title:
+        drawn.suptitle(picture.title, fontsize=10, parse_math=False)  # a dollar sign in a title is not a formula
+    return drawn
+
+
+def draw(thing: Any, axes: Axes | None = None, **options: Any) -> Axes:
+    """Draw the main plot of a result into ``axes``, or into a new figure of pyplot; return the axes."""
+    shown = result_of(thing)
+    if axes is None:
+        (axes,) = _new_axes(1)
+    shown.draw(axes, **options)
+    return axes
+
+
+def draw_parts(thing: Any, names: Sequence[str]) -> tuple[Axes, ...]:
+    """Draw the parts of a result, or only those named, side by side in a figure of pyplot; return their axes.
+
+    Raises
+    ------
+    InputError
+        It has no such part.
+    """
+    shown = result_of(thing)
+    parts = shown.parts()
+    chosen = tuple(names) or tuple(parts)
+    if missing := [name for name in chosen if name not in parts]:
+        raise InputError(f"plot: {shown.name} has no {missing[0]!r}; it has {', '.join(parts)}")
+    axes = _new_axes(len(chosen))
+    for plot, name in zip(axes, chosen, strict=True):
+        parts[name].draw(plot)
+    return tuple(axes)
+
+
+def _new_axes(columns: int) -> list[Axes]:
+    """The axes of a new figure of pyplot, which a notebook shows when its cell ends."""
+    from matplotlib import pyplot
+
+    figure = pyplot.figure(figsize=(5.2 * columns, 4.2), layout="constrained")
+    return list(np.ravel(figure.subplots(1, columns)))
 
 
 def html(thing: Any) -> str:
-    """The picture of ``thing`` and a table of its main numbers, as HTML without references to anything else."""
-    return import_module(f"chemage.{PICTURES}").html(thing)
+    """What the cell of a notebook shows of a result."""
+    return result_of(thing)._repr_html_()

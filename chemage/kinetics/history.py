@@ -11,7 +11,9 @@ from chemage.foundation import pictures
 from chemage.foundation.checks import check_times
 from chemage.foundation.datasets import dataset, frame
 from chemage.foundation.errors import InputError
+from chemage.foundation.figures import BLUE
 from chemage.foundation.records import Doubles, Flags, Indices, Named, Number, Plain, PositiveNumber, Record
+from chemage.foundation.result import Medium, OfRecord, Panel, Picture, Rows, displays
 
 if TYPE_CHECKING:
     import pandas
@@ -141,3 +143,29 @@ class BondHistory(Record):
         return f"<BondHistory {self.bonds[-1]} bonds at {self.time:g} s after {self.events} events ({self.engine})>"
 
     __str__ = __repr__
+
+
+@displays(BondHistory)
+class HistoryDisplay(OfRecord[BondHistory]):
+    """A history of bonds as users see it."""
+
+    def rows(self) -> Rows:
+        history = self.record
+        return [
+            ("sites", str(history.state.size)),
+            (f"bonds at {history.time:g} s", str(int(history.bonds[-1]))),
+            ("formed and broken so far", f"{int(history.formed[-1])}, {int(history.broken[-1])}"),
+            ("temperature", f"{history.temperature:g} K"),
+            ("engine", history.engine),
+            *self.remarks(),
+        ]
+
+    def pictures(self) -> dict[str, Picture]:
+        return {"bonds": Picture((Panel(self._draw, "Bonds against hold time."),))}
+
+    def _draw(self, axes: Axes, medium: Medium) -> None:
+        history = self.record
+        drawn = history.hold_times > 0
+        axes.plot(history.hold_times[drawn], history.bonds[drawn], color=BLUE, marker="o", ms=3.5, lw=1)
+        axes.set(xscale="log", xlabel="hold time (s)", ylabel="bonds")
+        axes.set_ylim(bottom=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,17 +14,16 @@ import numpy as np
 from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import FIT_WINDOW
 from chemage.foundation.errors import InputError, StoreError
+from chemage.foundation.figures import BLACK, PALETTE, plain
+from chemage.foundation.result import NONE, Medium, Panel, Picture, Result, Rows, Table, displays, is_result, result_of
 from chemage.foundation.units import KB
-from chemage.results.figures import BLACK, PALETTE, panels, plain
 from chemage.results.files import read
-from chemage.scene.run import Run
 from chemage.studies.arrhenius import SYMBOLS, Arrhenius, Level, activation_energies
 from chemage.studies.sweeps.grid import shown
-from chemage.studies.sweeps.result import Point, SweepResult, load_sweep
+from chemage.studies.sweeps.result import SweepResult, load_sweep
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _TEMPERATURE = "hold.temperature"
 #: sections whose fields may vary with the temperature: they change the hold times, not what ages
@@ -61,13 +61,10 @@ def arrhenius(
     StoreError
         A file cannot be read.
     """
-    found, notes, limits = _collected(results, where)
-    made = activation_energies(
-        found, levels, quantity=quantity, window=window or limits or FIT_WINDOW, confidence=confidence
-    )
-    if not notes:
-        return made
-    return Arrhenius(made.quantity, made.temperatures, made.fits, made.energies, (*notes, *made.notes), made.confidence)
+    agings, notes, limits = _collected(results, where)
+    limits = window or limits or FIT_WINDOW
+    energies = activation_energies(agings, levels, quantity=quantity, window=limits, confidence=confidence)
+    return replace(energies, notes=(*notes, *energies.notes)) if notes else energies
 
 
 def _collected(
@@ -80,22 +77,16 @@ def _collected(
         return _of_sweep(results, where)
     if where:
         raise InputError("where: chooses points of a sweep; give a sweep or its folder")
-    if isinstance(results, Run | Aging | Point) or not isinstance(results, Iterable):
-        results = [results]
     agings, windows = [], []
-    for one in results:
-        thing = read(one, maps=False) if isinstance(one, str | os.PathLike) else one
-        if isinstance(thing, Point):
-            agings.append(thing.aging())
-            fit = thing.scene().fit
-            windows.append((fit.start, fit.stop))
-            continue
-        aging = thing.aging if isinstance(thing, Run) else thing
-        if not isinstance(aging, Aging):
-            name = thing.name if isinstance(thing, Run) else type(thing).__name__
-            raise InputError(f"results: {name} has no ageing curve; give runs or ageing curves at several temperatures")
+    for source in [results] if is_result(results) or not isinstance(results, Iterable) else results:
+        shown = result_of(read(source, maps=False) if isinstance(source, str | os.PathLike) else source)
+        aging = shown.made_by().get("aging")
+        if aging is None:
+            raise InputError(
+                f"results: {shown.name} has no ageing curve; give runs or ageing curves at several temperatures"
+            )
         agings.append(aging)
-        windows += [thing.window] if isinstance(thing, Run) else []
+        windows.append(shown.compared(()).window)
     return agings, [], windows[0] if windows else None
 
 
@@ -125,65 +116,98 @@ def _of_sweep(
     return [point.aging() for point in done], notes, (fit.start, fit.stop)
 
 
-def rows(found: Arrhenius) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]]:
-    """Two tables as text: at each temperature β and the cut-off time; for each level the activation energy."""
-    by_temperature = []
-    for kelvin, fit in zip(found.temperatures, found.fits, strict=True):
-        ratio = f"{fit.beta / kelvin:.4g}" if fit is not None else "-"
-        texts = (fit.beta_text(), fit.b_text(), ratio, fit.cutoff_text()) if fit is not None else ("-",) * 4
-        by_temperature.append((f"{kelvin:g}", *texts))
-    by_level = []
-    for one in found.energies:
-        kelvins = f"{one.temperatures[0]:g} to {one.temperatures[-1]:g}"
-        by_level.append(
-            (
-                found.label(one),
-                one.energy_text(),
-                one.prefactor_text(),
-                f"{one.rms_residual:.2g}",
-                f"{one.temperatures.size} ({kelvins})",
-            )
-        )
-    return by_temperature, by_level
+@displays(Arrhenius)
+class ArrheniusDisplay(Result):
+    """Activation energies as users see them."""
 
+    errors = "95 % intervals over replicas on one surface; they do not include the scatter between surfaces"
 
-def figure(found: Arrhenius) -> Figure:
-    """Draw the times of each level against 1/T with their lines, and the activation energy against the level."""
-    levels = [one for one in found.energies if one.level is not None]
-    drawn, (left, *right) = panels(9.6 if levels else 5.0, 3.9, 2 if levels else 1)
-    sure = f"{100 * found.confidence:g} % intervals"
-    for number, one in enumerate(found.energies):
-        colour = BLACK if one.level is None else PALETTE[number % len(PALETTE)]
-        x = 1e3 / one.temperatures
-        half = np.nan_to_num(one.log_time_half_widths)
-        lower, upper = one.times * -np.expm1(-half), one.times * np.expm1(half)
-        marker = "s" if one.level is None else "o"
-        left.errorbar(x, one.times, yerr=[lower, upper], fmt=marker, ms=4, capsize=2, lw=1, color=colour)
-        line = np.linspace(x.min(), x.max(), 50)
-        label = plain(f"{found.label(one)}: {one.energy:.3g} eV")
-        left.plot(line, one(1e3 / line), color=colour, lw=1.2, ls="--" if one.level is None else "-", label=label)
-    left.set(yscale="log", xlabel="1000 K / T", ylabel="hold time (s)")
-    if found.energies:
-        left.legend(
-            frameon=False, fontsize=7, title=f"bars: {sure}; activation energy at", title_fontsize=7, loc="upper left"
-        )
-        # room for the legend above the lines
-        low, high = left.get_ylim()
-        part = min(0.6, 0.05 * (len(found.energies) + 1) + 0.02)
-        left.set_ylim(low, high * (high / low) ** (part / (1 - part)))
-        _kelvins(left, found.temperatures)
-    for axes in right:
-        energies = np.array([one.energy for one in levels])
-        ends = np.array([[one.energy_interval.low, one.energy_interval.high] for one in levels])
+    def __init__(self, energies: Arrhenius) -> None:
+        self.energies = energies
+
+    @property
+    def title(self) -> str:
+        return "Activation energies of ageing"
+
+    def rows(self) -> Rows:
+        kelvins = ", ".join(f"{kelvin:g}" for kelvin in self.energies.temperatures)
+        return [("temperatures", f"{kelvins} K"), ("compared at levels of", SYMBOLS[self.energies.quantity])]
+
+    def numbers(self) -> dict[str, Any]:
+        return self.energies.todict()
+
+    def notes(self) -> list[str]:
+        intervals = dict.fromkeys(energy.intervals for energy in self.energies.energies)
+        words = [f"intervals: {text}; scatter between surfaces is not included" for text in intervals]
+        return [*words, *self.energies.notes]
+
+    def tables(self) -> list[Table]:
+        """At each temperature β and the cut-off time; for each level the activation energy."""
+        by_temperature = []
+        for kelvin, fit in zip(self.energies.temperatures, self.energies.fits, strict=True):
+            texts = (NONE,) * 4
+            if fit is not None:
+                texts = (fit.beta_text(), fit.b_text(), f"{fit.beta / kelvin:.4g}", fit.cutoff_text())
+            by_temperature.append((f"{kelvin:g}", *texts))
+        by_level = []
+        for energy in self.energies.energies:
+            kelvins = f"{energy.temperatures.size} ({energy.temperatures[0]:g} to {energy.temperatures[-1]:g})"
+            texts = energy.energy_text(), energy.prefactor_text(), f"{energy.rms_residual:.2g}", kelvins
+            by_level.append((self.energies.label(energy), *texts))
+        columns = ("T (K)", "β per decade", "b per e-fold", "β/T (1/K)", "cut-off time")
+        levels = ("time at which", "activation energy", "prefactor t0", "rms of ln t", "temperatures")
+        return [
+            Table("Ageing at each temperature, 95 % intervals", columns, by_temperature, in_detail=False),
+            Table("t = t0 exp(E_a/k_B T), 95 % intervals", levels, by_level, in_detail=False),
+        ]
+
+    def pictures(self) -> dict[str, Picture]:
+        """The times of each level against 1/T with their lines, and the activation energy against the level."""
+        levels = [energy for energy in self.energies.energies if energy.level is not None]
+        times = Panel(self._draw_times, "Hold times at which each level is reached, against 1/T.")
+        energies = Panel(self._draw_energies, "Activation energy against the level.")
+        drawn = (times, energies) if levels else (times,)
+        return {"arrhenius": Picture(drawn, (9.6 if levels else 5.0, 3.9))}
+
+    def _draw_times(self, axes: Axes, medium: Medium) -> None:
+        energies = self.energies.energies
+        for number, energy in enumerate(energies):
+            colour = BLACK if energy.level is None else PALETTE[number % len(PALETTE)]
+            x = 1e3 / energy.temperatures
+            half = np.nan_to_num(energy.log_time_half_widths)
+            lower, upper = energy.times * -np.expm1(-half), energy.times * np.expm1(half)
+            marker = "s" if energy.level is None else "o"
+            axes.errorbar(x, energy.times, yerr=[lower, upper], fmt=marker, ms=4, capsize=2, lw=1, color=colour)
+            line = np.linspace(x.min(), x.max(), 50)
+            label = plain(f"{self.energies.label(energy)}: {energy.energy:.3g} eV")
+            dashes = "--" if energy.level is None else "-"
+            axes.plot(line, energy(1e3 / line), color=colour, lw=1.2, ls=dashes, label=label)
+        axes.set(yscale="log", xlabel="1000 K / T", ylabel="hold time (s)")
+        if energies:
+            title = f"bars: {self._sure}; activation energy at"
+            axes.legend(frameon=False, fontsize=7, title=title, title_fontsize=7, loc="upper left")
+            # room for the legend above the lines
+            low, high = axes.get_ylim()
+            part = min(0.6, 0.05 * (len(energies) + 1) + 0.02)
+            axes.set_ylim(low, high * (high / low) ** (part / (1 - part)))
+            _kelvins(axes, self.energies.temperatures)
+
+    @property
+    def _sure(self) -> str:
+        return f"{100 * self.energies.confidence:g} % intervals"
+
+    def _draw_energies(self, axes: Axes, medium: Medium) -> None:
+        result, levels = self.energies, [energy for energy in self.energies.energies if energy.level is not None]
+        energies = np.array([energy.energy for energy in levels])
+        ends = np.array([[energy.energy_interval.low, energy.energy_interval.high] for energy in levels])
         bars = np.nan_to_num(np.abs(ends - energies[:, None])).T
-        values = [one.level or 0.0 for one in levels]
+        values = [energy.level or 0.0 for energy in levels]
         axes.errorbar(values, energies, yerr=bars, fmt="o-", ms=4, capsize=3, lw=1, color=PALETTE[0])
-        unit = f" ({found.unit})" if found.unit else ""
-        axes.set(xlabel=f"{SYMBOLS[found.quantity]}{unit}", ylabel="activation energy (eV)")
-        axes.set_title(f"bars: {sure}", fontsize=7)
+        unit = f" ({result.unit})" if result.unit else ""
+        axes.set(xlabel=f"{SYMBOLS[result.quantity]}{unit}", ylabel="activation energy (eV)")
+        axes.set_title(f"bars: {self._sure}", fontsize=7)
         span = max(float(np.ptp(ends[np.isfinite(ends)])) if np.isfinite(ends).any() else 0.0, KB * 300)
         axes.set_ylim(energies.mean() - span, energies.mean() + span)
-    return drawn
 
 
 def _kelvins(axes: Axes, temperatures: np.ndarray) -> None:

@@ -6,51 +6,58 @@ colours of the page, and a content security policy forbids everything else. Equa
 
 from __future__ import annotations
 
-import math
+import io
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
+from html import escape
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from chemage.ageing.aging import Aging
-from chemage.ageing.elasticity import elastic_notes
-from chemage.ageing.fitting import span_text
-from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.errors import InputError
+from chemage.foundation.figures import panels, png
 from chemage.foundation.files import fresh_file, preflight
-from chemage.foundation.text import mean_text, plus_minus, power_text
+from chemage.foundation.result import NONE, PAGE, Panel, Result, Table
 from chemage.foundation.version import __version__
-from chemage.results.comparison import Comparison, Entry, compare_files
-from chemage.results.comparison.differences import Difference
-from chemage.results.comparison.figures import comparison_brought, core_figures
-from chemage.results.ensemble_page import ensemble_section, main_estimates
-from chemage.results.figures import png
-from chemage.results.inference_page import ERRORS, holds_inference, inference_section
-from chemage.results.page_parts import Part, Picture, Section, Table, markup, scene_part, svg
-from chemage.results.plugin_figures import Brought
-from chemage.results.run_figures import brought_figures, map_figures
-from chemage.scene.run import Run
+from chemage.results.comparison import Comparison, Difference, Entry, compare_files
+from chemage.results.drawing import brought_figures, curve_figures
 
 if TYPE_CHECKING:
     from jinja2 import Template
     from matplotlib.figure import Figure
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
-_CAPTIONS = {
-    "heights": "Heights of the surface; higher points are nearer to the counter-body.",
-    "pressure": "Contact pressure; pixels that are not in contact are blank.",
-    "patch": "Pressure around the largest contact patch, outlined in green.",
-    "friction-drop": "Friction drop ΔF against hold time, means and 95 % intervals.",
-    "friction-coefficient-drop": "Friction coefficient drop Δμ against hold time, means and 95 % intervals.",
-    "bonds-per-area": "Bonds per contact area against hold time.",
-    "pressures": "Distribution of the pressure over the contact.",
-}
-#: of a figure with ensembles
+#: of a figure in which errors have several meanings
 _BARS = " Bands are intervals of means over surfaces, bars of means over replicas on one surface."
-_MAPS = ("heights", "pressure", "patch")
+
+
+@dataclass
+class Part:
+    """The content below one heading of a section."""
+
+    heading: str = ""
+    #: the main numbers, in large type: (value, what it is)
+    numbers: Sequence[tuple[str, str]] = ()
+    paragraphs: Sequence[Any] = ()
+    notes: Sequence[str] = ()
+    tables: list[Table] = field(default_factory=list)
+    #: (markup, caption)
+    figures: list[tuple[Any, str]] = field(default_factory=list)
+    code: str = ""
+    items: Sequence[str] = ()
+
+
+@dataclass
+class Section:
+    """A section of the page; ``key`` is its anchor."""
+
+    key: str
+    name: str
+    parts: list[Part]
+    paragraphs: Sequence[str] = ()
 
 
 def write_report(
@@ -65,7 +72,7 @@ def write_report(
     Parameters
     ----------
     files
-        Files of runs, ageing curves or contacts, and folders of sweeps.
+        Files of results of any kind, and folders of sweeps.
     out
         The HTML file to write.
     measured
@@ -86,8 +93,8 @@ def write_report(
         A file cannot be read, or ``out`` exists or cannot be written.
     """
     target = Path(out)
-    for given in (*files, *measured):
-        if os.path.realpath(given) == os.path.realpath(target):
+    for source in (*files, *measured):
+        if os.path.realpath(source) == os.path.realpath(target):
             raise InputError(f"{target} is an input of this report; choose another --out")
     preflight(target, force=force)
     page = html(files, measured=measured)
@@ -98,61 +105,30 @@ def write_report(
 
 def html(files: Sequence[str | Path], *, measured: Sequence[str | Path] = ()) -> str:
     """Make the page as text; arguments and errors as for :func:`write_report`."""
-    if inferences := [file for file in files if holds_inference(file)]:
-        return _of_inferences(files, inferences, measured)
-    made = compare_files(files, measured=measured)
-    several = len(made.results) > 1
-    sections = []
-    if several or made.measured:
-        sections.append(_comparison(made, "Comparison" if several else "Measurements"))
-    cite: dict[str, None] = {}
-    for number, one in enumerate(made.results, 1):
-        # one file at a time: the maps of a large run take 100 MB
-        title = one.title if not one.title or one.title.startswith(one.name) else f"{one.name}: {one.title}"
-        name = (title or one.name) if several else "Result"
-        section, to_cite = _result(one, f"r{number}", name)
-        sections.append(section)
-        cite |= dict.fromkeys(to_cite)
+    comparison = compare_files(files, measured=measured)
+    several = len(comparison.results) > 1
+    sections, cite, please = [], {}, ""
+    if several or comparison.measured:
+        sections.append(_comparison(comparison, "Comparison" if several else "Measurements"))
+    for number, entry in enumerate(comparison.results, 1):
+        result = entry.whole()  # one file at a time: the maps of a large run take 100 MB
+        title = entry.title if not entry.title or entry.title.startswith(entry.name) else f"{entry.name}: {entry.title}"
+        name = (title or entry.name) if several else "Result"
+        sections.append(Section(f"r{number}", name, list(_parts(entry, result, f"r{number}"))))
+        cite |= dict.fromkeys(result.cite()[0])
+        please = please or result.please_cite
     if cite:
-        sections.append(
-            Section(
-                "cite", "References", ["Please cite these works together with the results:"], [Part(items=list(cite))]
-            )
-        )
-    only = made.results[0]
+        sections.append(Section("cite", "References", [Part(items=list(cite))], [please]))
+    style = resources.files("chemage.results").joinpath("report.css").read_text(encoding="utf-8")
+    only = comparison.results[0]
     return _template().render(
-        title=f"Comparison of {len(made.results)} results" if several else (only.title or only.name),
+        title=f"Comparison of {len(comparison.results)} results" if several else (only.title or only.name),
         policy=_POLICY,
-        style=markup(resources.files("chemage.results").joinpath("report.css").read_text(encoding="utf-8")),
-        sources=[one.source for one in made.results],
+        style=_markup(style),
+        sources=[entry.source for entry in comparison.results],
         sections=sections,
         version=__version__,
-        errors=_errors(made),
-    )
-
-
-def _of_inferences(files: Sequence[str | Path], inferences: list[Any], measured: Sequence[str | Path]) -> str:
-    """Make the page of files of ``chemage infer``."""
-    if others := [str(file) for file in (*files, *measured) if file not in inferences]:
-        raise InputError(
-            f"{inferences[0]} is an inference, which is not compared with {', '.join(others)}; write a report of each"
-        )
-    sections, cite, title = [], {}, ""
-    for number, file in enumerate(inferences, 1):
-        name = Path(file).stem if len(inferences) > 1 else "Result"
-        section, to_cite, title = inference_section(file, f"r{number}", name)
-        sections.append(section)
-        cite |= dict.fromkeys(to_cite)
-    if cite:
-        sections.append(Section("cite", "References", ["Please cite these works:"], [Part(items=list(cite))]))
-    return _template().render(
-        title=title if len(inferences) == 1 else f"{len(inferences)} inferences",
-        policy=_POLICY,
-        style=markup(resources.files("chemage.results").joinpath("report.css").read_text(encoding="utf-8")),
-        sources=[str(file) for file in inferences],
-        sections=sections,
-        version=__version__,
-        errors=ERRORS,
+        errors=_errors(comparison),
     )
 
 
@@ -164,246 +140,174 @@ def _template() -> Template:
     return jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(text)
 
 
+def _errors(comparison: Comparison) -> str:
+    """What the errors of the page are, in words."""
+    names: dict[str, list[str]] = {}
+    for entry in comparison.results:
+        names.setdefault(entry.errors, []).append(entry.name)
+    meanings = [text for text in names if text]
+    if len(names) == 1:
+        return "".join(f"Errors are {text}." for text in meanings)
+    return " ".join(f"Errors of {', '.join(names[text])} are {text}." for text in meanings)
+
+
 # -- sections ---------------------------------------------------------------------------------------------------------
 
 
-def _comparison(made: Comparison, name: str) -> Section:
-    section = Section(name.lower(), name)
-    names = [one.name for one in made.results]
-    pictures = _pictures(_curve_first(core_figures(made)), comparison_brought(made.results), made, "c")
-    part = Part()
-    if len(made.results) > 1:
-        section.paragraphs.append(made.statement())
-        rows = [(label, *values) for label, values in made.table()]
-        part.tables.append(Table("Comparison of the results", ["", *names], rows, wide=True))
+def _comparison(comparison: Comparison, name: str) -> Section:
+    names, several = [entry.name for entry in comparison.results], len(comparison.results) > 1
+    tables: list[Table] = []
+    if several:
+        rows = [(label, *values) for label, values in comparison.table()]
+        tables.append(Table("Comparison of the results", ["", *names], rows))
         for caption, differences in (
-            ("Differences in chemistry", made.chemistry_differences()),
-            ("Other differences between the scenes, in internal units", made.other_differences()),
+            ("Differences in chemistry", comparison.chemistry_differences()),
+            ("Other differences between the scenes, in internal units", comparison.other_differences()),
         ):
             if differences:
-                rows = [_difference_row(one) for one in differences]
-                part.tables.append(Table(caption, ["field", *names], rows, wide=True))
-    if fits := made.fits():
+                tables.append(Table(caption, ["field", *names], [_difference_row(entry) for entry in differences]))
+    if fits := comparison.fits():
         rows = [(name, fit.describe(), fit.beta_text(), fit.b_text(), fit.cutoff_text()) for name, fit in fits]
         columns = ["data", "model", "β per decade", "b per e-fold", "cut-off time t_c"]
-        part.tables.append(Table("Equal fits to measurements and results", columns, rows, wide=True))
-    if left_out := made.not_fitted():
-        part.tables.append(Table("Fits that cannot be made", ["data", "model", "reason"], left_out, wide=True))
-    leading = Part(figures=pictures[:1], tables=[_main_table(made)] if len(made.results) > 1 else [])
-    section.parts += [leading, part]
-    if pictures[1:]:
-        section.parts.append(Part("Figures", figures=pictures[1:]))
-    return section
+        tables.append(Table("Equal fits to measurements and results", columns, rows))
+    if left_out := comparison.not_fitted():
+        tables.append(Table("Fits that cannot be made", ["data", "model", "reason"], left_out))
+    drawn = [*_curves(comparison, "c"), *_brought(comparison, "c")]
+    leading, others = Part(figures=drawn[:1]), drawn[1:]
+    leading.tables = [_main_table(comparison)] if several else []
+    parts = [leading, Part(tables=tables), *([Part("Figures", figures=others)] if others else [])]
+    return Section(name.lower(), name, parts, [comparison.statement()] if several else [])
 
 
-def _difference_row(one: Difference) -> tuple[str, ...]:
-    return one.path, *("none" if value is None else f"{value}" for value in one.values)
+def _difference_row(entry: Difference) -> tuple[str, ...]:
+    return entry.path, *("none" if value is None else f"{value}" for value in entry.values)
 
 
-def _result(one: Entry, key: str, name: str) -> tuple[Section, list[str]]:
-    """Make the section of one result, and list its references."""
-    if one.ensemble is not None:
-        return ensemble_section(one, key, name)
-    assert one.whole is not None
-    thing = one.whole()
-    run = thing if isinstance(thing, Run) else None
-    contact = (
-        run.contact if run is not None else (thing if isinstance(thing, ContactSolution | ContactStatistics) else None)
-    )
-    alone = Comparison([one])
-    rows = [(label, texts[0]) for label, texts in alone.table()]
-    notes = [f"approximate: {one.approximate}"] if one.approximate else []
-    if isinstance(thing, Aging):
-        notes += [*elastic_notes(thing), *([one.fit.doubt] if one.fit is not None and one.fit.doubt else [])]
-    else:
-        notes += _notes(run, contact)
-    figures = core_figures(alone)
-    if contact is not None:
-        figures |= map_figures(contact, run.surface if run is not None else None)
-    brought = brought_figures(run) if run is not None else comparison_brought(alone.results)
-    pictures = _pictures(_curve_first(figures), brought, alone, key)
-    parts = [
-        Part(numbers=main_numbers(one, alone.times), figures=pictures[:1], notes=notes),
-        Part("Figures", figures=pictures[1:]),
-        Part("Key numbers", tables=[Table("", ["quantity", "value"], rows, wide=True)]),
-    ]
-    parts = [part for part in parts if part.numbers or part.figures or part.tables or part.notes]
-    if one.aging is not None:
-        parts.append(Part("Friction against hold time", tables=[_curves_table(one)]))
-    if one.scene:
-        parts.append(scene_part(one.scene))
-    parts.append(Part("Provenance", tables=[_provenance(one, thing)]))
-    return Section(key, name, parts=parts), list(run.cite) if run is not None else []
-
-
-def _curve_first(figures: Mapping[str, Figure]) -> dict[str, Figure]:
-    """The same figures, the curve of friction against hold time first."""
-    first = ("friction-coefficient-drop", "friction-drop", "pressure")
-    leading = next((name for name in first if name in figures), None)
-    return {**({leading: figures[leading]} if leading else {}), **figures}
-
-
-def main_numbers(one: Entry, times: Sequence[float], among: bool = False) -> list[tuple[str, str]]:
-    """The numbers that a reader looks for first: (value with its error, what it is); ``among`` ensembles, whose errors
-    are others, it is said over what the interval is."""
-    area = one.contact.get("area_fraction", math.nan)
-    found = [(f"{area:.3g}", "area fraction A/A₀")] if math.isfinite(area) else []
-    aging = one.aging
-    if one.ensemble is not None:
-        return main_estimates(one, times)
-    if aging is None:
-        pressure = one.contact.get("mean_contact_pressure", math.nan)
-        patches = one.contact.get("patches", math.nan)
-        found += [(f"{pressure:.3g} GPa", "mean contact pressure")] if math.isfinite(pressure) else []
-        return found + ([(f"{patches:g}", "contact patches")] if math.isfinite(patches) else [])
-    known = [time for time in times if aging.hold_times[0] <= time <= aging.hold_times[-1]]
-    time = known[-1] if known else one.last()
-    sure = "95 % interval" if aging.replicas > 1 else "one replica: no error"
-    sure += ", replicas on one surface" if among and aging.replicas > 1 else ""
-    if one.load > 0:
-        drop = (mean_text(one.at(aging.friction_coefficient_drop, time)), f"Δμ at {power_text(time)} s, {sure}")
-    else:
-        drop = (mean_text(one.at(aging.friction_drop, time), "nN"), f"ΔF at {power_text(time)} s, {sure}")
-    slope = []
-    if (fit := one.fit) is not None and math.isfinite(fit.beta):
-        half = fit.beta_half_width if math.isfinite(fit.beta_interval.low) else math.nan
-        slope = [(plus_minus(fit.beta, half), f"β per decade, line fitted {span_text(fit.span)}, {sure}")]
-    return [drop, *slope, *found]
-
-
-def _main_table(made: Comparison) -> Table:
+def _main_table(comparison: Comparison) -> Table:
     """The main numbers of every result; what differs from the heading of its column is said with the number."""
-    numbers = {one.name: main_numbers(one, made.times, made.has_ensembles) for one in made.results}
+    numbers = {entry.name: comparison.summary(entry) for entry in comparison.results}
     columns = [what for _, what in max(numbers.values(), key=len)]
     rows = []
-    for name, found in numbers.items():
-        known = {what: value for value, what in found if what in columns}
-        others = iter([f"{value} ({what})" for value, what in found if what not in columns])
-        rows.append((name, *(known.get(what) or next(others, "-") for what in columns)))
-    return Table("Main numbers", ["", *columns], rows, wide=True)
+    for name, summary in numbers.items():
+        same = {what: value for value, what in summary if what in columns}
+        others = iter([f"{value} ({what})" for value, what in summary if what not in columns])
+        rows.append((name, *(same.get(what) or next(others, NONE) for what in columns)))
+    return Table("Main numbers", ["", *columns], rows)
 
 
-def _notes(run: Run | None, contact: ContactSolution | ContactStatistics | None) -> list[str]:
-    notes = list(run.notes if run is not None else contact.notes if contact is not None else ())
-    if isinstance(contact, ContactSolution) and not contact.converged:
-        notes.insert(0, f"The contact did NOT converge: residual {contact.residual:.3g}.")
-    return notes
+def _parts(entry: Entry, result: Result, key: str) -> Iterator[Part]:
+    """The parts of the section of a result: the main numbers, figures and tables below their headings, scene,
+    provenance."""
+    alone = Comparison([entry])
+    headed = [("Figures", picture) for picture in _curves(alone, key)]
+    for name, picture in result.pictures().items():
+        for number, panel in enumerate(picture.panels):
+            if panel.caption:
+                anchor = re.sub(r"[^\w-]", "-", f"{key}-{name}-{number}")
+                headed.append((panel.heading, _panel(panel, anchor, _approximate(alone))))
+    headed += [("Figures", picture) for picture in _brought(alone, key)]
+    approximate = [f"approximate: {result.approximation}"] if result.approximation else []
+    first = [picture for _, picture in headed[:1]]
+    yield Part(numbers=alone.summary(entry), figures=first, notes=[*approximate, *result.notes()])
+    below = {heading: Part(heading) for heading, _ in headed[1:]}
+    for heading, picture in headed[1:]:
+        below[heading].figures.append(picture)
+    below["Key numbers"] = Part("Key numbers", tables=[Table("", ["quantity", "value"], result.rows())])
+    for table in result.tables():
+        part = below.setdefault(table.heading, Part(table.heading))
+        part.tables.append(table)
+        part.paragraphs = [*part.paragraphs, *table.remarks]
+    yield from below.values()
+    about, scene = result.stated()
+    if scene:
+        yield Part("Scene", paragraphs=[_with_code(about)], code=scene_toml(scene))
+    provenance = [("file", entry.source), *result.provenance()]
+    yield Part("Provenance", tables=[Table("", ["item", "value"], provenance)])
 
 
-def _curves_table(one: Entry) -> Table:
-    aging = one.aging
-    assert aging is not None
-    rows = []
-    for number, time in enumerate(aging.hold_times):
-        cells = [f"{time:.6g}"]
-        for curves in (aging.friction_drop, aging.friction_coefficient_drop, one.bonds_per_area, one.bonded_fraction):
-            cells.append(mean_text(curves[:, number]) if curves.size else "-")
-        rows.append(tuple(cells))
-    columns = ["hold time (s)", "ΔF (nN)", "Δμ", "bonds per contact area (1/nm²)", "fraction of sites bonded"]
-    title = f"Means over {aging.replicas} replicas with 95 % intervals (Student's t)"
-    if aging.replicas == 1:
-        title = "One replica: there is no error"
-    if aging.errors:
-        title += f". Errors of the mean at the last hold time: {aging.error_words}"
-    return Table(title, columns, rows, wide=True)
+def scene_toml(scene: Mapping[str, Any]) -> str:
+    """Format plain scene data as TOML, from which equal data can be read."""
+    import tomli_w
 
-
-def _provenance(one: Entry, thing: Any) -> Table:
-    rows: list[tuple[str, str]] = [("file", one.source)]
-    parts: Mapping[str, Any] = {type(thing).__name__: thing}
-    if isinstance(thing, Run):
-        parts = thing.parts()
-        hold = thing.scene.get("hold", {})
-        rows += [
-            ("seed of the surface", str(thing.scene.get("surface", {}).get("seed", "-"))),
-            ("seed of disorder and kinetics", str(hold.get("seed", "-"))),
-            ("solver", _solver(thing)),
-            ("wall time", ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in thing.timings.items()) or "-"),
-            *((f"version of {name}", version) for name, version in thing.versions.items()),
-            *((f"plugin {name}", version) for name, version in thing.plugins.items()),
-            *((f"key of stage {stage}", value) for stage, value in thing.keys.items()),
-        ]
-    rows += [(f"content hash of {name}", part.digest()) for name, part in parts.items()]
-    return Table("", ["item", "value"], rows)
-
-
-def _solver(run: Run) -> str:
-    contact = run.contact
-    if isinstance(contact, ContactStatistics):
-        return f"{run.scene['contact']['kind']}, a theory: nothing is solved"
-    state = "converged" if contact.converged else "NOT CONVERGED"
-    return f"{run.scene['contact']['kind']}, {state}, residual {contact.residual:.3g}, {contact.iterations} iterations"
+    return tomli_w.dumps(scene)
 
 
 # -- figures ----------------------------------------------------------------------------------------------------------
 
 
-def _pictures(
-    figures: Mapping[str, Figure], brought: Mapping[str, Brought], made: Comparison, key: str
-) -> list[Picture]:
-    maps = _map_alts(made.results[0])
-    approximate = "".join(
-        f" {_of(one, made)}approximate: {one.approximate}." for one in made.results if one.approximate
+def _approximate(comparison: Comparison) -> str:
+    """What is added to the caption of a figure of approximate results."""
+    several = len(comparison.results) > 1
+    return "".join(
+        f" {entry.name + ' is' if several else 'The result is'} approximate: {entry.approximation}."
+        for entry in comparison.results
+        if entry.approximation
     )
-    found = []
-    for name, figure in figures.items():
-        alt = maps[name] if name in _MAPS else _curve_alt(made, name, _CAPTIONS[name])
-        picture = png(figure, alt) if name in _MAPS else svg(figure, alt, f"{key}-{name}")
-        mixed = _BARS if made.has_ensembles and name.startswith("friction") else ""
-        found.append(Picture(markup(picture), _CAPTIONS[name] + mixed + approximate))
-    for name, one in brought.items():
+
+
+def _curves(comparison: Comparison, key: str) -> list[tuple[Any, str]]:
+    """The curves of all results, one figure each."""
+    drawn = []
+    for name, figure in curve_figures(comparison).items():
+        curves = [
+            (entry.name, entry.compared.curves[name]) for entry in comparison.results if name in entry.compared.curves
+        ]
+        sample = curves[0][1]
+        texts = [
+            f"{of} goes from {curve.mean[0]:.3g} at {curve.x[0]:g} s to {curve.mean[-1]:.3g} at {curve.x[-1]:g} s"
+            for of, curve in curves
+        ]
+        alt = f"{sample.words} against hold time{sample.unit}: {'; '.join(texts)}."
+        if sample.xlabel != "hold time (s)":
+            alt = f"{sample.caption} Curves for {', '.join(of for of, _ in curves)}."
+        bars = _BARS if len({curve.band for _, curve in curves}) > 1 else ""
+        drawn.append((_markup(svg(figure, alt, f"{key}-{name}")), sample.caption + bars + _approximate(comparison)))
+    return drawn
+
+
+def _brought(comparison: Comparison, key: str) -> list[tuple[Any, str]]:
+    """The figures of plugins."""
+    drawn = []
+    for name, brought in brought_figures(comparison.results).items():
+        alt = f"{brought.caption} Curves for {', '.join(entry.name for entry in comparison.results)}."
         anchor = re.sub(r"[^\w-]", "-", f"{key}-{name}")
-        picture = svg(one.figure, _curve_alt(made, name, one.caption), anchor)
-        found.append(Picture(markup(picture), one.caption + approximate))
-    return found
+        drawn.append((_markup(svg(brought.figure, alt, anchor)), brought.caption + _approximate(comparison)))
+    return drawn
 
 
-def _of(one: Entry, made: Comparison) -> str:
-    return f"{one.name} is " if len(made.results) > 1 else "The result is "
+def _panel(panel: Panel, anchor: str, approximate: str) -> tuple[Any, str]:
+    figure, (axes,) = panels(*panel.size)
+    panel.draw(axes, PAGE)
+    alt = panel.alt or panel.caption
+    return _markup(png(figure, alt) if panel.is_map else svg(figure, alt, anchor)), panel.caption + approximate
 
 
-def _errors(made: Comparison) -> str:
-    """What the errors of the page are, in words."""
-    single = (
-        "95 % intervals over replicas on one surface (Student's t); they do not include the scatter between surfaces"
-    )
-    means = "95 % intervals (Student's t) that include the scatter between surfaces"
-    if not made.has_ensembles:
-        return f"Errors are {single}."
-    averages = [one.name for one in made.results if one.of_surfaces]
-    others = [one.name for one in made.results if not one.of_surfaces]
-    if not others:
-        return f"Errors are {means}."
-    if not averages:
-        return f"Errors are {single}."
-    return f"Errors of {', '.join(averages)} are {means}. Errors of {', '.join(others)} are {single}."
+def _markup(text: str) -> Any:
+    """Text that is markup already, so that it is not escaped."""
+    from markupsafe import Markup
+
+    return Markup(text)
 
 
-def _map_alts(one: Entry) -> dict[str, str]:
-    area, patches = one.contact.get("area_fraction", math.nan), one.contact.get("patches", math.nan)
-    pressure = f"mean {one.contact.get('mean_contact_pressure', math.nan):.3g} GPa"
-    return {
-        "heights": f"Map of the heights of the surface of {one.name}.",
-        "pressure": f"Map of the contact pressure: {patches:g} patches on {100 * area:.3g} % of the area, {pressure}.",
-        "patch": f"Map of the contact pressure around the largest of {patches:g} patches.",
-    }
+def _with_code(text: str) -> Any:
+    """A sentence in which what stands between backticks is code."""
+    return _markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(text, quote=False)))
 
 
-def _curve_alt(made: Comparison, name: str, caption: str) -> str:
-    """Describe a figure in words and numbers, for readers who cannot see it."""
-    curves = {
-        "friction-drop": ("Friction drop", lambda one: one.aging.friction_drop, ", in nN"),
-        "friction-coefficient-drop": ("Friction coefficient drop", lambda one: one.aging.friction_coefficient_drop, ""),
-        "bonds-per-area": ("Bonds per contact area", lambda one: one.bonds_per_area, ", per square nanometre"),
-    }
-    if name not in curves:
-        return f"{caption} Curves for {', '.join(one.name for one in made.results)}."
-    what, of, unit = curves[name]
-    found = []
-    for one in made.results:
-        if one.aging is None or not (values := of(one)).size:
-            continue
-        first, last = values.mean(axis=0)[[0, -1]]
-        start, stop = one.aging.hold_times[[0, -1]]
-        found.append(f"{one.name} goes from {first:.3g} at {start:g} s to {last:.3g} at {stop:g} s")
-    return f"{what} against hold time{unit}: {'; '.join(found)}."
+def svg(figure: Figure, alt: str, key: str) -> str:
+    """Make inline SVG without addresses or metadata, with unique ids and the text colour of the page for black."""
+    import matplotlib as mpl
+
+    data = io.StringIO()
+    nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    with mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": "chemage"}):
+        figure.savefig(data, format="svg", transparent=True, metadata=nothing)
+    text = data.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", text).replace("xlink:href=", "href=")
+    text = re.sub(r'\bid="', f'id="{key}-', text)
+    text = text.replace('href="#', f'href="#{key}-').replace("url(#", f"url(#{key}-")
+    text = text.replace("#000000", "currentColor")
+    label = f'role="img" aria-label="{escape(alt, quote=True)}" fill="currentColor"'
+    return re.sub(r"<svg\b", f"<svg {label}", text, count=1)

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from chemage.ageing.observables import Observed, PlottedResult
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError
+from chemage.foundation.figures import CORE, PALETTE, blank
 from chemage.lattices.chemistry import Chemistry
 from chemage.plugins import registry
 from chemage.plugins.sources import implementing, stage_hooks
-from chemage.results.figures import CORE, PALETTE, blank
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,7 +74,7 @@ def plugin_figures(sources: Sequence[Source], size: tuple[float, float] = (5.4, 
 
     A name that another plugin, or chemage itself, has given to another figure gets a prefix, with a warning.
     """
-    made: dict[str, Brought] = {}
+    drawn: dict[str, Brought] = {}
     owners = dict.fromkeys(CORE, "chemage itself")
     for plan in (*_of_components(sources), *_of_hooks(sources)):
         if not _NAME.fullmatch(plan.name):
@@ -91,8 +91,8 @@ def plugin_figures(sources: Sequence[Source], size: tuple[float, float] = (5.4, 
         owners[name] = plan.bringer
         figure = _drawn(plan, size)
         if figure is not None:
-            made[name] = Brought(figure, plan.caption)
-    return made
+            drawn[name] = Brought(figure, plan.caption)
+    return drawn
 
 
 def _drawn(plan: _Plan, size: tuple[float, float]) -> Figure | None:
@@ -134,9 +134,9 @@ def _of_components(sources: Sequence[Source]) -> Iterator[_Plan]:
             measured = component.role != "observable" or source.result.aging is not None
             if type(component).figures and measured:
                 groups.setdefault((component.role, component.kind), []).append((number, path, component))
-    for (role, kind), found in groups.items():
-        component = found[0][2]
-        results = _results(sources, found)
+    for (role, kind), components in groups.items():
+        component = components[0][2]
+        results = _results(sources, components)
         bringer = f"{role} {kind!r}{_by(registry.current().provider(type(component)))}"
         figures = type(component).figures
         if not isinstance(figures, Mapping):
@@ -150,12 +150,12 @@ def _drawing(component: Component, name: str, results: Sequence[PlottedResult]) 
     return lambda axes: component.draw(name, axes, results)
 
 
-def _results(sources: Sequence[Source], found: Sequence[tuple[int, str, Component]]) -> list[PlottedResult]:
+def _results(sources: Sequence[Source], components: Sequence[tuple[int, str, Component]]) -> list[PlottedResult]:
     """What to draw of the results; one with several components of the kind is there once for each of them."""
-    numbers = [number for number, _, _ in found]
+    numbers = [number for number, _, _ in components]
     several = len(set(numbers)) < len(numbers)
-    made = []
-    for count, (number, path, component) in enumerate(found):
+    drawn = []
+    for count, (number, path, component) in enumerate(components):
         result = sources[number].result
         changes: dict[str, Any] = {"component": component}
         if several:
@@ -163,9 +163,9 @@ def _results(sources: Sequence[Source], found: Sequence[tuple[int, str, Componen
         if numbers.count(number) > 1:
             changes["label"] = f"{result.label}, {path}"
         if component.role == "observable":
-            result = Observed(**{one.name: getattr(result, one.name) for one in fields(result)})
-        made.append(replace(result, **changes))
-    return made
+            result = Observed(**{field.name: getattr(result, field.name) for field in fields(result)})
+        drawn.append(replace(result, **changes))
+    return drawn
 
 
 def _by(record: PluginRecord | None) -> str:

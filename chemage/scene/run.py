@@ -172,7 +172,7 @@ class Run:
         InputError
             The run has no such part.
         """
-        return pictures.draw(self, *what)
+        return pictures.draw_parts(self, what)
 
     def to_xarray(self) -> xarray.Dataset:
         """The arrays of surface, contact and ageing in one dataset, named as in the file. Needs xarray."""

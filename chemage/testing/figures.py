@@ -12,8 +12,8 @@ from chemage.ageing.aging import Aging
 from chemage.ageing.observables import Maps, PlottedResult
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
+from chemage.foundation.figures import CORE
 from chemage.lattices.chemistry import Chemistry
-from chemage.results.figures import CORE
 from chemage.surfaces.surface import Surface
 from chemage.testing.checks import check_of, require
 from chemage.testing.replicas import Even

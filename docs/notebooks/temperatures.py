@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 import chemage as ca
-from chemage.results.arrhenius import figure
+from chemage.results.drawing import figures
 
 folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
 os.chdir(folder.name)  # leave out these two lines to keep the files
@@ -70,7 +70,7 @@ legend = axes.legend(frameon=False)
 
 # %%
 found = ca.arrhenius(result, levels=[0.1, 0.3, 0.5, 0.7], quantity="bonds_per_site")
-drawn = figure(found)
+drawn = figures(found)["arrhenius"]
 drawn.set_dpi(90)
 drawn.axes[0].set_ylim(top=1e10)  # room for the legend
 drawn

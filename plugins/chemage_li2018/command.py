@@ -150,8 +150,9 @@ def write(
     results: Mapping[str, SweepResult], names: list[str], folder: Path, *, seeds: Sequence[int], pixels: int
 ) -> Reproduction:
     """Write figures and page of completed sweeps, by base, into ``folder``, and return the comparisons."""
+
     from chemage import fresh_file, versions
-    from chemage.results.figures import save_figures
+    from chemage.foundation.figures import save_figures
     from chemage_li2018 import comparisons, estimates, figures_supplement, reproduction_page
     from chemage_li2018.sweeps import Point, studies_of
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from chemage import progress
-from chemage.results.figures import BLACK, BLUE, GREY, ORANGE, panels
+from chemage.foundation.figures import BLACK, BLUE, GREY, ORANGE, panels
 from chemage_li2018 import density_fit as fit
 from chemage_li2018.density import QUICK, Density, Size, Study, compute
 from chemage_li2018.density_fit import Family

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.results.figures import GREY, PALETTE, draw_map, panels, pooled
+from chemage.foundation.figures import GREY, PALETTE, draw_map, panels, pooled
 from chemage_li2018 import published
 from chemage_li2018.comparisons import Studies, by_volume, circle, front, morphology, rows
 from chemage_li2018.estimates import variants

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.results.figures import GREY, PALETTE, pooled
+from chemage.foundation.figures import GREY, PALETTE, pooled
 from chemage_li2018 import figures, published
 from chemage_li2018.comparisons import Studies, front, rows
 from chemage_li2018.figures import bars, density, figure, legend

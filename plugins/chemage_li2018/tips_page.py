@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage import progress
+from chemage.foundation.figures import BLACK, BLUE, GREEN, GREY, ORANGE, panels
 from chemage.foundation.text import mean_text, plus_minus
-from chemage.results.figures import BLACK, BLUE, GREEN, GREY, ORANGE, panels
 from chemage_li2018.pages import filled, free_folder, table, write_pages
 from chemage_li2018.tips import NOTHING, SITES, STAGES, STRENGTHS, UNIFORM, WINDOW, Aged, Study, compute, deviation
 

@@ -19,8 +19,8 @@ from chemage import (
     Pressure,
     ReactionLattice,
 )
+from chemage.foundation.figures import BLUE, GREEN, GREY, ORANGE
 from chemage.foundation.text import power_text
-from chemage.results.figures import BLUE, GREEN, GREY, ORANGE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

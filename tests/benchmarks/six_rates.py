@@ -88,7 +88,7 @@ def main() -> None:
 
 def draw(path: str, energies: np.ndarray, kernel: np.ndarray, ratio: np.ndarray) -> None:
     """Draw what each rate sees, and by how much the six narrow the density."""
-    from chemage.results.figures import BLACK, PALETTE, panels
+    from chemage.foundation.figures import BLACK, PALETTE, panels
 
     figure, (left, right) = panels(9.6, 3.8, 2)
     for number, row in enumerate(kernel):

@@ -16,7 +16,7 @@ import pytest
 import chemage
 from chemage import StoreError
 from chemage.foundation import files
-from chemage.results import run_figures
+from chemage.results import drawing
 
 #: this run says on stderr what it is writing, and waits to be stopped at a certain moment
 SLOW_WRITES = """
@@ -130,7 +130,7 @@ def test_ctrl_c_while_drawing_keeps_the_result_and_says_so(command, small, monke
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(run_figures, "save", stop)
+    monkeypatch.setattr(drawing, "figures", stop)
     done = command("run", small)
     assert done.status == 130
     assert "the result is in small.h5" in done.err

@@ -23,7 +23,7 @@ def test_show_says_what_was_swept_and_what_came_of_it(study, command):
     done = command("show", "study")
     assert done.status == 0
     assert "contact.load   2: 5 nN, 20" in done.out
-    assert "points         6: 5 done, 1 missing" in done.out
+    assert "points         5 of 6 points done, 2 contacts, 1 missing" in done.out
     assert "means over 3 seeds with 95 % intervals" in done.out
     table = [line.split() for line in done.out.splitlines()]
     assert ["load", "(nN)", "seeds", "A/A0", "Δμ", "β"] in table

@@ -190,10 +190,12 @@ def test_interrupted_leaves_nothing(command, folder, monkeypatch):
 
 
 def test_interrupted_drawing_keeps_the_result(command, folder, made_up, monkeypatch):
-    def draw(*_):
+    from chemage.inference import figures
+
+    def draw(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("chemage.results.inference_figures.draw_data", draw)
+    monkeypatch.setattr(figures, "draw_data", draw)
     done = command("infer", "tip.csv", "--scene", "tip.toml")
     assert done.status == 130
     assert "the result is in tip-inferred.h5" in done.err

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from made_inference import made_forecast, made_inference
 
+from chemage.foundation.result import result_of
+from chemage.inference import words
 from chemage.inference.result import InferenceResult
 from chemage.inference.shape import peaks, shares, three_shares
-from chemage.results import inference_text as words
-from chemage.results.inference_figures import CAPTIONS, inference_figures
+from chemage.results.drawing import figures as inference_figures
 
 
 def test_one_two_and_no_peak_are_told_apart():
@@ -114,7 +115,7 @@ def test_data_that_tell_nothing_are_shown_as_such():
     made = InferenceResult(one)
     assert peaks(one) == []
     assert shares(one) == []
-    rows = dict(words.rows(made))
+    rows = dict(words.rows(made.inference))
     assert rows["visible energies"].startswith("none")
     assert "density" in inference_figures(made)
 
@@ -134,7 +135,7 @@ def test_every_figure_has_a_caption_and_what_it_should_show():
     made = InferenceResult(one, {"load=50 nN": made_forecast(), "at 1 s": made_forecast(80.0, unseen=0.4)})
     figures = inference_figures(made)
     assert figures.keys() == {"density", "data", "predictive", "forecasts", "unknowns"}
-    assert figures.keys() <= CAPTIONS.keys()
+    assert all(panel.caption for picture in result_of(made).pictures().values() for panel in picture.panels)
     (density,) = figures["density"].axes
     labels = density.get_legend_handles_labels()[1]
     assert {"visible energies", "95 % band", "68 % band", "mean", "gaussian", "uniform"} <= {*labels}

@@ -354,19 +354,18 @@ SAYS = {
     ("chemage/surfaces/stage.py", "self-affine"): "example in a docstring",
     ("chemage/surfaces/stage.py", "sphere"): "example in a message",
     # words that mean something else as well
-    ("chemage/cli/citing.py", "text"): "a format of citations",
+    ("chemage/cli/results.py", "text"): "a format of citations",
     ("chemage/cli/sweeps.py", "hdf5"): "the format of a sweep's table",
     ("chemage/lattices/lattice.py", "independent"): "of sites without neighbours",
     ("chemage/foundation/names.py", "text"): "the name of a module",
     ("chemage/scene/materials.py", "measured"): "how a value is known",
-    ("chemage/results/inference_text.py", "measured"): "what was measured, in tables",
-    ("chemage/results/inference_figures.py", "measured"): "what was measured, in legends",
+    ("chemage/inference/words.py", "measured"): "what was measured, in tables",
+    ("chemage/inference/figures.py", "measured"): "what was measured, in legends",
     ("chemage/lattices/role.py", "uniform"): "an argument",
-    ("chemage/results/comparison/figures.py", "pressures"): "the figure of the pressures in several contacts",
-    ("chemage/results/figures.py", "auto"): "matplotlib's aspect",
-    ("chemage/results/figures.py", "text"): "an argument",
-    ("chemage/results/figures.py", "pressures"): "the name of that figure",
-    ("chemage/results/page.py", "pressures"): "the caption of that figure",
+    ("chemage/contacts/display.py", "pressures"): "the figure of the pressures in several contacts",
+    ("chemage/foundation/figures.py", "auto"): "matplotlib's aspect",
+    ("chemage/foundation/figures.py", "text"): "an argument",
+    ("chemage/foundation/figures.py", "pressures"): "the name of that figure",
     ("chemage/studies/selection.py", "auto"): "the share that a job array names, and no engine",
     ("chemage/studies/sweeps/running.py", "auto"): "the same",
     ("chemage/studies/ensembles/running.py", "auto"): "the same",
@@ -397,7 +396,7 @@ def outputs_and_figures(examples) -> set[str]:
 
 
 def test_figures_of_chemage_itself_are_not_those_of_plugins(examples):
-    from chemage.results.figures import CORE
+    from chemage.foundation.figures import CORE
 
     assert "barriers" in outputs_and_figures(examples)
     # "pressures" is also an output of an observable, which is no figure

@@ -213,7 +213,7 @@ def test_observe(installed):
 
 
 def test_figures(installed, tmp_path):
-    from chemage.results.run_figures import figures
+    from chemage.results.drawing import figures
 
     installed.register(as_plugin(example("chemage_figures")), "cut")
     sphere = {"kind": "sphere", "radius": "30 nm", "pixels": 32, "pixel_size": "0.45 nm"}
@@ -227,7 +227,7 @@ def test_figures(installed, tmp_path):
 
 
 def test_published(installed):
-    from chemage.results.published import published
+    from chemage.scene.published import published
 
     scene = {"surface": {"kind": "sphere"}, "contact": {"load": 50.0}}
     assert published(scene) == []

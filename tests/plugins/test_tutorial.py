@@ -104,8 +104,9 @@ def python_block(text):
 def test_the_components_without_a_package_meet_their_roles_and_draw(project):
     use = """
 import chemage as ca
-from chemage.results.comparison import compare_files, comparison_figures
-from chemage.results.run_figures import figures
+from chemage.results.comparison import compare_files
+from chemage.results.drawing import comparison_figures
+from chemage.results.drawing import figures
 from chemage.testing import check_component
 
 ca.register(BondRadius)
@@ -150,8 +151,9 @@ def test_the_law_for_friction_and_the_map_meet_their_roles_and_reach_results(pro
     assert all(len(block.splitlines()) < 60 for block in blocks)
     use = """
 import chemage as ca
-from chemage.results.run_figures import figures
-from chemage.results.comparison import compare_files, comparison_figures
+from chemage.results.drawing import figures
+from chemage.results.comparison import compare_files
+from chemage.results.drawing import comparison_figures
 from chemage.testing import check_component
 
 for cls in (BellEvans, BondMap):

@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 
 import chemage as ca
 from chemage.cli.app import app
-from chemage.results.arrhenius import figure, rows
+from chemage.foundation.result import result_of
+from chemage.results.drawing import figures
 
 SCENE = {
     "name": "warm",
@@ -116,7 +117,7 @@ def test_the_command_chooses_points_and_a_window(crossed):
 
 def test_the_tables_have_a_row_for_each_temperature_and_level(swept):
     found = ca.arrhenius(swept, [0.3, 0.6], quantity="bonds_per_site")
-    by_temperature, by_level = rows(found)
+    by_temperature, by_level = (table.rows for table in result_of(found).tables())
     assert [row[0] for row in by_temperature] == ["280", "310", "340"]
     assert [row[0] for row in by_level][:2] == ["bonds per site = 0.3", "bonds per site = 0.6"]
     assert by_level[0][1].endswith("eV")
@@ -124,7 +125,7 @@ def test_the_tables_have_a_row_for_each_temperature_and_level(swept):
 
 def test_the_figure_shows_times_against_one_over_t(swept):
     found = ca.arrhenius(swept, [0.3, 0.6], quantity="bonds_per_site")
-    left, right = figure(found).axes[:2]
+    left, right = figures(found)["arrhenius"].axes[:2]
     assert left.get_yscale() == "log"
     lines = [line for line in left.lines if len(line.get_xdata()) == 50]
     assert len(lines) == len(found.energies)

@@ -12,8 +12,11 @@ import pytest
 
 import chemage as ca
 from chemage import InputError, Measurements, Run, StoreError, compare_files, override, parse_scene
-from chemage.results.comparison import Comparison, Entry, comparison_figures, entries
-from chemage.results.figures import save_figures
+from chemage.ageing.display import at
+from chemage.foundation.figures import save_figures
+from chemage.results import comparison as comparing
+from chemage.results.comparison import Comparison, Entry
+from chemage.results.drawing import comparison_figures
 
 TIP = {
     "name": "tip",
@@ -115,14 +118,16 @@ def test_a_time_between_hold_times_is_taken_evenly_in_log_time(results):
     (one,) = of(results, "tip").results
     aging = one.aging
     assert aging is not None
-    at = int(np.argmin(np.abs(aging.hold_times - 10.0)))
-    between = math.sqrt(aging.hold_times[at] * aging.hold_times[at + 1])
-    values = one.at(aging.friction_drop, between)
-    halfway = 0.5 * (aging.friction_drop[:, at] + aging.friction_drop[:, at + 1])
+    place = int(np.argmin(np.abs(aging.hold_times - 10.0)))
+    between = math.sqrt(aging.hold_times[place] * aging.hold_times[place + 1])
+    values = at(aging.hold_times, aging.friction_drop, between)
+    halfway = 0.5 * (aging.friction_drop[:, place] + aging.friction_drop[:, place + 1])
     assert values == pytest.approx(halfway, rel=1e-9)
-    assert np.array_equal(one.at(aging.friction_drop, aging.hold_times[at]), aging.friction_drop[:, at])
+    assert np.array_equal(
+        at(aging.hold_times, aging.friction_drop, aging.hold_times[place]), aging.friction_drop[:, place]
+    )
     for outside in (1e-4, 1e6):
-        assert math.isnan(one.at(aging.friction_drop, outside)[0])
+        assert math.isnan(at(aging.hold_times, aging.friction_drop, outside)[0])
 
 
 def test_times_are_chosen_with_units_and_wrong_ones_are_named(results):
@@ -214,13 +219,11 @@ def test_contacts_that_were_not_aged_have_no_chemistry_to_compare(results):
 
 
 def test_ageing_and_contacts_alone_are_compared_as_far_as_they_go(results):
-    _, made = results
     run, aging, contact = of(results, "rough", "aging", "contact").numbers()
     assert aging["area"] == run["area"] == contact["area"]
     assert aging["beta"] == run["beta"]
     assert aging["at"] == run["at"]
     assert contact["beta"] is None
-    assert Entry.of(made["rough"]).contact == made["rough"].contact.summary()
 
 
 def test_files_of_one_name_are_told_apart_and_one_file_twice_is_refused(results, tmp_path):
@@ -237,8 +240,7 @@ def test_files_of_one_name_are_told_apart_and_one_file_twice_is_refused(results,
 
 def test_what_cannot_be_compared_is_named(results, tmp_path):
     folder, _ = results
-    with pytest.raises(InputError, match=r"surface\.h5 holds a Surface"):
-        of(results, "tip", "surface")
+    assert dict(of(results, "tip", "surface").table())["rms height"][0] == "-", "any result stands beside any other"
     with pytest.raises(StoreError, match="does not exist"):
         compare_files([tmp_path / "none.h5"])
     with pytest.raises(InputError, match="nothing to compare"):
@@ -263,7 +265,7 @@ def swept(tmp_path_factory):
 def test_a_folder_of_a_sweep_stands_for_its_points_and_a_number_for_one(swept, results):
     whole = compare_files([swept])
     assert [one.name for one in whole.results] == ["loads/0", "loads/1", "loads/2"]
-    assert [one.load for one in whole.results] == [20, 30, 40]
+    assert [one.compared.load for one in whole.results] == [20, 30, 40]
     assert whole.statement() == "Chemistry: the same in all results."
     folder, _ = results
     mixed = compare_files([swept / "2", folder / "tip.h5"])
@@ -275,8 +277,8 @@ def test_a_folder_of_a_sweep_stands_for_its_points_and_a_number_for_one(swept, r
     assert mixed.numbers()[0]["beta"] == run.summary()["beta"]
     again = mixed.results[0].whole
     assert again is not None
-    assert again().contact == run.contact
-    assert again().keys == run.keys
+    assert again().maps()["contact"] == run.contact
+    assert "key of stage contact" in dict(again().provenance())
 
 
 def test_wrong_points_of_a_sweep_are_named(swept):
@@ -289,17 +291,16 @@ def test_wrong_points_of_a_sweep_are_named(swept):
 
 
 def test_more_results_than_a_table_holds_are_refused_with_the_remedy(swept, monkeypatch):
-    monkeypatch.setattr(entries, "MOST", 2)
+    monkeypatch.setattr(comparing, "MOST", 2)
     with pytest.raises(InputError, match=r"3 results are too many .* FOLDER/0"):
         compare_files([swept])
 
 
 def test_maps_are_let_go_so_that_many_files_fit(results):
     for one in of(results, "tip", "rough").results:
-        assert one.pressure is not None
-        assert one.pressure[1].size <= 50
-        edges, density = one.pressure
-        assert float(np.sum(density * np.diff(edges))) == pytest.approx(1.0)
+        pressures = one.compared.curves["pressures"]
+        assert pressures.mean.size <= 50
+        assert float(np.sum(pressures.mean * np.diff(pressures.x))) == pytest.approx(1.0)
 
 
 # -- measurements and figures -----------------------------------------------------------------------------------------
@@ -339,7 +340,7 @@ def lines_of(figure):
 def test_figures_show_every_result_by_name_and_the_measurements_on_top(results):
     comparison = Comparison(of(results, "tip", "rough", "dry").results, [data(), data("friction_drop", "pull", 40.0)])
     figures = comparison_figures(comparison)
-    assert list(figures) == ["friction-drop", "friction-coefficient-drop", "bonds-per-area", "pressures", "barriers"]
+    assert list(figures) == ["friction-coefficient-drop", "friction-drop", "bonds-per-area", "pressures", "barriers"]
     labels, axes = lines_of(figures["friction-coefficient-drop"])
     assert "afm (measured, 95 %)" in labels
     assert {"tip", "rough"} <= {label.partition(",")[0] for label in labels}, "each curve is named"
@@ -356,7 +357,7 @@ def test_figures_show_every_result_by_name_and_the_measurements_on_top(results):
     assert {"tip", "rough", "dry"} <= set(lines_of(figures["pressures"])[0])
     drawn = figures["bonds-per-area"].axes[0].containers[0].lines[0]
     one = comparison.results[0]
-    np.testing.assert_allclose(drawn.get_ydata(), one.bonds_per_area.mean(axis=0))
+    np.testing.assert_allclose(drawn.get_ydata(), one.compared.curves["bonds-per-area"].mean)
 
 
 def test_bars_of_measurements_are_95_percent_as_those_of_results_are_and_say_so(results):

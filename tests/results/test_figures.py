@@ -11,13 +11,14 @@ from matplotlib.figure import Figure
 import chemage
 import chemage_observables
 from chemage import Aging, ContactSolution, StoreError, load_scene
+from chemage.foundation.figures import pooled, save_figures
+from chemage.foundation.result import result_of
 from chemage.foundation.statistics import half_width
 from chemage.foundation.text import with_error
-from chemage.results import run_figures
 from chemage.results.comparison import compare_files
-from chemage.results.figures import pooled, save_figures
+from chemage.results.drawing import figures
 from chemage.results.page import html
-from chemage.results.published import published
+from chemage.scene.published import published
 
 pytestmark = pytest.mark.drawn
 
@@ -48,7 +49,7 @@ def test_pooling_keeps_the_peaks_and_the_shape():
 
 
 def test_the_surface_map_has_x_to_the_right(result):
-    figure = run_figures.surface_figure(result.surface)
+    figure = figures(result.surface)["surface"]
     image = figure.axes[0].images[0]
     assert np.array_equal(image.get_array(), result.surface.heights.T)
     assert image.get_extent() == pytest.approx([0, 48 * 0.4518, 0, 48 * 0.4518])
@@ -56,7 +57,7 @@ def test_the_surface_map_has_x_to_the_right(result):
 
 
 def test_the_spectrum_is_that_of_the_surface(result):
-    (line,) = run_figures.surface_figure(result.surface).axes[1].lines
+    (line,) = figures(result.surface)["surface"].axes[1].lines
     q, density = result.surface.psd()
     drawn = dict(line.get_xydata())
     assert drawn
@@ -66,7 +67,7 @@ def test_the_spectrum_is_that_of_the_surface(result):
 
 
 def test_what_is_not_in_contact_is_blank(result):
-    image = run_figures.pressure_figure(result.contact).axes[0].images[0]
+    image = figures(result.contact)["pressure"].axes[0].images[0]
     shown = image.get_array()
     assert np.array_equal(~np.ma.getmaskarray(shown).T, result.contact.contact)
     assert image.get_clim() == (0.0, result.contact.pressure.max())
@@ -77,7 +78,7 @@ def test_patches_are_outlined_along_their_pixels():
     pressure[2:5, 3:7] = 1.0
     pressure[7, 8] = 2.0
     contact = contact_of(pressure)
-    (outlines,) = run_figures.pressure_figure(contact).axes[1].collections[:1]
+    (outlines,) = figures(contact)["pressure"].axes[1].collections[:1]
     segments = np.array(outlines.get_segments())
     lengths = np.abs(np.diff(segments, axis=1)).sum()
     assert lengths == contact.perimeter == 14 + 4
@@ -89,7 +90,7 @@ def test_a_window_shows_the_largest_patch():
     pressure = np.zeros((400, 300))
     pressure[10:20, 10:20] = 1.0
     pressure[350:380, 200:210] = 2.0
-    axes = run_figures.pressure_figure(contact_of(pressure)).axes[1]
+    axes = figures(contact_of(pressure))["pressure"].axes[1]
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     assert (x0 <= 350, x1 >= 380) == (True, True)
     assert (y0 <= 200, y1 >= 210) == (True, True)
@@ -98,12 +99,12 @@ def test_a_window_shows_the_largest_patch():
 
 def test_full_contact_is_shown_between_its_extremes():
     pressure = np.linspace(100, 120, 64).reshape(8, 8)
-    image = run_figures.pressure_figure(contact_of(pressure)).axes[0].images[0]
+    image = figures(contact_of(pressure))["pressure"].axes[0].images[0]
     assert image.get_clim() == (100.0, 120.0)
 
 
 def test_friction_is_drawn_with_its_errors_and_its_fit(result):
-    coefficient, local = run_figures.friction_figure(result).axes
+    coefficient, local = figures(result)["friction"].axes
     t, drops = np.log10(result.aging.hold_times), result.aging.friction_coefficient_drop
     pairs = [(i, min(j for j in range(t.size) if t[j] - t[i] > 0.499)) for i in range(t.size) if t[-1] - t[i] > 0.499]
     slopes = np.array([(drops[:, j] - drops[:, i]) / (t[j] - t[i]) for i, j in pairs]).T
@@ -130,7 +131,7 @@ def test_friction_is_drawn_with_its_errors_and_its_fit(result):
 
 
 def test_barriers_are_normalised_and_labelled_for_what_lowered_them(result, tmp_path, small_text):
-    figure = run_figures.figures(result)["barriers"]
+    figure = figures(result)["barriers"]
     axes = figure.axes[0]
     start = axes.patches[0]
     values, edges, _ = start.get_data()
@@ -140,25 +141,25 @@ def test_barriers_are_normalised_and_labelled_for_what_lowered_them(result, tmp_
     file = tmp_path / "small.toml"
     file.write_text(small_text)
     without = chemage.run(load_scene(file, {"chemistry": None}))
-    labels = [text.get_text() for text in run_figures.figures(without)["barriers"].axes[0].get_legend().get_texts()]
+    labels = [text.get_text() for text in figures(without)["barriers"].axes[0].get_legend().get_texts()]
     assert "lowered by pressure" not in labels
 
 
 def test_a_run_without_observables_has_no_barrier_figure(tmp_path, small_text):
     file = tmp_path / "small.toml"
     file.write_text(small_text)
-    made = run_figures.figures(chemage.run(load_scene(file, {"observe": None})))
+    made = figures(chemage.run(load_scene(file, {"observe": None})))
     assert "barriers" not in made
     assert "friction" in made
 
 
 def test_figures_of_plugins_that_are_gone_are_left_out(result, isolated_registry):
-    assert list(run_figures.figures(result)) == ["surface", "pressure", "friction"]
+    assert list(figures(result)) == ["surface", "pressure", "friction"]
 
 
 def test_figures_of_barriers_that_are_gone_lack_only_their_density(result, isolated_registry):
     isolated_registry.register(chemage_observables, "observables")
-    axes = run_figures.figures(result)["barriers"].axes[0]
+    axes = figures(result)["barriers"].axes[0]
     assert not axes.lines
     assert len(axes.patches) >= 3
 
@@ -166,13 +167,13 @@ def test_figures_of_barriers_that_are_gone_lack_only_their_density(result, isola
 def test_saving_checks_every_name_before_the_first_is_written(result, tmp_path):
     (tmp_path / "friction.png").write_text("mine")
     with pytest.raises(StoreError, match=r"friction\.png is already there"):
-        run_figures.save(result, tmp_path)
+        save_figures(figures(result), tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["friction.png"]
 
 
 def test_each_figure_is_drawn_once(result, tmp_path, monkeypatch):
     """``savefig`` draws a figure twice, and what it writes is the same."""
-    made, again, drawn = run_figures.figures(result), run_figures.figures(result), []
+    made, again, drawn = figures(result), figures(result), []
     draw = Figure.draw
     monkeypatch.setattr(Figure, "draw", lambda self, renderer: (drawn.append(self), draw(self, renderer)))
     for path in save_figures(made, tmp_path):
@@ -192,7 +193,7 @@ def test_blocks_of_a_map_are_the_largest_or_the_mean_of_their_pixels():
 def test_saving_into_what_is_no_folder(result, tmp_path):
     (tmp_path / "file").write_text("mine")
     with pytest.raises(StoreError, match="cannot make the folder"):
-        run_figures.save(result, tmp_path / "file")
+        save_figures(figures(result), tmp_path / "file")
     assert (tmp_path / "file").read_text() == "mine"
 
 
@@ -201,7 +202,7 @@ def test_nothing_global_changes(result, tmp_path):
     import matplotlib as mpl
 
     before = dict(mpl.rcParams)
-    run_figures.save(result, tmp_path / "figures")
+    save_figures(figures(result), tmp_path / "figures")
     assert dict(mpl.rcParams) == before
 
 
@@ -215,7 +216,7 @@ def test_titles_and_labels_are_inside_the_figure(pixel_size, top):
     contact = ContactSolution(pressure=pressure, load=1.0, pixel_size=pixel_size, modulus=35.3)
     heights = np.random.default_rng(0).normal(size=(300, 300))
     surface = chemage.Surface(heights=heights * top, pixel_size=pixel_size)
-    for figure in (run_figures.surface_figure(surface), run_figures.pressure_figure(contact)):
+    for figure in (figures(surface)["surface"], figures(contact)["pressure"]):
         figure.canvas.draw()
         inside = figure.bbox.padded(-3)
         for axes in figure.axes:
@@ -233,28 +234,33 @@ def with_patches(*patches):
     return ContactSolution(pressure=pressure, load=1.0, pixel_size=0.5, modulus=35.3)
 
 
+def captions(contact):
+    """Of the maps on a page."""
+    return [panel.caption for picture in result_of(contact).pictures().values() for panel in picture.panels]
+
+
 def test_one_patch_is_drawn_once_and_no_contact_not_at_all():
     none, one, two = with_patches(), with_patches((20, 20, 6)), with_patches((5, 5, 3), (40, 40, 6))
-    assert run_figures.pressure_figure(none) is None
-    assert run_figures.map_figures(none) == {}
-    (tip, bar) = run_figures.pressure_figure(one).axes
+    assert figures(none) == {}
+    assert captions(none) == []
+    (tip, bar) = figures(one)["pressure"].axes
     assert tip.get_title().startswith("1 patch")
     assert np.ptp(tip.get_xlim()) == pytest.approx(8 * 0.5), "the window is as large as the patch needs"
     assert bar.get_ylabel() == "pressure (GPa)"
-    assert list(run_figures.map_figures(one)) == ["pressure"]
-    assert len(run_figures.pressure_figure(two).axes) == 4  # two maps with their bars
-    assert list(run_figures.map_figures(two)) == ["pressure", "patch"]
+    assert len(captions(one)) == 1
+    assert len(figures(two)["pressure"].axes) == 4  # two maps with their bars
+    assert len(captions(two)) == 2
 
 
 def test_without_load_there_is_no_empty_panel(result):
     aging = Aging(**result.aging.todict() | {"load": 0.0})
-    figure = run_figures.friction_figure(replace(result, aging=aging))
+    figure = figures(replace(result, aging=aging))["friction"]
     labels = ["friction drop ΔF (nN)", "slope dΔF/dlog$_{10}$t per decade (nN)"]
     assert [axes.get_ylabel() for axes in figure.axes] == labels
     once = Aging(**aging.todict() | {"hold_times": np.full_like(aging.hold_times, 10.0)})
-    assert len(run_figures.friction_figure(replace(result, aging=once)).axes) == 1
+    assert len(figures(replace(result, aging=once))["friction"].axes) == 1
     at_once = Aging(**aging.todict() | {"hold_times": np.zeros_like(aging.hold_times)})
-    assert run_figures.friction_figure(replace(result, aging=at_once)) is None
+    assert "friction" not in figures(replace(result, aging=at_once))
 
 
 def test_the_published_slope_of_a_scene_is_drawn_beside_its_fit():
@@ -275,7 +281,7 @@ def test_the_line_and_the_range_of_a_fit_are_those_of_the_hold_times_there_are(r
     doubt = "β rests on 3 hold times over 1 decade; take at least six over two decades"
     assert doubt in few.notes
     assert not any("rests on" in note for note in result.notes)
-    (fitted,) = [line for line in run_figures.friction_figure(few).axes[0].lines if "β" in str(line.get_label())]
+    (fitted,) = [line for line in figures(few)["friction"].axes[0].lines if "β" in str(line.get_label())]
     assert (min(fitted.get_xdata()), max(fitted.get_xdata())) == pytest.approx((10.0, 100.0))
     assert fitted.get_label().endswith(f"(fitted line, 10–100 s)\n{doubt.partition(';')[0]}")
     assert few.summary()["fit_range"] == pytest.approx([10.0, 100.0])
@@ -288,7 +294,7 @@ def test_the_line_and_the_range_of_a_fit_are_those_of_the_hold_times_there_are(r
     page = html([tmp_path / "few.h5"])
     assert "line fitted 10–100 s" in page
     assert doubt in page
-    assert "β from 10 s to 100 s" in few._repr_html_()
+    assert "3 hold times from 10 to 100 s" in few._repr_html_()
     for text in (shown, page, few._repr_html_(), str(rows)):
         assert "10–10⁴ s" not in text
         assert "10000 s" not in text

@@ -12,8 +12,7 @@ import pytest
 import chemage as ca
 from chemage import InputError, StoreError, override, parse_scene, write_report
 from chemage.foundation import files as written_files
-from chemage.results.page import html
-from chemage.results.page_parts import scene_toml
+from chemage.results.page import html, scene_toml
 
 BASE = {
     "name": "tip",

@@ -52,7 +52,7 @@ def test_an_object_is_drawn_and_shown(kind, examples):
 def test_statistics_are_drawn_and_shown(statistics):
     line = statistics.plot().lines[0]
     assert line.get_ydata()[0] == pytest.approx(statistics.contact_area)
-    assert "mean pressure" in statistics._repr_html_()
+    assert "mean contact pressure" in statistics._repr_html_()
 
 
 def test_a_run_is_drawn_side_by_side_or_in_part(run):
@@ -171,7 +171,7 @@ def test_nothing_heavy_is_imported_before_it_is_used():
 
     program = (
         "import sys, chemage as ca; ca.Surface(heights=[[1., 2.]], pixel_size=1.0); ca.Aging; ca.run\n"
-        "heavy = {'matplotlib', 'xarray', 'pandas', 'chemage.results.pictures'}\n"
+        "heavy = {'matplotlib', 'xarray', 'pandas', 'chemage.results.kinds'}\n"
         "print(sorted(heavy & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -13,17 +13,17 @@ from nested import Outer
 
 import chemage as ca
 from chemage import parse_scene, registry
+from chemage.foundation.figures import BLUE, PALETTE, save_figures
 from chemage.plugins.registry import PluginWarning
-from chemage.results import run_figures
-from chemage.results.comparison import compare_files, comparison_figures
-from chemage.results.figures import BLUE, PALETTE, save_figures
+from chemage.results.comparison import Comparison, Entry, compare_files
+from chemage.results.drawing import comparison_figures, figures
 from chemage.results.page import html
 
 
-def drawing(base, kind, figures, draw):
+def drawing(base, kind, named, draw):
     """A subclass of a component with figures, registered."""
     made = type(kind.title().replace("-", ""), (base,), {"__module__": __name__, "__doc__": kind, "kind": kind})
-    made.figures, made.draw = figures, draw
+    made.figures, made.draw = named, draw
     return ca.register(made)
 
 
@@ -68,7 +68,7 @@ def test_a_component_of_any_role_brings_figures(tiny, parts, tmp_path, role):
 
     cls = drawing(getattr(parts, base), "mine", {"mine-figure": "What mine does."}, draw)
     run = ran(tiny, **{section: {"kind": "mine", **options}})
-    paths = run_figures.save(run, tmp_path / "figures")
+    paths = save_figures(figures(run), tmp_path / "figures")
     assert "mine-figure.png" in [path.name for path in paths]
     ((one, (result,)),) = seen
     assert type(one) is cls
@@ -81,8 +81,8 @@ def test_a_component_of_any_role_brings_figures(tiny, parts, tmp_path, role):
     assert result.component == one
     ca.write(tmp_path / "a.h5", run)
     ca.write(tmp_path / "b.h5", ran(tiny, **{section: {"kind": "mine", **options}}, hold={"times": [1.0, 10.0]}))
-    figures = comparison_figures(compare_files([tmp_path / "a.h5", tmp_path / "b.h5"]))
-    assert labels(figures["mine-figure"]) == ["a", "b"]
+    both = comparison_figures(compare_files([tmp_path / "a.h5", tmp_path / "b.h5"]))
+    assert labels(both["mine-figure"]) == ["a", "b"]
     assert [one.contact for one in seen[-1][1]] == [run.contact, run.contact]
     if role != "barriers":
         return
@@ -104,7 +104,7 @@ def test_each_result_is_drawn_with_its_own_options(tiny, parts, tmp_path):
 
 def test_one_kind_twice_in_a_result_is_told_apart(tiny, parts):
     drawing(parts.Flat, "mine", {"mine-figure": "Barriers."}, level)
-    figure = run_figures.figures(ran(tiny, forming={"kind": "mine"}, breaking={"kind": "mine"}))["mine-figure"]
+    figure = figures(ran(tiny, forming={"kind": "mine"}, breaking={"kind": "mine"}))["mine-figure"]
     assert labels(figure) == ["tiny, forming", "tiny, breaking"]
     assert [line.get_color() for line in figure.axes[0].lines] == list(PALETTE[:2])
 
@@ -112,14 +112,14 @@ def test_one_kind_twice_in_a_result_is_told_apart(tiny, parts):
 def test_a_component_inside_a_component_brings_its_figures(tiny, parts):
     drawing(parts.Coin, "mine", {"mine-figure": "Coins."}, level)
     ca.register(Outer)
-    assert "mine-figure" in run_figures.figures(ran(tiny, engine={"kind": "outer", "inner": "mine"}))
+    assert "mine-figure" in figures(ran(tiny, engine={"kind": "outer", "inner": "mine"}))
 
 
 def test_contact_mechanics_alone_has_the_figures_of_its_components(tiny, parts, tmp_path):
     drawing(parts.Tip, "tip", {"tip-figure": "A tip."}, level)
     scene = {name: part for name, part in tiny.scene(surface={"kind": "tip"}).items() if name in ("name", "contact")}
     run = ca.run(parse_scene({**scene, "surface": {"kind": "tip"}}))
-    assert "tip-figure" in run_figures.figures(run)
+    assert "tip-figure" in figures(run)
 
 
 def test_an_ageing_curve_alone_has_the_figures_of_its_chemistry_and_engine(tiny, parts, tmp_path):
@@ -142,8 +142,8 @@ def test_a_figure_that_fails_costs_nothing_else(tiny, parts, tmp_path):
     drawing(parts.Flat, "mine", {"broken": "A.", "formula": "B.", "right": "C."}, draw)
     run = ran(tiny, forming={"kind": "mine"})
     with pytest.warns(PluginWarning) as warned:
-        made = run_figures.figures(run)
-    assert list(made) == ["surface", "pressure", "right", "friction"]
+        made = figures(run)
+    assert list(made) == ["surface", "pressure", "friction", "right"]
     first, second = (str(one.message) for one in warned)
     assert "'broken' of barriers 'mine' (plugin tests.reports.test_plugin_figures.Mine" in first
     assert "ValueError: no such thing" in first
@@ -154,8 +154,6 @@ def test_a_figure_that_fails_costs_nothing_else(tiny, parts, tmp_path):
 
 
 def alone(run):
-    from chemage.results.comparison import Comparison, Entry
-
     return Comparison([Entry.of(run)])
 
 
@@ -186,17 +184,17 @@ def test_in_strict_mode_a_figure_that_fails_is_an_error(tiny, parts, monkeypatch
     run = ran(tiny, forming={"kind": "mine"})
     monkeypatch.setattr(registry.current(), "strict", True)
     with pytest.raises(ValueError, match="no such thing"):
-        run_figures.figures(run)
+        figures(run)
 
 
 def test_two_figures_of_one_name_are_both_drawn_and_reported(tiny, parts):
     drawing(parts.Flat, "mine", {"same": "Barriers.", "pressure": "Not chemage's."}, level)
     drawing(parts.Coin, "coin", {"same": "Coins."}, level)
     run = ran(tiny, forming={"kind": "mine"}, engine={"kind": "coin"})
-    plain = run_figures.pressure_figure(run.contact)
+    plain = figures(run.contact)["pressure"]
     with pytest.warns(PluginWarning) as warned:
-        made = run_figures.figures(run)
-    assert list(made) == ["surface", "pressure", "same", "mine-pressure", "coin-same", "friction"]
+        made = figures(run)
+    assert list(made) == ["surface", "pressure", "friction", "same", "mine-pressure", "coin-same"]
     assert len(made["pressure"].axes) == len(plain.axes)
     own, other = (str(one.message) for one in warned)
     assert "'pressure' of barriers 'mine'" in own
@@ -213,14 +211,14 @@ def test_a_name_that_is_no_file_is_left_out(tiny, parts, name):
     drawing(parts.Flat, "mine", {name: "A."}, level)
     run = ran(tiny, forming={"kind": "mine"})
     with pytest.warns(PluginWarning, match="names a file"):
-        assert list(run_figures.figures(run)) == ["surface", "pressure", "friction"]
+        assert list(figures(run)) == ["surface", "pressure", "friction"]
 
 
 def test_figures_that_are_no_mapping_are_reported(tiny, parts):
     drawing(parts.Flat, "mine", ("a", "b"), level)
     run = ran(tiny, forming={"kind": "mine"})
     with pytest.warns(PluginWarning, match="does not map names to captions"):
-        run_figures.figures(run)
+        figures(run)
 
 
 # -- of hooks ---------------------------------------------------------------------------------------------------------
@@ -257,7 +255,7 @@ def test_a_plugin_of_hooks_draws_the_results_in_which_it_took_part(tiny, tmp_pat
     plugin(CAP + FIGURES)
     for load in (10.0, 30.0, 40.0):
         run = loaded(tiny, load)
-        assert ("cap" in run_figures.figures(run)) == (load > 20)
+        assert ("cap" in figures(run)) == (load > 20)
         ca.write(tmp_path / f"{load:g}.h5", run)
     made = compare_files([tmp_path / f"{load}.h5" for load in (10, 30, 40)])
     assert labels(comparison_figures(made)["cap"]) == ["30", "40"]
@@ -267,14 +265,14 @@ def test_a_plugin_of_hooks_draws_the_results_in_which_it_took_part(tiny, tmp_pat
 
 def test_a_plugin_that_computes_nothing_draws_every_result(tiny):
     plugin(FIGURES)
-    assert "cap" in run_figures.figures(loaded(tiny, 10.0))
+    assert "cap" in figures(loaded(tiny, 10.0))
 
 
 def test_two_plugins_with_one_figure(tiny):
     plugin(FIGURES, "first")
     plugin(FIGURES, "second")
     with pytest.warns(PluginWarning, match=r"'cap' of plugin 'second'.*'second-cap'"):
-        made = run_figures.figures(loaded(tiny, 10.0))
+        made = figures(loaded(tiny, 10.0))
     assert {"cap", "second-cap"} <= set(made)
 
 
@@ -283,12 +281,12 @@ def test_a_wrong_answer_is_reported(tiny, answer):
     plugin(f"@chemage.hookimpl\ndef chemage_figures():\n    return {answer}\n")
     run = loaded(tiny, 10.0)
     with pytest.warns(PluginWarning, match="of plugin 'cap'"):
-        assert list(run_figures.figures(run)) == ["surface", "pressure", "friction"]
+        assert list(figures(run)) == ["surface", "pressure", "friction"]
 
 
 def test_no_answer_is_no_figure(tiny):
     plugin("@chemage.hookimpl\ndef chemage_figures():\n    return None\n")
-    assert list(run_figures.figures(loaded(tiny, 10.0))) == ["surface", "pressure", "friction"]
+    assert list(figures(loaded(tiny, 10.0))) == ["surface", "pressure", "friction"]
 
 
 # -- as it was --------------------------------------------------------------------------------------------------------
@@ -312,7 +310,7 @@ class Count(ca.Observable):
 def test_observables_draw_as_before(tiny):
     ca.register(Count)
     run = ran(tiny, observe=[{"kind": "count"}])
-    (line,) = run_figures.figures(run)["count"].axes[0].lines
+    (line,) = figures(run)["count"].axes[0].lines
     assert np.array_equal(line.get_ydata(), run.aging.observables["bonded"])
     one = ca.Observed("one", run.aging, None, "C0")
     assert (one.label, one.chemistry, one.color, one.contact, one.surface) == ("one", None, "C0", None, None)

@@ -7,8 +7,9 @@ import pytest
 
 import chemage
 from chemage import InputError
-from chemage.results import sweep_figures as figures
-from chemage.results.sweep_figures import is_logarithmic, sweep_figures
+from chemage.results.drawing import figures as sweep_figures
+from chemage.studies.sweeps import display
+from chemage.studies.sweeps.display import is_logarithmic
 from chemage.studies.sweeps.views import SweepData
 
 pytestmark = pytest.mark.drawn
@@ -78,7 +79,7 @@ def test_a_heat_map_has_a_cell_for_each_pair(swept):
 
 
 def test_many_lines_become_a_heat_map(swept, monkeypatch):
-    monkeypatch.setattr(figures, "MOST_LINES", 1)
+    monkeypatch.setattr(display, "MOST_LINES", 1)
     result = swept({"contact.load": [5, 10, 20], "hold.temperature": [300, 310]})
     assert next(iter(sweep_figures(result))) == "beta-friction_drop-against-load-and-temperature"
 

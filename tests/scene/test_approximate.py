@@ -14,8 +14,8 @@ from nested import Outer
 import chemage as ca
 from chemage import parse_scene, registry
 from chemage.foundation import approximations
-from chemage.results import run_figures
-from chemage.results.comparison import compare_files, comparison_figures
+from chemage.results.comparison import compare_files
+from chemage.results.drawing import comparison_figures, figures
 from chemage.results.page import html
 
 WORDS = "coarse (declared error 2 % of the mean number of bonds)"
@@ -161,7 +161,7 @@ def test_figures_and_reports_say_so():
     assert sum(f"a is approximate: {WORDS}." in caption for caption in captions) >= 3
     assert sum(f"The result is approximate: {WORDS}." in caption for caption in captions) >= 3
     run = ca.read("a.h5")
-    title = run_figures.figures(run)["friction"].get_suptitle()
+    title = figures(run)["friction"].get_suptitle()
     assert title.endswith(f"\napproximate: {WORDS}")
 
 

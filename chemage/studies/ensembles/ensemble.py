@@ -300,7 +300,7 @@ class Ensemble(Record):
                 values,
                 {"units": units.get(name.partition(".")[0].removesuffix("_half_width"), "1")},
             )
-            for name, values in self._curves().items()
+            for name, values in self.curves().items()
         }
         return dataset(self, derived)
 
@@ -323,10 +323,10 @@ class Ensemble(Record):
                     [estimate.errors.get(part, none).size for estimate in estimates.values()]
                 )
             return frame(columns, "measure", attributes)
-        return frame({"hold_time": self.hold_times, **self._curves()}, "hold_time", attributes)
+        return frame({"hold_time": self.hold_times, **self.curves()}, "hold_time", attributes)
 
-    def _curves(self) -> dict[str, np.ndarray]:
-        """Columns of the curves of friction: name -> (m,)."""
+    def curves(self) -> dict[str, np.ndarray]:
+        """Columns of the curves of friction in :meth:`to_pandas`: name -> (m,)."""
         columns: dict[str, np.ndarray] = {}
         for name in (curve for curve in CURVES if curve in self.quantities.names):
             estimates = [self.estimate(name, float(time)) for time in self.hold_times]

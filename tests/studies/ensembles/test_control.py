@@ -8,7 +8,7 @@ from drawn_levels import Drawn, Timer, nothing
 
 import chemage as ca
 from chemage import Ensemble, ensemble
-from chemage.results.ensemble_text import rows
+from chemage.foundation.result import result_of
 from chemage.studies.ensembles import sampling
 from chemage.studies.ensembles.allocation import half_width, regressed, spread_of
 from chemage.studies.ensembles.stages import CONTROLLED, Clock, Route, State, run_stages
@@ -219,7 +219,7 @@ def test_it_is_the_mean_of_the_surfaces_alone_within_the_error(scene, made):
 
 
 def test_its_text_says_what_it_was_regressed_on(made):
-    text = dict(rows(made))["regressed on"]
+    text = dict(result_of(made).rows())["regressed on"]
     assert f"{len(made.rows[str(len(made.levels) - 1)])} surfaces" in text
     assert "sketches" in made.estimate("area_fraction").errors["surfaces"].how
 

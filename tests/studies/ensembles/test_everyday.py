@@ -15,8 +15,9 @@ from matplotlib import pyplot as plt
 import chemage as ca
 from chemage import Ensemble
 from chemage.contacts.solution import MEASURES
-from chemage.results.comparison import compare_files, comparison_figures
-from chemage.results.ensemble_text import rows
+from chemage.foundation.result import result_of
+from chemage.results.comparison import compare_files
+from chemage.results.drawing import comparison_figures
 from chemage.results.page import html
 
 SCENE = {
@@ -118,8 +119,8 @@ def test_the_line_of_beta_says_over_which_hold_times_it_is_fitted_and_that_they_
     text = "(line, 10–10⁴ s)\nβ rests on 4 hold times over 3 decades"
     (label,) = [one.get_label() for one in made().plot().lines if str(one.get_label()).startswith("β")]
     assert label.endswith(text)
-    assert "per decade, ± " in dict(rows(made()))["beta"]
-    assert dict(rows(made()))["beta"].endswith(", 4 hold times from 10 to 10000 s")
+    assert "per decade, ± " in dict(result_of(made()).rows())["beta"]
+    assert dict(result_of(made()).rows())["beta"].endswith(", 4 hold times from 10 to 10000 s")
 
 
 def test_without_ageing_the_parts_of_the_error_are_drawn():

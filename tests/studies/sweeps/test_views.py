@@ -10,7 +10,7 @@ import chemage
 from chemage import InputError
 from chemage.foundation.statistics import crossed_half_width
 from chemage.foundation.text import plus_minus
-from chemage.results.sweep_figures import sweep_figures
+from chemage.results.drawing import figures as sweep_figures
 from chemage.studies.sweeps.views import HOLD_TIME, SweepData, swept_rows
 
 GRID = {

@@ -13,7 +13,7 @@ from scipy.stats import wasserstein_distance
 
 import chemage as ca
 from chemage.cli.app import main
-from chemage.results.tradeoff_figure import figure
+from chemage.results.drawing import figures
 from chemage.studies.trade.mapping import tradeoff
 from chemage.studies.trade.trade_map import Point, TradeMap
 from chemage_contact import FFTBEM
@@ -151,7 +151,7 @@ def test_contact_mechanics_alone_has_no_engines():
 
 
 def test_the_figure_has_a_panel_for_each_observable(found: TradeMap):
-    titles = [axes.get_title() for axes in figure(found).axes]
+    titles = [axes.get_title() for axes in figures(found)["trade"].axes]
     assert titles[0] == "β"
     assert titles[-4:] == [
         "corrected contact area",

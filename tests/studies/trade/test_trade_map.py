@@ -13,7 +13,7 @@ import pytest
 import chemage as ca
 from chemage import ContactSolution, ContactSolver, DamagedError, InputError, Pressure, StoreError
 from chemage.cli.options import changed_fields
-from chemage.results.tradeoff_figure import figure
+from chemage.results.drawing import figures
 from chemage.scene.files import override
 from chemage.studies.trade.choices import changes, choices, go_together, pasted
 from chemage.studies.trade.mapping import tradeoff
@@ -354,9 +354,9 @@ def test_a_difference_within_its_error_is_not_resolved():
 
 
 def test_the_figure_has_a_panel_for_each_observable(drawn, found):
-    assert [axes.get_title() for axes in figure(drawn).axes] == ["β", "corrected contact area"]
-    assert len(figure(found).axes) == 1 + 3 + 4
-    assert figure(replace(drawn, points=[], observables=[])) is not None
+    assert [axes.get_title() for axes in figures(drawn)["trade"].axes] == ["β", "corrected contact area"]
+    assert len(figures(found)["trade"].axes) == 1 + 3 + 4
+    assert figures(replace(drawn, points=[], observables=[])) == {}
 
 
 # -- the file ----------------------------------------------------------------------------------------------------------

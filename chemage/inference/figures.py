@@ -1,71 +1,30 @@
-"""The figures of an inference: density, data, predictive bands, forecasts, unknowns."""
+"""The plots of an inference: density, data, predictive bands, forecasts, unknowns."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from chemage.foundation.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, legend, plain
+from chemage.foundation.result import Medium
 from chemage.foundation.statistics import NORMAL_LIMIT
-from chemage.inference.forecast import band
-from chemage.inference.result import Inference, InferenceResult
+from chemage.inference.forecast import Forecast, band
+from chemage.inference.result import Inference
 from chemage.inference.shape import peaks, unresolved
-from chemage.results.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, legend, panels, plain, save_figures
-from chemage.results.inference_text import UNITS, density_text, unseen_text
+from chemage.inference.words import UNITS, density_text, unseen_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-#: name -> caption
-CAPTIONS = {
-    "density": "Density of forming barriers: mean, 68 and 95 % bands of the posterior, families (orange), and upper "
-    "end of the 95 % band of the prior (grey). Outside the shaded energies the data tell sums only.",
-    "data": "Measured friction drop (bars: 95 %) with the 68 and 95 % bands of the fitted curves.",
-    "residuals": "Residuals in standard errors; shaded: two standard errors.",
-    "predictive": "What the prior and the posterior predict of the measurements, 95 % bands.",
-    "forecasts": "Forecasts at conditions that were not measured: median, 68 and 95 % bands of the posterior; dashed: "
-    "bounds of 95 % where nearly all is unseen.",
-    "unknowns": "Samples of the unknown scalars within the bounds of their priors.",
-}
 #: forecasts that are drawn, in one figure
 MOST = 6
-#: inches of one panel
-SIZE = (4.9, 3.6)
 _LINES = ("-", "--", ":", "-.")
 
 
-def inference_figures(made: InferenceResult) -> dict[str, Figure]:
-    """The figures of an inference by name; see :data:`CAPTIONS`."""
-    one = made.inference
-    found = {}
-    figure, (axes,) = panels(6.4, 4.4)
-    draw_density(axes, one)
-    found["density"] = figure
-    figure, axes_of = panels(6.4, 5.6, rows=2)
-    draw_data(axes_of[0], one)
-    draw_residuals(axes_of[1], one)
-    found["data"] = figure
-    figure, (axes,) = panels(6.4, 4.4)
-    draw_predictive(axes, one)
-    found["predictive"] = figure
-    if made.forecasts:
-        figure, (axes,) = panels(6.4, 4.4)
-        draw_forecasts(axes, made)
-        found["forecasts"] = figure
-    if one.scalars:
-        count = len(one.scalars)
-        figure, axes_of = panels(4.2 * count, 3.4, count)
-        for axes, name in zip(axes_of, one.scalars, strict=True):
-            draw_scalar(axes, one, name)
-        found["unknowns"] = figure
-    return found
-
-
-def draw_density(axes: Axes, one: Inference, size: float = 8) -> None:
+def draw_density(axes: Axes, medium: Medium, one: Inference) -> None:
     """Draw the density with its bands, the visible energies shaded, families as lines, and the band of the prior."""
     e = one.energies
     low, high = one.visible_range
@@ -94,11 +53,11 @@ def draw_density(axes: Axes, one: Inference, size: float = 8) -> None:
     axes.set_xlim(max(e[0], low - beyond), min(e[-1], high + beyond))
     axes.set_ylim(0, top or 1.0)
     axes.set(xlabel="forming barrier (eV)", ylabel="density (1/eV)")
-    axes.set_title(fill(density_text(one), 76), fontsize=size)
-    legend(axes, fontsize=size, ncols=2)
+    axes.set_title(fill(density_text(one), 76), fontsize=medium.font)
+    legend(axes, fontsize=medium.font, ncols=2)
 
 
-def draw_data(axes: Axes, one: Inference, size: float = 8) -> None:
+def draw_data(axes: Axes, medium: Medium, one: Inference) -> None:
     """Draw the measured friction drop and the bands of the fitted curves."""
     for number, about in enumerate(one.curves):
         colour, here = PALETTE[number % len(PALETTE)], one.curve == number
@@ -114,14 +73,14 @@ def draw_data(axes: Axes, one: Inference, size: float = 8) -> None:
     axes.set_ylim(bottom=min(0.0, float((one.values - NORMAL_LIMIT * one.errors).min())))
     legend(
         axes,
-        fontsize=size,
+        fontsize=medium.font,
         title="points: measured, bars 95 %; bands: 68 and 95 %",
-        title_fontsize=size,
+        title_fontsize=medium.font,
         alignment="left",
     )
 
 
-def draw_residuals(axes: Axes, one: Inference) -> None:
+def draw_residuals(axes: Axes, medium: Medium, one: Inference) -> None:
     """Draw measured minus fitted in standard errors."""
     residuals = one.residuals
     axes.axhspan(-2, 2, color=GREY, alpha=0.15, lw=0)
@@ -134,7 +93,7 @@ def draw_residuals(axes: Axes, one: Inference) -> None:
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="residual (standard errors)")
 
 
-def draw_predictive(axes: Axes, one: Inference, size: float = 8) -> None:
+def draw_predictive(axes: Axes, medium: Medium, one: Inference) -> None:
     """Draw what prior and posterior predict of the measurements, the scatter of a measurement included."""
     rng = np.random.default_rng(0)
     for number in range(len(one.curves)):
@@ -150,19 +109,17 @@ def draw_predictive(axes: Axes, one: Inference, size: float = 8) -> None:
             axes.fill_between(times, *band(values, 0.95), color=colour, alpha=alpha, lw=0, label=label)
         axes.plot(times, one.values[here], "o", ms=3, color=BLACK, label="measured" if number == 0 else None)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
-    legend(axes, fontsize=size)
+    legend(axes, fontsize=medium.font)
 
 
-def draw_forecasts(axes: Axes, made: InferenceResult, size: float = 8) -> None:
+def draw_forecasts(axes: Axes, medium: Medium, one: Inference, forecasts: Mapping[str, Forecast]) -> None:
     """Draw forecasts with their bands, and the measurements."""
-    one = made.inference
     for number in range(len(one.curves)):
         here = one.curve == number
         label = "measured" if number == 0 else None
         axes.plot(one.hold_times[here], one.values[here], "o", ms=2.5, color=GREY, label=label)
-    shown: Mapping[str, object] = dict(list(made.forecasts.items())[:MOST])
-    for number, label in enumerate(shown):
-        forecast, colour = made.forecasts[label], PALETTE[number % len(PALETTE)]
+    for number, (label, forecast) in enumerate(list(forecasts.items())[:MOST]):
+        colour = PALETTE[number % len(PALETTE)]
         times, name = forecast.hold_times, plain(label + unseen_text(forecast))
         low, high = forecast.band()
         single = times.size == 1
@@ -180,10 +137,10 @@ def draw_forecasts(axes: Axes, made: InferenceResult, size: float = 8) -> None:
             axes.vlines(times, low, high, color=colour, lw=1.2)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
     axes.set_ylim(bottom=0)
-    legend(axes, fontsize=size, title="bands: 68 and 95 %", title_fontsize=size, alignment="left")
+    legend(axes, fontsize=medium.font, title="bands: 68 and 95 %", title_fontsize=medium.font, alignment="left")
 
 
-def draw_scalar(axes: Axes, one: Inference, name: str) -> None:
+def draw_scalar(axes: Axes, medium: Medium, one: Inference, name: str) -> None:
     """Draw the samples of an unknown, with the bounds of its prior."""
     values = one.scalars[name]
     low, high = one.scalar_bounds.get(name, (float(values.min()), float(values.max())))
@@ -196,8 +153,3 @@ def draw_scalar(axes: Axes, one: Inference, name: str) -> None:
     axes.set(xlabel=f"{name.replace('_', ' ')}{f' ({unit})' if unit else ''}", ylabel="density of the samples")
     axes.set_title("orange: 95 %; grey: bounds of the prior", fontsize=8)
     axes.set_yticks([])
-
-
-def save(made: InferenceResult, folder: Path, *, force: bool = False, suffix: str = "png") -> list[Path]:
-    """Write the figures into ``folder``; see :func:`chemage.results.figures.save_figures`."""
-    return save_figures(inference_figures(made), folder, force=force, suffix=suffix)

@@ -1,4 +1,4 @@
-"""The command that compiles kernels before they are needed: warmup."""
+"""The commands that need no result: materials, schema, and warmup, which compiles kernels before they are needed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from chemage.cli import terminal
-from chemage.cli.options import JsonOpt
+from chemage.cli.options import JsonOpt, user_error
 from chemage.foundation.progress import loading, progress_bars
 
 if TYPE_CHECKING:
@@ -20,6 +20,57 @@ if TYPE_CHECKING:
 
 #: points of a sweep that are looked at
 MOST_POINTS = 1000
+
+
+def materials(
+    name: Annotated[str | None, typer.Argument(help="a material, such as silica; default: list all")] = None,
+    as_toml: Annotated[
+        bool, typer.Option("--toml", help="print the sections of a scene, with the sources as comments, to copy")
+    ] = False,
+    as_json: JsonOpt = False,
+) -> None:
+    """List materials, or show the values of one.
+
+    Each value is shown with its source and how it is known: measured, calculated, calibrated or estimated. A scene
+    names a material with material = "NAME", which fills what the scene does not say.
+    """
+    from chemage.plugins import registry
+    from chemage.scene.materials import material
+
+    if as_toml and (name is None or as_json):
+        raise user_error("--toml: give the name of a material, and no --json")
+    if name is None:
+        entries = [material(entry) for entry in sorted(registry.current().materials())]
+        if as_json:
+            print(json.dumps([entry.todict() for entry in entries]))
+            return
+        table = terminal.table("", ("material", "", "values", "from"))
+        for entry in entries:
+            table.add_row(entry.name, entry.title, str(len(entry.values)), entry.source)
+        terminal.show(table)
+        return
+    entry = material(name)
+    if as_json:
+        print(json.dumps(entry.todict()))
+    elif as_toml:
+        terminal.say(entry.toml(), end="")
+    else:
+        table = terminal.table(f"{entry.name}: {entry.title}", ("value", "", "how", "source"))
+        for value in entry.values:
+            table.add_row(value.path, value.text, value.how, value.source + (f"; {value.note}" if value.note else ""))
+        if entry.about:
+            terminal.say(f"{entry.about}\n")
+        terminal.show(table)
+
+
+def schema() -> None:
+    """Print the JSON Schema of scene files.
+
+    Editors check scenes with it. It includes the options of all installed components.
+    """
+    from chemage.scene.schema import scene_schema
+
+    print(json.dumps(scene_schema(), indent=2))
 
 
 def warmup(
@@ -53,17 +104,17 @@ def warmup(
         )
         seen: set[str] = set()
         for name in scenes or sorted(registry.current().scenes()):
-            for one in _forms(name):
-                if (what := form(one)) in seen:
+            for entry in _forms(name):
+                if (what := form(entry)) in seen:
                     continue
                 seen.add(what)
                 try:
-                    warm_up(one)
+                    warm_up(entry)
                 except Exception as error:
                     if registry.current().strict:
                         raise
                     failed[name] = f"{type(error).__name__}: {error}"
-    found: dict[str, Any] = {
+    told: dict[str, Any] = {
         "kernels": compiled.kernels,
         "seconds": round(time.perf_counter() - begin, 2),
         "folders": [str(machine.kernel_folder())],
@@ -73,16 +124,16 @@ def warmup(
     for name, why in failed.items():
         terminal.say(f"chemage: warning: not everything could be compiled for {name}: {why}", file=sys.stderr)
     if as_json:
-        print(json.dumps(found))
+        print(json.dumps(told))
     else:
         number = len(compiled.kernels)
         terminal.say(
-            f"{number} kernel{'' if number == 1 else 's'} compiled in {found['seconds']:.1f} s"
+            f"{number} kernel{'' if number == 1 else 's'} compiled in {told['seconds']:.1f} s"
             if number
             else "all kernels are compiled already"
         )
-        terminal.say(f"for the processor {found['processor']}")
-        for folder in found["folders"]:
+        terminal.say(f"for the processor {told['processor']}")
+        for folder in told["folders"]:
             terminal.say(f"in {folder}")
     if failed:
         raise typer.Exit(1)

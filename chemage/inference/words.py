@@ -10,7 +10,7 @@ import numpy as np
 
 from chemage.foundation.text import plus_minus, power_text
 from chemage.inference.forecast import UNSEEN, Forecast
-from chemage.inference.result import Inference, InferenceResult
+from chemage.inference.result import Inference
 from chemage.inference.shape import empty, peaks, rises, shares, three_shares, trend, unresolved
 
 #: unit of what may be unknown
@@ -28,29 +28,28 @@ NONE = "-"
 Rows = list[tuple[str, str]]
 
 
-def title(made: InferenceResult) -> str:
+def title(one: Inference) -> str:
     """What was inferred from what."""
-    names = ", ".join(dict.fromkeys(one["name"] for one in made.inference.curves))
+    names = ", ".join(dict.fromkeys(curve["name"] for curve in one.curves))
     return f"Density of forming barriers inferred from {names if len(names) < 40 else 'measured curves'}"
 
 
-def rows(made: InferenceResult) -> Rows:
+def rows(one: Inference) -> Rows:
     """The main numbers: (name, text); bands hold 95 % of the posterior."""
-    one = made.inference
-    found = [("measured", measured_text(one)), ("visible energies", visible_text(one))]
-    found += shape_rows(one)
-    found += [
+    rows_ = [("measured", measured_text(one)), ("visible energies", visible_text(one))]
+    rows_ += shape_rows(one)
+    rows_ += [
         ("effective parameters", f"{one.effective_parameters:.1f} of {one.hold_times.size} points"),
         ("chi²", f"{one.chi2:.1f} for {one.hold_times.size} points; largest residual {_largest_residual(one)}"),
     ]
-    found += [(name, text) for name, text in scalar_rows(one)]
+    rows_ += [(name, text) for name, text in scalar_rows(one)]
     sampling = one.diagnostics
     if "effective_samples" in sampling:
         text = f"{len(one.samples)} kept, {sampling['effective_samples']:.0f} effective"
         if "r_hat" in sampling:
             text += f", R-hat {sampling['r_hat']:.3f}"
-        found.append(("samples", f"{text}; seed {one.seed}"))
-    return found
+        rows_.append(("samples", f"{text}; seed {one.seed}"))
+    return rows_
 
 
 def measured_text(one: Inference) -> str:
@@ -76,13 +75,13 @@ def shape_rows(one: Inference) -> Rows:
     low, high = one.visible_range
     if not math.isfinite(low):
         return []
-    found: Rows = [("density", density_text(one))]
+    rows_: Rows = [("density", density_text(one))]
     for part in shares(one):
         text = f"{_percent(part.mean, part.band)} of the sites"
-        found.append((f"  {part.low:.3f} to {part.high:.3f} eV", text))
+        rows_.append((f"  {part.low:.3f} to {part.high:.3f} eV", text))
     above = three_shares(one)[2]
-    found.append((f"  above {high:.3f} eV", f"{_percent(above.mean, above.band)} of the sites: seen as not reacted"))
-    return found
+    rows_.append((f"  above {high:.3f} eV", f"{_percent(above.mean, above.band)} of the sites: seen as not reacted"))
+    return rows_
 
 
 def density_text(one: Inference) -> str:
@@ -111,14 +110,14 @@ def density_text(one: Inference) -> str:
 
 def scalar_rows(one: Inference) -> Rows:
     """The unknown scalars, with their intervals and the bounds of their priors."""
-    found = []
+    rows_ = []
     for name, values in one.scalars.items():
         low, high = one.interval(name)
         bounds = one.scalar_bounds.get(name)
         within = f"; prior {bounds[0]:.3g} to {bounds[1]:.3g}" if bounds else ""
         text = f"{np.median(values):.3g} {UNITS.get(name, '')} ({low:.3g} to {high:.3g}{within})"
-        found.append((name, text))
-    return found
+        rows_.append((name, text))
+    return rows_
 
 
 def family_rows(one: Inference) -> list[tuple[str, str, str, str]]:
@@ -126,16 +125,16 @@ def family_rows(one: Inference) -> list[tuple[str, str, str, str]]:
     if not one.scores:
         return []
     best = max(one.scores.values())
-    found = []
+    rows_ = []
     for name, score in sorted(one.scores.items(), key=lambda item: -item[1]):
         fit: Mapping[str, Any] = one.families.get(name, {})
         less = "best" if score == best else f"{score - best:.1f}"
         if name == SMOOTH:
-            found.append(("smooth density", less, f"{one.chi2:.1f}", "as above"))
+            rows_.append(("smooth density", less, f"{one.chi2:.1f}", "as above"))
             continue
         chi2 = f"{fit['chi2']:.1f}" if "chi2" in fit else ""
-        found.append((name, less, chi2, _parameters(fit)))
-    return found
+        rows_.append((name, less, chi2, _parameters(fit)))
+    return rows_
 
 
 def family_verdict(one: Inference) -> str:
@@ -186,14 +185,6 @@ def experiment_text(one: Mapping[str, Any]) -> str:
             value = one[name]
             text += f", {value:g} {unit}" if isinstance(value, int | float) else f", {value}"
     return text
-
-
-def notes(made: InferenceResult) -> list[str]:
-    """What users should know, each once."""
-    found = [*made.inference.notes]
-    for label, one in made.forecasts.items():
-        found += [f"forecast {label}: {note}" for note in one.notes]
-    return list(dict.fromkeys(found))
 
 
 def _parameters(fit: Mapping[str, Any]) -> str:

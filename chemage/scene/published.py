@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from chemage.foundation.figures import BLACK, plain
 from chemage.plugins import registry
-from chemage.results.figures import BLACK, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,12 +33,12 @@ class Published(NamedTuple):
 def published(scene: Mapping[str, Any]) -> list[Published]:
     """List what plugins say was published for a result of ``scene`` (plain data, in internal units)."""
     plugins = registry.current()
-    found = []
+    values = []
     for record, function in plugins.functions("chemage_published"):
         try:
             for where, beta, source in function() or ():
                 if where and all(_same(_value(scene, path), value) for path, value in where.items()):
-                    found.append(Published(float(beta), str(source)))
+                    values.append(Published(float(beta), str(source)))
         except (Exception, SystemExit) as error:
             if plugins.strict:
                 raise
@@ -48,7 +48,7 @@ def published(scene: Mapping[str, Any]) -> list[Published]:
                 registry.PluginWarning,
                 stacklevel=2,
             )
-    return found
+    return values
 
 
 def draw_published(axes: Axes, scene: Mapping[str, Any], fit: Fit | None) -> None:
@@ -56,10 +56,10 @@ def draw_published(axes: Axes, scene: Mapping[str, Any], fit: Fit | None) -> Non
     if fit is None or not fit.drawable:
         return
     middle = math.sqrt(fit.span[0] * fit.span[1])
-    for number, one in enumerate(published(scene)):
+    for number, value in enumerate(published(scene)):
         line = np.geomspace(*fit.span, 50)
-        values = float(fit(middle)) + one.beta * np.log10(line / middle)
-        label = plain(f"published β = {one.beta:g} ({one.source})")
+        values = float(fit(middle)) + value.beta * np.log10(line / middle)
+        label = plain(f"published β = {value.beta:g} ({value.source})")
         axes.plot(line, values, color=BLACK, lw=1.2, ls=("--", ":", "-.")[number % 3], zorder=4, label=label)
 
 
@@ -70,7 +70,7 @@ def _value(scene: Mapping[str, Any], path: str) -> Any:
     return place
 
 
-def _same(found: Any, expected: Any) -> bool:
-    if isinstance(expected, float | int) and isinstance(found, float | int) and not isinstance(found, bool):
-        return math.isclose(found, expected, rel_tol=1e-6)
-    return found == expected
+def _same(values: Any, expected: Any) -> bool:
+    if isinstance(expected, float | int) and isinstance(values, float | int) and not isinstance(values, bool):
+        return math.isclose(values, expected, rel_tol=1e-6)
+    return values == expected

@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from chemage.ageing.aging import Aging
-    from chemage.ageing.fitting import Fit
-
 #: colour-blind safe (Okabe & Ito 2008)
 BLUE, ORANGE, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#777777"
 BLACK = "#000000"
@@ -90,21 +87,6 @@ def draw_map(
     axes.set(xlabel="x (nm)", ylabel="y (nm)")
     bar = axes.figure.colorbar(image, ax=axes, shrink=0.85)
     bar.set_label(label)
-
-
-def replicas_text(aging: Aging) -> str:
-    """What the points of a curve are, for legends."""
-    return f"mean of {aging.replicas} replicas, 95 %" if aging.replicas > 1 else "1 replica"
-
-
-def draw_fit(axes: Axes, fit: Fit | None, label: str = "", color: str = ORANGE) -> None:
-    """Draw the fitted line over the hold times that it is fitted to, with β and what was fitted in the legend; nothing
-    without a fit."""
-    if fit is None or not fit.drawable:
-        return
-    line = np.geomspace(*fit.span, 50)
-    text = f"{label}: {fit.short_text()}" if label else fit.short_text()
-    axes.plot(line, fit(line), color=color, lw=1.6, zorder=3, label=plain(text))
 
 
 def legend_entries(axes: Axes) -> tuple[list[Any], list[str]]:

@@ -1,0 +1,273 @@
+"""How a contact is shown: its measures, the maps of its pressure, and the distribution of the pressure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import numpy as np
+
+from chemage.contacts.options import force_text, pressure_text
+from chemage.contacts.solution import ContactSolution, ContactStatistics
+from chemage.foundation.figures import BLUE, GREEN, draw_map, pooled
+from chemage.foundation.result import NONE, Compared, Curve, Medium, OfRecord, Panel, Picture, Rows, displays
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: measures that are compared: name -> (label, unit in tables, unit in CSV)
+COMPARED = {
+    "area": ("contact area A", "nm²", "nm^2"),
+    "area_fraction": ("area fraction A/A0", "", ""),
+    "patches": ("patches", "", ""),
+    "perimeter_to_area": ("perimeter to area C/A", "1/nm", "1/nm"),
+    "mean_contact_pressure": ("mean contact pressure", "GPa", "GPa"),
+}
+
+
+def compared_measures(measures: Mapping[str, float]) -> Compared:
+    """The measures of a contact beside those of others."""
+    load = measures.get("load", math.nan)
+    rows = {"load": force_text(load) if math.isfinite(load) else NONE}
+    for name, (label, unit, _) in COMPARED.items():
+        value = measures.get(name, math.nan)
+        rows[label] = f"{value:.5g} {unit}".strip() if math.isfinite(value) else NONE
+    return Compared(
+        rows,
+        numbers={"load": load, **{name: measures.get(name) for name in COMPARED}, "replicas": 0},
+        units={"load": "nN", **{name: unit for name, (_, _, unit) in COMPARED.items() if unit}},
+        load=load,
+    )
+
+
+def main_measures(measures: Mapping[str, float], ages: bool = False) -> Rows:
+    """The measures that a reader looks for first: (value, what it is)."""
+    area, patches = measures.get("area_fraction", math.nan), measures.get("patches", math.nan)
+    pressure = measures.get("mean_contact_pressure", math.nan)
+    rows = [(f"{area:.3g}", "area fraction A/A₀")] if math.isfinite(area) else []
+    if not ages and math.isfinite(pressure):
+        rows.append((f"{pressure:.3g} GPa", "mean contact pressure"))
+    return rows + ([(f"{patches:g}", "contact patches")] if not ages and math.isfinite(patches) else [])
+
+
+C = TypeVar("C", ContactSolution, ContactStatistics)
+
+
+class OfContact(OfRecord[C], Generic[C]):
+    """What the two kinds of contact have in common."""
+
+    def rows(self) -> Rows:
+        return [("contact", f"{self.extent()}; {self.loading()}"), *self.measures(), *self.remarks()]
+
+    def loading(self) -> str:
+        """Load and modulus, in words."""
+        contact = self.record
+        nominal = f" ({pressure_text(contact.nominal_pressure)} nominal)" if getattr(contact, "periodic", True) else ""
+        state = "" if contact.converged else "  NOT CONVERGED"
+        return f"load {force_text(contact.load)}{nominal}, E* {contact.modulus:g} GPa{state}"
+
+    def measures(self) -> Rows:
+        """The rows of what was found."""
+        contact, area = self.record, self.record.summary()["area"]
+        return [
+            *([("contact area A", f"{area:.5g} nm²")] if math.isfinite(area) else []),
+            ("area fraction A/A0", f"{contact.area_fraction:.5f}"),
+            ("kappa", f"{contact.kappa:.3f}"),
+            *self.of_map(),
+            ("mean contact pressure", f"{contact.mean_contact_pressure:.4g} GPa"),
+        ]
+
+    def extent(self) -> str:
+        """The size of the surface and its slope, in words."""
+        raise NotImplementedError
+
+    def solved(self) -> str:
+        """How well it was solved, in words."""
+        raise NotImplementedError
+
+    def of_map(self) -> Rows:
+        """The rows that need the map."""
+        raise NotImplementedError
+
+    def pressures(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """The distribution of the pressure over the contact: bin edges (GPa), density (1/GPa)."""
+        raise NotImplementedError
+
+    def summary(self, beside: bool = False) -> Rows:
+        return main_measures(self.record.summary())
+
+    def made_by(self) -> dict[str, Any]:
+        return {"scene": {}, "contact": self.record.provenance}
+
+    def compared(self, times: Sequence[float]) -> Compared:
+        joined = compared_measures(self.record.summary())
+        joined.curves = self.curves()
+        return joined
+
+    def curves(self) -> dict[str, Curve]:
+        """The distribution of the pressure, to be drawn with others."""
+        if (distribution := self.pressures()) is None:
+            return {}
+        edges, density = distribution
+        axes = "contact pressure (GPa)", "density over the contact (1/GPa)"
+        caption = "Distribution of the pressure over the contact."
+        return {"pressures": Curve("Density of the pressure", "", *axes, caption, edges, density, np.zeros(0))}
+
+
+@displays(ContactSolution)
+class ContactDisplay(OfContact[ContactSolution]):
+    """A solved contact as users see it."""
+
+    def extent(self) -> str:
+        (nx, ny), contact = self.record.shape, self.record
+        return f"{nx} x {ny} pixels of {contact.pixel_size:g} nm, rms slope {contact.rms_slope:.4g}"
+
+    def solved(self) -> str:
+        contact = self.record
+        state = "converged" if contact.converged else "NOT CONVERGED"
+        return f"{state}, residual {contact.residual:.3g}, {contact.iterations} iterations"
+
+    def maps(self) -> dict[str, Any]:
+        return {"contact": self.record}
+
+    def of_map(self) -> Rows:
+        contact = self.record
+        return [("patches", f"{contact.patches}"), ("perimeter to area C/A", f"{contact.perimeter_to_area:.4f} /nm")]
+
+    def pressures(self) -> tuple[np.ndarray, np.ndarray] | None:
+        sites = self.record.sites.size
+        return self.record.pressure_histogram(bins=min(50, max(5, sites // 20))) if sites else None
+
+    def notes(self) -> list[str]:
+        fault = f"The contact did NOT converge: residual {self.record.residual:.3g}."
+        return [*([] if self.record.converged else [fault]), *super().notes()]
+
+    def pictures(self) -> dict[str, Picture]:
+        """The pressure over the whole contact, and around the largest patch with the outlines of patches.
+
+        A contact of one patch is drawn once, where it is; without contact there is none.
+        """
+        contact = self.record
+        if not contact.patches:
+            return {}
+        where = f"{contact.patches:g} patches on {100 * contact.area_fraction:.3g} % of the area"
+        whole = Panel(
+            partial(draw_pressure if contact.patches > 1 else _draw_only_patch, contact=contact),
+            "Contact pressure; pixels that are not in contact are blank.",
+            f"Map of the contact pressure: {where}, mean {contact.mean_contact_pressure:.3g} GPa.",
+            (4.9, 3.9),
+            is_map=True,
+        )
+        if contact.patches == 1:
+            return {"pressure": Picture((whole,), (6.0, 4.6))}
+        largest = Panel(
+            partial(_draw_largest_patch, contact=contact),
+            "Pressure around the largest contact patch, outlined in green.",
+            f"Map of the contact pressure around the largest of {contact.patches:g} patches.",
+            (4.9, 3.9),
+            is_map=True,
+        )
+        return {"pressure": Picture((whole, largest), (10.5, 4.8))}
+
+
+@displays(ContactStatistics)
+class StatisticsDisplay(OfContact[ContactStatistics]):
+    """A contact without a map as users see it."""
+
+    def extent(self) -> str:
+        return f"{self.record.nominal_area:.5g} nm² without a map, rms slope {self.record.rms_slope:.4g}"
+
+    def solved(self) -> str:
+        return "a theory: nothing is solved"
+
+    def of_map(self) -> Rows:
+        return [("patches, rim", "not known: the contact has no map")]
+
+    def pressures(self) -> tuple[np.ndarray, np.ndarray] | None:
+        contact = self.record
+        if contact.pressure.size < 2:
+            return None
+        edges = np.linspace(0.0, float(contact.pressure[-1]), 51)
+        counts, _ = np.histogram(contact.pressure, edges, weights=contact.area)
+        return edges, counts / (contact.contact_area * np.diff(edges))
+
+    def pictures(self) -> dict[str, Picture]:
+        return {"areas": Picture((Panel(self._draw_areas),))}
+
+    def _draw_areas(self, axes: Axes, medium: Medium) -> None:
+        contact = self.record
+        above = np.cumsum(contact.area[::-1])[::-1]
+        axes.step(np.append(0.0, contact.pressure), np.append(above, 0.0), where="post", color=BLUE)
+        axes.set(xlabel="pressure (GPa)", ylabel="contact area above it (nm$^2$)")
+        axes.set_title(f"A/A$_0$ = {contact.area_fraction:.3g}")
+        axes.set_xlim(left=0)
+        axes.set_ylim(bottom=0)
+
+
+# -- maps -------------------------------------------------------------------------------------------------------------
+
+
+def draw_pressure(axes: Axes, medium: Medium, contact: ContactSolution) -> None:
+    """Draw the pressure as a map, each block of pixels with its largest pressure."""
+    nx, ny = contact.shape
+    extent = (0.0, nx * contact.pixel_size, 0.0, ny * contact.pixel_size)
+    blocks = np.ma.masked_equal(pooled(contact.pressure, np.max, medium.pixels), 0.0)
+    draw_map(axes, blocks, extent, "pressure (GPa)", **_style(contact))
+    axes.set_title(f"{contact.patches} patches, A/A$_0$ = {contact.area_fraction:.3g}")
+
+
+def _style(contact: ContactSolution) -> dict[str, Any]:
+    low, top = float(contact.pressure.min()), float(contact.pressure.max()) or 1.0
+    return {"cmap": "inferno_r", "vmin": low if low < top else 0.0, "vmax": top}
+
+
+def _draw_only_patch(axes: Axes, medium: Medium, contact: ContactSolution) -> None:
+    _draw_largest_patch(axes, medium, contact, least=8, margin=1.3)
+    axes.set_title(f"1 patch, A/A$_0$ = {contact.area_fraction:.3g}")
+
+
+def _draw_largest_patch(
+    axes: Axes, medium: Medium, contact: ContactSolution, least: int = 64, margin: float = 2.0
+) -> None:
+    a = contact.pixel_size
+    (x0, x1), (y0, y1) = _around_largest_patch(contact, least, margin)
+    part = contact.pressure[x0:x1, y0:y1]
+    extent = (x0 * a, x1 * a, y0 * a, y1 * a)
+    blocks = np.ma.masked_equal(pooled(part, np.max, medium.pixels), 0.0)
+    draw_map(axes, blocks, extent, "pressure (GPa)", **_style(contact))
+    # thinner where pixels are small, so that outlines leave the pressure to be seen
+    width = min(0.8, 160 / max(part.shape))
+    axes.add_collection(_outlines(part > 0, x0, y0, a, width))
+    axes.set_title("around the largest patch")
+
+
+def _outlines(contact: np.ndarray, x0: int, y0: int, pixel: float, width: float) -> Any:
+    """The pixel edges between contact and gap in a (nx, ny) map whose corner is pixel (x0, y0)."""
+    from matplotlib.collections import LineCollection
+
+    i, j = np.nonzero(np.diff(contact, axis=0))
+    upright = np.stack([np.stack([i + 1, j], -1), np.stack([i + 1, j + 1], -1)], 1)
+    i, j = np.nonzero(np.diff(contact, axis=1))
+    level = np.stack([np.stack([i, j + 1], -1), np.stack([i + 1, j + 1], -1)], 1)
+    edges = (np.concatenate([upright, level]) + np.array([x0, y0])) * pixel
+    return LineCollection(list(edges), colors=GREEN, linewidths=width, capstyle="round")
+
+
+def _around_largest_patch(
+    contact: ContactSolution, least: int, margin: float
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Pixels of a window ``margin`` times the size of the largest patch, and at least ``least``: (x0, x1), (y0, y1)."""
+    from scipy import ndimage
+
+    nx, ny = contact.shape
+    labels, count = ndimage.label(contact.contact, structure=np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
+    largest = int(np.bincount(labels.ravel(), minlength=count + 1)[1:].argmax()) + 1
+    box = ndimage.find_objects(labels, max_label=largest)[largest - 1]
+    side = max(least, math.ceil(margin * max(part.stop - part.start for part in box)))
+    window = []
+    for part, n in zip(box, (nx, ny), strict=True):
+        low = max(0, min((part.start + part.stop - side) // 2, n - side))
+        window.append((low, min(n, low + side)))
+    return window[0], window[1]

@@ -1,0 +1,389 @@
+"""What every kind of result says of itself: rows, numbers, notes, parts, pictures, tables and what to cite.
+
+``chemage show``, ``plot``, ``report``, ``compare``, notebooks, JSON and CSV are written on :class:`Result` alone. A
+kind of result is a subclass; where the numbers are in a class of their own, :func:`displays` says which shows it.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import numpy as np
+
+from chemage.foundation.approximations import in_words
+from chemage.foundation.errors import InputError
+from chemage.foundation.figures import panels, png
+from chemage.foundation.names import PICTURES
+from chemage.foundation.records import Record
+from chemage.foundation.text import html_table, jsonable, with_article
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: (name, text)
+Rows = list[tuple[str, str]]
+#: what stands in a cell without a value
+NONE = "-"
+
+
+@dataclass(frozen=True)
+class Medium:
+    """Where something is drawn: points of the font of legends, and blocks of pixels along a side of a map."""
+
+    font: float
+    pixels: int
+
+
+#: inches of each panel in the cell of a notebook
+_CELL_SIZE = (3.7, 3.1)
+#: a file, the page of a report (legible on a phone), and the cell of a notebook, whose page holds every picture
+FILE, PAGE, CELL = Medium(8, 900), Medium(7, 900), Medium(7, 160)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One plot: on a page a figure of its own, in a file beside the others of its :class:`Picture`."""
+
+    draw: Callable[[Axes, Medium], None]
+    #: below it on a page; without a caption it is not on the page
+    caption: str = ""
+    #: in words and numbers, for readers who cannot see it
+    alt: str = ""
+    #: of a figure of its own, inches; small, so that the text is legible on a phone
+    size: tuple[float, float] = (4.9, 3.6)
+    #: a map, which is stored as pixels
+    is_map: bool = False
+    #: above it on a page
+    heading: str = "Figures"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of one or several panels, row by row."""
+
+    panels: Sequence[Panel]
+    #: inches
+    size: tuple[float, float] = (5.6, 4.2)
+    columns: int | None = None
+    title: str = ""
+    #: called with the figure and its plots when all of them are drawn
+    finish: Callable[[Figure, list[Axes]], None] | None = None
+    #: panels in the cell of a notebook
+    in_cell: int = 1
+    dpi: float = 150
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text; the first column names the rows."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    #: above it on a page
+    heading: str = ""
+    #: sentences below it
+    remarks: Sequence[str] = ()
+    #: whether it is on pages only
+    in_detail: bool = True
+    #: rows that are printed, at most
+    most: int | None = None
+    #: printed without space between columns
+    dense: bool = False
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Something against hold time, or a distribution, that is drawn into one plot with that of other results."""
+
+    #: "Friction drop", unit in words ", in nN"
+    words: str
+    unit: str
+    #: of the axes
+    xlabel: str
+    ylabel: str
+    caption: str
+    #: hold times (s), or edges of a distribution
+    x: np.ndarray
+    mean: np.ndarray
+    #: half the width of the 95 % interval; empty: none
+    half: np.ndarray
+    #: what the points are, for the legend
+    what: str = ""
+    band: bool = False
+    #: drawn on the page of this result alone, which has no picture of it
+    alone: bool = True
+    #: draws what is known beside it, such as a fit: called with axes, label ("" alone) and colour
+    beside: Callable[[Axes, str, str], None] | None = None
+
+
+@dataclass
+class Compared:
+    """A result as it stands beside others."""
+
+    #: label -> text
+    rows: dict[str, str] = field(default_factory=dict)
+    #: of these, those that are left out where the errors of all results have one meaning
+    only_beside: tuple[str, ...] = ()
+    #: name -> JSON value
+    numbers: dict[str, Any] = field(default_factory=dict)
+    #: the same for each of the hold times that are compared, and for the last
+    at: list[dict[str, Any]] = field(default_factory=list)
+    #: name of a number -> unit, for CSV
+    units: dict[str, str] = field(default_factory=dict)
+    #: name of the figure -> curve
+    curves: dict[str, Curve] = field(default_factory=dict)
+    #: fields that determine the kinetics of the sites: dotted path -> value; empty without ageing
+    chemistry: dict[str, Any] = field(default_factory=dict)
+    #: nN
+    load: float = np.nan
+    #: hold times of the line of β, s; fits a model (quantity, window) as to measurements: a fit, or why there is none
+    window: tuple[float, float] | None = None
+    fit: Callable[[Any, Any, Any], Any] | None = None
+
+    def __or__(self, other: Compared) -> Compared:
+        """Both in one, this one first; the hold times are those of the first that has any."""
+        return Compared(
+            {**self.rows, **other.rows},
+            (*self.only_beside, *other.only_beside),
+            {**self.numbers, **other.numbers},
+            self.at or other.at,
+            {**self.units, **other.units},
+            {**self.curves, **other.curves},
+            {**self.chemistry, **other.chemistry},
+            other.load if np.isnan(self.load) else self.load,
+            self.window or other.window,
+            self.fit or other.fit,
+        )
+
+
+class Result(ABC):
+    """A result as users see it. Only :meth:`rows` must be written; every other answer has a sensible default."""
+
+    #: characters of a line, where it is printed into a file or a pipe
+    width: int = 110
+    #: what its errors are, in words, for the foot of a page
+    errors: str = ""
+    #: what stands below the heading of its references
+    please_cite: str = "Please cite these works together with the results:"
+
+    @property
+    def name(self) -> str:
+        """For files and legends."""
+        return type(self).__name__
+
+    @property
+    def title(self) -> str:
+        """For headings; may be empty."""
+        return self.name
+
+    @property
+    def heading(self) -> str:
+        """Above its rows."""
+        return self.title
+
+    @property
+    def scene(self) -> Mapping[str, Any]:
+        """Plain data of the scene; empty where there is none."""
+        return {}
+
+    @property
+    def approximation(self) -> str:
+        """What is approximate about it, in words; "" if nothing is."""
+        return ""
+
+    @property
+    def plugins(self) -> Mapping[str, str]:
+        """Plugins that took part: name -> distribution and version."""
+        return {}
+
+    @abstractmethod
+    def rows(self) -> Rows:
+        """The main numbers: (name, text with error and unit)."""
+
+    def numbers(self) -> dict[str, Any]:
+        """One JSON-able object."""
+        return dict(self.rows())
+
+    def summary(self, beside: bool = False) -> Rows:
+        """The numbers that a reader looks for first: (value with its error, what it is); ``beside`` results of other
+        kinds, whose errors may be others."""
+        return []
+
+    def notes(self) -> list[str]:
+        """Doubts, faults and remarks, in words, each once."""
+        return []
+
+    def parts(self) -> dict[str, Result]:
+        """Results inside it, such as contact and ageing of a run."""
+        return {}
+
+    def pictures(self) -> dict[str, Picture]:
+        """Its figures by name; nothing is drawn, or imported for drawing, before a panel is asked to draw."""
+        return {}
+
+    def stated(self) -> tuple[str, Mapping[str, Any]]:
+        """The scene on a page, and what it is, in words."""
+        about = "All options, in internal units (nm, nN, GPa, eV, s, K). Saved as a file, this scene reproduces"
+        return f"{about} the result with `chemage run`.", self.scene
+
+    def tables(self) -> list[Table]:
+        """Tables beside the rows."""
+        return []
+
+    def columns(self) -> dict[str, Any]:
+        """Its many values, for CSV: name and unit of a column -> values; empty: the rows are all there is."""
+        return {}
+
+    def cite(self) -> tuple[list[str], str]:
+        """Texts to cite, and the version of chemage that made it ("": not recorded)."""
+        return [], ""
+
+    def made_by(self) -> Mapping[str, Any]:
+        """What made it: ``scene`` (plain data), ``aging`` (an ageing curve) and ``contact`` (provenance), or its
+        ``components``."""
+        return {"scene": self.scene}
+
+    def maps(self) -> Mapping[str, Any]:
+        """Its large arrays, for figures of plugins: ``contact`` and ``surface``, as far as it has them."""
+        return {}
+
+    def provenance(self) -> Rows:
+        """Seeds, versions and content hashes: (item, value)."""
+        return [(f"plugin {name}", version) for name, version in self.plugins.items()]
+
+    def compared(self, times: Sequence[float]) -> Compared:
+        """It beside other results at these hold times (s) and the last."""
+        numbers = {name: value for name, value in self.numbers().items() if isinstance(value, int | float | str | None)}
+        return Compared(dict(self.rows()), numbers=numbers)
+
+    def draw(self, axes: Axes, medium: Medium = FILE) -> None:
+        """Draw its main plot: the first panel of the first picture; a kind may have options for it."""
+        panels = [panel for picture in self.pictures().values() for panel in picture.panels]
+        if not panels:
+            raise InputError(f"{with_article(self.name)} has no picture")
+        panels[0].draw(axes, medium)
+
+    def _repr_html_(self) -> str:
+        """Its picture and a table of its main numbers and notes, as HTML without references to anything else; the table
+        alone where matplotlib is missing."""
+        rows = [*self.rows(), *(("note", note) for note in self.notes())]
+        return f"<div>{self._cell()}<div>{html_table(self.heading, rows)}</div></div>"
+
+    def _cell(self) -> str:
+        """The first panels of its parts, or of its own pictures."""
+        drawn = [part.pictures() for part in self.parts().values()]
+        chosen: list[Panel] = []
+        for pictures in drawn if any(drawn) else [self.pictures()]:
+            for picture in list(pictures.values())[:1]:
+                chosen += picture.panels[: picture.in_cell]
+        if not chosen:
+            return ""
+        try:
+            figure, axes = panels(_CELL_SIZE[0] * len(chosen), _CELL_SIZE[1], len(chosen), dpi=96)
+        except ImportError:
+            return ""
+        for plot, panel in zip(axes, chosen, strict=True):
+            panel.draw(plot, CELL)
+            plot.title.set_fontsize(9)
+            if (legend := plot.get_legend()) is not None:
+                for text in legend.get_texts():
+                    text.set_fontsize(7)
+        return png(figure, self.heading)
+
+
+R = TypeVar("R", bound=Record)
+
+
+class OfRecord(Result, Generic[R]):
+    """A result that is a :class:`Record`."""
+
+    def __init__(self, record: R) -> None:
+        self.record = record
+
+    @property
+    def name(self) -> str:
+        return type(self.record).__name__
+
+    @property
+    def title(self) -> str:
+        return repr(self.record)
+
+    @property
+    def approximation(self) -> str:
+        return in_words(self.record.approximate)
+
+    @property
+    def plugins(self) -> Mapping[str, str]:
+        return self.record.plugins
+
+    def remarks(self) -> Rows:
+        """The last rows: what is approximate."""
+        return [("approximate", words)] if (words := self.approximation) else []
+
+    def numbers(self) -> dict[str, Any]:
+        fields = {
+            name: f"array {value.shape} {value.dtype}" if isinstance(value, np.ndarray) else value
+            for name, value in self.record.todict().items()
+        }
+        return {"object": self.name, **jsonable(fields)}
+
+    def notes(self) -> list[str]:
+        return list(dict.fromkeys(getattr(self.record, "notes", ())))
+
+    def provenance(self) -> Rows:
+        return [*super().provenance(), (f"content hash of {self.name}", self.record.digest())]
+
+
+#: class of a result -> the class that shows it
+_DISPLAYS: dict[type, Callable[[Any], Result]] = {}
+D = TypeVar("D", bound=Callable[[Any], Result])
+
+
+def displays(cls: type) -> Callable[[D], D]:
+    """Say that the decorated class shows the objects of ``cls``: it is called with one of them. ::
+
+    @displays(Grains)
+    class GrainsResult(Result): ...
+    """
+
+    def registered(display: D) -> D:
+        _DISPLAYS[cls] = display
+        return display
+
+    return registered
+
+
+@displays(Record)
+class RecordDisplay(OfRecord[Record]):
+    """A record without a display of its own: its fields."""
+
+    def rows(self) -> Rows:
+        fields = {name: value for name, value in self.numbers().items() if name != "object"}
+        return [*self.remarks(), *((name, str(value)) for name, value in fields.items())]
+
+
+def is_result(thing: Any) -> bool:
+    """Whether something can be shown."""
+    import_module(f"chemage.{PICTURES}")  # chemage's own kinds; what shows them is in rooms above this one
+    return isinstance(thing, Result) or any(cls in _DISPLAYS for cls in type(thing).__mro__)
+
+
+def result_of(thing: Any) -> Result:
+    """How something is shown.
+
+    Raises
+    ------
+    InputError
+        It is no result.
+    """
+    if isinstance(thing, Result):
+        return thing
+    if is_result(thing):
+        return next(_DISPLAYS[cls] for cls in type(thing).__mro__ if cls in _DISPLAYS)(thing)
+    raise InputError(f"{with_article(type(thing).__name__)} is no result that can be shown")

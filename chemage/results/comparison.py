@@ -1,0 +1,391 @@
+"""Several results beside each other and beside measurements: the same quantities, and what differs in their scenes.
+
+Single asperities and rough contacts are compared alike: bonds per contact area and the fraction of bonded sites do not
+depend on the size of a contact.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from chemage.ageing.aging import Aging
+from chemage.ageing.display import TIMES
+from chemage.ageing.fitting import Fit, Model, fit_aging
+from chemage.ageing.measurements import Measurements, read_measurements
+from chemage.foundation.components import Component
+from chemage.foundation.errors import InputError
+from chemage.foundation.result import NONE, Compared, Result, Rows, result_of
+from chemage.foundation.text import jsonable
+from chemage.foundation.units import QuantityLike, convert
+from chemage.lattices.chemistry import SITE_DENSITY, Chemistry
+from chemage.results.kinds import components, is_point, load
+from chemage.studies.sweeps.result import load_sweep
+
+#: largest number of results in a comparison
+MOST = 32
+_CHEMICAL = ("forming", "breaking", "interaction", "chemistry", "temperature")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One result beside others: what is compared of it, without its maps."""
+
+    name: str
+    source: str
+    title: str
+    compared: Compared
+    #: main numbers alone, and beside results whose errors are others
+    summaries: tuple[Rows, Rows]
+    errors: str
+    approximation: str
+    #: plugins that took part: name -> source
+    plugins: Mapping[str, str]
+    scene: Mapping[str, Any]
+    components: Sequence[tuple[str, Component]]
+    aging: Aging | None
+    #: reads the result again, maps included
+    whole: Callable[[], Result] = field(compare=False, repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        thing: Any,
+        name: str = "",
+        source: str = "",
+        times: Sequence[float] = TIMES,
+        whole: Callable[[], Result] | None = None,
+    ) -> Entry:
+        """Make an entry of a result of any kind."""
+        result = result_of(thing)
+        return cls(
+            name or result.name,
+            source,
+            result.title,
+            result.compared(times),
+            (result.summary(), result.summary(beside=True)),
+            result.errors,
+            result.approximation,
+            dict(result.plugins),
+            result.scene,
+            components(result),
+            result.made_by().get("aging"),
+            whole or (lambda: result),
+        )
+
+    @property
+    def ages(self) -> bool:
+        """Whether it has a chemistry, and with it curves against hold time."""
+        return bool(self.compared.chemistry)
+
+    def chemistry(self) -> dict[str, Any]:
+        """The fields that determine the kinetics of the sites: dotted path -> value."""
+        if not self.ages:
+            return {}
+        parts = self.compared.chemistry
+        own = {name: value for name, value in parts.get("chemistry", {}).items() if name not in Chemistry.limits}
+        # results from before there was a choice
+        return dict(_flat({**parts, "chemistry": {"site_density": SITE_DENSITY, **own}}))
+
+    def elsewhere(self) -> dict[str, Any]:
+        """The other fields of the scene (surface, contact, engine, hold and fit): dotted path -> value."""
+        left = {name: part for name, part in self.scene.items() if name not in (*_CHEMICAL, "name", "title", "observe")}
+        limits = {name: self.scene.get("chemistry", {}).get(name) for name in Chemistry.limits}
+        return {path: value for path, value in _flat({**left, "chemistry": limits}) if path != "hold.temperature"}
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A field whose value differs between results; ``values`` in the order of the results, None where it is absent."""
+
+    path: str
+    values: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Several results, and measurements to compare with them."""
+
+    results: list[Entry]
+    measured: list[Measurements] = field(default_factory=list)
+    #: hold times at which results are compared, s, besides the last of each
+    times: tuple[float, ...] = TIMES
+
+    @property
+    def has_several_errors(self) -> bool:
+        """Whether the errors of the results have different meanings, so that it must be said what each contains."""
+        return len({result.errors for result in self.results}) > 1
+
+    def summary(self, result: Entry) -> Rows:
+        """The main numbers of one of the results."""
+        return result.summaries[self.has_several_errors]
+
+    def chemistry_differences(self) -> list[Difference]:
+        """Find the fields in which the chemistry of the aged results differs; empty if it is the same."""
+        return _differences([result.chemistry() for result in self.results if result.ages])
+
+    def other_differences(self) -> list[Difference]:
+        """Find the other fields in which the scenes differ, without options that exist for one kind only.
+
+        A section that only some of the scenes have appears with its kind.
+        """
+        fields = _differences([result.elsewhere() for result in self.results if result.scene])
+        other_kinds = {result.path.removesuffix("kind") for result in fields if result.path.endswith(".kind")}
+        return [
+            result
+            for result in fields
+            if None not in result.values
+            or result.path.endswith(".kind")
+            or not result.path.startswith(tuple(other_kinds))
+        ]
+
+    def statement(self) -> str:
+        """State in one sentence whether the chemistry is the same."""
+        reacting = [result.name for result in self.results if result.ages]
+        if len(reacting) < 2:
+            return "Chemistry: nothing to compare; fewer than two of the results were aged."
+        different = self.chemistry_differences()
+        if not different:
+            return "Chemistry: the same in all results."
+        return f"Chemistry: differs in {', '.join(result.path for result in different)}."
+
+    def table(self) -> list[tuple[str, list[str]]]:
+        """The rows of the printed table: (quantity, text of each result)."""
+        several = [result.compared for result in self.results]
+        rows = [
+            (label, [result.rows.get(label, NONE) for result in several])
+            for label in _joined(result.rows for result in several)
+            if not all(label in result.only_beside or label not in result.rows for result in several)
+        ]
+        if any(result.approximation for result in self.results):
+            rows.append(("approximate", [result.approximation or NONE for result in self.results]))
+        if any(result.plugins for result in self.results):
+            texts = [", ".join(result.plugins.values()) or NONE for result in self.results]
+            rows.append(("plugins that took part", texts))
+        return rows
+
+    def numbers(self) -> list[dict[str, Any]]:
+        """The results as plain JSON values, one object each."""
+        return [jsonable(self._numbers(result)) for result in self.results]
+
+    def _numbers(self, result: Entry) -> dict[str, Any]:
+        several = [each.compared for each in self.results]
+        moments = result.compared.at or [{"time": time} for time in (*self.times, math.nan)]
+        names = _joined(entry for each in several for entry in each.at)
+        approximate = {"approximate": result.approximation} if any(each.approximation for each in self.results) else {}
+        return {
+            "name": result.name,
+            "file": result.source,
+            **{name: result.compared.numbers.get(name) for name in _joined(each.numbers for each in several)},
+            "plugins": dict(result.plugins),
+            **approximate,
+            "at": [{"time": entry["time"], **{name: entry.get(name) for name in names}} for entry in moments],
+        }
+
+    def todict(self) -> dict[str, Any]:
+        """The whole comparison as plain JSON values."""
+
+        def listed(differences: list[Difference]) -> list[dict[str, Any]]:
+            return [{"field": result.path, "values": jsonable(list(result.values))} for result in differences]
+
+        different = self.chemistry_differences()
+        return {
+            "results": self.numbers(),
+            "same_chemistry": not different if sum(result.ages for result in self.results) > 1 else None,
+            "chemistry_differences": listed(different),
+            "other_differences": listed(self.other_differences()),
+            "fits": [{"data": name, **fit.todict()} for name, fit in self.fits()],
+            "not_fitted": [
+                {"data": name, "model": model, "reason": reason} for name, model, reason in self.not_fitted()
+            ],
+        }
+
+    def csv(self) -> str:
+        """The comparison as CSV with one line per result and units in the header."""
+        units = {name: unit for result in self.results for name, unit in result.compared.units.items()}
+        ages = any(result.compared.at for result in self.results)
+        lines = []
+        for numbers in self.numbers():
+            moments = numbers.pop("at")
+            numbers["plugins"] = "; ".join(f"{name}: {source}" for name, source in numbers["plugins"].items())
+            line = {_headed(name, units): value for name, value in _spread(numbers)}
+            if ages:
+                line[_headed("last", units)] = moments[-1]["time"]
+                for entry, label in zip(moments, (*(f"{time:g} s" for time in self.times), "last"), strict=True):
+                    line |= {_headed(name, units, label): entry[name] for name in entry if name != "time"}
+            lines.append(line)
+        text = io.StringIO()
+        writer = csv.DictWriter(text, list(lines[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(lines)
+        return text.getvalue()
+
+    def fits(self) -> list[tuple[str, Fit]]:
+        """Fit both models to each set of measurements, and to each result over the same hold times: (name, fit)."""
+        return [(name, fit) for name, _, fit in self._fits() if isinstance(fit, Fit)]
+
+    def not_fitted(self) -> list[tuple[str, str, str]]:
+        """The fits of :meth:`fits` that cannot be made: (name, model in words, reason)."""
+        words = {"line": "β log10(t/t_c)", "curve": "β log10(1 + t/t_c)"}
+        return [(name, words[model], reason) for name, model, reason in self._fits() if isinstance(reason, str)]
+
+    def _fits(self) -> Iterator[tuple[str, Model, Fit | str]]:
+        """Each fit, or the reason why there is none: (name, model, fit or reason)."""
+        models: tuple[Model, Model] = ("line", "curve")
+        for data in self.measured:
+            for model in models:
+                fit = self._measured_fit(data, model)
+                yield data.name, model, fit
+                if isinstance(fit, str):
+                    continue
+                positive = data.hold_times[data.hold_times > 0]
+                window = fit.window or (float(positive.min()), float(positive.max()))
+                for result in self.results:
+                    if result.compared.fit is not None:
+                        yield result.name, model, result.compared.fit(model, window, data.quantity)
+
+    def measured_fit(self, data: Measurements, model: Model) -> Fit | None:
+        """Fit a model to measurements; None if there are too few."""
+        fit = self._measured_fit(data, model)
+        return fit if isinstance(fit, Fit) else None
+
+    def _measured_fit(self, data: Measurements, model: Model) -> Fit | str:
+        # the line over the window of the results if it contains enough measurements, else over all of them
+        reason = ""
+        for window in [self.results[0].compared.window, None] if model == "line" else [None]:
+            try:
+                return fit_aging(data, model=model, window=window)
+            except InputError as error:
+                reason = str(error)
+        return reason
+
+
+def compare_files(
+    files: Sequence[str | Path],
+    *,
+    measured: Sequence[str | Path] = (),
+    times: Sequence[QuantityLike] = TIMES,
+) -> Comparison:
+    """Compare result files with each other and with measurements.
+
+    Parameters
+    ----------
+    files
+        Files of results of any kind, as written by :func:`chemage.write` and ``chemage run``, and folders of sweeps: of
+        all completed points, or ``FOLDER/3`` of one of them.
+    measured
+        CSV files of measurements, see :func:`chemage.read_measurements`.
+    times
+        Hold times at which to compare, s or strings with units, besides the last.
+
+    Raises
+    ------
+    InputError
+        There are no files or too many, a file is given twice or holds no result, or a time is not valid.
+    StoreError
+        A file is missing or damaged.
+    """
+    if not files:
+        raise InputError("there is nothing to compare; give result files")
+    seconds = tuple(convert(time, "s") for time in times)
+    for time, value in zip(times, seconds, strict=True):
+        if not (math.isfinite(value) and value > 0):
+            raise InputError.of("times", time, "must be above zero and finite", 'give times such as "1e3 s"')
+    data = [read_measurements(path) for path in measured]
+    repeated = Counter(result.name for result in data)
+    data = [
+        result if repeated[result.name] == 1 else replace(result, name=str(path))
+        for result, path in zip(data, measured, strict=True)
+    ]
+    return Comparison(_entries(files, seconds), data, seconds)
+
+
+def _entries(files: Sequence[str | Path], times: tuple[float, ...]) -> list[Entry]:
+    """Read results; each has the name of its file, or its path if two names are equal."""
+    places = [place for file in files for place in _places(Path(file))]
+    if len(places) > MOST:
+        raise InputError(
+            f"{len(places)} results are too many to compare; give at most {MOST}, "
+            "or single points of a sweep, such as FOLDER/0"
+        )
+    for place, count in Counter(os.path.realpath(place) for place in places).items():
+        if count > 1:
+            twice = next(path for path in places if os.path.realpath(path) == place)
+            raise InputError(f"{twice} is given twice; give each file once")
+    names = [f"{path.parent.resolve().name}/{path.name}" if is_point(path) else path.stem for path in places]
+    entries = []
+    for name, place in zip(names, places, strict=True):
+        own = name if names.count(name) == 1 else str(place)
+        # one file at a time: the maps of a large run take 100 MB
+        entries.append(Entry.of(load(place, maps=False), own, str(place), times, partial(load, place)))
+    return entries
+
+
+def _places(path: Path) -> list[Path]:
+    """The file, or the completed points of a sweep."""
+    if not (path / "sweep.json").is_file():
+        return [path]
+    done = [index for index, state in enumerate(load_sweep(path).states()) if state == "done"]
+    if not done:
+        raise InputError(f"{path}: no point of this sweep is complete; see `chemage status {path}`")
+    return [path / str(index) for index in done]
+
+
+def _joined(lists: Iterable[Iterable[str]]) -> list[str]:
+    """Every name once, in an order that keeps that of each list as far as possible."""
+    order: list[str] = []
+    for names in lists:
+        place = 0
+        for name in names:
+            if name not in order:
+                order.insert(place, name)
+            place = order.index(name) + 1
+    return order
+
+
+def _headed(name: str, units: Mapping[str, str], when: str = "") -> str:
+    """The heading of a column: the name, when, and the unit."""
+    unit = units.get(name.removesuffix("_stderr").removesuffix("_half_width"))
+    return f"{name}{' at ' + when if when else ''}{f' ({unit})' if unit else ''}"
+
+
+def _spread(numbers: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Numbers for a line of CSV: the ends of an interval in two columns."""
+    ends = {"fit_window": ("fit_start", "fit_stop"), "fit_range": ("fit_first", "fit_last")}
+    for name, value in numbers.items():
+        if name in ends or name.endswith("_interval"):
+            stem = name.removesuffix("_interval")
+            yield from zip(ends.get(name, (f"{stem}_low", f"{stem}_high")), value or (None, None), strict=True)
+        else:
+            yield name, json.dumps(value) if isinstance(value, dict | list) else value
+
+
+def _differences(flats: Sequence[Mapping[str, Any]]) -> list[Difference]:
+    """Find the fields that differ between flat mappings of dotted path -> value."""
+    paths = dict.fromkeys(path for flat in flats for path in flat)
+    every = [Difference(path, tuple(flat.get(path) for flat in flats)) for path in paths]
+    return [result for result in every if not all(_same(result.values[0], value) for value in result.values[1:])]
+
+
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(a, float | int) and isinstance(b, float | int) and not isinstance(a, bool):
+        return math.isclose(a, b, rel_tol=1e-9)
+    return a == b
+
+
+def _flat(data: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in data.items():
+        path = f"{prefix}{name}"
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{path}.")
+        elif value is not None:
+            yield path, value

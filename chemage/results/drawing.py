@@ -1,0 +1,258 @@
+"""Figures of results: those of each alone, of several in one plot, and those that plugins bring."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from chemage.ageing.display import FIGURES
+from chemage.ageing.fitting import Quantity
+from chemage.ageing.observables import Maps, PlottedResult
+from chemage.foundation.errors import InputError
+from chemage.foundation.figures import BLACK, PALETTE, blank, draw_map, legend, legend_entries, panels, plain, pooled
+from chemage.foundation.pictures import figure
+from chemage.foundation.result import Curve, result_of
+from chemage.foundation.statistics import NORMAL_LIMIT
+from chemage.foundation.units import convert
+from chemage.results.comparison import Comparison, Entry
+from chemage.results.files import StoredMap, open_maps
+from chemage.results.plugin_figures import Brought, Source, chemistry_of, plugin_figures
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MARKERS = "osD^vP*X"
+#: what is drawn beside curves, such as fits, is drawn for up to this many results
+_FITTED = 4
+#: inches; small, so that the text is legible on a phone
+_SIZE = (4.9, 3.6)
+_EXPECTED = 'give its edges "X0 X1 Y0 Y1" in nm, or with units, such as "0 1um 200 800"'
+#: map -> its name in words, how blocks of pixels are joined, colours
+_MAPS = {
+    "surface/heights": ("height", np.mean, "cividis"),
+    "contact/pressure": ("pressure", np.max, "inferno_r"),
+    "contact/gap": ("gap", np.mean, "viridis"),
+}
+
+
+def figures(thing: Any, **choice: Any) -> dict[str, Figure]:
+    """Draw every figure of a result of any kind, those of plugins last: name -> figure, as ``chemage plot`` does.
+
+    ``choice``: what of a sweep is drawn, see :meth:`chemage.studies.sweeps.display.SweepDisplay.pictures`.
+    """
+    result = result_of(thing)
+    drawn = {name: figure(picture) for name, picture in result.pictures(**choice).items()}
+    return {**drawn, **{name: entry.figure for name, entry in brought_figures([Entry.of(result)], (5.4, 4.0)).items()}}
+
+
+def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
+    """Draw every figure of several results for which there are data, those of plugins last: name -> figure."""
+    brought = brought_figures(comparison.results)
+    return {**curve_figures(comparison), **{name: entry.figure for name, entry in brought.items()}}
+
+
+# -- curves of several results ----------------------------------------------------------------------------------------
+
+
+def curve_figures(comparison: Comparison) -> dict[str, Figure]:
+    """Draw the curves that results have in common, and measurements: name -> figure."""
+    curves: dict[str, list[tuple[Entry, Curve]]] = {}
+    several = len(comparison.results) > 1 or comparison.measured
+    for entry in comparison.results:
+        for name, curve in entry.compared.curves.items():
+            if several or curve.alone:
+                curves.setdefault(name, []).append((entry, curve))
+    return {name: _figure(comparison, name, drawn) for name, drawn in curves.items()}
+
+
+def _figure(comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]) -> Figure:
+    """Draw one curve of each result with its 95 % interval, what is known beside them, and measurements."""
+    drawn, axes = blank(*_SIZE)
+    styles = {
+        entry.name: style for entry, style in zip(comparison.results, _styles(len(comparison.results)), strict=True)
+    }
+    last = [_draw_curve(axes, comparison, entry, curve, styles[entry.name]) for entry, curve in curves]
+    sample = curves[0][1]
+    axes.set(xlabel=sample.xlabel, ylabel=sample.ylabel)
+    if _is_distribution(sample):
+        axes.set(xlim=(0, None), ylim=(0, None))
+        axes.legend(frameon=False, fontsize=8)
+        return drawn
+    axes.set_xscale("log")
+    if len(comparison.results) <= _FITTED:
+        for entry, curve in curves:
+            if curve.beside is not None:
+                alone = len(comparison.results) == 1
+                curve.beside(axes, *(("", "") if alone else (entry.name, _darker(styles[entry.name]["color"]))))
+    quantity = next((key for key, (figure_name, *_) in FIGURES.items() if figure_name == name), "")
+    if quantity in ("friction_drop", "friction_coefficient_drop"):
+        _draw_measurements(axes, comparison, quantity)
+    return _finished(drawn, axes, last)
+
+
+def _styles(count: int) -> list[dict[str, Any]]:
+    """Colour and marker of each curve."""
+    return [{"color": PALETTE[i % len(PALETTE)], "marker": _MARKERS[i % len(_MARKERS)]} for i in range(count)]
+
+
+def _legend_name(entry: Entry) -> str:
+    """The name, marked where the result is approximate, as a matplotlib label."""
+    return plain(f"{entry.name} (approximate)" if entry.approximation else entry.name)
+
+
+def _is_distribution(curve: Curve) -> bool:
+    return curve.x.size == curve.mean.size + 1
+
+
+def _draw_curve(axes: Axes, comparison: Comparison, entry: Entry, curve: Curve, style: dict[str, Any]) -> float:
+    """Draw a curve; return its last value. A band contains the scatter between surfaces; bars are errors of replicas on
+    one surface."""
+    if _is_distribution(curve):
+        axes.stairs(curve.mean, curve.x, color=style["color"], lw=1.4)
+        middles, every = 0.5 * (curve.x[1:] + curve.x[:-1]), max(1, curve.mean.size // 8)
+        axes.plot(middles, curve.mean, ls="none", markevery=every, ms=3.5, **style)
+        axes.plot([], [], lw=1.4, ms=3.5, label=_legend_name(entry), **style)  # both in one entry of the legend
+        return 0.0
+    what = curve.what
+    if comparison.has_several_errors and not curve.band and " replicas," in what:
+        what = what.replace(" replicas,", " replicas on one surface,")
+    label, positive = f"{_legend_name(entry)}, {what}" if what else _legend_name(entry), curve.x > 0
+    x, mean, half = (values[positive] if values.size else values for values in (curve.x, curve.mean, curve.half))
+    error = np.nan_to_num(half)
+    if curve.band:
+        axes.plot(x, mean, ms=3.5, lw=1, label=label, **style)
+        if np.isfinite(half).any():
+            axes.fill_between(x, mean - half, mean + half, color=style["color"], alpha=0.25, lw=0)
+    else:
+        axes.errorbar(x, mean, yerr=error if error.any() else None, ms=3.5, lw=1, capsize=2, label=label, **style)
+    return float(curve.mean[-1])
+
+
+def _finished(drawn: Figure, axes: Axes, last: Sequence[float]) -> Figure:
+    """Scale the axis, logarithmic if the curves end more than a decade apart, and put the legend inside or, if it is
+    long, below the plot."""
+    positive = [value for value in last if value > 0]
+    if positive and max(positive) > 10 * min(positive):
+        lowest = min(positive) / 300
+        axes.set_yscale("log")
+        axes.set_ylim(bottom=max(axes.get_ylim()[0], lowest))
+    else:
+        axes.set_ylim(bottom=0)
+    handles, labels = legend_entries(axes)
+    if len(labels) <= 4:
+        legend(axes, fontsize=7)
+    else:
+        width, height = drawn.get_size_inches()
+        drawn.set_size_inches(width, height + 0.16 * len(labels))
+        drawn.legend(handles, labels, loc="outside lower left", frameon=False, fontsize=7)
+    return drawn
+
+
+def _darker(color: str) -> str:
+    """The colour of the line fitted to a curve of this colour."""
+    return "#" + "".join(f"{round(0.6 * int(color[at : at + 2], 16)):02X}" for at in (1, 3, 5))
+
+
+def _draw_measurements(axes: Axes, comparison: Comparison, quantity: Quantity) -> None:
+    """Draw measurements of a quantity, or of another that one common load turns into it, with the fit of a curve."""
+    loads = {entry.compared.load for entry in comparison.results}
+    load = loads.pop() if len(loads) == 1 else None
+    for number, original in enumerate(comparison.measured):
+        data = original.as_quantity(quantity, load)
+        if data is None:
+            continue
+        positive = data.hold_times > 0
+        axes.errorbar(
+            data.hold_times[positive],
+            data.values[positive],
+            yerr=None if data.error is None else NORMAL_LIMIT * data.error[positive],
+            fmt="sDo^v"[number % 5],
+            mfc="none",
+            color=BLACK,
+            ms=5,
+            lw=1,
+            capsize=2,
+            label=plain(f"{data.name} (measured)" if data.error is None else f"{data.name} (measured, 95 %)"),
+        )
+        fit = comparison.measured_fit(data, "curve")
+        if fit is not None and fit.drawable:
+            line = np.geomspace(*fit.span, 100)
+            label = plain(f"{data.name}: {fit.short_text()}")
+            axes.plot(line, fit(line), color=BLACK, lw=1, ls=("--", ":", "-.")[number % 3], label=label)
+
+
+# -- of plugins -------------------------------------------------------------------------------------------------------
+
+
+def brought_figures(results: Sequence[Entry], size: tuple[float, float] = _SIZE) -> dict[str, Brought]:
+    """Draw the figures that plugins bring to one result or several: name -> figure and caption."""
+
+    @lru_cache(maxsize=1)  # the maps of a large contact take 100 MB
+    def maps(number: int) -> Maps:
+        return Maps(**results[number].whole().maps())
+
+    sources = []
+    for number, (entry, style) in enumerate(zip(results, _styles(len(results)), strict=True)):
+        chemistry = chemistry_of(entry.aging.provenance) if entry.aging is not None else None
+        more: Mapping[str, Any] = {"scene": entry.scene, "load_maps": partial(maps, number)}
+        result = PlottedResult(_legend_name(entry), entry.aging, chemistry, style["color"], **more)
+        sources.append(Source(result, entry.components, entry.plugins))
+    return plugin_figures(sources, size=size)
+
+
+# -- parts of maps ----------------------------------------------------------------------------------------------------
+
+
+def window_figure(path: Path, window: str | Sequence[float | str]) -> Figure:
+    """Draw the part ``window`` of every map in the result file ``path``; only this part is read.
+
+    ``window`` holds the edges x0, x1, y0, y1 (nm, or strings with a unit), as text or as a sequence.
+
+    Raises
+    ------
+    InputError
+        ``window`` is not four lengths, is empty, or lies outside the maps.
+    StoreError
+        The file is missing or damaged, or has no map.
+    """
+    edges = window.split() if isinstance(window, str) else list(window)
+    if len(edges) != 4:
+        raise InputError.of("window", window, "is not four lengths", _EXPECTED)
+    lengths = [_length(edge) for edge in edges]
+    with open_maps(path) as maps:
+        figure, axes = panels(5.0 * len(maps) + 0.5, 4.4, len(maps))
+        for entry, (name, stored) in zip(axes, maps.items(), strict=True):
+            label, pool, colours = _MAPS[name]
+            part, extent = _part(stored, lengths, window)
+            values = pooled(part, pool)
+            shown = np.ma.masked_equal(values, 0.0) if name == "contact/pressure" else values
+            draw_map(entry, shown, extent, f"{label} ({stored.unit})", cmap=colours)
+            entry.set_title(f"{part.shape[0]} x {part.shape[1]} pixels of {stored.pixel_size:g} nm")
+    return figure
+
+
+def _length(edge: float | str) -> float:
+    try:
+        return float(edge)
+    except ValueError:
+        return convert(edge, "nm")
+
+
+def _part(
+    stored: StoredMap, edges: Sequence[float], window: object
+) -> tuple[np.ndarray, tuple[float, float, float, float]]:
+    """The pixels that the window touches, and what they cover: x0, x1, y0, y1, nm."""
+    size, parts = stored.pixel_size, []
+    for low, high, pixels in zip(edges[::2], edges[1::2], stored.shape, strict=True):
+        if not (0 <= low < high <= pixels * size * (1 + 1e-9)):
+            sides = " x ".join(f"{side * size:g}" for side in stored.shape)
+            raise InputError.of("window", window, f"must lie within the map of {sides} nm", _EXPECTED)
+        parts.append(slice(math.floor(low / size), min(math.ceil(high / size), pixels)))
+    x, y = parts
+    return stored[x, y], (x.start * size, x.stop * size, y.start * size, y.stop * size)

@@ -1,0 +1,68 @@
+"""Every kind of result that chemage has, and what is read from files and folders as one of them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+# what shows a result is registered when its module is imported
+from chemage.contacts import display as _contacts  # noqa: F401
+from chemage.foundation.components import Component
+from chemage.foundation.errors import InputError
+from chemage.foundation.result import Result, result_of
+from chemage.inference import display as _inference  # noqa: F401
+from chemage.inference.result import Inference
+from chemage.results import arrhenius as _arrhenius  # noqa: F401
+from chemage.results.files import read, read_inference
+from chemage.scene import display as _scene  # noqa: F401
+from chemage.scene.provenance import components_of
+from chemage.studies.ensembles import display as _ensembles  # noqa: F401
+from chemage.studies.sweeps import display as _sweeps  # noqa: F401
+from chemage.studies.sweeps.result import load_sweep
+from chemage.studies.trade import display as _trade  # noqa: F401
+from chemage.studies.trade.trade_map import TradeMap
+from chemage.surfaces import display as _surfaces  # noqa: F401
+
+#: class of what :func:`chemage.read` gives -> what reads all that its file holds
+_WITH_MORE = {Inference: read_inference}
+
+
+def load(path: str | os.PathLike[str], *, maps: bool = True) -> Result:
+    """Read what users see of a result file, the folder of a sweep, a point of it (``FOLDER/3``), or a map of speed
+    against accuracy (``.json``); without ``maps`` the surface is left out.
+
+    Raises
+    ------
+    InputError
+        The sweep has no such point, or the file holds no result.
+    StoreError
+        The file is missing or damaged.
+    """
+    source = Path(path)
+    if is_point(source):
+        sweep, index = load_sweep(source.parent), int(source.name)
+        if index >= len(sweep):
+            folder = source.parent
+            raise InputError(f"{folder} has {len(sweep)} points, from {folder}/0 on; there is no {folder}/{index}")
+        return result_of(sweep[index])
+    if source.is_dir():
+        return result_of(load_sweep(source))
+    if source.suffix.lower() == ".json" and source.is_file():
+        return result_of(TradeMap.read(source))
+    thing = read(source, maps=maps)
+    return result_of(_WITH_MORE[type(thing)](source) if type(thing) in _WITH_MORE else thing)
+
+
+def is_point(path: Path) -> bool:
+    """Whether a path is a point of a sweep."""
+    return path.name.isdecimal() and (path.parent / "sweep.json").is_file() and not (path / "sweep.json").is_file()
+
+
+def components(result: Result) -> list[tuple[str, Component]]:
+    """The components that made a result, as far as they are installed: (path of the section, component)."""
+    made_by: Mapping[str, Any] = result.made_by()
+    if "components" in made_by:
+        return [("", component) for component in made_by["components"]]
+    return components_of(**{"scene": {}, **made_by})

@@ -1,0 +1,159 @@
+"""How a run is shown: its contact and its ageing in one, with what its scene says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from chemage.ageing.aging import Aging
+from chemage.ageing.display import AgingDisplay
+from chemage.contacts.display import OfContact
+from chemage.foundation.result import NONE, Compared, Picture, Result, Rows, Table, displays, result_of
+from chemage.foundation.version import __version__
+from chemage.scene.provenance import scatter_of
+from chemage.scene.published import draw_published
+from chemage.scene.run import Run
+from chemage.scene.scene import heading
+from chemage.surfaces.role import Scatter
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@displays(Aging)
+class AgingOfScene(AgingDisplay):
+    """An ageing curve with what is known of its surface, and with what was published about its ``scene``."""
+
+    def __init__(self, aging: Aging, run: Run | None = None) -> None:
+        super().__init__(aging, run.window, run.name) if run is not None else super().__init__(aging)
+        self._scene = {} if run is None else run.scene
+
+    @property
+    def scatter(self) -> Scatter | None:
+        return scatter_of(self._scene, self.record, self.record.contact)
+
+    def draw_published(self, axes: Axes) -> None:
+        draw_published(axes, self._scene, self.fit[0])
+
+
+@displays(Run)
+class RunDisplay(Result):
+    """A run as users see it."""
+
+    errors = AgingDisplay.errors
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        self.aging = AgingOfScene(run.aging, run) if run.aging is not None else None
+        self.contact: OfContact[Any] = result_of(run.contact)  # pyright: ignore[reportAttributeAccessIssue]
+
+    @property
+    def name(self) -> str:
+        return self.run.name
+
+    @property
+    def title(self) -> str:
+        return heading(self.run.scene)
+
+    @property
+    def scene(self) -> Mapping[str, Any]:
+        return self.run.scene
+
+    @property
+    def approximation(self) -> str:
+        return self.run.approximate
+
+    @property
+    def plugins(self) -> Mapping[str, str]:
+        return self.run.plugins
+
+    def rows(self) -> Rows:
+        run, kinds = self.run, {name: self.run.scene[name]["kind"] for name in ("surface", "contact")}
+        rows = [
+            ("surface", f"{kinds['surface']}, {self.contact.extent()}"),
+            ("contact", f"{kinds['contact']}, {self.contact.loading()}"),
+            *self.contact.measures(),
+            *(self.aging.ageing_rows() if self.aging is not None else ()),
+        ]
+        rows += [("approximate", self.approximation)] if self.approximation else []
+        rows += [(f"plugin {name}", source) for name, source in self.plugins.items()]
+        return rows + ([("wall time", self._timings())] if run.timings else [])
+
+    def _timings(self) -> str:
+        return ", ".join(f"{stage} {seconds:.2f} s" for stage, seconds in self.run.timings.items())
+
+    def numbers(self) -> dict[str, Any]:
+        return self.run.summary()
+
+    def summary(self, beside: bool = False) -> Rows:
+        return (self.aging or self.contact).summary(beside)
+
+    def notes(self) -> list[str]:
+        faults = [] if self.run.contact.converged else self.contact.notes()[:1]
+        return [*faults, *self.run.notes]
+
+    def parts(self) -> dict[str, Result]:
+        surface = result_of(self.run.surface) if self.run.surface is not None else None
+        parts = {"surface": surface, "contact": self.contact, "aging": self.aging}
+        return {name: part for name, part in parts.items() if part is not None}
+
+    def pictures(self) -> dict[str, Picture]:
+        found = {name: picture for part in self.parts().values() for name, picture in part.pictures().items()}
+        if self.aging is not None and "friction" in found:
+            approximate = f"\napproximate: {self.approximation}" if self.approximation else ""
+            title = f"{self.title}, {self.aging.record.temperature:g} K{approximate}"
+            found["friction"] = replace(found["friction"], title=title)
+        return found
+
+    def tables(self) -> list[Table]:
+        return self.aging.tables() if self.aging is not None else []
+
+    def columns(self) -> dict[str, Any]:
+        return self.aging.columns() if self.aging is not None else {}
+
+    def cite(self) -> tuple[list[str], str]:
+        return list(self.run.cite), self.run.versions.get("chemage", __version__)
+
+    def made_by(self) -> Mapping[str, Any]:
+        return {"scene": self.scene, "aging": self.run.aging}
+
+    def maps(self) -> Mapping[str, Any]:
+        return {name: whole for part in self.parts().values() for name, whole in part.maps().items()}
+
+    def provenance(self) -> Rows:
+        run, scene = self.run, self.run.scene
+        return [
+            ("seed of the surface", str(scene.get("surface", {}).get("seed", NONE))),
+            ("seed of disorder and kinetics", str(scene.get("hold", {}).get("seed", NONE))),
+            ("solver", f"{scene['contact']['kind']}, {self.contact.solved()}"),
+            ("wall time", self._timings() or NONE),
+            *((f"version of {name}", version) for name, version in run.versions.items()),
+            *super().provenance(),
+            *((f"key of stage {stage}", value) for stage, value in run.keys.items()),
+            *((f"content hash of {name}", part.digest()) for name, part in run.parts().items()),
+        ]
+
+    def compared(self, times: Sequence[float]) -> Compared:
+        contact = self.contact.compared(times)
+        if self.aging is None:
+            return of_scene(self.scene) | contact
+        aging = self.aging.compared(times)
+        aging.numbers |= {name: value for name, value in contact.numbers.items() if name != "replicas"}
+        aging.curves |= contact.curves  # those of friction before that of the pressure
+        aging.chemistry = chemistry_of_scene(self.scene, self.aging.record.temperature)
+        return of_scene(self.scene) | aging
+
+
+def of_scene(scene: Mapping[str, Any]) -> Compared:
+    """What a scene says beside others: its name, and how surface and contact were made."""
+    surface, solver = (scene.get(section, {}).get("kind") for section in ("surface", "contact"))
+    made_of = ", ".join(kind for kind in (surface, solver) if kind)
+    rows = {"scene": str(scene.get("name", "")) or NONE, "surface, solver": made_of or NONE}
+    return Compared(rows, numbers={"scene": scene.get("name"), "surface": surface, "solver": solver})
+
+
+def chemistry_of_scene(scene: Mapping[str, Any], temperature: float) -> dict[str, Any]:
+    """The sections of a scene that determine the kinetics of the sites, and the temperature."""
+    sections = ("forming", "breaking", "interaction", "chemistry")
+    return {**{name: scene[name] for name in sections if name in scene}, "temperature": temperature}

@@ -1,0 +1,340 @@
+"""How a sweep is shown: its table, and figures of it: lines with error bands over one axis, or heat maps over two."""
+
+from __future__ import annotations
+
+import itertools
+import textwrap
+from collections.abc import Mapping, Sequence
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from chemage.foundation.components import Component
+from chemage.foundation.errors import InputError
+from chemage.foundation.figures import BLUE, PALETTE, plain
+from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Table, displays, result_of
+from chemage.foundation.text import jsonable
+from chemage.foundation.version import __version__
+from chemage.studies.sweeps.grid import Grid
+from chemage.studies.sweeps.result import Point, SweepResult
+from chemage.studies.sweeps.views import HOLD_TIME, Quantity, SweepData, View, swept_rows
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: rows of the table that are printed
+MOST_ROWS = 60
+#: more lines are drawn as a heat map
+MOST_LINES = 8
+#: an axis whose values span more decades is logarithmic
+LOG_DECADES = 1.5
+#: result -> its label, without the unit
+_LABELS = {
+    "beta": "β per decade",
+    "friction_drop": "friction drop ΔF",
+    "friction_coefficient_drop": "friction coefficient drop Δμ",
+    "cutoff_time": "cut-off time",
+    "area_fraction": "contact area A/A$_0$",
+    HOLD_TIME: "hold time",
+}
+_GREY = "#DDDDDD"
+
+
+@displays(SweepResult)
+class SweepDisplay(Result):
+    """A sweep as users see it, complete or not: its axes, the table of its results, and these against its axes."""
+
+    width = 80
+    errors = "95 % intervals over replicas on one surface, or over seeds where these are averaged"
+
+    def __init__(self, sweep: SweepResult) -> None:
+        self.sweep = sweep
+
+    @cached_property
+    def data(self) -> SweepData:
+        """The table of the sweep."""
+        return SweepData(self.sweep)
+
+    @cached_property
+    def state(self) -> dict[str, Any]:
+        """How many points are done, and why others failed."""
+        return self.sweep.status()
+
+    @property
+    def name(self) -> str:
+        return self.sweep.name
+
+    @property
+    def title(self) -> str:
+        folder, here = Path(self.sweep.folder), Path.cwd()
+        return f"{self.name} in {folder.relative_to(here) if folder.is_relative_to(here) else folder}"
+
+    def rows(self) -> Rows:
+        state = self.state
+        left = "".join(f", {state[kind]} {kind}" for kind in ("failed", "missing", "damaged") if state[kind])
+        points = f"{state['done']} of {state['points']} points done, {state['contacts']} contacts{left}"
+        return [*swept_rows(self.sweep.axes), ("points", points)]
+
+    def numbers(self) -> dict[str, Any]:
+        return jsonable({**self.state, "units": self.sweep.units, "results": self.data.records()})
+
+    def notes(self) -> list[str]:
+        """Of the table, and where β could not be fitted."""
+        reasons: dict[str, list[str]] = {}
+        for point in self.sweep if len(self.sweep) <= MOST_ROWS else ():
+            if point.status == "done" and (reason := point.summary.get("beta_reason")):
+                reasons.setdefault(reason, []).append(str(point.index))
+        words = [
+            f"beta not fitted at point{'s' if len(points) > 1 else ''} {', '.join(points)}: {reason}"
+            for reason, points in reasons.items()
+        ]
+        return [*self.data.notes(), *words]
+
+    def tables(self) -> list[Table]:
+        if not self.state["done"]:
+            return []
+        headings, lines = self.data.rows()
+        more = len(lines) - MOST_ROWS
+        listed = f"{more} more rows; {self.sweep.folder / 'results.csv'} lists every point"
+        remarks = (listed,) if more > 0 else ()
+        return [Table("", headings, lines, "Results", remarks, in_detail=False, most=MOST_ROWS)]
+
+    def columns(self) -> dict[str, Any]:
+        """One line for each point: what was swept, and its numbers in internal units; curves at the last hold time."""
+        lines = [{**record.pop("swept"), **record} for record in self.data.records()]
+        return {name: [line.get(name) for line in lines] for name in lines[0]} if lines else {}
+
+    def cite(self) -> tuple[list[str], str]:
+        return [], self.sweep.versions.get("chemage", __version__)
+
+    def made_by(self) -> Mapping[str, Any]:
+        return {"components": components_of_grid(self.sweep.grid)}
+
+    def pictures(
+        self,
+        *,
+        x: str | None = None,
+        lines: str | None = None,
+        y: Sequence[str] = (),
+        where: Mapping[str, str] | None = None,
+        heat: bool = False,
+    ) -> dict[str, Picture]:
+        """Results against one axis, or heat maps over two.
+
+        Parameters
+        ----------
+        x, lines
+            Axes, by the name of their field or its path, or ``"hold_time"`` for ``x``. Default: the numeric axis with
+            most values, and the next one. Axes of seeds are averaged over.
+        y
+            Results, a panel each. Default: β and ΔF at the last hold time; without ageing, the contact area.
+        where
+            Axis -> its value, for further axes; default: the value in the middle.
+        heat
+            Draw a heat map over ``x`` and ``lines``; default: where there would be more than 8 lines.
+
+        Without any choice, a second figure shows Δμ against hold time.
+
+        Raises
+        ------
+        InputError
+            An axis, a value or a result does not exist, or no point is done.
+        """
+        data = self.data
+        if "done" not in data.table.status:
+            raise InputError(f"{self.sweep.folder}: no point is done; there is nothing to draw")
+        view = data.view(x, lines, where)
+        chosen = list(y) or (["friction_coefficient_drop"] if view.x == HOLD_TIME else data.usual())
+        pictures = dict([_picture(data, view, chosen, heat)])
+        is_default = not (x or lines or y or where or heat)
+        if is_default and view.x != HOLD_TIME and data.usual()[0] == "beta" and data.table.hold_times.ndim == 1:
+            few = data.dimensions[data.axis(view.x, "--x")].size <= MOST_LINES
+            along = data.view(HOLD_TIME, view.x if few else None)
+            pictures |= dict([_picture(data, along, ["friction_coefficient_drop"], False)])
+        return pictures
+
+
+def components_of_grid(grid: Grid) -> list[Component]:
+    """The components of all points; only an axis of kinds or of whole sections changes them."""
+    varied = [
+        range(len(axis))
+        if any(path.endswith("kind") for path in axis.paths)
+        or any(isinstance(value, dict | bool) for row in axis.values for value in row)
+        else (0,)
+        for axis in grid.axes
+    ]
+    points = [int(np.ravel_multi_index(places, grid.shape)) for places in itertools.product(*varied)]
+    return [component for point in points for component in grid.scene(point).components()]
+
+
+@displays(Point)
+def point_display(point: Point) -> Result:
+    """A point of a sweep as users see it."""
+    return result_of(point.run())
+
+
+def _picture(data: SweepData, view: View, names: Sequence[str], heat: bool) -> tuple[str, Picture]:
+    quantities = [data.quantity(name, view) for name in names]
+    number = quantities[0].mean.shape[0]
+    as_map = heat or number > MOST_LINES
+    if as_map and view.lines is None:
+        raise InputError("--heat: a heat map needs two axes; this sweep has one, or choose --lines")
+    if as_map and view.lines and not (data.is_number(view.lines) and (view.x == HOLD_TIME or data.is_number(view.x))):
+        if heat:
+            raise InputError(f"--heat: {view.x} and {view.lines} must have numbers as values")
+        as_map = False
+    legend = 0.0 if as_map or view.lines is None else 1.6
+    function = _draw_heat if as_map else _draw_lines
+    drawn = [Panel(partial(function, data=data, view=view, quantity=quantity)) for quantity in quantities]
+
+    def finish(figure: Figure, plots: list[Axes]) -> None:
+        if legend:
+            entries = plots[0].get_legend_handles_labels()
+            place = {"loc": "outside right center", "frameon": False}
+            figure.legend(*entries, title=plain(_axis_label(data, view.lines or "")), **place)
+        title = textwrap.fill(_title(data, view, quantities, bands=not as_map), int(12 * figure.get_figwidth()))
+        figure.suptitle(title, fontsize=9.5, parse_math=False)
+
+    to = "-and-" if as_map else "-by-"
+    name = f"{'-'.join(names)}-against-{view.x}{to + view.lines if view.lines else ''}"
+    return name, Picture(drawn, (4.9 * len(drawn) + legend, 4.1), finish=finish)
+
+
+def _title(data: SweepData, view: View, found: Sequence[Quantity], *, bands: bool) -> str:
+    """What the figure shows beside its axes: fixed values, the meaning of the band, points that are missing."""
+    parts = [data.text(dim, place) for dim, place in view.fixed.items()]
+    with_errors = bands and any(np.isfinite(quantity.low).any() for quantity in found)
+    if view.averaged:
+        count = int(np.prod([data.dimensions[dim].size for dim in view.averaged]))
+        parts.append(f"mean over {count} seeds" + (", band: its 95 % interval" if with_errors else ""))
+    elif with_errors:
+        parts.append("band: 95 % interval over replicas")
+    if any(quantity.name.partition("_")[0] in ("beta", "b", "cutoff") for quantity in found) and data.doubt:
+        parts.append(data.doubt)
+    status = data.table.status
+    if rest := len(status) - status.count("done"):
+        parts.append(f"{rest} of {len(status)} points are not done")
+    if any(data.table.approximate):
+        parts.append("approximate")
+    return f"{data.name}: {'; '.join(parts)}" if parts else data.name
+
+
+def _axis_label(data: SweepData, name: str) -> str:
+    return _with_unit(_LABELS.get(name) or plain(name.replace("_", " ")), data.unit(name))
+
+
+def _label(data: SweepData, quantity: Quantity) -> str:
+    meaning = quantity.meaning if quantity.name.startswith("observable.") else quantity.name.replace("_", " ")
+    label = _LABELS.get(quantity.name) or plain(meaning)
+    times = data.table.hold_times
+    if quantity.at_last:
+        last = times[np.isfinite(times)].max() if times.ndim == 1 and times.size else None
+        label += " at the last hold time" if last is None else f" at {last:g} s"
+    return _with_unit(label, quantity.unit)
+
+
+def _with_unit(label: str, unit: str) -> str:
+    for written, symbol in (("nm2", "nm²"), ("**", "^"), ("angstrom^3", "Å³"), ("nm^2", "nm²")):
+        unit = unit.replace(written, symbol)
+    return f"{label} ({plain(unit)})" if unit else label
+
+
+def is_logarithmic(values: np.ndarray) -> bool:
+    """Whether positive values span more than 1.5 decades."""
+    finite = values[np.isfinite(values)]
+    return bool(finite.size > 1 and finite.min() > 0 and np.log10(finite.max()) - np.log10(finite.min()) > LOG_DECADES)
+
+
+def _draw_lines(axes: Axes, medium: Medium, data: SweepData, view: View, quantity: Quantity) -> None:
+    places = data.values(view.x)
+    is_number = view.x == HOLD_TIME or data.is_number(view.x)
+    x = np.asarray(places, dtype=np.float64) if is_number else np.arange(len(places), dtype=np.float64)
+    order = np.argsort(x, kind="stable")
+    if view.x == HOLD_TIME:
+        order = order[x[order] > 0]
+    colours = _colours(data, view, quantity.mean.shape[0])
+    for number, colour in enumerate(colours):
+        mean, low, high = (values[number][order] for values in (quantity.mean, quantity.low, quantity.high))
+        label = plain(data.value_text(view.lines, number)) if view.lines else None
+        marker = None if order.size > 20 else "o"
+        axes.plot(x[order], mean, color=colour, marker=marker, ms=3.5, lw=1.3, label=label, zorder=3)
+        band = np.isfinite(low) & np.isfinite(high)
+        axes.fill_between(x[order], low, high, where=band, color=colour, alpha=0.22, lw=0)
+    if is_number and x.size <= 10 and np.asarray(places).dtype.kind == "i" and not is_logarithmic(x):
+        axes.set_xticks(x, [f"{value:g}" for value in x])
+    elif is_number:
+        axes.set_xscale("log" if is_logarithmic(x[order]) else "linear")
+    else:
+        axes.set_xticks(x, [plain(str(value)) for value in places], rotation=30, ha="right")
+    if is_logarithmic(np.concatenate([quantity.mean, quantity.low, quantity.high])) and not _reaches_zero(quantity):
+        axes.set_yscale("log")
+    elif np.nanmin(quantity.mean, initial=0.0) >= 0:
+        axes.set_ylim(bottom=0)
+    axes.set(xlabel=_axis_label(data, view.x), ylabel=_label(data, quantity))
+    axes.grid(alpha=0.25, lw=0.6)
+
+
+def _reaches_zero(quantity: Quantity) -> bool:
+    """Whether a band, which a logarithmic axis would cut, reaches zero."""
+    return bool((quantity.low[np.isfinite(quantity.low)] <= 0).any())
+
+
+def _colours(data: SweepData, view: View, number: int) -> list[Any]:
+    """Colours of the lines: in the order of a scale for numbers, of the palette for other values."""
+    if number == 1:
+        return [BLUE]
+    if view.lines is None or not data.is_number(view.lines):
+        return [PALETTE[place % len(PALETTE)] for place in range(number)]
+    from matplotlib import colormaps
+
+    ranks = np.argsort(np.argsort(data.values(view.lines), kind="stable"), kind="stable")
+    return [colormaps["viridis"](0.92 * rank / (number - 1)) for rank in ranks]
+
+
+def _draw_heat(axes: Axes, medium: Medium, data: SweepData, view: View, quantity: Quantity) -> None:
+    from matplotlib.colors import LogNorm
+
+    assert view.lines is not None
+    x = np.asarray(data.values(view.x), dtype=np.float64)
+    y = np.asarray(data.values(view.lines), dtype=np.float64)
+    columns, rows = np.argsort(x, kind="stable"), np.argsort(y, kind="stable")
+    if view.x == HOLD_TIME:
+        columns = columns[x[columns] > 0]
+    scales = ["log" if is_logarithmic(values) else "linear" for values in (x[columns], y[rows])]
+    values = np.ma.masked_invalid(quantity.mean[np.ix_(rows, columns)])
+    style: dict[str, Any] = {"norm": LogNorm()} if is_logarithmic(quantity.mean) else {}
+    axes.set_facecolor(_GREY)
+    image = axes.pcolormesh(
+        _edges(x[columns], scales[0]), _edges(y[rows], scales[1]), values, cmap="viridis", rasterized=True, **style
+    )
+    axes.set(xscale=scales[0], yscale=scales[1], xlabel=_axis_label(data, view.x), ylabel=_axis_label(data, view.lines))
+    _tick_values(axes.xaxis, x[columns], scales[0])
+    _tick_values(axes.yaxis, y[rows], scales[1])
+    axes.figure.colorbar(image, ax=axes).set_label(_label(data, quantity))
+    if values.mask.any():
+        axes.set_title("grey: not done, or not defined", fontsize=8.5)
+
+
+def _tick_values(axis: Any, values: np.ndarray, scale: str) -> None:
+    """Label the values of a short axis themselves."""
+    if values.size <= 10 and scale == "log":
+        from matplotlib.ticker import NullLocator
+
+        axis.set_minor_locator(NullLocator())
+        axis.set_ticks(values, [f"{value:g}" for value in values])
+    elif values.size <= 10:
+        axis.set_ticks(values, [f"{value:g}" for value in values])
+
+
+def _edges(values: np.ndarray, scale: str) -> np.ndarray:
+    """Edges of cells around sorted ``values``, half way between them."""
+    at = np.log(values) if scale == "log" else values
+    if at.size == 1:
+        edges = np.array([at[0] - 0.5, at[0] + 0.5])
+    else:
+        middle = 0.5 * (at[1:] + at[:-1])
+        edges = np.concatenate([[2 * at[0] - middle[0]], middle, [2 * at[-1] - middle[-1]]])
+    return np.exp(edges) if scale == "log" else edges
