@@ -2,14 +2,14 @@
 
     python tests/benchmarks/mutants.py RESULTS.jsonl [--count 80] [--seed 1] [--sources DIR] [--dry]
 
-Draws faults in the code of ``chemage/`` and ``plugins/`` that runs (no docstring, annotation or message): a comparison,
-an arithmetic operator, a constant and a condition in turn, each anywhere with equal probability. Every one is put into a
-copy of the checkout DIR, where the tests of its own room run first and all quick tests only if those pass. Results are
-added to RESULTS.jsonl, and what is there already is not done again. Its first line is a run without a fault: the CPU
-time that limits the others (a fault may make a loop endless), and tests that fail here anyway, which are left out.
+Draws faults in the code of ``chemage/`` and ``plugins/`` that runs (no docstring, annotation or message): a condition,
+a comparison, an operator and a constant in turn, each anywhere with equal probability. Every one is put into a copy of
+the checkout DIR, where the tests of its own room run first and all quick tests only if those pass. Results are added to
+RESULTS.jsonl, and what is there already is not done again. Its first line is a run without a fault: the CPU time that
+limits the others (a fault may make a loop endless), and tests that fail here anyway, which are left out.
 
-A fault that changes nothing that anybody could see is no fault: it is listed in ``EQUIVALENT`` with the reason. Once all
-are done, or with ``--dry`` at once, the table of what was caught and what survived is printed.
+A fault that changes nothing that anybody could see is no fault: it is listed in ``EQUIVALENT`` with the reason. Once
+all are done, or with ``--dry`` at once, the table of what was caught and what survived is printed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -77,6 +77,8 @@ OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
     ast.BitOr: ast.BitAnd,
     ast.BitXor: ast.BitAnd,
 }
+#: code in which nothing is changed
+SILENT = (ast.JoinedStr, ast.Raise, ast.Import, ast.ImportFrom)
 
 
 class Mutant(NamedTuple):
@@ -272,12 +274,11 @@ def main() -> None:
     parser.add_argument("--sources", type=Path, default=Path(__file__).parents[2])
     parser.add_argument("--dry", action="store_true", help="run no tests, print what is drawn and done")
     options = parser.parse_args()
-    say: Callable[[str], None] = lambda text: print(text, flush=True)  # noqa: E731
     drawn = draw(options.sources, options.count, options.seed)
     lines = [json.loads(line) for line in options.results.read_text().splitlines()] if options.results.exists() else []
     results = {line["number"]: line for line in lines[1:]}
     if options.dry:
-        say("\n".join(table(options.sources, drawn, results)))
+        print("\n".join(table(options.sources, drawn, results)))
         return
     os.nice(max(10 - os.nice(0), 0))
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder, options.results.open("a") as file:
@@ -296,8 +297,8 @@ def main() -> None:
             if number not in results:
                 results[number] = {"number": number, **mutant._asdict(), **place.judge(mutant, plain)}
                 keep(results[number])
-                say(f"{number}: {mutant.path}:{mutant.line} caught: {results[number]['caught']}")
-        say("\n".join(table(options.sources, drawn, results)))
+                print(f"{number}: {mutant.path}:{mutant.line} caught: {results[number]['caught']}", flush=True)
+        print("\n".join(table(options.sources, drawn, results)))
 
 
 if __name__ == "__main__":
