@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 class ContactStatistics(Record):
     """What is left of a contact when its map is forgotten: area by pressure, and by missing neighbours.
 
-    It is made of a solved contact by :func:`chemage.contact_statistics`, or given by a theory.
+    It is made of a solved contact by :func:`chemage.plugin.contact_statistics`, or given by a theory.
     """
 
     arrays = {

@@ -80,7 +80,7 @@ class Chemistry(Component):
         return {name: value for name in self.limits if (value := getattr(self, name)) is not None}
 
     def sites_of(self, contact: ContactSolution) -> ContactSites:
-        """The sites of ``contact`` that are in contact, and their pressures; see :func:`chemage.contact_sites`."""
+        """The sites of ``contact`` in contact, and their pressures; see :func:`chemage.plugin.contact_sites`."""
         expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
         return contact_sites(contact, self.site_density)
 

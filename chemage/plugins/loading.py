@@ -119,7 +119,7 @@ def is_stage(hook: Any) -> bool:
 
 
 def check_hook_names(plugin: Any, known: list[str]) -> None:
-    """Refuse what pluggy would silently ignore: a misspelled hook, a hook without ``@chemage.hookimpl``, no hook."""
+    """Refuse what pluggy would silently ignore: a misspelled or unmarked hook, or no hook at all."""
     from chemage.foundation.messages import nearest
 
     found = 0
@@ -134,7 +134,7 @@ def check_hook_names(plugin: Any, known: list[str]) -> None:
                 f"implements {hook}, which is not a hook{nearest(hook, known)}; the hooks are {', '.join(known)}"
             )
         if marked is None:
-            raise PluginError(f"{name} is not marked as a hook; write @chemage.hookimpl above it")
+            raise PluginError(f"{name} is not marked as a hook; write @chemage.plugin.hookimpl above it")
         found += 1
     if not found:
         raise PluginError(f"implements no hook; the hooks are {', '.join(known)}")

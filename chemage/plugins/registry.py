@@ -144,7 +144,9 @@ class Registry:
         """
         role, kind = getattr(cls, "role", ""), getattr(cls, "kind", "")
         if role not in self.roles or not kind:
-            raise PluginError(f"{cls!r} is no component with a role and a kind; subclass a role such as chemage.Engine")
+            raise PluginError(
+                f"{cls!r} is no component with a role and a kind; subclass a role such as chemage.plugin.Engine"
+            )
         name = f"{cls.__module__}.{cls.__qualname__}"
         self.records = [record for record in self.records if record.name != name]
         self._classes.pop((role, kind), None)
@@ -319,7 +321,7 @@ class Registry:
         from chemage.plugins.options import PluginOptions
 
         if not (isinstance(cls, type) and issubclass(cls, PluginOptions)):
-            raise PluginError(f"{where}: {record.options} is not a chemage.PluginOptions")
+            raise PluginError(f"{where}: {record.options} is not a chemage.plugin.PluginOptions")
         if required := [option for option, info in cls.model_fields.items() if info.is_required()]:
             raise PluginError(f"{where}: {', '.join(required)} must have a default, for scenes that do not set it")
         return cls
@@ -502,7 +504,7 @@ class Registry:
         where = f"{role} {kind!r} of plugin {record.name!r} ({record.source})"
         expected = self.role(role)
         if not (isinstance(cls, type) and issubclass(cls, expected)):
-            raise PluginError(f"{where}: {target} is not a chemage.{expected.__name__}")
+            raise PluginError(f"{where}: {target} is not a chemage.plugin.{expected.__name__}")
         if cls.kind != kind:
             raise PluginError(f"{where}: the class calls itself {cls.kind!r}; set kind = {kind!r}")
         if abstract := getattr(cls, "__abstractmethods__", None):

@@ -227,7 +227,7 @@ def check_component(component: Component, *, all: bool = False, **inputs: Any) -
 def run_checks(component: Component, role: type[Component], inputs: Mapping[str, Any], all: bool = False) -> None:
     """Run every check of ``component``, which must be of ``role``."""
     if not isinstance(component, role):
-        raise InputError.of("component", component, f"is not a chemage.{role.__name__}")
+        raise InputError.of("component", component, f"is not a chemage.plugin.{role.__name__}")
     check_component(component, all=all, **inputs)
 
 

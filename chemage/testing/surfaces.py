@@ -321,7 +321,8 @@ def _scatter_agrees_with_the_seed(component: SurfaceMaker) -> None:
         if found is None:
             continue
         require(
-            isinstance(found, Scatter), f"scatter({contact}) returned {type(found).__name__}, not a chemage.Scatter"
+            isinstance(found, Scatter),
+            f"scatter({contact}) returned {type(found).__name__}, not a chemage.plugin.Scatter",
         )
         require(
             (found.relative == 0) != random,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from chemage import registry
+from chemage.plugin import registry
 from chemage.testing.checks import CHECKS, Check
 
 PAGE = Path(__file__).parents[1] / "checks.md"

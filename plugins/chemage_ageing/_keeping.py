@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from chemage import ChemageError, fresh_file
+from chemage import ChemageError
+from chemage.plugin import fresh_file
 from chemage_ageing._table import Node, Setting, Took
 
 _BEGIN = b"chemage closure table\n"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from chemage import Chemistry, ContactSolution, ContactStatistics, build_lattice
+from chemage import Chemistry, ContactSolution
+from chemage.plugin import ContactStatistics, build_lattice
 
 #: effective neighbours beyond those of a site inside a contact, over their number
 BEYOND = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0)

@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from chemage import KB, Chemistry, ContactSolution, Engine, ReactionLattice, build_lattice, random, run_kinetics
-from chemage.foundation.threads import in_order
+from chemage import Chemistry, ContactSolution, ReactionLattice
+from chemage.plugin import KB, Engine, build_lattice, random, run_kinetics
+from chemage.plugin import threads as processors
 from chemage_ageing._independent import bonded_share, shift_per_gpa
 
 #: changes with what is computed below, so that tables of an older version are not used
@@ -116,7 +117,9 @@ def compute(
     setting: Setting, numbers: list[int], threads: int, progress: Callable[[int, int], None] | None
 ) -> dict[int, Node]:
     """The nodes of these numbers; node k is at k times :attr:`Setting.pressure_step`."""
-    made = in_order(lambda k: _node(setting, numbers[k]), len(numbers), max(1, min(threads, len(numbers))), progress)
+    made = processors.in_order(
+        lambda k: _node(setting, numbers[k]), len(numbers), max(1, min(threads, len(numbers))), progress
+    )
     return dict(zip(numbers, made, strict=True))
 
 

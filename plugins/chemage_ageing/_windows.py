@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage import InputError, random
+from chemage import InputError
+from chemage.plugin import random
 
 STREAM = "chemage-ageing/windows"
 

@@ -11,15 +11,14 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from chemage import (
+from chemage import Chemistry, InputError
+from chemage.plugin import (
     AgedBonds,
     AgeingMethod,
     AgeingRequest,
-    Chemistry,
     Choice,
     ContactStatistics,
     Engine,
-    InputError,
     contact_statistics,
     coordination,
 )
@@ -73,7 +72,7 @@ class Closure(AgeingMethod):
     """folder in which tables are kept; default: the cache folder of the user"""
 
     def check(self, chemistry: Chemistry, engine: Engine) -> None:
-        """See :meth:`chemage.AgeingMethod.check`."""
+        """See :meth:`chemage.plugin.AgeingMethod.check`."""
         if chemistry.interaction is None:
             return
         self.engine.check(True)
@@ -99,7 +98,7 @@ class Closure(AgeingMethod):
         return found
 
     def age(self, request: AgeingRequest) -> AgedBonds:
-        """See :meth:`chemage.AgeingMethod.age`."""
+        """See :meth:`chemage.plugin.AgeingMethod.age`."""
         chemistry, times = request.chemistry, request.hold_times
         contact = request.contact
         statistics = contact if isinstance(contact, ContactStatistics) else contact_statistics(contact, chemistry)

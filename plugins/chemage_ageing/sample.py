@@ -8,20 +8,18 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from chemage import (
+from chemage import Chemistry, InputError, ReactionLattice
+from chemage.plugin import (
     AgedBonds,
     AgeingMethod,
     AgeingRequest,
     BondHistory,
-    Chemistry,
     Engine,
-    InputError,
-    ReactionLattice,
     Unit,
     build_lattice,
     run_kinetics,
+    threads,
 )
-from chemage.foundation.threads import in_order
 from chemage_ageing._independent import grouped_bonds
 from chemage_ageing._references import HANSEN
 from chemage_ageing._windows import Windows, fitting, square_of
@@ -55,7 +53,7 @@ class Sample(AgeingMethod):
     """width of the margin around a window, in sites"""
 
     def check(self, chemistry: Chemistry, engine: Engine) -> None:
-        """See :meth:`chemage.AgeingMethod.check`."""
+        """See :meth:`chemage.plugin.AgeingMethod.check`."""
         if not engine.restart:
             raise InputError(
                 f"ageing 'sample' asks for the states of sites, and engine {engine.kind!r} cannot resume from a "
@@ -63,7 +61,7 @@ class Sample(AgeingMethod):
             )
 
     def check_sites(self, shape: tuple[int, int], touching: float | None) -> None:
-        """See :meth:`chemage.AgeingMethod.check_sites`."""
+        """See :meth:`chemage.plugin.AgeingMethod.check_sites`."""
         fitting(self.window, shape)
 
     def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:
@@ -78,7 +76,7 @@ class Sample(AgeingMethod):
         return known
 
     def age(self, request: AgeingRequest) -> AgedBonds:
-        """See :meth:`chemage.AgeingMethod.age`.
+        """See :meth:`chemage.plugin.AgeingMethod.age`.
 
         Raises
         ------
@@ -223,4 +221,4 @@ def _coefficient(bonds: np.ndarray, known: np.ndarray) -> np.ndarray:
 def _each(task: Callable[[int], _Replica], request: AgeingRequest) -> list[_Replica]:
     """``task`` of every replica."""
     at_once = max(1, min(request.replicas, request.threads // request.engine.concurrency()))
-    return list(in_order(task, request.replicas, at_once, request.progress))
+    return list(threads.in_order(task, request.replicas, at_once, request.progress))

@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage import Barriers, Energy
+from chemage.plugin import Barriers, Energy
 
 
 class Uniform(Barriers):

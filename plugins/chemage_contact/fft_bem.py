@@ -9,18 +9,8 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage import (
-    ContactModulus,
-    ContactSolution,
-    ContactSolver,
-    ConvergenceError,
-    InputError,
-    Length,
-    Surface,
-    Unit,
-    convert,
-)
-from chemage.foundation.threads import available
+from chemage import ContactSolution, InputError, Surface
+from chemage.plugin import ContactModulus, ContactSolver, ConvergenceError, Length, Unit, convert, threads
 from chemage_contact import _iteration as iteration
 from chemage_contact import _kernels as kernels
 from chemage_contact._grid import rescale, sums
@@ -149,7 +139,7 @@ class FFTBEM(ContactSolver):
         return surface.get("periodic") != 0 if self.boundary == "auto" else self.boundary == "periodic"
 
     def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
-        """See :meth:`chemage.ContactSolver.check`."""
+        """See :meth:`chemage.plugin.ContactSolver.check`."""
         if self.thickness is not None and self.boundary == "auto" and surface.get("periodic") == 0:
             raise InputError(_LAYER)
         if not {"nx", "ny", "pixel_size"} <= surface.keys():
@@ -186,7 +176,7 @@ class FFTBEM(ContactSolver):
         return tuple(doubts)
 
     def warm_up(self, surface: Mapping[str, float], load: float) -> None:
-        """See :meth:`chemage.ContactSolver.warm_up`."""
+        """See :meth:`chemage.plugin.ContactSolver.warm_up`."""
         if load == 0 or not {"nx", "ny", "pixel_size"} <= surface.keys():
             return
         shape, pixel = (int(surface["nx"]), int(surface["ny"])), (surface["pixel_size"], surface["pixel_size"])
@@ -213,7 +203,7 @@ class FFTBEM(ContactSolver):
             raise InputError.of("load", load, "the pressure leaves the range of float32", "use precision = 'mixed'")
 
     def is_nominally_flat(self, periodic: bool) -> bool:
-        """See :meth:`chemage.ContactSolver.is_nominally_flat`: ``boundary`` may make a surface periodic, or free."""
+        """See :meth:`chemage.plugin.ContactSolver.is_nominally_flat`; ``boundary`` may make it periodic, or free."""
         return periodic if self.boundary == "auto" else self.boundary == "periodic"
 
     def reference(self) -> FFTBEM:
@@ -326,7 +316,7 @@ class FFTBEM(ContactSolver):
         )
 
     def _team(self) -> Team:
-        return Team(self.threads or available())
+        return Team(self.threads or threads.available())
 
     def _provenance(self, surface: Surface) -> dict[str, Any]:
         options = self.identity()

@@ -3,7 +3,7 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from chemage import hookimpl
+from chemage.plugin import hookimpl
 
 if TYPE_CHECKING:
     from chemage_friction.mean_force import MeanForce as MeanForce

@@ -6,8 +6,7 @@ from typing import Any
 
 from pydantic import Field, model_validator
 
-from chemage import Engine
-from chemage.foundation.threads import available
+from chemage.plugin import Engine, threads
 
 
 class ThreadedEngine(Engine):
@@ -28,4 +27,4 @@ class ThreadedEngine(Engine):
 
     def concurrency(self) -> int:
         """Threads of one run: ``threads``."""
-        return self.threads or available()
+        return self.threads or threads.available()

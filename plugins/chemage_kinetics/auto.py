@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from chemage import Engine
+from chemage.plugin import Engine
 from chemage_kinetics._patches import patches_of
 from chemage_kinetics._threads import ThreadedEngine
 from chemage_kinetics.independent import Independent
@@ -14,7 +14,8 @@ from chemage_kinetics.next_reaction import NextReaction
 from chemage_kinetics.rejection_free import RejectionFree
 
 if TYPE_CHECKING:
-    from chemage import BondHistory, ReactionLattice, Seed
+    from chemage import ReactionLattice
+    from chemage.plugin import BondHistory, Seed
 
 #: From this many sites on, sharing patches between threads pays for starting the threads ...
 WORTH_SHARING = 50_000
@@ -54,7 +55,7 @@ class Auto(ThreadedEngine):
         return RejectionFree(superbasins=self.superbasins), f"{shape}: with {few} the sum tree costs least"
 
     def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
-        """See :meth:`chemage.Engine.expected`."""
+        """See :meth:`chemage.plugin.Engine.expected`."""
         if not interacting:
             return Independent().expected(sites, interacting)
         return NextReaction(superbasins=self.superbasins).expected(sites, interacting, events)

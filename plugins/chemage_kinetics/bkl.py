@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from chemage import Engine
+from chemage.plugin import Engine
 from chemage_kinetics import _bkl as kernel
 from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost
 from chemage_kinetics._rate_classes import members, new_classes
 from chemage_kinetics._references import BORTZ
 
 if TYPE_CHECKING:
-    from chemage import BondHistory, ReactionLattice, Seed
+    from chemage import ReactionLattice
+    from chemage.plugin import BondHistory, Seed
 
 
 class BKL(Engine):
@@ -31,7 +32,7 @@ class BKL(Engine):
     cost does not depend on the number of its events (Novotny 1995); default: no"""
 
     def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
-        """See :meth:`chemage.Engine.expected`."""
+        """See :meth:`chemage.plugin.Engine.expected`."""
         return expected_cost(sites, 650e-9, 25e-9, 46, events, self.superbasins)
 
     def _run(

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from chemage import BondHistory, InputError, ReactionLattice, check_times, checked_states, temperature_value
+from chemage import InputError, ReactionLattice
+from chemage.plugin import BondHistory, check_times, checked_states, temperature_value
 from chemage_kinetics import _independent as kernel
 from chemage_kinetics._common import Holds
 from chemage_kinetics._driver import Job, expected_cost, model_of, run_pieces
@@ -16,7 +17,7 @@ from chemage_kinetics._threads import ThreadedEngine
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from chemage import Seed
+    from chemage.plugin import Seed
 
 #: Sites in a piece of work.
 PIECE = 50_000
@@ -36,7 +37,7 @@ class Independent(ThreadedEngine):
     interacting: ClassVar[bool] = False
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
-        """See :meth:`chemage.Engine.expected`."""
+        """See :meth:`chemage.plugin.Engine.expected`."""
         return expected_cost(sites, 100e-9, 60e-9, 25)
 
     def _run(

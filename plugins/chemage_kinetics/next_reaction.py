@@ -15,7 +15,8 @@ from chemage_kinetics._references import GIBSON
 from chemage_kinetics._threads import ThreadedEngine
 
 if TYPE_CHECKING:
-    from chemage import BondHistory, ReactionLattice, Seed
+    from chemage import ReactionLattice
+    from chemage.plugin import BondHistory, Seed
 
 #: Sites in a piece of work: small enough to balance the threads, large enough to amortise the call overhead.
 PIECE = 20_000
@@ -36,7 +37,7 @@ class NextReaction(ThreadedEngine):
     cost does not depend on the number of its events (Novotny 1995); default: no"""
 
     def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
-        """See :meth:`chemage.Engine.expected`."""
+        """See :meth:`chemage.plugin.Engine.expected`."""
         return expected_cost(sites, 600e-9, 70e-9, 50, events, self.superbasins)
 
     def _run(

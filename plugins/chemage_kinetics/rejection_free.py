@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from chemage import Engine
+from chemage.plugin import Engine
 from chemage_kinetics import _rejection_free as kernel
 from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost
 from chemage_kinetics._references import GILLESPIE
 from chemage_kinetics._sum_tree import ROOM, empty_rates, fill, relist
 
 if TYPE_CHECKING:
-    from chemage import BondHistory, ReactionLattice, Seed
+    from chemage import ReactionLattice
+    from chemage.plugin import BondHistory, Seed
 
 
 class RejectionFree(Engine):
@@ -31,7 +32,7 @@ class RejectionFree(Engine):
     cost does not depend on the number of its events (Novotny 1995); default: no"""
 
     def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
-        """See :meth:`chemage.Engine.expected`."""
+        """See :meth:`chemage.plugin.Engine.expected`."""
         return expected_cost(sites, 430e-9, 15e-9, 18, events, self.superbasins)
 
     def _run(

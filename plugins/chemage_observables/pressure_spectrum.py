@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from chemage import BondHistory, ContactSolution, Observable, Output, Pressure, ReactionLattice
+from chemage import ContactSolution, ReactionLattice
+from chemage.plugin import BondHistory, Observable, Output, Pressure
 
 
 class PressureSpectrum(Observable):

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from chemage.cli.options import ForceOpt
+from chemage.plugin import options
 
 STUDIES = ("tips", "density")
 
@@ -28,13 +28,14 @@ def study(
         ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="compute only a few contacts, as a test")] = False,
-    force: ForceOpt = False,
+    force: options.ForceOpt = False,
 ) -> None:
     """Run an installed study.
 
     Writes a page with its figures, and tables as CSV.
     """
-    from chemage import InputError, nearest
+    from chemage import InputError
+    from chemage.plugin import nearest
 
     if name not in STUDIES:
         raise InputError(f"no study {name!r}{nearest(name, STUDIES)}; there are: {', '.join(STUDIES)}")

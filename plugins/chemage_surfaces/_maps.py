@@ -10,7 +10,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator
 
-from chemage import HeightMap, InputError, Length, StoreError, Surface, Unit, regular_file
+from chemage import InputError, Surface
+from chemage.plugin import HeightMap, Length, StoreError, Unit, regular_file
 
 #: sides of a pixel that differ by less than this are equal
 SQUARE = 1e-6

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BeforeValidator
 
 import chemage
-from chemage import Seed, SurfaceMaker
+from chemage.plugin import Seed, SurfaceMaker
 
 #: pixels of the largest grid: no machine holds its heights, but theories of contact need none
 MOST_PIXELS = 2**43

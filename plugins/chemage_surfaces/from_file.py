@@ -8,7 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from chemage import Choice, InputError, Length, Reader, Scatter, Seed, Surface, SurfaceMaker, reader_for
+from chemage import InputError, Surface
+from chemage.plugin import Choice, Length, Reader, Scatter, Seed, SurfaceMaker, reader_for
 from chemage_surfaces._maps import FilePath, HeightUnit, Stamp, content_hash, stamp
 from chemage_surfaces._options import provenance
 

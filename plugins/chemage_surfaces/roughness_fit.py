@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import trapezoid
 
-from chemage import InputError, Surface, checked_count, convert
+from chemage import InputError, Surface
+from chemage.plugin import checked_count, convert
 from chemage_surfaces import _fitting
 from chemage_surfaces.self_affine import SelfAffine
 

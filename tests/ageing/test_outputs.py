@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, Output, PluginError, SceneError, parse_scene
+from chemage import InputError, parse_scene
 from chemage.foundation.codec import from_json, from_npz, to_json, to_npz
+from chemage.plugin import Output, PluginError, SceneError
 from chemage.results import page
 from chemage.results.comparison import compare_files
 
 
-class Slip(ca.Observable):
+class Slip(ca.plugin.Observable):
     """A number, a number at each hold time, and a map at each hold time."""
 
     kind = "slip"
@@ -39,7 +40,7 @@ class Slip(ca.Observable):
         }
 
 
-class Told(ca.Observable):
+class Told(ca.plugin.Observable):
     """Declares and measures what a test tells it to."""
 
     kind = "told"
@@ -56,7 +57,7 @@ class Told(ca.Observable):
 
 @pytest.fixture
 def told():
-    with ca.registry.using(ca.registry.Registry()):
+    with ca.plugin.registry.using(ca.plugin.registry.Registry()):
         ca.register(Slip)
         ca.register(Told)
         Told.declare, Told.answer = {}, {}
@@ -112,7 +113,7 @@ def test_safe_names_are_not(told, name):
 @pytest.mark.parametrize(
     ("outputs", "said"),
     [
-        ({"a": ("x",)}, "output 'a' is a tuple; give a chemage.Output"),
+        ({"a": ("x",)}, "output 'a' is a tuple; give a chemage.plugin.Output"),
         ({"a": Output(("x", "x"))}, "lists one dimension twice"),
         ({"a": Output(("a b",))}, "dimension 'a b' is no name"),
         ({"a": Output(("b",)), "b": Output(("c",))}, "dimension 'b' has the name of a variable"),
@@ -235,11 +236,11 @@ def test_an_observable_that_asks_for_the_states_changes_no_other_result(told):
 
 def test_a_hook_may_declare_what_it_measures(told):
     class Hook:
-        @ca.hookimpl
+        @ca.plugin.hookimpl
         def chemage_observe(self, history):
             return {"gain": Output("hold_times", "nN", "gain").of(2.0 * history.bonds), "plain": 1.0}
 
-    ca.registry.current().register(Hook(), "hook")
+    ca.plugin.registry.current().register(Hook(), "hook")
     found = ca.run(scene()).aging
     assert found.measured["gain"].output == Output(("hold_times",), "nN", "gain")
     assert found.measured["plain"].output is None
@@ -256,11 +257,11 @@ def test_a_hook_may_declare_what_it_measures(told):
 )
 def test_what_a_hook_declares_must_hold(told, answer, said):
     class Hook:
-        @ca.hookimpl
+        @ca.plugin.hookimpl
         def chemage_observe(self, history):
             return answer(history)
 
-    ca.registry.current().register(Hook(), "hook")
+    ca.plugin.registry.current().register(Hook(), "hook")
     with pytest.raises(PluginError, match=said):
         ca.run(scene())
 

@@ -22,7 +22,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from chemage import registry
+from chemage.plugin import registry
 from chemage.testing.small_systems import Group, Hold, chance_of, held, random_hold
 
 #: sites of the lattices, in turn; nine take half a second to solve, and a few attempts until one site is in doubt

@@ -14,7 +14,7 @@ import time
 import pytest
 
 import chemage
-from chemage.foundation.text import plus_minus
+from chemage.plugin import text
 from chemage.scene.estimate import REPLICA_SECONDS
 from chemage.studies.sweeps import running as sweeps
 
@@ -66,7 +66,7 @@ def rows(text):
 
 
 def beta_of(point):
-    return plus_minus(point.summary["beta"], point.summary["beta_half_width"])
+    return text.plus_minus(point.summary["beta"], point.summary["beta_half_width"])
 
 
 def test_run_fills_a_folder_and_says_what_came_out(command, scene, tiny):
@@ -78,7 +78,7 @@ def test_run_fills_a_folder_and_says_what_came_out(command, scene, tiny):
     result = chemage.load_sweep("study-sweep")
     assert result.states() == ["done"] * 6
     point = result[4]
-    shown = plus_minus(point.summary["friction_drop"][-1], point.summary["friction_drop_half_width"][-1])
+    shown = text.plus_minus(point.summary["friction_drop"][-1], point.summary["friction_drop_half_width"][-1])
     assert rows(outcome.out)["4"] == ["20", "1", f"{point.summary['area_fraction']:.5f}", shown, beta_of(point)]
     tiny.forget()
     again = command("run", scene)

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from chemage import roughness, theory
-from chemage.contacts.patches import label_patches, patches, perimeter
+from chemage.contacts.patches import patches, perimeter
+from chemage.plugin import label_patches, roughness, theory
 
 maps = hnp.arrays(np.bool_, st.tuples(st.integers(1, 7), st.integers(1, 7)))
 contacts = given(maps, st.booleans())

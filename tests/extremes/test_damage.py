@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 
 import chemage
-from chemage import Aging, BondHistory, ContactSolution, ReactionLattice, Surface
+from chemage import Aging, ContactSolution, ReactionLattice, Surface
+from chemage.plugin import BondHistory
 from chemage.foundation.codec import from_npz, read_records, to_npz, write_records
 from chemage.studies.folder import Folder
 
@@ -73,7 +74,7 @@ def state_and_point():
     if sweep.state("aa") != content["status"]:
         raise AssertionError("two answers")
     if content["status"] == "damaged":
-        raise chemage.StoreError("damaged")
+        raise chemage.plugin.StoreError("damaged")
     return content
 
 

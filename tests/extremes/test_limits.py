@@ -10,8 +10,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError
-from chemage.foundation import memory
-from chemage.foundation.threads import in_order
+from chemage.plugin import memory, threads
 from chemage.scene.limits import LongRunWarning
 
 #: changes to a small scene that no run survives, and what the message says
@@ -127,10 +126,10 @@ def test_replicas_are_not_all_queued_at_once():
     seen = []
     done = []
     with pytest.raises(RuntimeError, match="60"):
-        seen.extend(in_order(task, 100_000, 4, lambda ready, count: done.append(ready)))
+        seen.extend(threads.in_order(task, 100_000, 4, lambda ready, count: done.append(ready)))
     assert max(most) <= 4
     assert len(most) < 100
-    assert list(in_order(lambda number: number, 50, 4, None)) == list(range(50))
+    assert list(threads.in_order(lambda number: number, 50, 4, None)) == list(range(50))
 
 
 def test_a_history_that_is_not_one_is_refused_before_a_kernel_sees_it(examples):

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, SceneError, StoreError
+from chemage import InputError
 from chemage.foundation.printable import printable
+from chemage.plugin import SceneError, StoreError
 from chemage.studies.folder import Folder
 
 

@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import DamagedError, ExecutorError, InputError, SceneError, StoreError
+from chemage import InputError
+from chemage.plugin import DamagedError, ExecutorError, SceneError, StoreError
 from chemage.studies.folder import CannotWrite
 from chemage.studies.sweeps import running as sweeps
 from chemage.studies.sweeps.grid import Grid

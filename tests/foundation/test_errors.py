@@ -7,7 +7,8 @@ import pickle
 
 import pytest
 
-from chemage import ChemageError, ConvergenceError, InputError, PluginError, SceneError, StoreError, UnitError, errors
+from chemage import ChemageError, InputError, errors
+from chemage.plugin import ConvergenceError, PluginError, SceneError, StoreError, UnitError
 
 ALL = [
     value

@@ -20,7 +20,7 @@ def access(path, mode, **more):
 os.access = access
 import chemage
 print(os.environ.get("NUMBA_CACHE_DIR", ""))
-print(chemage.random.uniforms(1, 2, [3, 4]).size)
+print(chemage.plugin.random.uniforms(1, 2, [3, 4]).size)
 """
 
 

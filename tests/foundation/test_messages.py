@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from chemage import nearest
+from chemage.plugin import nearest
 
 
 def test_nearest():

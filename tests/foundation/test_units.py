@@ -14,19 +14,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from chemage import (
-    EV_PER_GPA_NM3,
-    KB,
-    Component,
-    Energy,
-    InputError,
-    Length,
-    Temperature,
-    Unit,
-    UnitError,
-    convert,
-)
-from chemage.foundation.units import _POWERS, _parse, unit_registry
+from chemage import InputError
+from chemage.foundation.units import _POWERS, _parse
+from chemage.plugin import EV_PER_GPA_NM3, KB, Component, Energy, Length, Temperature, Unit, UnitError, convert, units
 
 INTERNAL = ("nm", "nN", "GPa", "eV", "s", "K", "Hz", "nm**3")
 
@@ -251,7 +241,7 @@ def test_pint_is_imported_only_for_a_unit_that_no_power_of_ten_leads_to():
 
 
 def test_there_is_one_registry():
-    assert unit_registry() is unit_registry()
+    assert units.unit_registry() is units.unit_registry()
 
 
 @pytest.mark.parametrize(("unit", "other"), [(unit, other) for unit, powers in _POWERS.items() for other in powers])

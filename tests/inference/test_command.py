@@ -219,7 +219,7 @@ def test_data_that_no_density_explains_come_with_the_best_fit(command, folder, m
     def infer(curves, scene, **how):
         size = curves[0].hold_times.size
         lines = {"energies": np.ones(2), "density": np.ones(2), "fitted": np.ones(size), "residuals": np.ones(size)}
-        raise ca.UnexplainedError("values: no density of barriers explains them", chi2=99.0, **lines)
+        raise ca.plugin.UnexplainedError("values: no density of barriers explains them", chi2=99.0, **lines)
 
     monkeypatch.setattr(inferring, "infer", infer)
     done = command("infer", "tip.csv", "--scene", "tip.toml")
@@ -314,7 +314,7 @@ def test_columns_that_a_file_lacks_are_given_as_options(command, folder, made_up
 
 def test_a_file_without_an_inference_is_refused(folder):
     ca.write("forecast.h5", made_forecast())
-    with pytest.raises(ca.StoreError, match="holds no inference"):
+    with pytest.raises(ca.plugin.StoreError, match="holds no inference"):
         read_inference("forecast.h5")
 
 

@@ -20,7 +20,7 @@ def chemistry(forming=0.8, breaking: float | None = 0.9, **options):
 @pytest.mark.parametrize("hold_time", [1e-3, 1.0, 1e3, 1e6])
 @pytest.mark.parametrize("barriers", [(0.8, 0.9), (0.9, 0.8), (0.75, 0.75)])
 def test_two_states_have_the_events_of_the_master_equation(barriers, hold_time):
-    form, break_ = (NU * np.exp(-energy / (ca.KB * 320.0)) for energy in barriers)
+    form, break_ = (NU * np.exp(-energy / (ca.plugin.KB * 320.0)) for energy in barriers)
     total = form + break_
 
     def rate(t):
@@ -34,7 +34,7 @@ def test_two_states_have_the_events_of_the_master_equation(barriers, hold_time):
 
 def test_bonds_that_last_form_once():
     lasting = chemistry(0.8, None)
-    rate = NU * np.exp(-0.8 / (ca.KB * 300.0))
+    rate = NU * np.exp(-0.8 / (ca.plugin.KB * 300.0))
     assert expected_events(lasting, 1.0, 1.0, 300.0) == pytest.approx(-np.expm1(-rate), rel=1e-12)
     assert expected_events(lasting, 1.0, 1e9, 300.0) == 1.0
 

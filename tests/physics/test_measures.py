@@ -9,8 +9,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import erf
 
-from chemage import roughness, surface, theory
+from chemage import surface
 from chemage.contacts.patches import corrected_area, patches, perimeter
+from chemage.plugin import roughness, theory
 
 
 def cosine(shape, i, j, amplitude=1.0, phase=0.3):

@@ -15,7 +15,8 @@ import pytest
 from made_inference import made_inference
 
 import chemage as ca
-from chemage import Surface, registry
+from chemage import Surface
+from chemage.plugin import registry
 from chemage.testing import checks_for, rough_surface
 
 FILES = Path(tempfile.mkdtemp(prefix="chemage-readers-"))

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import InputError, SceneError, parse_scene, registry
+from chemage import InputError, parse_scene
 from chemage.ageing.checkpoints import CheckpointWarning
+from chemage.plugin import SceneError, registry
 from chemage.scene.schema import scene_schema
 
 CAP = '''
@@ -23,7 +24,7 @@ import chemage
 CHEMAGE_OPTIONS = "cap_options:Options"
 
 
-@chemage.hookimpl(wrapper=True)
+@chemage.plugin.hookimpl(wrapper=True)
 def chemage_solve_contact():
     import numpy as np
     from cap_options import Options
@@ -36,7 +37,7 @@ def chemage_solve_contact():
 '''
 CAP_OPTIONS = '''
 from typing import ClassVar
-from chemage import PluginOptions, Pressure
+from chemage.plugin import PluginOptions, Pressure
 
 class Options(PluginOptions):
     """Of the cap."""
@@ -53,7 +54,7 @@ import chemage
 
 CHEMAGE_OPTIONS = "seen_options:Options"
 
-@chemage.hookimpl(wrapper=True)
+@chemage.plugin.hookimpl(wrapper=True)
 def chemage_run_kinetics():
     from seen_options import Options
 
@@ -61,7 +62,7 @@ def chemage_run_kinetics():
     return found.model_copy(update={"notes": (*found.notes, f"level {Options.current().level}")})
 """
 SEEN_OPTIONS = """
-from chemage import PluginOptions
+from chemage.plugin import PluginOptions
 
 class Options(PluginOptions):
     level: int = 1
@@ -200,10 +201,10 @@ def test_a_block_with_a_wrong_option_says_what_is_wrong(both):
     ("target", "options", "problem"),
     [
         ("gone_options:Options", "", "gone_options:Options cannot be imported: ModuleNotFoundError"),
-        ("bad_options:Other", "class Other: pass", "bad_options:Other is not a chemage.PluginOptions"),
+        ("bad_options:Other", "class Other: pass", "bad_options:Other is not a chemage.plugin.PluginOptions"),
         (
             "bad_options:Options",
-            "from chemage import PluginOptions\nclass Options(PluginOptions):\n    a: int\n    b: int = 1\n",
+            "from chemage.plugin import PluginOptions\nclass Options(PluginOptions):\n    a: int\n    b: int = 1\n",
             "a must have a default, for scenes that do not set it",
         ),
     ],
@@ -270,7 +271,7 @@ def test_an_option_of_a_sweep_makes_another_sweep_only_if_it_touches_it(both, tm
     both.forget()
     chemage.sweep(both.scene(sweep=axes, plugins={"cap": {"blocks": 2, "peak": 0.3}}), tmp_path / "out")
     assert both.computed() == []
-    with pytest.raises(chemage.StoreError, match="2 of its 2 points differ"):
+    with pytest.raises(chemage.plugin.StoreError, match="2 of its 2 points differ"):
         chemage.sweep(both.scene(sweep=axes, plugins={"cap": {"peak": 0.2}}), tmp_path / "out")
 
 

@@ -94,7 +94,7 @@ class Plain(FFTBEM):
     """A solver that neither has a reference of its own nor estimates its error."""
 
     kind = "plain"
-    reference = ca.ContactSolver.reference
+    reference = ca.plugin.ContactSolver.reference
 
     def _solve(self, surface: ca.Surface, load: float, start: ca.ContactSolution | None) -> ca.ContactSolution:
         return super()._solve(surface, load, start).model_copy(update={"convergence": {}})

@@ -289,7 +289,7 @@ def registered():
 def test_an_engine_of_another_package_is_warmed_up_on_a_lattice_like_that_of_the_run(registered):
     seen = []
 
-    class Mine(ca.Engine):
+    class Mine(ca.plugin.Engine):
         """An engine."""
 
         kind = "mine"
@@ -315,7 +315,9 @@ def test_an_engine_of_another_package_is_warmed_up_on_a_lattice_like_that_of_the
 @pytest.mark.parametrize("pixel_size", [0.02, 0.4518, 20.0])
 def test_there_are_sites_on_the_small_contact(density, pixel_size):
     changes = {"chemistry.site_density": density, "surface.pixel_size": pixel_size}
-    lattice = ca.build_lattice((one := ca.load_scene("silica-tip", changes)).chemistry, warm_up._small_contact(one))
+    lattice = ca.plugin.build_lattice(
+        (one := ca.load_scene("silica-tip", changes)).chemistry, warm_up._small_contact(one)
+    )
     assert 4 <= lattice.sites.size < 200_000
 
 

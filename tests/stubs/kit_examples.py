@@ -8,10 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from chemage import (
+from chemage import ContactSolution, Surface, testing
+from chemage.foundation.records import Record
+from chemage.plugin import (
     Barriers,
     Component,
-    ContactSolution,
     ContactSolver,
     Energy,
     Interaction,
@@ -20,13 +21,10 @@ from chemage import (
     Reader,
     Rupture,
     StoreError,
-    Surface,
     SurfaceMaker,
     checked_seed,
     random,
-    testing,
 )
-from chemage.foundation.records import Record
 
 
 class Flat(Barriers):

@@ -9,9 +9,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-import chemage
-from chemage import registry
 from chemage.foundation import names
+from chemage.plugin import registry
 from chemage.plugins.hooks import API_VERSION
 
 FILE = Path(__file__).parents[1] / "plugins" / "api.json"
@@ -55,7 +54,7 @@ def present() -> dict[str, Any]:
         }
     return {
         "api": API_VERSION,
-        "names": sorted(chemage.__all__),
+        "names": sorted({*names.HOME, *names.MODULES, "__version__"}),
         "modules": {name: f"chemage.{module}" for name, module in sorted(names.MODULES.items())},
         "hooks": dict(sorted(hooks.items())),
         "roles": roles,

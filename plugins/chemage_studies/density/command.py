@@ -15,8 +15,7 @@ def write(out: Path, *, quick: bool = False, force: bool = False) -> list[Path]:
     StoreError
         A file exists and ``force`` is false, or ``out`` cannot be written.
     """
-    from chemage import StoreError, fresh_file, preflight
-    from chemage.foundation.progress import progress_bars
+    from chemage.plugin import StoreError, fresh_file, preflight, progress
     from chemage_studies.density import figures, page, table
     from chemage_studies.density.rates import Rates
     from chemage_studies.density.study import QUICK, Size, compute
@@ -36,7 +35,7 @@ def write(out: Path, *, quick: bool = False, force: bool = False) -> list[Path]:
     for path in (*texts, *pictures):
         preflight(path, force=force)
     size = QUICK if quick else Size()
-    with progress_bars() as report:
+    with progress.progress_bars() as report:
         study = compute(Rates(out / "rates", report, size.pixels), size)
     members = [one.parameters for one in (study.best, *study.members)]
     for path, text in zip(texts, (page.page(study, "figures"), table.table(study.family, members)), strict=True):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chemage.cli.options import WorkersOpt
+from chemage.plugin import options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ def reproduce(
     executor: Annotated[
         str, typer.Option(metavar="NAME", help="where points are computed: serial, processes or dask[:ADDRESS]")
     ] = "processes",
-    workers: WorkersOpt = None,
+    workers: options.WorkersOpt = None,
     pixels: Annotated[
         int | None, typer.Option(metavar="N", help="pixels per side, for coarser surfaces; default: 2500")
     ] = None,
@@ -81,7 +81,7 @@ def _swept(
 
 
 def _patches(folder: Path, count: int, pixels: int | None, executor: str, workers: int | None) -> None:
-    from chemage import fresh_file
+    from chemage.plugin import fresh_file
     from chemage_studies.reproduction import patches
 
     seeds = patches.seeds_of(count)
@@ -114,8 +114,7 @@ def write(
     results: Mapping[str, SweepResult], names: list[str], folder: Path, *, seeds: Sequence[int], pixels: int
 ) -> Found:
     """Write figures and page of completed sweeps, by base, into ``folder``, and return the comparisons."""
-    from chemage import fresh_file, versions
-    from chemage.results.figures import save_figures
+    from chemage.plugin import figures, fresh_file, versions
     from chemage_studies.reproduction import claims, estimates, figures_supplement, numbers, pages
     from chemage_studies.reproduction.calibration import bands, times
     from chemage_studies.reproduction.points import Point, studies_of
@@ -131,7 +130,7 @@ def write(
         times(computed) if "calibration" in names else {},
     )
     drawn = {name: figures_supplement.DRAW[name](computed) for name in names if name in figures_supplement.DRAW}
-    save_figures(drawn, folder / "figures", force=True)
+    figures.save_figures(drawn, folder / "figures", force=True)
     text = pages.page(found, names, seeds=seeds, pixels=pixels, figures="figures", versions=versions())
     with fresh_file(folder / "reproduction.md", force=True) as part:
         part.write_text(text, encoding="utf-8")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.results.figures import panels
+from chemage.plugin import figures
 from chemage_studies.reproduction.points import Mean, Point, curve, spread
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ SMALL = 7
 
 def figure(columns: int, rows: int = 1, width: float = 4.6, height: float = 3.9) -> tuple[Figure, list[Axes]]:
     """Make a figure of panels of ``width`` by ``height`` inches, row by row."""
-    return panels(width * columns, height * rows, columns, rows, dpi=110)
+    return figures.panels(width * columns, height * rows, columns, rows, dpi=110)
 
 
 def say_scatter(axes: Axes) -> None:

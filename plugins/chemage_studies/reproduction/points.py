@@ -11,8 +11,7 @@ import numpy as np
 from scipy import stats
 
 import chemage
-from chemage import FIT_WINDOW
-from chemage.foundation.text import plus_minus
+from chemage.plugin import FIT_WINDOW, text
 from chemage_studies.reproduction.studies import STUDIES, content, members, studies_for
 
 SLOPE, SEED, LOAD, VOLUME = "surface.rms_slope", "surface.seed", "contact.load", "chemistry.activation_volume"
@@ -34,10 +33,10 @@ class Point:
     friction_drop_half_width: np.ndarray
     observables: dict[str, np.ndarray] = field(default_factory=dict)
     #: the point in its sweep, which has the contact
-    source: chemage.Point | None = None
+    source: chemage.plugin.Point | None = None
 
     @classmethod
-    def of(cls, point: chemage.Point) -> Point:
+    def of(cls, point: chemage.plugin.Point) -> Point:
         """Read a completed point of a sweep."""
         aging = point.aging()
         return cls(
@@ -91,7 +90,7 @@ class Mean:
     count: int
 
     def __str__(self) -> str:
-        return plus_minus(self.value, self.scatter)
+        return text.plus_minus(self.value, self.scatter)
 
     def times(self, factor: float) -> Mean:
         """This mean multiplied by a positive number."""

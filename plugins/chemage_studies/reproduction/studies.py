@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from chemage import InputError, nearest, override, scene_data
+from chemage import InputError
+from chemage.plugin import nearest, override, scene_data
 from chemage_silica import MDSilica
 from chemage_studies.reproduction.published import SLOPES, TABLE_1
 

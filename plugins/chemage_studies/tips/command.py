@@ -13,8 +13,7 @@ def write(out: Path, *, quick: bool = False, force: bool = False) -> list[Path]:
     StoreError
         A file exists and ``force`` is false, or ``out`` cannot be written.
     """
-    from chemage import StoreError, fresh_file, preflight
-    from chemage.foundation.progress import progress_bars
+    from chemage.plugin import StoreError, fresh_file, preflight, progress
     from chemage_studies.tips import figures, page
     from chemage_studies.tips.study import STRENGTHS, compute
 
@@ -27,7 +26,7 @@ def write(out: Path, *, quick: bool = False, force: bool = False) -> list[Path]:
     targets = [*(out / name for name in names), *(out / "figures" / name for name in pictures)]
     for path in targets:
         preflight(path, force=force)
-    with progress_bars() as report:
+    with progress.progress_bars() as report:
         studies = [compute(strength, report, quick=quick) for strength in STRENGTHS]
     texts = (page.page(studies, "figures"), page.contacts_csv(studies), page.curves_csv(studies))
     for path, text in zip(targets, texts, strict=False):

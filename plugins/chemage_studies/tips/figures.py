@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.results.figures import BLACK, BLUE, GREEN, GREY, ORANGE, panels
+from chemage.plugin import figures
 from chemage_studies.tips.study import UNIFORM, Study, deviation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_COLOURS = {"tip": BLUE, "rough": ORANGE, "equal area": GREEN}
+_COLOURS = {"tip": figures.BLUE, "rough": figures.ORANGE, "equal area": figures.GREEN}
 _MARKS = {"tip": "o", "rough": "s", "equal area": "^"}
 _LABELS = {"tip": "tips", "rough": "rough, equal nominal pressure", "equal area": "rough, at a tip's area"}
 
 
 def _figure(columns: int) -> tuple[Figure, list[Axes]]:
-    return panels(4.8 * columns, 3.8, columns, dpi=90)
+    return figures.panels(4.8 * columns, 3.8, columns, dpi=90)
 
 
 def _groups(study: Study) -> list[str]:
@@ -45,8 +45,8 @@ def collapse_figure(study: Study) -> Figure:
         curve = study.uniform[UNIFORM.index(pressure)]
         label = "uniform, no pressure" if pressure < 0.1 else f"uniform, {pressure:g} GPa"
         dashes = {0: ":", 1: "--", 2: "-."}[(UNIFORM[0], 2.0, 4.0).index(pressure)]
-        axes[1].plot(study.times, curve, color=BLACK, lw=1.3, ls=dashes, label=label)
-    axes[2].axhline(1, color=GREY, lw=1)
+        axes[1].plot(study.times, curve, color=figures.BLACK, lw=1.3, ls=dashes, label=label)
+    axes[2].axhline(1, color=figures.GREY, lw=1)
     axes[0].set(xscale="log", yscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
     axes[1].set(xscale="log", xlabel="hold time (s)", ylabel="bonds per contact area (1/nm²)", ylim=(0, None))
     axes[2].set(xscale="log", xlabel="hold time (s)", ylabel="bonds / prediction from area and pressures")
@@ -60,7 +60,7 @@ def pressure_figure(study: Study) -> Figure:
     """Draw bonds per area and Δμ at 1000 s against the mean contact pressure."""
     figure, axes = _figure(2)
     at = study.contacts[0].at(1e3)
-    axes[0].plot(UNIFORM, study.uniform[:, at], color=GREY, ls="--", lw=1.2, label="uniform pressure, no rim")
+    axes[0].plot(UNIFORM, study.uniform[:, at], color=figures.GREY, ls="--", lw=1.2, label="uniform pressure, no rim")
     for group in _groups(study):
         members = study.group(group)
         pressure = [one.contact.mean_contact_pressure for one in members]
@@ -91,7 +91,7 @@ def rim_figure(studies: Sequence[Study]) -> Figure:
         slope = study.rim_effect(1e3)
         line = np.array([0, 1.05 * rim.max()])
         label = f"{100 * slope:.1f} % per 1/nm"
-        one.plot(line, 100 * slope * line, color=GREY, lw=1, ls="--", label=label)
+        one.plot(line, 100 * slope * line, color=figures.GREY, lw=1, ls="--", label=label)
         one.set(xlabel="perimeter to area C/A (1/nm)", title=f"interaction {study.strength:g} eV", xlim=(0, None))
         one.set_ylabel("deviation of the bonds at 1000 s (%)")
         one.legend(frameon=False, fontsize=8)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.foundation.text import mean_text, plus_minus
+from chemage.plugin import text
 from chemage_studies.markdown import filled, table
 from chemage_studies.tips.study import NOTHING, SITES, STAGES, WINDOW, Aged, Study
 
@@ -81,7 +81,7 @@ def _csv(rows: list[dict[str, Any]]) -> str:
 
 def _over_surfaces(values: Sequence[float]) -> str:
     """Mean over surfaces and half of its 95 % interval."""
-    return mean_text(np.array(values))
+    return text.mean_text(np.array(values))
 
 
 def _range(values: Sequence[float]) -> str:
@@ -131,9 +131,9 @@ def _nominal_table(study: Study) -> str:
                 one.name,
                 f"{one.contact.mean_contact_pressure:.3g}",
                 f"{1e2 * nominal / one.contact.mean_contact_pressure:.3g}",
-                mean_text(aging.bonds[:, at] / one.contact.area),
-                mean_text(aging.friction_coefficient_drop[:, at]),
-                plus_minus(fit.beta, fit.beta_half_width),
+                text.mean_text(aging.bonds[:, at] / one.contact.area),
+                text.mean_text(aging.friction_coefficient_drop[:, at]),
+                text.plus_minus(fit.beta, fit.beta_half_width),
             ]
         )
     columns = ["contact", "mean pressure (GPa)", "A/A0 (%)", "bonds per area (1/nm²), 1000 s", "Δμ, 1000 s", "β"]

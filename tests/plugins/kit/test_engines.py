@@ -11,7 +11,7 @@ import pytest
 from kit_examples import broken, changed, failing, with_fields
 
 import chemage as ca
-from chemage import BondHistory
+from chemage.plugin import BondHistory
 
 
 def mutant(change: Any = None, before: Any = None, **attributes: Any) -> Any:

@@ -11,7 +11,8 @@ import pytest
 from kit_examples import Bed, Breaking, Chain, Count, Csv, Flat, Shell, White, mutant
 
 import chemage as ca
-from chemage import Component, InputError, registry, testing
+from chemage import InputError, testing
+from chemage.plugin import Component, registry
 from chemage.testing.checks import CHECKS
 
 REFERENCES: list[Component] = [Flat(), White(), Chain(), Shell(), Breaking(), Count(), Csv(), Bed()]
@@ -126,7 +127,7 @@ def test_expected_failures_carry_their_reason():
 
 
 def test_isolated_registry_is_empty_and_in_use(isolated_registry):
-    assert ca.registry.current() is isolated_registry
+    assert ca.plugin.registry.current() is isolated_registry
     assert isolated_registry.records == []
     with pytest.raises(InputError, match="installed: none"):
         ca.engine("bkl")

@@ -7,12 +7,11 @@ import pytest
 from drawn_levels import Drawn, Timer, nothing
 
 import chemage as ca
+from chemage import Ensemble, ensemble
 from chemage.results.ensemble_text import rows
 from chemage.studies.ensembles import sampling
 from chemage.studies.ensembles.allocation import half_width, spread_of
 from chemage.studies.ensembles.control import regressed
-from chemage.studies.ensembles.ensemble import Ensemble
-from chemage.studies.ensembles.running import ensemble
 from chemage.studies.ensembles.stages import CONTROLLED, Clock, Route, State, run_stages
 
 ROUGH = {

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError
+from chemage import Ensemble, InputError, ensemble
 from chemage.studies import tasks
-from chemage.studies.ensembles.ensemble import Ensemble
-from chemage.studies.ensembles.running import ensemble
 
 ROUGH = {
     "name": "small",

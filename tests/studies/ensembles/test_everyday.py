@@ -13,11 +13,11 @@ import pytest
 from matplotlib import pyplot as plt
 
 import chemage as ca
+from chemage import Ensemble
 from chemage.contacts.solution import MEASURES
 from chemage.results.comparison import compare_files, comparison_figures
 from chemage.results.ensemble_text import rows
 from chemage.results.page import html
-from chemage.studies.ensembles.ensemble import Ensemble
 
 SCENE = {
     "name": "rough",

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError
-from chemage.scene.provenance import versions
+from chemage import InputError, ensemble
+from chemage.plugin import versions
 from chemage.scene.variants import question
 from chemage.studies.ensembles.goals import Request
-from chemage.studies.ensembles.running import Sampler, ensemble
+from chemage.studies.ensembles.running import Sampler
 from chemage.studies.trade.trade_map import Point, TradeMap
 
 ROUGH = {

@@ -14,7 +14,8 @@ import pytest
 from distributed import LocalCluster
 
 import chemage
-from chemage import ExecutorError, InputError, StoreError, WorkerLost, threads
+from chemage import InputError
+from chemage.plugin import ExecutorError, StoreError, WorkerLost, threads
 from chemage.studies.executors.clusters import Dask
 from chemage.studies.executors.opening import open_pool
 from chemage.studies.executors.pool import Serial
