@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
-from chemage.testing.checks import check_of, require, run_checks, speed_variants
+from chemage.testing.checks import calls_are_independent, check_of, require, speed_changes_nothing, whole
 from chemage.testing.replicas import Even
 
 TEMPERATURE, TIMES = 300.0, np.array([0.0, 1e-3, 1.0, 1.0, 1e3, 1e6])
@@ -30,9 +29,7 @@ REPLICAS = 6
 FAR = 6.5
 
 
-def check_ageing_method(component: AgeingMethod, *, all: bool = False) -> None:
-    """Run every check of the role ``ageing``; raises CheckFailed if one fails, with ``all`` every one that does."""
-    run_checks(component, AgeingMethod, {}, all)
+check_ageing_method = whole(AgeingMethod)
 
 
 class Single(Engine):
@@ -156,18 +153,13 @@ def _answers_are_repeatable(component: AgeingMethod) -> None:
     """An answer depends on the request alone: not on what was asked before or at the same time, nor on the number of
     threads; and the contact stays as it was."""
     requests = [_request(contact) for _, contact in list(_contacts())[:3]]
-    before = [one.contact.pressure.tobytes() for one in requests]
 
-    def found(request: AgeingRequest) -> bytes:
+    def bonds(request: AgeingRequest) -> bytes:
         return np.asarray(component.age(request).bonds, dtype=np.float64).tobytes()
 
-    first = [found(one) for one in requests]
-    require([found(one) for one in requests] == first, "a second call gave other bonds")
-    with ThreadPoolExecutor(3) as pool:
-        require(list(pool.map(found, requests * 2)) == first * 2, "concurrent calls gave other bonds")
-    threaded = [found(dataclasses.replace(one, threads=3)) for one in requests]
-    require(threaded == first, "the bonds depend on the number of threads")
-    require([one.contact.pressure.tobytes() for one in requests] == before, "age() changed the contact")
+    calls_are_independent(bonds, requests, *(request.contact for request in requests))
+    threaded = [bonds(dataclasses.replace(request, threads=3)) for request in requests]
+    require(threaded == [bonds(request) for request in requests], "the bonds depend on the number of threads")
 
 
 @check_of("ageing")
@@ -184,7 +176,4 @@ def _fewer_replicas_are_the_first_ones(component: AgeingMethod) -> None:
 def _speed_does_not_change_the_bonds(component: AgeingMethod) -> None:
     """Options in ``speed_only`` do not change a bit of the bonds."""
     request = _request(next(_contacts())[1])
-    plain = np.asarray(component.age(request).bonds).tobytes()
-    for what, variant in speed_variants(component):
-        found = np.asarray(variant.age(request).bonds).tobytes()
-        require(found == plain, f"{what}: the bonds differ, but speed_only says that they do not")
+    speed_changes_nothing(component, lambda variant: np.asarray(variant.age(request).bonds).tobytes(), "the bonds")

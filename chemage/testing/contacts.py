@@ -22,20 +22,17 @@ from chemage.testing.checks import (
     require_estimates,
     require_plain,
     rescaled,
-    run_checks,
-    speed_variants,
+    speed_changes_nothing,
     trade_variants,
+    whole,
 )
 from chemage.testing.closed_forms import every_known_contact, half_space_errors, paraboloid
 
-
-def check_contact_solver(component: ContactSolver, *, all: bool = False, **inputs: Any) -> None:
-    """Run every check of the role ``contact``; raises CheckFailed if one fails, with ``all`` every one that does.
-
-    ``inputs`` are ``surfaces`` to solve besides those of the checks, and ``force_tolerance``, the accepted relative
-    error of the force.
-    """
-    run_checks(component, ContactSolver, inputs, all)
+check_contact_solver = whole(
+    ContactSolver,
+    surfaces="surfaces to solve besides those of the checks",
+    force_tolerance="the accepted relative error of the force",
+)
 
 
 def rough_surface(shape: tuple[int, int] = (32, 32), seed: int = 0, **fields: Any) -> Surface:
@@ -411,12 +408,11 @@ def _elsewhere(component: ContactSolver, surface: Surface) -> ContactSolution | 
 def _speed_does_not_change_the_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Options in ``speed_only``, such as the number of threads, do not change a bit of the pressure."""
     for surface, load in _solvable(component, surfaces):
-        pressure = component.solve(surface, load).pressure
-        for what, variant in speed_variants(component):
-            require(
-                variant.solve(surface, load).pressure.tobytes() == pressure.tobytes(),
-                f"{what}: the pressure differs, but speed_only says that it does not",
-            )
+
+        def pressure(variant: ContactSolver, surface: Surface = surface, load: float = load) -> bytes:
+            return variant.solve(surface, load).pressure.tobytes()
+
+        speed_changes_nothing(component, pressure, "the pressures")
 
 
 @check_of("contact", unless=(ContactTheory,))

@@ -13,16 +13,13 @@ from chemage.foundation.errors import ChemageError
 from chemage.foundation.records import Record
 from chemage.surfaces.reading import Reader
 from chemage.surfaces.surface import Surface
-from chemage.testing.checks import check_of, refuses, require, run_checks, speed_variants
+from chemage.testing.checks import check_of, refuses, require, speed_changes_nothing, whole
 
-
-def check_reader(component: Reader, *, all: bool = False, **inputs: Any) -> None:
-    """Run every check of the role ``reader``; raises CheckFailed if one fails, with ``all`` every one that does.
-
-    ``inputs`` are ``path``, a file that the reader can read, and ``surface``, the Surface in this file: heights in nm,
-    pixel size and whether it is periodic, known from elsewhere.
-    """
-    run_checks(component, Reader, inputs, all)
+check_reader = whole(
+    Reader,
+    path="a file that the reader can read",
+    surface="the Surface in this file: heights in nm, pixel size and whether it is periodic, known from elsewhere",
+)
 
 
 @check_of("reader")
@@ -159,5 +156,4 @@ def _stated_pixel_size_counts(component: Reader, path: Any = None) -> None:
             math.isclose(other.pixel_size, 2.5 * found.pixel_size),
             f"pixel_size = {2.5 * found.pixel_size} nm was given, but the surface has pixels of {other.pixel_size} nm",
         )
-    for what, variant in speed_variants(component):
-        require(variant.read(path) == found, f"{what}: another surface, but speed_only says that it is the same")
+    speed_changes_nothing(component, lambda variant: variant.read(path), "the surfaces")

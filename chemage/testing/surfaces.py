@@ -19,16 +19,13 @@ from chemage.testing.checks import (
     require_estimates,
     require_plain,
     rescaled,
-    run_checks,
     seeds_are_harmless,
-    speed_variants,
+    speed_changes_nothing,
     trade_variants,
+    whole,
 )
 
-
-def check_surface_maker(component: SurfaceMaker, *, all: bool = False) -> None:
-    """Run every check of the role ``surface``; raises CheckFailed if one fails, with ``all`` every one that does."""
-    run_checks(component, SurfaceMaker, {}, all)
+check_surface_maker = whole(SurfaceMaker)
 
 
 def _random(component: SurfaceMaker) -> bool:
@@ -292,12 +289,7 @@ def _apart(one: Any, two: np.ndarray) -> float:
 @check_of("surface")
 def _speed_does_not_change_the_surface(component: SurfaceMaker) -> None:
     """Options in ``speed_only`` do not change a bit of the heights; ``trade`` keeps the size and the roughness."""
-    surface = component.make(2)
-    for what, variant in speed_variants(component):
-        require(
-            variant.make(2).heights.tobytes() == surface.heights.tobytes(),
-            f"{what}: the heights differ, but speed_only says that they do not",
-        )
+    speed_changes_nothing(component, lambda variant: variant.make(2).heights.tobytes(), "the heights")
     for name, variants in trade_variants(component):
         made = [(what, variant.make(2)) for what, variant in variants]
         last = made[-1][1]

@@ -38,7 +38,7 @@ def test_the_whole_role_at_once(csv):
     testing.check_observable(Count())
     testing.check_reader(Csv(), path=csv)
     testing.check_contact_solver(Bed(), force_tolerance=1e-9)
-    with pytest.raises(InputError, match=r"is not a chemage\.Engine"):
+    with pytest.raises(InputError, match=r"is not a chemage\.plugin\.Engine"):
         testing.check_engine(Flat())  # pyright: ignore[reportArgumentType]
     with pytest.raises(InputError, match="barriers checks take no path"):
         testing.checks_for(Flat(), path=csv)
@@ -100,15 +100,6 @@ def parameters(decorator):
 
     (mark,) = test.pytestmark
     return mark.args
-
-
-def test_a_test_written_for_chemage_0_1_may_say_choice():
-    @testing.parametrize_with_checks([Flat()])
-    def test(choice, check):
-        pass
-
-    (mark,) = test.pytestmark
-    assert mark.args[0] == ("choice", "check")
 
 
 def test_expected_failures_carry_their_reason():
