@@ -46,14 +46,9 @@ def blocks(page):
     return found
 
 
-def every(*languages):
-    """Blocks of these languages on every page, as test parameters."""
-    return [
-        pytest.param(block, id=f"{block.page.name}:{block.line}")
-        for page in PAGES
-        for block in blocks(page)
-        if block.language in languages and page != TUTORIAL
-    ]
+def every(language):
+    """Blocks of this language on every page."""
+    return [block for page in PAGES for block in blocks(page) if block.language == language and page != TUTORIAL]
 
 
 PYTHON = [page for page in PAGES if page != TUTORIAL and any(b.language == "python" for b in blocks(page))]
@@ -82,8 +77,13 @@ def test_the_readme_shows_python():
     assert ROOT / "README.md" in PYTHON
 
 
-@pytest.mark.parametrize("block", every("toml"))
-def test_scenes_are_valid(block):
+def test_scenes_are_valid():
+    for block in every("toml"):
+        try_scene(block)
+
+
+def try_scene(block):
+    """Make a scene of a block: of a whole one, or of some sections in the reference scene."""
     data = tomllib.loads(block.text)
     if not data.keys() <= set(SECTIONS):
         return  # another kind of file, such as pyproject.toml
@@ -101,7 +101,7 @@ def test_scenes_are_valid(block):
 
 
 def command_lines():
-    """Every ``chemage …`` of a shell block, as words."""
+    """Every ``chemage …`` of a shell block, with its place, as words."""
     found = []
     for page in PAGES:
         for block in blocks(page):
@@ -111,22 +111,24 @@ def command_lines():
                 for part in re.split(r"&&|\|", line):
                     words = shlex.split(part.removeprefix("$ "), comments=True)
                     if words and Path(words[0]).name == "chemage":
-                        found.append(pytest.param(words[1:], id=f"{page.name}:{number}: {' '.join(words)}"))
+                        found.append((f"{page.name}:{number}: {' '.join(words)}", words[1:]))
     return found
 
 
-@pytest.mark.parametrize("words", command_lines())
-def test_commands_and_options_exist(words):
-    command = command_line._all_commands()
-    if words and words[0].startswith("-"):
-        return
-    while hasattr(command, "commands"):
-        name, *words = words
-        assert name in command.commands, f"there is no command {name}"
-        command = command.commands[name]
-    known = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
-    used = {word.partition("=")[0] for word in words if re.match(r"--?[a-zA-Z]", word)}
-    assert used <= known | {"--help", "-h"}, f"no such option: {used - known}"
+def test_commands_and_options_exist():
+    lines, every_command = command_lines(), command_line._all_commands()
+    assert len(lines) > 30
+    for place, words in lines:
+        command = every_command
+        if words and words[0].startswith("-"):
+            continue
+        while hasattr(command, "commands"):
+            name, *words = words
+            assert name in command.commands, f"{place}: there is no command {name}"
+            command = command.commands[name]
+        options = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+        used = {word.partition("=")[0] for word in words if re.match(r"--?[a-zA-Z]", word)}
+        assert used <= options | {"--help", "-h"}, f"{place}: no such option: {used - options}"
 
 
 def anchors(page):
@@ -136,22 +138,28 @@ def anchors(page):
     return {re.sub(r"[^\w\- ]", "", title.replace("`", "").lower()).replace(" ", "-") for title in titles}
 
 
-LINKS = [
-    pytest.param(page, target, id=f"{page.name}: {target}")
-    for page in PAGES
-    for target in dict.fromkeys(re.findall(r"\]\(([^)\s]+)[^)]*\)", page.read_text(encoding="utf-8")))
-    if not re.match(r"[a-z]+:", target)
-]
-
-
-@pytest.mark.parametrize(("page", "target"), LINKS)
-def test_links_lead_somewhere(page, target):
+def problem_of(page, target):
+    """What is wrong with a link of a page, if anything."""
     path, _, anchor = target.partition("#")
     goal = (page.parent / path).resolve() if path else page
-    assert goal.exists(), f"{page.name} links to {target}"
-    assert goal.is_relative_to(ROOT), f"{page.name} links out of the project"
-    if anchor:
-        assert anchor in anchors(goal), f"{goal.name} has no heading for #{anchor}"
+    if not goal.exists() or not goal.is_relative_to(ROOT):
+        return "leads nowhere in the project"
+    return f"{goal.name} has no heading for #{anchor}" if anchor and anchor not in anchors(goal) else ""
+
+
+def test_links_lead_somewhere():
+    problems = [
+        f"{page.name}: {target}: {problem}"
+        for page in PAGES
+        for target in dict.fromkeys(re.findall(r"\]\(([^)\s]+)[^)]*\)", page.read_text(encoding="utf-8")))
+        if not re.match(r"[a-z]+:", target) and (problem := problem_of(page, target))
+    ]
+    assert problems == []
+
+
+@pytest.mark.parametrize("target", ["nowhere.md", "plugins.md#no-such-heading", "../../outside.md"])
+def test_a_dead_link_is_found(target):
+    assert problem_of(ROOT / "docs" / "index.md", target)
 
 
 def test_every_page_is_in_the_index():

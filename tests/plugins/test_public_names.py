@@ -32,12 +32,14 @@ def test_users_have_few_names():
     assert len(chemage.__all__) <= MOST
 
 
-@pytest.mark.parametrize("name", sorted({*recorded()["names"]} - {*chemage.__all__}))
-def test_what_0_2_had_is_still_there_and_says_where_it_is_now(name):
-    with pytest.warns(DeprecationWarning, match=rf"^chemage\.{name} is now chemage\.plugin\.{name}$") as warned:
-        before = getattr(chemage, name)
-    assert before is getattr(chemage.plugin, name)
-    assert warned[0].filename == __file__
+def test_what_0_2_had_is_still_there_and_says_where_it_is_now():
+    moved = {*recorded()["names"]} - {*chemage.__all__}
+    assert len(moved) > 90
+    for name in moved:
+        with pytest.warns(DeprecationWarning, match=rf"^chemage\.{name} is now chemage\.plugin\.{name}$") as warned:
+            before = getattr(chemage, name)
+        assert before is getattr(chemage.plugin, name)
+        assert warned[0].filename == __file__
 
 
 def test_a_plugin_of_0_2_runs_as_it_is(tmp_path):
