@@ -1,4 +1,5 @@
 # Made by `chemage plugins stubs`; do not edit.
+from chemage.plugins.hooks import API_VERSION as API_VERSION
 from chemage.studies.arrhenius import ActivationEnergy as ActivationEnergy
 from chemage.ageing.methods import AgedBonds as AgedBonds
 from chemage.ageing.methods import AgeingMethod as AgeingMethod
@@ -79,6 +80,7 @@ from chemage.foundation import memory as memory
 from chemage.foundation.messages import nearest as nearest
 from chemage.cli import options as options
 from chemage.scene.scene_files import override as override
+from chemage.contacts import patches as patches
 from chemage.foundation.files import preflight as preflight
 from chemage.foundation import progress as progress
 from chemage.foundation import random as random

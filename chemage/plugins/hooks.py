@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import pluggy
 
-#: A plugin module may set ``CHEMAGE_API = 1``; one made for another version is reported and skipped.
+#: the version of the interface for plugins: a module that states another in ``CHEMAGE_API`` is reported and skipped
 API_VERSION = 1
 #: versions whose modules are still loaded
 SUPPORTED_API_VERSIONS = (1,)

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, parse_scene
+from chemage import InputError, compare_files, parse_scene
 from chemage.plugin import PluginError, SceneError
-from chemage.results.comparison import compare_files
 
 TIMES = np.array([1.0, 10.0, 100.0, 1000.0])
 

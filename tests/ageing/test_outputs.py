@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, parse_scene
+from chemage import InputError, compare_files, parse_scene
 from chemage.foundation.codec import from_json, from_npz, to_json, to_npz
 from chemage.plugin import Output, PluginError, SceneError
 from chemage.results import page
-from chemage.results.comparison import compare_files
 
 
 class Slip(ca.plugin.Observable):

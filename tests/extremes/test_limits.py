@@ -11,7 +11,6 @@ import pytest
 import chemage as ca
 from chemage import InputError
 from chemage.plugin import memory, threads
-from chemage.scene.limits import LongRunWarning
 
 #: changes to a small scene that no run survives, and what the message says
 BAD_SCENES = [
@@ -102,7 +101,7 @@ def test_a_run_of_hours_says_so_first(command, small, monkeypatch):
 
     monkeypatch.setattr(RejectionFree, "expected", lambda self, sites, interacting: {"cpu_seconds": 1e5, "bytes": 1.0})
     assert "warning: this will take about" in command("check", small).out
-    with pytest.warns(LongRunWarning, match=r"this will take about .* (hours|days)"):
+    with pytest.warns(ca.PlanWarning, match=r"this will take about .* (hours|days)"):
         ca.run(small)
 
 

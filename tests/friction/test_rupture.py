@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, parse_scene
+from chemage import InputError, compare_files, parse_scene
 from chemage.ageing import checkpoints
 from chemage.plugin import PluginError, SceneError
-from chemage.results.comparison import compare_files
 
 KT = ca.plugin.KB * 300.0
 EV_PER_NM = 0.1602176634  # nN

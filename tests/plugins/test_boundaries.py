@@ -436,3 +436,32 @@ def test_no_function_is_too_long():
                 if lines > MOST_LINES_OF_A_FUNCTION:
                     found.add((module, node.name))
     assert found == TOO_LONG
+
+
+# -- tests ------------------------------------------------------------------------------------------------------------
+
+#: test files that use modules of chemage that are no interface: as few as have been reached, 25 in the end
+MOST_INTERNAL = 81
+
+
+def reaches_inside(path: Path) -> set[str]:
+    """The modules of chemage besides the public ones that a file imports, or names in a call such as ``setattr``."""
+    reached: set[str] = set()
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Import):
+            reached |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            reached |= {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Call):
+            words = [word.value for word in node.args[:1] if isinstance(word, ast.Constant)]
+            reached |= {word for word in words if isinstance(word, str) and re.fullmatch(r"chemage(\.\w+){2,}", word)}
+    public = "|".join([*ca.__all__, "plugin", "testing"])
+    return {name for name in reached if re.match(rf"chemage\.(?!({public})(\.|$))", name)}
+
+
+def test_tests_use_public_names_except_a_few():
+    """So that they survive a redesign, and say what it must keep."""
+    files = [path for path in sources("tests") if path.name.startswith(("test_", "conftest"))]
+    inside = {path.relative_to(ROOT).as_posix(): sorted(names) for path in files if (names := reaches_inside(path))}
+    listed = "\n".join(f"{file}: {', '.join(names)}" for file, names in inside.items())
+    assert len(inside) <= MOST_INTERNAL, f"{len(inside)} files use what is private:\n{listed}"

@@ -12,9 +12,7 @@ import pytest
 
 import chemage
 from chemage import InputError, parse_scene
-from chemage.ageing.checkpoints import CheckpointWarning
 from chemage.plugin import SceneError, registry
-from chemage.scene.schema import scene_schema
 
 CAP = '''
 """Caps the pressure."""
@@ -287,7 +285,8 @@ def test_a_checkpoint_with_other_options_is_computed_again(both, tmp_path):
         both.forget()
         scene = parse_scene(both.scene(plugins=plugins, hold={"times": [1.0, 10.0], "replicas": 1}))
         with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", CheckpointWarning)
+            warnings.simplefilter("always")
+            warnings.simplefilter("ignore", chemage.PlanWarning)
             chemage.run(scene, checkpoints=tmp_path / "parts")
         said = " ".join(str(one.message) for one in caught)
         return len(both.computed("contact")), len(both.computed("kinetics")) > 0, said
@@ -305,8 +304,8 @@ def test_a_checkpoint_with_other_options_is_computed_again(both, tmp_path):
 # -- where they are shown ---------------------------------------------------------------------------------------------
 
 
-def test_the_schema_knows_them(both):
-    schema = scene_schema()
+def test_the_schema_knows_them(both, command):
+    schema = json.loads(command("schema").out)
     section = schema["properties"]["plugins"]["properties"]
     assert section["cap"]["properties"]["peak"]["unit"] == "GPa"
     assert section["cap"]["properties"]["peak"]["description"] == "hardness"

@@ -11,8 +11,7 @@ import pytest
 
 import chemage
 from chemage import InputError
-from chemage.plugin import StoreError, registry
-from chemage.plugins.hooks import API_VERSION
+from chemage.plugin import API_VERSION, StoreError, registry
 from chemage.scaffold import new as scaffold
 
 #: one process for the plugins of all roles, because it takes longer to start than most of their tests to run

@@ -217,10 +217,6 @@ def test_the_page_says_where_to_import_from():
     assert set(re.findall(r"`(chemage[\w.]*)`", sentence)) == {"chemage", "chemage.plugin", "chemage.testing"}
 
 
-def test_every_command_of_the_page_exists():
-    from typer.testing import CliRunner
-
-    from chemage.cli.app import app
-
-    for command in re.findall(r"^chemage (\w+ \w+)$", PAGE.text, re.MULTILINE):
-        assert CliRunner().invoke(app, [*command.split(), "--help"]).exit_code == 0, command
+def test_every_command_of_the_page_exists(command):
+    for words in re.findall(r"^chemage (\w+ \w+)$", PAGE.text, re.MULTILINE):
+        assert command(*words.split(), "--help").status == 0, words

@@ -10,11 +10,10 @@ from matplotlib.figure import Figure
 
 import chemage
 import chemage_observables
-from chemage import Aging, ContactSolution, load_scene
+from chemage import Aging, ContactSolution, compare_files, load_scene
 from chemage.plugin import StoreError, figures, statistics
 from chemage.plugin import text as wording
 from chemage.results import run_figures
-from chemage.results.comparison import compare_files
 from chemage.results.page import html
 from chemage.results.published import published
 

@@ -12,11 +12,11 @@ import pytest
 from nested import Outer
 
 import chemage as ca
-from chemage import parse_scene
+from chemage import compare_files, parse_scene
 from chemage.foundation import approximations
 from chemage.plugin import registry
 from chemage.results import run_figures
-from chemage.results.comparison import compare_files, comparison_figures
+from chemage.results.comparison import comparison_figures
 from chemage.results.page import html
 
 WORDS = "coarse (declared error 2 % of the mean number of bonds)"

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from chemage import ContactSolution, Surface, testing
-from chemage.foundation.records import Record
 from chemage.plugin import (
     Barriers,
     Component,
@@ -258,7 +257,7 @@ def flat_surface(heights: Any, **fields: Any) -> Surface:
     return Surface(heights=heights, pixel_size=1.0, **{"provenance": {"by": "hand"}, **fields})
 
 
-def changed(solution: Record, **changes: Any) -> Any:
+def changed(solution: Any, **changes: Any) -> Any:
     """The record with some fields replaced."""
     return type(solution).fromdict({**solution.todict(), **changes})
 

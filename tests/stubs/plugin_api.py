@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from chemage.foundation import names
-from chemage.plugin import registry
-from chemage.plugins.hooks import API_VERSION
+from chemage.plugin import API_VERSION, registry
 
 FILE = Path(__file__).parents[1] / "plugins" / "api.json"
 

@@ -13,9 +13,9 @@ import pytest
 from matplotlib import pyplot as plt
 
 import chemage as ca
-from chemage import Ensemble
+from chemage import Ensemble, compare_files
 from chemage.contacts.solution import MEASURES
-from chemage.results.comparison import compare_files, comparison_figures
+from chemage.results.comparison import comparison_figures
 from chemage.results.ensemble_text import rows
 from chemage.results.page import html
 
