@@ -34,17 +34,12 @@ class CheckFailed(AssertionError):
     """A component does not meet a requirement of its role; ``check`` is the name of the requirement."""
 
     def __init__(self, check: str, component: str, problem: str) -> None:
-        super().__init__(f"{component}: check {check}: {problem}")
+        super().__init__(check, component, problem)
         self.check = check
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _failed, (self.args[0], self.check)
-
-
-def _failed(message: str, check: str) -> CheckFailed:
-    made = CheckFailed(check, "", "")
-    made.args = (message,)
-    return made
+    def __str__(self) -> str:
+        check, component, problem = self.args
+        return f"{component}: check {check}: {problem}"
 
 
 class ChecksFailed(ExceptionGroup, AssertionError):

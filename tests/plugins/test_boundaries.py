@@ -5,6 +5,7 @@ above it; and nothing in the framework names a kind, an output or a figure of a 
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 import tomllib
 from collections.abc import Iterator
@@ -465,3 +466,14 @@ def test_tests_use_public_names_except_a_few():
     inside = {path.relative_to(ROOT).as_posix(): sorted(names) for path in files if (names := reaches_inside(path))}
     listed = "\n".join(f"{file}: {', '.join(names)}" for file, names in inside.items())
     assert len(inside) <= MOST_INTERNAL, f"{len(inside)} files use what is private:\n{listed}"
+
+
+def test_what_benchmarks_import_exists():
+    """They are run by hand, so that nobody else would see a name that has moved."""
+    for path in sources("tests/benchmarks"):
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] in ("chemage", *PLUGINS):
+                module = importlib.import_module(str(node.module))
+                for alias in node.names:
+                    known = hasattr(module, alias.name) or f"{node.module}.{alias.name}" in MODULES
+                    assert known, f"{path.name}:{node.lineno}: {node.module} has no {alias.name}"
