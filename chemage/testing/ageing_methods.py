@@ -111,10 +111,10 @@ def _gives_aged_bonds(component: AgeingMethod) -> None:
     """The answer has one row of bonds for each replica, or a single one where the class says so, and one number for
     each hold time; what it says of errors is complete."""
     for what, contact in _contacts():
-        found = component.age(_request(contact))
-        require(isinstance(found, AgedBonds), f"{what}: age() returned {type(found).__name__}; give an AgedBonds")
+        aged = component.age(_request(contact))
+        require(isinstance(aged, AgedBonds), f"{what}: age() returned {type(aged).__name__}; give an AgedBonds")
         rows = REPLICAS if component.replicates else 1
-        shape = np.shape(found.bonds)
+        shape = np.shape(aged.bonds)
         require(shape == (rows, TIMES.size), f"{what}: bonds have the shape {shape}; expected {(rows, TIMES.size)}")
         try:
             _aged(component, _request(contact))
@@ -132,8 +132,8 @@ def _bonds_are_those_of_the_whole_contact(component: AgeingMethod) -> None:
             aging = _aged(component, _request(contact, chemistry=chemistry))
             sites, exact = hydroxylation * contact.sites.size, _expected(contact, chemistry)
             spread = FAR * math.sqrt(max(sites * (1 - hydroxylation), 0.25))
-            found = float(aging.sites.mean())
-            require(abs(found - sites) <= spread + 0.5, f"{what}: {found:g} sites, expected {sites:g}")
+            size = float(aging.sites.mean())
+            require(abs(size - sites) <= spread + 0.5, f"{what}: {size:g} sites, expected {sites:g}")
             bonds = aging.bonds.mean(axis=0)
             # replicas differ by their disorder as well: at most as Poisson numbers
             noise = np.sqrt(exact / len(aging.bonds)) if component.replicates else np.zeros(TIMES.size)

@@ -144,15 +144,15 @@ def checks_for(component: Component | type[Component], **inputs: Any) -> list[Ch
     roles = registry.current().roles
     if role not in roles:
         raise InputError.of("component", component, "has no role", f"the roles are {', '.join(roles)}")
-    found = []
+    checks = []
     for function in (*CHECKS.get("", ()), *CHECKS.get(role, ())):
         code = function.__code__
         wanted = code.co_varnames[1 : code.co_argcount]
-        found.append(Check(function.__name__.lstrip("_"), function, {k: v for k, v in inputs.items() if k in wanted}))
-    unused = set(inputs).difference(*(check.inputs for check in found))
+        checks.append(Check(function.__name__.lstrip("_"), function, {k: v for k, v in inputs.items() if k in wanted}))
+    unused = set(inputs).difference(*(check.inputs for check in checks))
     if unused:
         raise InputError(f"{role} checks take no {', '.join(sorted(unused))}")
-    return found
+    return checks
 
 
 def parametrize_with_checks(
@@ -356,14 +356,14 @@ def trade_variants(component: Any) -> Iterator[tuple[str, list[tuple[str, Any]]]
     Values that the other options of this component rule out are left out.
     """
     for name, values in type(component).trade.items():
-        found = []
+        variants = []
         for value in values:
             try:
-                found.append((f"{name} = {value}", component.replace(**{name: value})))
+                variants.append((f"{name} = {value}", component.replace(**{name: value})))
             except InputError:
                 continue
-        if len(found) > 1:
-            yield name, found
+        if len(variants) > 1:
+            yield name, variants
 
 
 def rescaled(component: Any, *, stress: float = 1.0, length: float = 1.0) -> Any:
@@ -390,20 +390,20 @@ def binomial_chance(count: int, of: int, probability: float) -> float:
     return 2 * float(min(binom.cdf(count, of, probability), binom.sf(count - 1, of, probability)))
 
 
-def require_estimates(what: str, found: Any, bounds: Mapping[str, float]) -> None:
-    """Require that ``found`` maps names in ``bounds`` to finite numbers between 0 and the bound."""
-    require(isinstance(found, Mapping), f"{what} returned {found!r}; expected a dict")
-    for name, value in found.items():
+def require_estimates(what: str, estimates: Any, bounds: Mapping[str, float]) -> None:
+    """Require that ``estimates`` maps names in ``bounds`` to finite numbers between 0 and the bound."""
+    require(isinstance(estimates, Mapping), f"{what} returned {estimates!r}; expected a dict")
+    for name, value in estimates.items():
         require(name in bounds, f"{what} returned {name!r}; known are {', '.join(bounds)}")
         require(0 <= value <= bounds[name] and math.isfinite(value), f"{what}: {name} = {value!r}")
 
 
 def options_of(component: Component) -> dict[str, tuple[set[str], str | None, str]]:
     """List the options of a component: name -> (JSON types, unit, description)."""
-    found = {}
+    options = {}
     for name, schema in type(component).model_json_schema().get("properties", {}).items():
         parts = [schema, *schema.get("anyOf", [])]
         types = {str(part["type"]) for part in parts if "type" in part}
         unit = next((part["unit"] for part in parts if "unit" in part), None)
-        found[name] = types, unit, schema.get("description", "")
-    return found
+        options[name] = types, unit, schema.get("description", "")
+    return options

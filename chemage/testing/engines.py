@@ -114,8 +114,8 @@ def _history_adds_up(component: Engine) -> None:
         f"wrong time or temperature: {history.time} s at {history.temperature} K; expected {times[-1]} s at 300 K",
     )
     # an engine that selects another one records which
-    known = {component.kind, *registry.current().kinds("engine")}
-    require(history.engine in known, f"engine is {history.engine!r}, neither {component.kind!r} nor an installed one")
+    kinds = {component.kind, *registry.current().kinds("engine")}
+    require(history.engine in kinds, f"engine is {history.engine!r}, neither {component.kind!r} nor an installed one")
 
 
 @check_of("engine")

@@ -86,20 +86,20 @@ def _other_grids(component: SurfaceMaker) -> list[SurfaceMaker]:
     if pixels is None:
         return []
     n = pixels if isinstance(pixels, int) else max(pixels)
-    found = []
+    makers = []
     for shape in ((n, max(n * 5 // 8, 1)), (max(n * 5 // 8, 1), n)):
         try:
-            found.append(component.replace(pixels=shape))
+            makers.append(component.replace(pixels=shape))
         except InputError:
             continue
-    return found
+    return makers
 
 
 def _require_roughness(maker: SurfaceMaker, name: str, wanted: float) -> None:
     count = 16 if _random(maker) else 1
-    found = np.array([getattr(maker.make(seed), name) for seed in range(count)])
-    mean = float(np.sqrt(np.mean(found**2)))
-    scatter = float(found.std() / math.sqrt(count))
+    values = np.array([getattr(maker.make(seed), name) for seed in range(count)])
+    mean = float(np.sqrt(np.mean(values**2)))
+    scatter = float(values.std() / math.sqrt(count))
     unit = " nm" if name == "rms_height" else " (of the Fourier series where the surface is periodic)"
     require(
         abs(mean - wanted) <= 0.05 * wanted + 10 * scatter,
@@ -207,8 +207,8 @@ def _surface_is_as_expected(component: SurfaceMaker) -> None:
     """The properties that ``expected()`` returns are those of the surface: lengths in nm, the slope as a ratio."""
     surface, expected = component.make(0), component.expected()
     exact = {"nx": surface.shape[0], "ny": surface.shape[1], "pixel_size": surface.pixel_size}
-    known = (*exact, "rms_slope", "shortest_wavelength", "radius", "periodic", "cpu_seconds")
-    require_estimates("expected()", expected, dict.fromkeys(known, math.inf))
+    names = (*exact, "rms_slope", "shortest_wavelength", "radius", "periodic", "cpu_seconds")
+    require_estimates("expected()", expected, dict.fromkeys(names, math.inf))
     for name in exact.keys() & expected.keys():
         require(expected[name] == exact[name], f"expected() has {name} = {expected[name]}, not {exact[name]}")
     if "rms_slope" in expected:
@@ -304,15 +304,15 @@ def _scatter_agrees_with_the_seed(component: SurfaceMaker) -> None:
     of any contact."""
     random = _random(component)
     for contact in ({}, {"patches": 0, "area_fraction": 0.0}, {"patches": 30, "area_fraction": 0.02}):
-        found = component.scatter(contact)
-        if found is None:
+        scatter = component.scatter(contact)
+        if scatter is None:
             continue
         require(
-            isinstance(found, Scatter),
-            f"scatter({contact}) returned {type(found).__name__}, not a chemage.plugin.Scatter",
+            isinstance(scatter, Scatter),
+            f"scatter({contact}) returned {type(scatter).__name__}, not a chemage.plugin.Scatter",
         )
         require(
-            (found.relative == 0) != random,
-            f"scatter({contact}).relative is {found.relative}, but the seed "
+            (scatter.relative == 0) != random,
+            f"scatter({contact}).relative is {scatter.relative}, but the seed "
             f"{'changes' if random else 'does not change'} the surface",
         )
