@@ -17,7 +17,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import chemage
-from chemage import registry
+from chemage.plugin import registry
 from chemage.testing import isolated_registry as isolated_registry
 
 # the same examples on every run: a test that fails does so for everyone, and one that passes stays passed
@@ -82,10 +82,10 @@ def quick_figures(request):
         if not any(mark.name == "drawn" for mark in (marks if isinstance(marks, list) else [marks])):
             from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-            from chemage.foundation.figures import panels
+            from chemage.plugin import figures
 
             patch.setattr(ConstrainedLayoutEngine, "execute", lambda self, figure: None)
-            patch.setitem(panels.__kwdefaults__, "dpi", 40)
+            patch.setitem(figures.panels.__kwdefaults__, "dpi", 40)
         yield
 
 
@@ -340,7 +340,7 @@ class Examples:
             "engine": "by-hand",
             "resume": {"words": np.array([3], np.uint64)},
         }
-        return chemage.BondHistory(**{**fields, **changes})
+        return chemage.plugin.BondHistory(**{**fields, **changes})
 
     @staticmethod
     def aging(**changes):

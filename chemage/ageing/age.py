@@ -76,7 +76,7 @@ def age(
     checkpoints
         A folder in which every replica is kept while it runs; an interrupted call resumes, with equal results.
     method
-        Another way to find the bonds, see :class:`chemage.AgeingMethod`; default: the kinetics of every site.
+        Another way to find the bonds, see :class:`chemage.plugin.AgeingMethod`; default: the kinetics of every site.
     """
     _check(contact, chemistry, engine, rupture, observe, common, replicas, seed, threads)
     if method is not None:

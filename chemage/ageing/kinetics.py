@@ -26,7 +26,7 @@ class Kinetics(AgeingMethod):
     shows_sites = True
 
     def age(self, request: AgeingRequest) -> AgedBonds:
-        """See :meth:`chemage.AgeingMethod.age`."""
+        """See :meth:`chemage.plugin.AgeingMethod.age`."""
         states = wants_states(request.engine, request.rupture, request.observe)
         replicas = request.each(lambda number: _replica(request, number, states))
         return AgedBonds.of(
@@ -40,7 +40,7 @@ class Kinetics(AgeingMethod):
         )
 
     def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:
-        """See :meth:`chemage.AgeingMethod.expected`."""
+        """See :meth:`chemage.plugin.AgeingMethod.expected`."""
         return {name: value * (1 if name == "bytes" else replicas) for name, value in kinetics.items()}
 
 

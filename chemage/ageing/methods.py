@@ -123,7 +123,7 @@ class AgeingRequest:
     def follow(self, replica: int, *, sites: np.ndarray | None = None, states: bool = False) -> Replica:
         """Draw the disorder of ``replica`` and run its kinetics, through the hooks of both stages.
 
-        ``sites``: only those, see :func:`chemage.build_lattice`, and without checkpoints; ``states``: with the state of
+        ``sites``: only those, see :func:`chemage.plugin.build_lattice`, without checkpoints; ``states``: with that of
         every site at every hold time.
         """
         disorder, noise = self.seeds(replica)

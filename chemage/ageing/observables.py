@@ -75,8 +75,8 @@ class Observable(Component, ABC):
 
     role = "observable"
     error_of: ClassVar[str] = "what it measures"
-    #: what is measured: name -> :class:`chemage.Output`; may be a property, where it depends on options. Observables
-    #: without it still work: nothing is known then of dimensions and units.
+    #: what is measured: name -> :class:`chemage.plugin.Output`; may be a property, where it depends on options.
+    #: Observables without it still work: nothing is known then of dimensions and units.
     outputs: ClassVar[Mapping[str, Output]] = {}
     #: asks for the state of every site at every hold time, ``history.states``, (m, n) bool; the engine must be able to
     #: resume from a history (``restart``)

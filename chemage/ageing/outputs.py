@@ -78,7 +78,7 @@ def file_problem(name: Any) -> str:
 def declaration_problems(outputs: Any) -> list[str]:
     """What is wrong with ``outputs`` of an observable, a sentence each; it must map names to :class:`Output`."""
     if not isinstance(outputs, Mapping):
-        return [f"outputs = {outputs!r}: give a mapping from names to chemage.Output"]
+        return [f"outputs = {outputs!r}: give a mapping from names to chemage.plugin.Output"]
     problems = []
     for name, output in outputs.items():
         if problem := name_problem(name):
@@ -86,7 +86,7 @@ def declaration_problems(outputs: Any) -> list[str]:
         elif name in _TAKEN:
             problems.append(f"output {name!r}: every result has this name already; rename it")
         if not isinstance(output, Output):
-            problems.append(f"output {name!r} is a {type(output).__name__}; give a chemage.Output")
+            problems.append(f"output {name!r} is a {type(output).__name__}; give a chemage.plugin.Output")
             continue
         for dim in output.dims:
             if problem := name_problem(dim):

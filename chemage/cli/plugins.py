@@ -202,13 +202,13 @@ def plugins_stubs(
     With them, an editor knows the options of every installed component.
     """
     from chemage.foundation.files import fresh_file
-    from chemage.scaffold.stubs import stub_text
+    from chemage.scaffold.stubs import stubs
 
-    target = folder / "chemage" / "__init__.pyi"
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with fresh_file(target, force=force) as part:
-        part.write_text(stub_text(), encoding="utf-8")
-    terminal.say(target)
+    (folder / "chemage").mkdir(parents=True, exist_ok=True)
+    for name, text in stubs().items():
+        with fresh_file(folder / "chemage" / name, force=force) as part:
+            part.write_text(text, encoding="utf-8")
+        terminal.say(folder / "chemage" / name)
 
 
 @plugins_app.command("check")

@@ -302,7 +302,7 @@ class ContactSolution(Contact):
 class ContactStatistics(Contact):
     """What is left of a contact when its map is forgotten: area by pressure, and by missing neighbours.
 
-    It is made of a solved contact by :func:`chemage.contact_statistics`, or given by a theory.
+    It is made of a solved contact by :func:`chemage.plugin.contact_statistics`, or given by a theory.
     """
 
     has_map = False

@@ -102,7 +102,7 @@ class Component(Frozen):
 
     @classmethod
     def fromdict(cls, fields: Mapping[str, Any]) -> Self:
-        """The inverse of :meth:`todict`; :func:`chemage.fromdict` finds the class by its kind as well."""
+        """The inverse of :meth:`todict`; :func:`chemage.plugin.fromdict` finds the class by its kind as well."""
         if not isinstance(fields, Mapping) or not all(isinstance(name, str) for name in fields):
             raise InputError.of("fields", fields, "is not a table of options by name")
         options = dict(fields)
@@ -136,8 +136,8 @@ class Component(Frozen):
     def draw(self, figure: str, axes: Axes, results: Sequence[Any]) -> None:
         """Draw one of :attr:`figures` into ``axes``: of one result, or of several that are compared.
 
-        ``results`` are those in which a component of this kind took part, each a :class:`chemage.PlottedResult`: its
-        ``component`` is the component of that result, whose options may differ from those of this one.
+        ``results`` are those in which a component of this kind took part, each a :class:`chemage.plugin.PlottedResult`:
+        its ``component`` is the component of that result, whose options may differ from those of this one.
         """
         raise NotImplementedError(f"{self.role} {self.kind!r} names the figure {figure!r} but does not draw it")
 

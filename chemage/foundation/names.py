@@ -1,7 +1,20 @@
-"""The public names of chemage, and the modules they are in."""
+"""The public names: those of ``chemage``, for users, and those of ``chemage.plugin``, for authors of plugins."""
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import Any
+
+#: the names that users need, which ``chemage`` has; all others below are in ``chemage.plugin``
+_USERS = (
+    "surface make_surface Surface contact contact_modulus solve_contact ContactSolution open_maps "
+    "barriers interaction chemistry Chemistry ReactionLattice engine hold_times rupture observable ageing_method "
+    "age Aging fit_aging arrhenius Measurements read_measurements read write write_report compare_files "
+    "Scene load_scene parse_scene material run Run sweep SweepResult load_sweep collect_sweep ensemble Ensemble "
+    "infer Inference MeasuredCurve read_curves ChemageError InputError PlanWarning errors "
+    "plugin_options prefer_plugins register unregister plugin testing"
+)
+USERS = frozenset(_USERS.split())
 #: module -> its public names
 NAMES = {
     "ageing.age": "age",
@@ -34,6 +47,7 @@ NAMES = {
     "SceneError StoreError UnitError UnknownKindError WorkerLost",
     "foundation.files": "fresh_file preflight regular_file",
     "foundation.messages": "nearest",
+    "foundation.result": "Panel Picture Result displays",
     "foundation.units": "EV_PER_GPA_NM3 Energy FilePath Force Frequency KB Length Pressure Temperature Time Unit "
     "Volume convert",
     "friction.role": "Bonded Rupture RuptureForce",
@@ -51,7 +65,7 @@ NAMES = {
     "lattices.role": "Barriers Interaction",
     "lattices.site_grid": "ContactSites contact_sites",
     "lattices.stage": "barriers build_lattice interaction",
-    "plugins.hooks": "hookimpl",
+    "plugins.hooks": "API_VERSION hookimpl",
     "plugins.options": "Choice PluginOptions plugin_options prefer_plugins",
     "plugins.registry": "fromdict register unregister",
     "results.arrhenius": "arrhenius",
@@ -82,6 +96,8 @@ MODULES = {
     "text": "foundation.text",
     "errors": "foundation.errors",
     "figures": "foundation.figures",
+    "patches": "contacts.patches",
+    "plugin": "plugin",
     "random": "foundation.random",
     "registry": "plugins.registry",
     "roughness": "surfaces.roughness",
@@ -90,3 +106,10 @@ MODULES = {
     "threads": "foundation.threads",
     "units": "foundation.units",
 }
+
+
+def load(name: str) -> Any:
+    """The object, or the module, with this public name."""
+    if name in MODULES:
+        return import_module(f"chemage.{MODULES[name]}")
+    return getattr(import_module(f"chemage.{HOME[name]}"), name)

@@ -139,7 +139,9 @@ def key(seed: Keyed) -> NDArray[np.uint64]:
     """
     if isinstance(seed, np.ndarray):
         if seed.shape != (2,) or seed.dtype != np.uint64 or int(seed.max()) > 0xFFFFFFFF:
-            raise ValueError("seed: an array must be a key as `chemage.random.key` returns it; give a whole number")
+            raise ValueError(
+                "seed: an array must be a key as `chemage.plugin.random.key` returns it; give a whole number"
+            )
         return seed
     if not isinstance(seed, np.random.SeedSequence):
         if isinstance(seed, (bool, np.bool_)):

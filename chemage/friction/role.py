@@ -93,8 +93,8 @@ class Rupture(Component, ABC):
 
     role = "rupture"
     error_of: ClassVar[str] = "the force"
-    #: asks for the state of every site at every hold time, :attr:`chemage.Bonded.states`; the engine must be able to
-    #: resume from a history (``restart``)
+    #: asks for the state of every site at every hold time, :attr:`chemage.plugin.Bonded.states`; the engine must be
+    #: able to resume from a history (``restart``)
     states: ClassVar[bool] = False
 
     @abstractmethod

@@ -29,7 +29,7 @@ def rupture_bonds(bonded: Bonded, rupture: Rupture | None = None) -> RuptureForc
     PluginError
         What a law or a plugin gave is no force for each hold time.
     """
-    expect("bonded", bonded, Bonded, "make one with chemage.Bonded(contact, chemistry, lattice, history)")
+    expect("bonded", bonded, Bonded, "make one with chemage.plugin.Bonded(contact, chemistry, lattice, history)")
     if rupture is not None:
         expect("rupture", rupture, Rupture, 'make one with chemage.rupture("...")')
     force, plugins = registry.current().answer("chemage_rupture_bonds", np.ndarray, rupture=rupture, bonded=bonded)

@@ -102,7 +102,7 @@ class Engine(Component, ABC):
         seed
             An int or a ``numpy.random.SeedSequence``; the same seed gives the same bytes. The built-in engines hash it
             with the lattice, so that one seed gives independent noise on different lattices; they use a
-            ``chemage.random.CommonSeed`` as it is.
+            ``chemage.plugin.random.CommonSeed`` as it is.
         start
             None (nothing bonded at time 0), a bool array (n,), or a finished history to resume from. Resuming with the
             same lattice, temperature and seed equals the uninterrupted run bit for bit where ``restart`` is true.

@@ -93,7 +93,7 @@ class Chemistry(Component):
             return self.attempt_frequency * np.exp(-np.maximum(barriers, 0.0) / (KB * temperature))
 
     def sites_of(self, contact: ContactSolution) -> ContactSites:
-        """The sites of ``contact`` that are in contact, and their pressures; see :func:`chemage.contact_sites`."""
+        """The sites of ``contact`` in contact, and their pressures; see :func:`chemage.plugin.contact_sites`."""
         expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
         return contact_sites(contact, self.site_density)
 

@@ -162,7 +162,7 @@ class ReactionLattice(Record):
 
     @cached_property
     def random_index(self) -> np.ndarray:
-        """(n,) int64: what the random numbers of each site belong to, in :mod:`chemage.random` and in engines.
+        """(n,) int64: what the random numbers of each site belong to, in :mod:`chemage.plugin.random` and in engines.
 
         The pixel of the site; for the second site of a pixel and further ones, that plus once, twice, … the number of
         pixels. Two sites of one pixel have independent random numbers by this.

@@ -1,8 +1,8 @@
 """The markers of hooks, and the hook by which a plugin offers components.
 
 A plugin is a module (or package) named by an entry point in the group ``chemage``; its functions marked with
-``chemage.hookimpl`` implement hooks. A plugin may leave out arguments that it does not need. Arguments are only ever
-added; a changed meaning is a new hook. The hooks of each stage are specified in the ``hooks`` module of its room.
+``chemage.plugin.hookimpl`` implement hooks. A plugin may leave out arguments that it does not need. Arguments are only
+ever added; a changed meaning is a new hook. The hooks of each stage are specified in the ``hooks`` module of its room.
 """
 
 from __future__ import annotations

@@ -125,7 +125,7 @@ def is_stage(hook: Any) -> bool:
 
 
 def check_hook_names(plugin: Any, hooks: list[str]) -> None:
-    """Refuse what pluggy would silently ignore: a misspelled hook, a hook without ``@chemage.hookimpl``, no hook."""
+    """Refuse what pluggy would silently ignore: a misspelled or unmarked hook, or no hook at all."""
     from chemage.foundation.messages import nearest
 
     count = 0
@@ -140,7 +140,7 @@ def check_hook_names(plugin: Any, hooks: list[str]) -> None:
                 f"implements {hook}, which is not a hook{nearest(hook, hooks)}; the hooks are {', '.join(hooks)}"
             )
         if marked is None:
-            raise PluginError(f"{name} is not marked as a hook; write @chemage.hookimpl above it")
+            raise PluginError(f"{name} is not marked as a hook; write @chemage.plugin.hookimpl above it")
         count += 1
     if not count:
         raise PluginError(f"implements no hook; the hooks are {', '.join(hooks)}")

@@ -32,7 +32,7 @@ else:
 
         def __class_getitem__(cls, role: type) -> Any:
             if not getattr(role, "role", ""):
-                raise TypeError(f"Choice[{role!r}]: give the class of a role, such as chemage.ContactSolver")
+                raise TypeError(f"Choice[{role!r}]: give the class of a role, such as chemage.plugin.ContactSolver")
             return Annotated[SerializeAsAny[role], BeforeValidator(partial(_chosen, role))]
 
 

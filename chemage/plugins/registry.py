@@ -164,7 +164,9 @@ class Registry:
         """
         role, kind = getattr(cls, "role", ""), getattr(cls, "kind", "")
         if role not in self.roles or not kind:
-            raise PluginError(f"{cls!r} is no component with a role and a kind; subclass a role such as chemage.Engine")
+            raise PluginError(
+                f"{cls!r} is no component with a role and a kind; subclass a role such as chemage.plugin.Engine"
+            )
         name = f"{cls.__module__}.{cls.__qualname__}"
         self.records = [record for record in self.records if record.name != name]
         self._classes.pop((role, kind), None)
@@ -342,7 +344,7 @@ class Registry:
             ) from error
         # known by its methods, because the module of the base imports this one
         if not (isinstance(cls, type) and hasattr(cls, "changed") and hasattr(cls, "current")):
-            raise PluginError(f"{where}: {record.options} is not a chemage.PluginOptions")
+            raise PluginError(f"{where}: {record.options} is not a chemage.plugin.PluginOptions")
         if required := [option for option, info in cls.model_fields.items() if info.is_required()]:
             raise PluginError(f"{where}: {', '.join(required)} must have a default, for scenes that do not set it")
         return cls

@@ -80,8 +80,8 @@ def version_range() -> str:
 
 def _warn_if_taken(name: str, role: str, package: str) -> None:
     plugins = registry.current()
-    taken = [f"{role} {name!r} comes with {one.name!r} ({one.source})" for one in plugins.offers(role, name)]
-    taken += [f"a plugin {package!r} is there: {one.source}" for one in plugins.records if one.name == package]
+    taken = [f"{role} {name!r} comes with {record.name!r} ({record.source})" for record in plugins.offers(role, name)]
+    taken += [f"a plugin {package!r} is there: {record.source}" for record in plugins.records if record.name == package]
     if taken:
         warnings.warn(
             f"{'; '.join(taken)}; the new plugin cannot be used beside it, so choose another name",

@@ -1,8 +1,8 @@
 """Type stubs of ``chemage`` in which the factories know the kinds and options of every installed component.
 
-Editors and type checkers then complete and check ``chemage.contact("fft-bem", ...)``. The stub that comes with chemage,
-``chemage/__init__.pyi``, is made so from the plugins that come with it; ``chemage plugins stubs`` makes one that knows
-other plugins as well.
+Editors and type checkers then complete and check ``chemage.contact("fft-bem", ...)``. The stubs that come with chemage,
+``chemage/__init__.pyi`` and ``chemage/plugin.pyi``, are made so from the plugins that come with it; ``chemage plugins
+stubs`` makes some that know other plugins as well.
 """
 
 from __future__ import annotations
@@ -12,32 +12,40 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from chemage.foundation.errors import PluginError
-from chemage.foundation.names import FACTORIES, HOME, MODULES
+from chemage.foundation.names import FACTORIES, HOME, MODULES, USERS
 from chemage.plugins import registry
 
-_HEAD = """# Made by `chemage plugins stubs`; do not edit.
-from collections.abc import Sequence
+_MADE = "# Made by `chemage plugins stubs`; do not edit.\n"
+_HEAD = f"""{_MADE}from collections.abc import Sequence
 from typing import Any, Literal, overload
 
 from chemage.foundation.units import QuantityLike
+from chemage.foundation.version import __version__ as __version__
 """
 
 
-def stub_text(distribution: str | None = None) -> str:
-    """The stub: every public name, and for each kind an overload of the factory of its role.
+def stubs(distribution: str | None = None) -> dict[str, str]:
+    """File -> text of the stubs of ``chemage``: every public name, and of the factories an overload for each kind.
 
     Only plugins of ``distribution`` are included, if it is given. A kind that the stub does not know is an error to a
     type checker; use its class, or make a stub of your own.
     """
+    authors = {*HOME, *MODULES} - USERS
+    return {"__init__.pyi": _users_stub(distribution), "plugin.pyi": "".join([_MADE, *_imports(authors)])}
+
+
+def _imports(names: Iterable[str]) -> Iterable[str]:
+    for name in sorted(names):
+        module, _, last = f"chemage.{MODULES[name] if name in MODULES else f'{HOME[name]}.{name}'}".rpartition(".")
+        yield f"from {module} import {last} as {name}\n"
+
+
+def _users_stub(distribution: str | None) -> str:
     plugins = registry.current()
     factories = {role: name for role in plugins.roles if (name := FACTORIES.get(role, role)) in HOME}
-    lines = [_HEAD]
-    for name in sorted({*HOME, "__version__"} - set(factories.values())):
-        home = "foundation.version" if name == "__version__" else HOME[name]
-        lines.append(f"from chemage.{home} import {name} as {name}\n")
-    for name, module in sorted(MODULES.items()):
-        package, _, last = module.rpartition(".")
-        lines.append(f"from chemage{'.' * bool(package)}{package} import {last} as {name}\n")
+    returned = {plugins.role(role).__name__ for role in factories}
+    lines = [_HEAD, *_imports(USERS - set(factories.values()))]
+    lines += [f"from chemage.{HOME[name]} import {name}\n" for name in sorted(returned)]
     for role, factory in factories.items():
         base = plugins.role(role).__name__
         kinds = [kind for kind in plugins.kinds(role) if _is_of(distribution, role, kind)]

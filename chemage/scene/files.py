@@ -35,7 +35,7 @@ def installed_text(name: str) -> str:
 def scene_data(where: str | Path) -> tuple[dict[str, Any], str]:
     """The parsed TOML of a scene file, or of an installed scene by name, and a name for messages.
 
-    A relative path (an option that is a :data:`chemage.FilePath`) in a file is taken from the folder of that file.
+    A relative path (an option that is a :data:`chemage.plugin.FilePath`) in a file starts from the folder of that file.
     """
     data, source, folder = _parsed(where)
     return (data if folder is None else located(data, folder)), source
@@ -92,7 +92,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 def located(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """A copy of scene data in which every relative path, also one that is swept, starts from ``folder``.
 
-    Paths are known by the type of their option, see :data:`chemage.FilePath`. An option that the kind of its component
+    Paths are known by the type of their option, see :data:`chemage.plugin.FilePath`. An option that a kind
     does not have, as where the kind is swept or left to a material, counts as that of any installed kind.
     """
     copy = {name: _located(section, folder, name) for name, section in data.items()}

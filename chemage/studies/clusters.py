@@ -72,7 +72,7 @@ class Dask(Executor):
         self._asked, self._width, self._alive = 0.0, 1, time.monotonic()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Submit a task; :class:`chemage.WorkerLost` is raised by its future if its workers died."""
+        """Submit a task; :class:`chemage.plugin.WorkerLost` is raised by its future if its workers died."""
         from distributed.scheduler import KilledWorker
 
         outer: Future[Any] = Future()

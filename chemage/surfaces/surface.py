@@ -72,7 +72,7 @@ class Surface(Record):
 
     @cached_property
     def rms_slope(self) -> float:
-        """Root mean square slope h'_rms, see :func:`chemage.roughness.rms_slope`."""
+        """Root mean square slope h'_rms, see :func:`chemage.plugin.roughness.rms_slope`."""
         return roughness.rms_slope(self.heights, self.pixel_size, self.periodic)
 
     def psd(self, bins: int = 60) -> tuple[np.ndarray, np.ndarray]:

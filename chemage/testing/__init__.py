@@ -16,7 +16,7 @@ it with ``pytest_plugins = ["chemage.testing"]``; as a pytest entry point it wou
 on the machine.
 """
 
-from chemage.testing import every_component, figures  # noqa: F401  (declare the checks of every component)
+from chemage.testing import figures  # noqa: F401  (declares checks)
 from chemage.testing.ageing_methods import check_ageing_method
 from chemage.testing.barriers import check_barriers
 from chemage.testing.checks import (
@@ -30,11 +30,10 @@ from chemage.testing.checks import (
 )
 from chemage.testing.contacts import check_contact_solver, rough_surface
 from chemage.testing.engines import check_engine
+from chemage.testing.every_component import check_material
 from chemage.testing.interactions import check_interaction
-from chemage.testing.materials import check_material
-from chemage.testing.observables import check_observable
 from chemage.testing.readers import check_reader
-from chemage.testing.ruptures import check_rupture
+from chemage.testing.replicas import check_observable, check_rupture
 from chemage.testing.surfaces import check_surface_maker
 
 __all__ = [

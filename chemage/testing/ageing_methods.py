@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.independent import TwoState
 from chemage.lattices.lattice import ReactionLattice
-from chemage.testing.checks import check_of, require, run_checks, speed_variants
+from chemage.testing.checks import calls_are_independent, check_of, require, speed_changes_nothing, whole
 from chemage.testing.replicas import Even
 
 TEMPERATURE, TIMES = 300.0, np.array([0.0, 1e-3, 1.0, 1.0, 1e3, 1e6])
@@ -31,9 +30,7 @@ REPLICAS = 6
 FAR = 6.5
 
 
-def check_ageing_method(component: AgeingMethod, *, all: bool = False) -> None:
-    """Run every check of the role ``ageing``; raises CheckFailed if one fails, with ``all`` every one that does."""
-    run_checks(component, AgeingMethod, {}, all)
+check_ageing_method = whole(AgeingMethod)
 
 
 class Single(Engine):
@@ -115,10 +112,10 @@ def _gives_aged_bonds(component: AgeingMethod) -> None:
     """The answer has one row of bonds for each replica, or a single one where the class says so, and one number for
     each hold time; what it says of errors is complete."""
     for what, contact in _contacts():
-        found = component.age(_request(contact))
-        require(isinstance(found, AgedBonds), f"{what}: age() returned {type(found).__name__}; give an AgedBonds")
+        aged = component.age(_request(contact))
+        require(isinstance(aged, AgedBonds), f"{what}: age() returned {type(aged).__name__}; give an AgedBonds")
         rows = REPLICAS if component.replicates else 1
-        shape = np.shape(found.bonds)
+        shape = np.shape(aged.bonds)
         require(shape == (rows, TIMES.size), f"{what}: bonds have the shape {shape}; expected {(rows, TIMES.size)}")
         try:
             _aged(component, _request(contact))
@@ -136,8 +133,8 @@ def _bonds_are_those_of_the_whole_contact(component: AgeingMethod) -> None:
             aging = _aged(component, _request(contact, chemistry=chemistry))
             sites, exact = hydroxylation * contact.sites.size, _expected(contact, chemistry)
             spread = FAR * math.sqrt(max(sites * (1 - hydroxylation), 0.25))
-            found = float(aging.sites.mean())
-            require(abs(found - sites) <= spread + 0.5, f"{what}: {found:g} sites, expected {sites:g}")
+            size = float(aging.sites.mean())
+            require(abs(size - sites) <= spread + 0.5, f"{what}: {size:g} sites, expected {sites:g}")
             bonds = aging.bonds.mean(axis=0)
             # replicas differ by their disorder as well: at most as Poisson numbers
             noise = np.sqrt(exact / len(aging.bonds)) if component.replicates else np.zeros(TIMES.size)
@@ -157,18 +154,13 @@ def _answers_are_repeatable(component: AgeingMethod) -> None:
     """An answer depends on the request alone: not on what was asked before or at the same time, nor on the number of
     threads; and the contact stays as it was."""
     requests = [_request(contact) for _, contact in list(_contacts())[:3]]
-    before = [one.solution.pressure.tobytes() for one in requests]
 
-    def found(request: AgeingRequest) -> bytes:
+    def bonds(request: AgeingRequest) -> bytes:
         return np.asarray(component.age(request).bonds, dtype=np.float64).tobytes()
 
-    first = [found(one) for one in requests]
-    require([found(one) for one in requests] == first, "a second call gave other bonds")
-    with ThreadPoolExecutor(3) as pool:
-        require(list(pool.map(found, requests * 2)) == first * 2, "concurrent calls gave other bonds")
-    threaded = [found(dataclasses.replace(one, threads=3)) for one in requests]
-    require(threaded == first, "the bonds depend on the number of threads")
-    require([one.solution.pressure.tobytes() for one in requests] == before, "age() changed the contact")
+    calls_are_independent(bonds, requests, *(request.contact for request in requests))
+    threaded = [bonds(dataclasses.replace(request, threads=3)) for request in requests]
+    require(threaded == [bonds(request) for request in requests], "the bonds depend on the number of threads")
 
 
 @check_of("ageing")
@@ -185,7 +177,4 @@ def _fewer_replicas_are_the_first_ones(component: AgeingMethod) -> None:
 def _speed_does_not_change_the_bonds(component: AgeingMethod) -> None:
     """Options in ``speed_only`` do not change a bit of the bonds."""
     request = _request(next(_contacts())[1])
-    plain = np.asarray(component.age(request).bonds).tobytes()
-    for what, variant in speed_variants(component):
-        found = np.asarray(variant.age(request).bonds).tobytes()
-        require(found == plain, f"{what}: the bonds differ, but speed_only says that they do not")
+    speed_changes_nothing(component, lambda variant: np.asarray(variant.age(request).bonds).tobytes(), "the bonds")

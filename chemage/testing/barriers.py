@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 
 from chemage.lattices.role import Barriers
-from chemage.testing.checks import check_of, options_of, require, run_checks, speed_variants, trade_variants
+from chemage.testing.checks import (
+    calls_are_independent,
+    check_of,
+    options_of,
+    require,
+    speed_changes_nothing,
+    trade_variants,
+    whole,
+)
 
-
-def check_barriers(component: Barriers, *, all: bool = False) -> None:
-    """Run every check of the role ``barriers``; raises CheckFailed if one fails, with ``all`` every one that does."""
-    run_checks(component, Barriers, {}, all)
+check_barriers = whole(Barriers)
 
 
 _LOWEST, _HIGHEST = 2.0**-53, 1 - 2.0**-53
@@ -43,11 +46,11 @@ def _barriers_are_in_ev(component: Barriers) -> None:
         f"half of the barriers are below {middle:.4g} eV; expected {_SMALL} to {_LARGE} eV: are they in k_BT, kJ/mol "
         "or J? (1 eV is 38.7 k_BT at 300 K, 96.5 kJ/mol, 1.6e-19 J)",
     )
-    known = options_of(component)
+    options = options_of(component)
     ends = component.quantile(np.array([_LOWEST, _HIGHEST]))
     for name, sign, end in (("lower", 1, ends[0]), ("upper", -1, ends[1])):
         bound = getattr(component, name, None)
-        if isinstance(bound, float) and known.get(name, ((), None, ""))[1] == "eV":
+        if isinstance(bound, float) and options.get(name, ((), None, ""))[1] == "eV":
             slack = 1e-9 * max(abs(bound), 1.0)
             require(sign * (end - bound) >= -slack, f"{name} = {bound} eV, but barriers reach {end} eV")
 
@@ -63,7 +66,8 @@ def _barrier_is_the_pixels_own(component: Barriers) -> None:
     first = energy.tobytes()
     component.quantile(np.full(1000, 0.3))
     require(energy.tobytes() == first, "a later call changed the barriers that an earlier one returned")
-    require(component.quantile(uniform).tobytes() == first, "two calls gave different barriers")
+    uniform.setflags(write=False)
+    calls_are_independent(lambda numbers: component.quantile(numbers).tobytes(), [uniform, np.full(1000, 0.3)])
     for part in (slice(None, None, -1), slice(10, 11), slice(3, 700, 7)):
         alone = component.quantile(np.ascontiguousarray(uniform[part]))
         require(
@@ -75,10 +79,6 @@ def _barrier_is_the_pixels_own(component: Barriers) -> None:
         "the barriers do not have the shape of the numbers",
     )
     require(component.quantile(np.empty(0)).shape == (0,), "no pixels: expected an empty array")
-    uniform.setflags(write=False)
-    with ThreadPoolExecutor(3) as pool:
-        found = list(pool.map(component.quantile, [uniform] * 6))
-    require([one.tobytes() for one in found] == [first] * 6, "concurrent calls gave different barriers")
 
 
 @check_of("barriers")
@@ -103,11 +103,11 @@ def _density_agrees_with_quantile(component: Barriers) -> None:
     )
     total = density.mean(axis=1) * (high - low)
     for part in np.array_split(np.arange(low.size), 12):
-        found, wanted = float(total[part].sum()), part.size * float(levels[1] - levels[0])
+        integral, wanted = float(total[part].sum()), part.size * float(levels[1] - levels[0])
         if part.size:
             require(
-                abs(found - wanted) < 1e-3,
-                f"the density integrates to {found:.5f} between {low[part[0]]:.5f} and {high[part[-1]]:.5f} eV; the "
+                abs(integral - wanted) < 1e-3,
+                f"the density integrates to {integral:.5f} between {low[part[0]]:.5f} and {high[part[-1]]:.5f} eV; the "
                 f"quantile function puts {wanted:.5f} there",
             )
     far = component.density(np.array([energies[0] - 1e3, energies[-1] + 1e3]))
@@ -118,23 +118,23 @@ def _density_agrees_with_quantile(component: Barriers) -> None:
 def _members_are_other_distributions(component: Barriers) -> None:
     """``members(count)`` returns at most ``count`` distributions that differ from this one, always the same ones, and
     that have no members themselves: a run ages each of them."""
-    found = list(component.members(3))
-    require(len(found) <= 3, f"members(3) returned {len(found)} distributions")
+    members = list(component.members(3))
+    require(len(members) <= 3, f"members(3) returned {len(members)} distributions")
     require(len(component.members(0)) == 0, "members(0) returned a distribution")
-    if not found:
+    if not members:
         return
-    for one in found:
-        require(isinstance(one, Barriers), f"members() returned {one!r}, which is no distribution of barriers")
-        require(not len(one.members(3)), f"{one!r} is a member and has members itself")
+    for member in members:
+        require(isinstance(member, Barriers), f"members() returned {member!r}, which is no distribution of barriers")
+        require(not len(member.members(3)), f"{member!r} is a member and has members itself")
     uniform = np.linspace(0.005, 0.995, 199)
-    own, *others = (one.quantile(uniform) for one in [component, *found])
+    own, *others = (member.quantile(uniform) for member in [component, *members])
     require(
-        all(np.isfinite(one).all() and not np.array_equal(one, own) for one in others),
+        all(np.isfinite(member).all() and not np.array_equal(member, own) for member in others),
         "a member has the same barriers as the distribution itself, or barriers that are not finite",
     )
-    again = [one.quantile(uniform) for one in component.members(3)]
+    again = [member.quantile(uniform) for member in component.members(3)]
     require(
-        [one.tobytes() for one in again] == [one.tobytes() for one in others],
+        [member.tobytes() for member in again] == [member.tobytes() for member in others],
         "members() returned other distributions at the second call, so that a run would not repeat",
     )
 
@@ -143,12 +143,7 @@ def _members_are_other_distributions(component: Barriers) -> None:
 def _speed_does_not_change_the_barriers(component: Barriers) -> None:
     """Options in ``speed_only`` do not change a bit of any barrier; ``trade`` changes the median by a tenth at most."""
     uniform = np.linspace(0.01, 0.99, 99)
-    energy = component.quantile(uniform)
-    for what, variant in speed_variants(component):
-        require(
-            variant.quantile(uniform).tobytes() == energy.tobytes(),
-            f"{what}: barriers differ, but speed_only says that they do not",
-        )
+    speed_changes_nothing(component, lambda variant: variant.quantile(uniform).tobytes(), "barriers")
     for name, variants in trade_variants(component):
         medians = [float(variant.quantile(np.array([0.5]))[0]) for _, variant in variants]
         require(

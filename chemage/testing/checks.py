@@ -7,6 +7,7 @@ import math
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -33,17 +34,12 @@ class CheckFailed(AssertionError):
     """A component does not meet a requirement of its role; ``check`` is the name of the requirement."""
 
     def __init__(self, check: str, component: str, problem: str) -> None:
-        super().__init__(f"{component}: check {check}: {problem}")
+        super().__init__(check, component, problem)
         self.check = check
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _failed, (self.args[0], self.check)
-
-
-def _failed(message: str, check: str) -> CheckFailed:
-    made = CheckFailed(check, "", "")
-    made.args = (message,)
-    return made
+    def __str__(self) -> str:
+        check, component, problem = self.args
+        return f"{component}: check {check}: {problem}"
 
 
 class ChecksFailed(ExceptionGroup, AssertionError):
@@ -148,15 +144,15 @@ def checks_for(component: Component | type[Component], **inputs: Any) -> list[Ch
     roles = registry.current().roles
     if role not in roles:
         raise InputError.of("component", component, "has no role", f"the roles are {', '.join(roles)}")
-    found = []
+    checks = []
     for function in (*CHECKS.get("", ()), *CHECKS.get(role, ())):
         code = function.__code__
         wanted = code.co_varnames[1 : code.co_argcount]
-        found.append(Check(function.__name__.lstrip("_"), function, {k: v for k, v in inputs.items() if k in wanted}))
-    unused = set(inputs).difference(*(check.inputs for check in found))
+        checks.append(Check(function.__name__.lstrip("_"), function, {k: v for k, v in inputs.items() if k in wanted}))
+    unused = set(inputs).difference(*(check.inputs for check in checks))
     if unused:
         raise InputError(f"{role} checks take no {', '.join(sorted(unused))}")
-    return found
+    return checks
 
 
 def parametrize_with_checks(
@@ -192,12 +188,7 @@ def parametrize_with_checks(
                 marks = [pytest.mark.skip(reason=f"give {' and '.join(f'{name}=...' for name in check.missing)}")]
             cases.append(pytest.param(component, check, id=f"{component.kind}{number}-{check.name}", marks=marks))
 
-    def parametrized(function: Callable[..., Any]) -> Callable[..., Any]:
-        # the name of the argument in tests written for chemage 0.1
-        name = "choice" if "choice" in function.__code__.co_varnames[: function.__code__.co_argcount] else "component"
-        return pytest.mark.parametrize((name, "check"), cases)(function)
-
-    return parametrized
+    return pytest.mark.parametrize(("component", "check"), cases)
 
 
 def check_component(component: Component, *, all: bool = False, **inputs: Any) -> None:
@@ -224,11 +215,20 @@ def check_component(component: Component, *, all: bool = False, **inputs: Any) -
         raise ChecksFailed(f"{len(failures)} of {len(checks)} checks fail:{lines}", failures)
 
 
-def run_checks(component: Component, role: type[Component], inputs: Mapping[str, Any], all: bool = False) -> None:
-    """Run every check of ``component``, which must be of ``role``."""
-    if not isinstance(component, role):
-        raise InputError.of("component", component, f"is not a chemage.{role.__name__}")
-    check_component(component, all=all, **inputs)
+def whole(role: type[Component], **known: str) -> Callable[..., None]:
+    """The function that runs every check of ``role``; ``known`` are the inputs that it takes and what they are."""
+
+    def check(component: Component, *, all: bool = False, **inputs: Any) -> None:
+        if not isinstance(component, role):
+            raise InputError.of("component", component, f"is not a chemage.plugin.{role.__name__}")
+        check_component(component, all=all, **inputs)
+
+    further = "".join(f"\n\n``{name}``: {meaning}." for name, meaning in known.items())
+    check.__doc__ = (
+        f"Run every check of the role ``{role.role}``; raises CheckFailed if one fails, with ``all`` every one that "
+        f"does.{further}"
+    )
+    return check
 
 
 def require(condition: Any, message: str) -> None:
@@ -284,6 +284,32 @@ def _global_state() -> tuple[bytes, int]:
     return state[1].tobytes(), state[2]
 
 
+def calls_are_independent(ask: Callable[[Any], Any], subjects: Sequence[Any], *kept: Any) -> None:
+    """Require that ``ask(subject)`` does not depend on earlier or concurrent calls, and that the arrays in the records
+    ``kept`` stay as they were."""
+    before = _arrays(kept)
+    first = [ask(subject) for subject in subjects]
+    require([ask(subject) for subject in subjects] == first, "a second call gave another result")
+    with ThreadPoolExecutor(3) as pool:
+        require(list(pool.map(ask, [*subjects] * 3)) == first * 3, "concurrent calls gave other results")
+    require(_arrays(kept) == before, "what was given has changed")
+
+
+def _arrays(records: Iterable[Any]) -> list[bytes]:
+    return [
+        value.tobytes() for record in records for value in record.todict().values() if isinstance(value, np.ndarray)
+    ]
+
+
+def speed_changes_nothing(component: Any, answer: Callable[[Any], Any], what: str) -> None:
+    """Require that ``answer(variant)`` is the same at other values of the options in ``speed_only``."""
+    plain = answer(component)
+    for name in type(component).speed_only:
+        for option, variant in other_values(component, name) if name in type(component).model_fields else ():
+            same = answer(variant) == plain
+            require(same, f"{option}: {what} differ, but speed_only says that they do not")
+
+
 def other_values(component: Any, name: str) -> Iterator[tuple[str, Any]]:
     """Yield the component with option ``name`` at other values that it accepts, and what was changed."""
     schema = type(component).model_json_schema().get("properties", {}).get(name, {})
@@ -301,13 +327,6 @@ def other_values(component: Any, name: str) -> Iterator[tuple[str, Any]]:
             continue
         if getattr(variant, name) != value or type(getattr(variant, name)) is not type(value):
             yield f"{name} = {other}", variant
-
-
-def speed_variants(component: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the component with each option of ``speed_only`` at other values."""
-    for name in type(component).speed_only:
-        if name in type(component).model_fields:
-            yield from other_values(component, name)
 
 
 def option_variants(component: Any) -> Iterator[tuple[str, Any]]:
@@ -337,14 +356,14 @@ def trade_variants(component: Any) -> Iterator[tuple[str, list[tuple[str, Any]]]
     Values that the other options of this component rule out are left out.
     """
     for name, values in type(component).trade.items():
-        found = []
+        variants = []
         for value in values:
             try:
-                found.append((f"{name} = {value}", component.replace(**{name: value})))
+                variants.append((f"{name} = {value}", component.replace(**{name: value})))
             except InputError:
                 continue
-        if len(found) > 1:
-            yield name, found
+        if len(variants) > 1:
+            yield name, variants
 
 
 def rescaled(component: Any, *, stress: float = 1.0, length: float = 1.0) -> Any:
@@ -371,20 +390,20 @@ def binomial_chance(count: int, of: int, probability: float) -> float:
     return 2 * float(min(binom.cdf(count, of, probability), binom.sf(count - 1, of, probability)))
 
 
-def require_estimates(what: str, found: Any, bounds: Mapping[str, float]) -> None:
-    """Require that ``found`` maps names in ``bounds`` to finite numbers between 0 and the bound."""
-    require(isinstance(found, Mapping), f"{what} returned {found!r}; expected a dict")
-    for name, value in found.items():
+def require_estimates(what: str, estimates: Any, bounds: Mapping[str, float]) -> None:
+    """Require that ``estimates`` maps names in ``bounds`` to finite numbers between 0 and the bound."""
+    require(isinstance(estimates, Mapping), f"{what} returned {estimates!r}; expected a dict")
+    for name, value in estimates.items():
         require(name in bounds, f"{what} returned {name!r}; known are {', '.join(bounds)}")
         require(0 <= value <= bounds[name] and math.isfinite(value), f"{what}: {name} = {value!r}")
 
 
 def options_of(component: Component) -> dict[str, tuple[set[str], str | None, str]]:
     """List the options of a component: name -> (JSON types, unit, description)."""
-    found = {}
+    options = {}
     for name, schema in type(component).model_json_schema().get("properties", {}).items():
         parts = [schema, *schema.get("anyOf", [])]
         types = {str(part["type"]) for part in parts if "type" in part}
         unit = next((part["unit"] for part in parts if "unit" in part), None)
-        found[name] = types, unit, schema.get("description", "")
-    return found
+        options[name] = types, unit, schema.get("description", "")
+    return options

@@ -20,20 +20,17 @@ from chemage.testing.checks import (
     require_estimates,
     require_plain,
     rescaled,
-    run_checks,
-    speed_variants,
+    speed_changes_nothing,
     trade_variants,
+    whole,
 )
 from chemage.testing.closed_forms import every_known_contact, half_space_errors, paraboloid
 
-
-def check_contact_solver(component: ContactSolver, *, all: bool = False, **inputs: Any) -> None:
-    """Run every check of the role ``contact``; raises CheckFailed if one fails, with ``all`` every one that does.
-
-    ``inputs`` are ``surfaces`` to solve besides those of the checks, and ``force_tolerance``, the accepted relative
-    error of the force.
-    """
-    run_checks(component, ContactSolver, inputs, all)
+check_contact_solver = whole(
+    ContactSolver,
+    surfaces="surfaces to solve besides those of the checks",
+    force_tolerance="the accepted relative error of the force",
+)
 
 
 def rough_surface(shape: tuple[int, int] = (32, 32), seed: int = 0, **fields: Any) -> Surface:
@@ -279,9 +276,9 @@ def _contact_scales(component: ContactSolver, surfaces: Sequence[Surface] = ()) 
             ("raised by 5 nm", surface.heights + 5, 1, component),
         ):
             radius = surface.provenance.get("radius")
-            known = {"radius": radius * size} if radius else {}
+            provenance = {"radius": radius * size} if radius else {}
             changed = Surface(
-                heights=other, pixel_size=surface.pixel_size * size, periodic=surface.periodic, provenance=known
+                heights=other, pixel_size=surface.pixel_size * size, periodic=surface.periodic, provenance=provenance
             )
             try:
                 solution = solver.solve(changed, load * size**2)
@@ -316,19 +313,19 @@ def _known_contacts_are_found(component: ContactSolver) -> None:
         return
     error, solved = _declared(component), 0
     modulus = getattr(component, "modulus", None)
-    for known in every_known_contact():
+    for case in every_known_contact():
         try:
-            scale = modulus if isinstance(modulus, float) else component.solve(known.surface, 0).modulus
-            solution = component.solve(known.surface, scale * known.load)
+            scale = modulus if isinstance(modulus, float) else component.solve(case.surface, 0).modulus
+            solution = component.solve(case.surface, scale * case.load)
         except InputError:
             continue
         solved += 1
-        exact = scale * known.pressure
+        exact = scale * case.pressure
         away, peak = difference(solution.pressure, exact), float(solution.pressure.max() / exact.max())
         require(
-            away <= error + known.pixels,
-            f"{known.name}: the pressure differs from the closed form by {away:.2g} (relative L2 norm); "
-            f"declared_error = {error:g}, and the pixels allow for {known.pixels:g}. In contact are "
+            away <= error + case.pixels,
+            f"{case.name}: the pressure differs from the closed form by {away:.2g} (relative L2 norm); "
+            f"declared_error = {error:g}, and the pixels allow for {case.pixels:g}. In contact are "
             f"{solution.area_fraction:.3f} of the pixels, expected {np.mean(exact > 0):.3f}; the largest pressure is "
             f"{peak:.3f} of the expected one",
         )
@@ -409,12 +406,11 @@ def _elsewhere(component: ContactSolver, surface: Surface) -> ContactSolution | 
 def _speed_does_not_change_the_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Options in ``speed_only``, such as the number of threads, do not change a bit of the pressure."""
     for surface, load in _solvable(component, surfaces):
-        pressure = component.solve(surface, load).pressure
-        for what, variant in speed_variants(component):
-            require(
-                variant.solve(surface, load).pressure.tobytes() == pressure.tobytes(),
-                f"{what}: the pressure differs, but speed_only says that it does not",
-            )
+
+        def pressure(variant: ContactSolver, surface: Surface = surface, load: float = load) -> bytes:
+            return variant.solve(surface, load).pressure.tobytes()
+
+        speed_changes_nothing(component, pressure, "the pressures")
 
 
 @check_of("contact", unless=(ContactTheory,))
@@ -474,13 +470,16 @@ def _statistics_carry_the_load(component: ContactSolver) -> None:
     roughness = Roughness(rms_slope=0.1, rms_height=1.0, nominal_area=1e6)
     areas = []
     for load in (0.0, 1e2, 1e4, 1e6, 1e8):
-        found = component.statistics(roughness, load)
-        force = float(found.pressure @ found.area)
+        statistics = component.statistics(roughness, load)
+        force = float(statistics.pressure @ statistics.area)
         require(math.isclose(force, load, rel_tol=1e-6), f"the pressures add up to {force:g} nN at {load:g} nN")
-        require(found.nominal_area == 1e6, f"nominal_area = {found.nominal_area:g} nm², expected 1e6 nm²")
-        require(found.contact_area <= 1e6 * (1 + 1e-9), f"the contact area {found.contact_area:g} is above the nominal")
-        require(component.statistics(roughness, load) == found, "a second call gave another contact")
-        areas.append(found.contact_area)
+        require(statistics.nominal_area == 1e6, f"nominal_area = {statistics.nominal_area:g} nm², expected 1e6 nm²")
+        require(
+            statistics.contact_area <= 1e6 * (1 + 1e-9),
+            f"the contact area {statistics.contact_area:g} is above the nominal",
+        )
+        require(component.statistics(roughness, load) == statistics, "a second call gave another contact")
+        areas.append(statistics.contact_area)
     require(areas[0] == 0.0 and bool(np.all(np.diff(areas) > 0)), f"the area does not grow with the load: {areas} nm²")
     flat = Surface(heights=np.zeros((4, 4)), pixel_size=1.0)
     refuses("a map", lambda: component.solve(flat, 1.0))

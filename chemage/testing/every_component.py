@@ -13,7 +13,8 @@ from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.plugins import registry
 from chemage.scene.citations import bibtex_problem
-from chemage.testing.checks import check_of, options_of, other_values, refuses, require, require_plain
+from chemage.scene.materials import material_problems
+from chemage.testing.checks import CheckFailed, check_of, options_of, other_values, refuses, require, require_plain
 
 
 @check_of("")
@@ -191,3 +192,16 @@ def _wrong_options_are_refused(component: Component) -> None:
             if value is not None:
                 text = f"{value!r} {unit}"
                 require(component.replace(**{name: text}) == component, f"{name} = {text!r} is not {value!r}")
+
+
+def check_material(name: str) -> None:
+    """Check an installed material: its file can be read, every value has a source and says how it is known, every
+    option exists, and the components accept the values.
+
+    Raises
+    ------
+    CheckFailed
+        With everything that is wrong.
+    """
+    if problems := material_problems(name):
+        raise CheckFailed("values_can_be_used", f"material {name!r}", "\n".join(problems))

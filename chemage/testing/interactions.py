@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -12,12 +11,16 @@ from chemage.foundation.components import call_with
 from chemage.foundation.errors import InputError
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Interaction
-from chemage.testing.checks import check_of, require, run_checks, seeds_are_harmless, speed_variants
+from chemage.testing.checks import (
+    calls_are_independent,
+    check_of,
+    require,
+    seeds_are_harmless,
+    speed_changes_nothing,
+    whole,
+)
 
-
-def check_interaction(component: Interaction, *, all: bool = False) -> None:
-    """Run every check of the role ``interaction``; raises CheckFailed if one fails, with ``all`` every one."""
-    run_checks(component, Interaction, {}, all)
+check_interaction = whole(Interaction)
 
 
 def _neighbours(component: Interaction, grid: tuple[int, int], periodic: bool, sites: np.ndarray) -> np.ndarray:
@@ -101,13 +104,12 @@ def _calls_do_not_interfere(component: Interaction) -> None:
         given.setflags(write=False)
         return neighbours.tobytes(), _coupling(component, grids[number], True, sites, given, 4).tobytes()
 
-    first = [found(number) for number in range(3)]
-    require([found(number) for number in range(3)] == first, "a call, repeated after others, gave another result")
+    answers = [found(number) for number in range(3)]
     require(all(np.array_equal(sites, np.arange(sites.size)) for sites in every), "the array of sites was changed")
     for sites in every:
         sites.setflags(write=False)
-    with ThreadPoolExecutor(3) as pool:
-        require(list(pool.map(found, [0, 1, 2] * 3)) == first * 3, "concurrent calls gave other results")
+    require([found(number) for number in range(3)] == answers, "read-only arrays of sites gave another result")
+    calls_are_independent(found, range(3))
 
 
 @check_of("interaction")
@@ -193,6 +195,4 @@ def _coupling_follows_its_seed(component: Interaction) -> None:
 def _speed_does_not_change_the_energies(component: Interaction) -> None:
     """Options in ``speed_only`` change neither the graph nor a bit of any energy."""
     grid, sites = (13, 11), np.arange(143, dtype=np.int64)
-    plain = _pairs(component, grid, sites, 2)
-    for what, variant in speed_variants(component):
-        require(_pairs(variant, grid, sites, 2) == plain, f"{what}: the energies differ, but speed_only says not")
+    speed_changes_nothing(component, lambda variant: _pairs(variant, grid, sites, 2), "the energies")

@@ -13,16 +13,13 @@ from chemage.foundation.errors import ChemageError
 from chemage.foundation.records import Record
 from chemage.surfaces.reading import Reader
 from chemage.surfaces.surface import Surface
-from chemage.testing.checks import check_of, refuses, require, run_checks, speed_variants
+from chemage.testing.checks import check_of, refuses, require, speed_changes_nothing, whole
 
-
-def check_reader(component: Reader, *, all: bool = False, **inputs: Any) -> None:
-    """Run every check of the role ``reader``; raises CheckFailed if one fails, with ``all`` every one that does.
-
-    ``inputs`` are ``path``, a file that the reader can read, and ``surface``, the Surface in this file: heights in nm,
-    pixel size and whether it is periodic, known from elsewhere.
-    """
-    run_checks(component, Reader, inputs, all)
+check_reader = whole(
+    Reader,
+    path="a file that the reader can read",
+    surface="the Surface in this file: heights in nm, pixel size and whether it is periodic, known from elsewhere",
+)
 
 
 @check_of("reader")
@@ -97,23 +94,23 @@ def _file_is_in_nm(component: Reader, path: Any = None) -> None:
 def _known_surface_is_read(component: Reader, path: Any = None, surface: Surface | None = None) -> None:
     """The file that holds ``surface`` gives just that: heights in nm with x as the first index, pixel size in nm,
     periodicity."""
-    found = component.read(path)
-    if not isinstance(found, Surface) or surface is None:
-        raise AssertionError(f"read() returned {type(found).__name__}; expected a chemage.Surface")
+    read = component.read(path)
+    if not isinstance(read, Surface) or surface is None:
+        raise AssertionError(f"read() returned {type(read).__name__}; expected a chemage.Surface")
     require(
-        found.shape == surface.shape,
-        f"{found.shape} pixels (nx, ny), expected {surface.shape}"
-        + (": x and y are swapped" if found.shape == surface.shape[::-1] else ""),
+        read.shape == surface.shape,
+        f"{read.shape} pixels (nx, ny), expected {surface.shape}"
+        + (": x and y are swapped" if read.shape == surface.shape[::-1] else ""),
     )
-    heights, wanted = found.heights.astype(np.float64), surface.heights.astype(np.float64)
+    heights, wanted = read.heights.astype(np.float64), surface.heights.astype(np.float64)
     require(_alike(heights, wanted), f"other heights than those in the file{_difference(heights, wanted)}")
     require(
-        math.isclose(found.pixel_size, surface.pixel_size, rel_tol=1e-6),
-        f"pixels of {found.pixel_size} nm, expected {surface.pixel_size} nm",
+        math.isclose(read.pixel_size, surface.pixel_size, rel_tol=1e-6),
+        f"pixels of {read.pixel_size} nm, expected {surface.pixel_size} nm",
     )
     require(
-        found.periodic == surface.periodic,
-        f"periodic is {found.periodic}, expected {surface.periodic} (the default of chemage.Surface is True)",
+        read.periodic == surface.periodic,
+        f"periodic is {read.periodic}, expected {surface.periodic} (the default of chemage.Surface is True)",
     )
 
 
@@ -152,12 +149,11 @@ def _difference(found: np.ndarray, wanted: np.ndarray) -> str:
 @check_of("reader", needs=("path",))
 def _stated_pixel_size_counts(component: Reader, path: Any = None) -> None:
     """An option ``pixel_size`` overrides the pixel size in the file; ``speed_only`` options change nothing."""
-    found = component.read(path)
-    if "pixel_size" in type(component).model_fields and isinstance(found, Surface):
-        other = component.replace(pixel_size=2.5 * found.pixel_size).read(path)
+    stated = component.read(path)
+    if "pixel_size" in type(component).model_fields and isinstance(stated, Surface):
+        other = component.replace(pixel_size=2.5 * stated.pixel_size).read(path)
         require(
-            math.isclose(other.pixel_size, 2.5 * found.pixel_size),
-            f"pixel_size = {2.5 * found.pixel_size} nm was given, but the surface has pixels of {other.pixel_size} nm",
+            math.isclose(other.pixel_size, 2.5 * stated.pixel_size),
+            f"pixel_size = {2.5 * stated.pixel_size} nm was given, but the surface has pixels of {other.pixel_size} nm",
         )
-    for what, variant in speed_variants(component):
-        require(variant.read(path) == found, f"{what}: another surface, but speed_only says that it is the same")
+    speed_changes_nothing(component, lambda variant: variant.read(path), "the surfaces")

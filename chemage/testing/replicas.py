@@ -1,16 +1,24 @@
-"""Finished replicas made by hand, for the checks of what is taken from them."""
+"""Checks of the roles that receive a finished replica, observables and laws of rupture; and replicas made by hand."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import unicodedata
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from chemage.ageing.observables import Observable
+from chemage.ageing.outputs import Checker, declaration_problems
 from chemage.contacts.solution import ContactSolution
+from chemage.foundation.errors import PluginError
+from chemage.foundation.units import unit_registry
+from chemage.friction.role import Bonded, Rupture
 from chemage.kinetics.history import BondHistory
+from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers
+from chemage.testing.checks import calls_are_independent, check_of, require, speed_changes_nothing, whole
 
 
 class Even(Barriers):
@@ -80,3 +88,262 @@ def with_states(replica: Replica) -> Replica:
     """The replica with the state of every site at every hold time: a bond that has formed stays."""
     states = np.arange(replica.lattice.sites.size) < replica.history.bonds[:, None]
     return replica._replace(history=replica.history.model_copy(update={"states": states}))
+
+
+Case = tuple[str, Replica]
+
+
+def usual(times: Sequence[float] = (0.0, 10.0)) -> list[Case]:
+    """Replicas with and without bonds and sites, each with what it is; the second is the plain one."""
+    counts = ((40, 0), (40, 17), (40, 40), (1, 1), (0, 0))
+    return [(f"{bonded} of {n} sites bonded", finished(n, bonded, times=times)) for n, bonded in counts]
+
+
+def unusual(times: Sequence[float] = (0.0, 10.0)) -> list[Case]:
+    """Replicas on lattices that lack a part, on grids that are not square, and at other hold times."""
+    cases: list[Case] = []
+    for breaking, interacting in ((False, True), (True, False), (False, False)):
+        lack = [word for word, there in (("breaking", breaking), ("interaction", interacting)) if not there]
+        replica = finished(40, 17, breaking=breaking, interacting=interacting, times=times)
+        cases.append((f"a lattice without {' and '.join(lack)}", replica))
+    for grid in ((13, 5), (5, 13)):
+        cases.append((f"a grid of {grid[0]}x{grid[1]} pixels", finished(40, 17, grid=grid, times=times)))
+    for others in ((10.0,), (0.0,), (1.0, 1.0, 10.0)):
+        cases.append((f"hold times of {', '.join(f'{t:g}' for t in others)} s", finished(40, 17, times=others)))
+    return cases
+
+
+def _answer(what: str, method: str, call: Callable[[], Any]) -> Any:
+    try:
+        return call()
+    except Exception as error:
+        raise AssertionError(f"{what}: {method}() raised {type(error).__name__}: {error}") from error
+
+
+# -- observables ------------------------------------------------------------------------------------------------------
+
+
+def numbers(component: Observable, replica: Replica, what: str) -> dict[str, np.ndarray]:
+    """What the observable measures, which must be named numbers."""
+    seen = with_states(replica) if component.states else replica
+    answer = _answer(what, "measure", lambda: component.measure(*seen))
+    right = isinstance(answer, Mapping) and answer
+    require(right, f"{what}: measure() returned {answer!r}; expected names with numbers")
+    require(all(isinstance(name, str) for name in answer), f"names {list(answer)} are not all str")
+    values = {name: np.asarray(value) for name, value in answer.items()}
+    kinds = {name: value.dtype.kind for name, value in values.items()}
+    require(set(kinds.values()) <= set("fiub"), f"{what}: not numbers: {kinds}")
+    return values
+
+
+def _bytes(component: Observable, replica: Replica) -> dict[str, bytes]:
+    return {name: value.tobytes() for name, value in numbers(component, replica, "a replica").items()}
+
+
+@check_of("observable")
+def _observes_numbers(component: Observable) -> None:
+    """Names and shapes are the same for all replicas of a contact, with or without bonds and sites."""
+    first = None
+    for what, replica in usual():
+        values = numbers(component, replica, what)
+        shapes = {name: value.shape for name, value in values.items()}
+        first = first or shapes
+        require(shapes == first, f"{what}: {shapes}, expected {first} as for the other replicas")
+        if what == "17 of 40 sites bonded":
+            lost = [name for name, value in values.items() if value.size and not np.isfinite(value).any()]
+            require(not lost, f"{', '.join(lost)}: no finite number, although 17 of 40 sites are bonded")
+
+
+@check_of("observable")
+def _names_are_safe(component: Observable) -> None:
+    """Names can be those of a variable in a file and of a column in a table: no slash, no control character, no blank
+    at either end."""
+    for name in numbers(component, finished(40, 17), "17 of 40 sites bonded"):
+        bad = [character for character in name if character in "/\\" or unicodedata.category(character)[0] == "C"]
+        require(not bad, f"the name {name!r} contains {bad[:1]!r}, which a file or a table cannot hold; rename it")
+        fits = name and name == name.strip() and name not in (".", "..") and len(name) <= 100
+        require(fits, f"the name {name!r} cannot be that of a variable in a file; rename it")
+
+
+@check_of("observable")
+def _measures_what_it_declares(component: Observable) -> None:
+    """What is measured are just the ``outputs``, where they are declared: with these dimensions, of which
+    ``hold_times`` is as long as the hold times, with safe names, and units that can be read."""
+    problems = declaration_problems(component.outputs)
+    require(not problems, "; ".join(problems))
+    for name, output in component.outputs.items():
+        try:
+            unit_registry().parse_units(output.unit)
+        except Exception as error:
+            raise AssertionError(f"output {name!r}: the unit {output.unit!r} cannot be read: {error}") from error
+        require(output.description.strip(), f"output {name!r} has no description")
+    for times in ((0.0, 10.0), (0.0, 0.5, 2.0, 10.0, 10.0), (10.0,)) if component.outputs else ():
+        checker = Checker("it", len(times))
+        values = numbers(component, finished(40, 17, times=times), f"{len(times)} hold times")
+        try:
+            checker.names(values, component.outputs)
+            for name, value in values.items():
+                checker.values(name, value, component.outputs[name])
+        except PluginError as error:
+            raise AssertionError(f"{len(times)} hold times: {error}") from error
+
+
+@check_of("observable")
+def _grids_need_not_be_square(component: Observable) -> None:
+    """Contacts whose grid is not square are measured, with the same names; maps are (nx, ny)."""
+    names = set(numbers(component, finished(40, 17), "an 8x8 grid"))
+    for grid in ((13, 5), (5, 13)):
+        values = numbers(component, finished(40, 17, grid=grid), f"a grid of {grid[0]}x{grid[1]} pixels")
+        require(set(values) == names, f"a grid of {grid} pixels has other names: {sorted(set(values) ^ names)}")
+        swapped = [name for name, value in values.items() if value.shape[-2:] == grid[::-1]]
+        require(not swapped, f"a grid of {grid} pixels (nx, ny): {', '.join(swapped)} has the shape {grid[::-1]}")
+
+
+@check_of("observable")
+def _measure_disturbs_nothing(component: Observable) -> None:
+    """A replica is measured the same way every time, whatever was measured before or at the same time, and stays as it
+    was."""
+    replicas = [finished(40, 17), finished(40, 40), finished(30, 5)]
+    kept = [record for replica in replicas for record in replica]
+    calls_are_independent(lambda replica: _bytes(component, replica), replicas, *kept)
+
+
+@check_of("observable")
+def _speed_does_not_change_the_numbers(component: Observable) -> None:
+    """Options in ``speed_only`` do not change a bit of what is measured."""
+    speed_changes_nothing(component, lambda variant: _bytes(variant, finished(40, 17)), "the numbers")
+
+
+# -- laws of rupture --------------------------------------------------------------------------------------------------
+
+#: force per bond, nN, from entropic bonds of a few pN to beyond any covalent bond
+LEAST, MOST = 1e-4, 100.0
+TIMES = (0.0, 0.1, 10.0, 10.0, 1e4)
+
+
+def _bonded(component: Rupture, replica: Replica) -> Bonded:
+    """A replica with breaking barriers that differ from site to site, as the law receives it."""
+    contact, lattice, history = with_states(replica) if component.states else replica
+    breaking = None
+    if lattice.breaking is not None:
+        breaking = Even()
+        lattice = lattice.model_copy(update={"breaking": np.linspace(0.9, 1.3, lattice.sites.size)})
+        history = history.model_copy(update={"lattice_hash": lattice.digest()})
+    return Bonded(contact, Chemistry(forming=Even(), breaking=breaking), lattice, history)
+
+
+def _some(component: Rupture, n: int = 40, bonded: int = 17) -> Bonded:
+    return _bonded(component, finished(n, bonded, times=TIMES))
+
+
+def _force(component: Rupture, bonded: Bonded, what: str) -> np.ndarray:
+    """What the law gives, which must be a force in nN for each hold time."""
+    force = _answer(what, "force", lambda: np.asarray(component.force(bonded)))
+    times = bonded.hold_times.size
+    require(force.dtype.kind in "fiu", f"{what}: force() returned values of type {force.dtype}; expected forces in nN")
+    require(force.shape == (times,), f"{what}: force() returned the shape {force.shape} for {times} hold times")
+    require(np.isfinite(force).all(), f"{what}: not all forces are finite: {force}")
+    require((force >= 0).all(), f"{what}: a force is negative: {force}")
+    return force
+
+
+@check_of("rupture")
+def _forces_are_forces(component: Rupture) -> None:
+    """There is one force for each hold time, finite and not negative, with or without bonds and sites."""
+    for what, replica in usual(TIMES):
+        _force(component, _bonded(component, replica), what)
+
+
+@check_of("rupture")
+def _no_bonds_no_force(component: Rupture) -> None:
+    """The force is 0 wherever there is no bond."""
+    for what, replica in usual(TIMES):
+        bonded = _bonded(component, replica)
+        force = _force(component, bonded, what)[bonded.bonds == 0]
+        require((force == 0).all(), f"{what}: a force of {force.max(initial=0.0):.4g} nN where there is no bond")
+
+
+@check_of("rupture")
+def _forces_are_in_nn(component: Rupture) -> None:
+    """Forces are in nN: the mean force per bond is between 1e-4 and 100 nN, unless all are zero."""
+    force = float(_force(component, _some(component, 40, 40), "all sites bonded")[-1]) / 40
+    require(
+        force == 0 or LEAST <= force <= MOST,
+        f"the mean force per bond is {force:.3g} nN; expected {LEAST:g} to {MOST:g} nN: is it in N, pN or eV/nm?",
+    )
+
+
+@check_of("rupture")
+@check_of("observable")
+def _parts_may_be_absent(component: Observable | Rupture) -> None:
+    """Lattices without breaking barriers or without interaction, contacts that are not square, and any hold times are
+    treated too."""
+    for what, replica in unusual(TIMES):
+        if isinstance(component, Rupture):
+            _force(component, _bonded(component, replica), what)
+        else:
+            numbers(component, replica, what)
+
+
+@check_of("rupture")
+def _force_disturbs_nothing(component: Rupture) -> None:
+    """A replica has the same force every time, whatever was asked before or at the same time, and stays as it was."""
+    replicas = [_some(component), _some(component, 40, 40), _some(component, 30, 5)]
+    kept = [record for bonded in replicas for record in (bonded.contact, bonded.lattice, bonded.history)]
+    calls_are_independent(lambda bonded: _force(component, bonded, "a replica").tobytes(), replicas, *kept)
+
+
+@check_of("rupture")
+def _later_times_do_not_matter(component: Rupture) -> None:
+    """The force after a hold time does not depend on what happens later: sliding after 10 s does not know of 1e4 s."""
+    bonded = _some(component, 40, 30)
+    whole = _force(component, bonded, "30 of 40 sites bonded")
+    for number in range(1, bonded.hold_times.size):
+        force = _force(component, _until(bonded, number), f"the first {number} hold times")
+        require(
+            np.allclose(force, whole[:number], rtol=1e-9, atol=0.0),
+            f"the first {number} hold times alone: {force} nN, but {whole[:number]} nN where later ones follow; "
+            "history.state are the bonds at the last hold time, set states = True for those at each",
+        )
+
+
+def _until(bonded: Bonded, number: int) -> Bonded:
+    """The replica, had it been stopped after its first ``number`` hold times."""
+    history = bonded.history
+    changes: dict[str, Any] = {
+        name: getattr(history, name)[:number] for name in ("hold_times", "bonds", "formed", "broken")
+    }
+    states = np.arange(bonded.lattice.sites.size) < history.bonds[:number, None]
+    changes |= {"state": states[-1], "time": float(history.hold_times[number - 1])}
+    changes["states"] = None if history.states is None else states
+    return Bonded(bonded.contact, bonded.chemistry, bonded.lattice, history.model_copy(update=changes))
+
+
+@check_of("rupture")
+def _unbonded_sites_do_not_matter(component: Rupture) -> None:
+    """A law that asks for the states does not depend on the barriers of sites that have no bond."""
+    if not component.states:
+        return
+    bonded = _some(component)
+    lattice, open_sites = bonded.lattice, ~bonded.history.state
+    raised = {
+        name: np.where(open_sites, getattr(lattice, name) + 0.1, getattr(lattice, name))
+        for name in ("forming", "breaking")
+    }
+    other = Bonded(bonded.contact, bonded.chemistry, lattice.model_copy(update=raised), bonded.history)
+    here, there = (_force(component, case, "17 of 40 sites bonded") for case in (bonded, other))
+    require(
+        np.allclose(here, there, rtol=1e-9, atol=0.0),
+        f"barriers of unbonded sites were raised by 0.1 eV: {there} nN instead of {here} nN; states are (hold times, "
+        "sites), in the order of lattice.sites",
+    )
+
+
+@check_of("rupture")
+def _speed_does_not_change_the_force(component: Rupture) -> None:
+    """Options in ``speed_only`` do not change a bit of any force."""
+    bonded = _some(component)
+    speed_changes_nothing(component, lambda variant: _force(variant, bonded, "a replica").tobytes(), "the forces")
+
+
+check_observable, check_rupture = whole(Observable), whole(Rupture)

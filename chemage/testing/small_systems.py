@@ -202,13 +202,13 @@ def sampled(
     """States of the groups after ``time`` s over many seeds, (2**m,); from all bonds where ``start`` is true."""
     sample = Sample.of(component, runs)
     m = len(group.forming)
-    found = np.zeros(2**m, dtype=np.int64)
+    counts = np.zeros(2**m, dtype=np.int64)
     for seed in range(sample.runs):
         lattice = group.lattice(sample.copies, nu=nu, slots=slots, seed=seed % 5)
         begin = np.ones(lattice.sites.size, dtype=bool) if start else None
         history = component.run(lattice, [0.5 * time, time], temperature=temperature, seed=seed, start=begin)
-        found += states(history.state, m)
-    return found
+        counts += states(history.state, m)
+    return counts
 
 
 def compare(component: Engine, where: str, counts: np.ndarray, probabilities: np.ndarray) -> None:

@@ -18,16 +18,13 @@ from chemage.testing.checks import (
     require_estimates,
     require_plain,
     rescaled,
-    run_checks,
     seeds_are_harmless,
-    speed_variants,
+    speed_changes_nothing,
     trade_variants,
+    whole,
 )
 
-
-def check_surface_maker(component: SurfaceMaker, *, all: bool = False) -> None:
-    """Run every check of the role ``surface``; raises CheckFailed if one fails, with ``all`` every one that does."""
-    run_checks(component, SurfaceMaker, {}, all)
+check_surface_maker = whole(SurfaceMaker)
 
 
 def _random(component: SurfaceMaker) -> bool:
@@ -88,20 +85,20 @@ def _other_grids(component: SurfaceMaker) -> list[SurfaceMaker]:
     if pixels is None:
         return []
     n = pixels if isinstance(pixels, int) else max(pixels)
-    found = []
+    makers = []
     for shape in ((n, max(n * 5 // 8, 1)), (max(n * 5 // 8, 1), n)):
         try:
-            found.append(component.replace(pixels=shape))
+            makers.append(component.replace(pixels=shape))
         except InputError:
             continue
-    return found
+    return makers
 
 
 def _require_roughness(maker: SurfaceMaker, name: str, wanted: float) -> None:
     count = 16 if _random(maker) else 1
-    found = np.array([getattr(maker.make(seed), name) for seed in range(count)])
-    mean = float(np.sqrt(np.mean(found**2)))
-    scatter = float(found.std() / math.sqrt(count))
+    values = np.array([getattr(maker.make(seed), name) for seed in range(count)])
+    mean = float(np.sqrt(np.mean(values**2)))
+    scatter = float(values.std() / math.sqrt(count))
     unit = " nm" if name == "rms_height" else " (of the Fourier series where the surface is periodic)"
     require(
         abs(mean - wanted) <= 0.05 * wanted + 10 * scatter,
@@ -209,8 +206,8 @@ def _surface_is_as_expected(component: SurfaceMaker) -> None:
     """The properties that ``expected()`` returns are those of the surface: lengths in nm, the slope as a ratio."""
     surface, expected = component.make(0), component.expected()
     exact = {"nx": surface.shape[0], "ny": surface.shape[1], "pixel_size": surface.pixel_size}
-    known = (*exact, "rms_slope", "shortest_wavelength", "radius", "periodic", "cpu_seconds")
-    require_estimates("expected()", expected, dict.fromkeys(known, math.inf))
+    names = (*exact, "rms_slope", "shortest_wavelength", "radius", "periodic", "cpu_seconds")
+    require_estimates("expected()", expected, dict.fromkeys(names, math.inf))
     for name in exact.keys() & expected.keys():
         require(expected[name] == exact[name], f"expected() has {name} = {expected[name]}, not {exact[name]}")
     if "rms_slope" in expected:
@@ -235,68 +232,58 @@ def _surface_is_as_expected(component: SurfaceMaker) -> None:
 @check_of("surface")
 def _coarser_is_the_same_surface(component: SurfaceMaker) -> None:
     """``coarser(2)`` is None, or makes the same surface of the same size on pixels twice as large."""
-    coarse = component.coarser(2)
-    if coarse is None:
-        return
-    require(isinstance(coarse, SurfaceMaker), f"coarser(2) returned {type(coarse).__name__}")
-    fine, made = component.make(3), coarse.make(3)
-    require(
-        2 * made.shape[0] == fine.shape[0]
-        and 2 * made.shape[1] == fine.shape[1]
-        and math.isclose(made.pixel_size, 2 * fine.pixel_size),
-        f"coarser(2): {made.shape} pixels of {made.pixel_size} nm for {fine.shape} of {fine.pixel_size} nm",
-    )
-    nx, ny = made.shape
-    blocks = fine.heights.astype(np.float64).reshape(nx, 2, ny, 2)
-    candidates = [blocks.mean(axis=(1, 3)), blocks[:, 0, :, 0]]
-    away = min(_apart(made.heights, one) for one in candidates)
-    require(
-        away <= 0.5,
-        f"coarser(2) makes another surface at the same seed: heights differ by {away:.2g} rms heights from those of "
-        "the fine grid",
-    )
+    if (coarse := component.coarser(2)) is not None:
+        fine, made = _on_fewer_pixels("coarser(2)", component, coarse)
+        doubled = tuple(2 * n for n in made.shape) == fine.shape
+        require(doubled, f"coarser(2): {made.shape} pixels for {fine.shape}; expected half as many along each side")
+        blocks = fine.heights.astype(np.float64).reshape(made.shape[0], 2, made.shape[1], 2)
+        _same_shape("coarser(2)", made, [blocks.mean(axis=(1, 3)), blocks[:, 0, :, 0]], 0.5)
 
 
 @check_of("surface")
 def _sketch_is_the_same_surface(component: SurfaceMaker) -> None:
     """``sketch()`` is None, or makes the same surface of the same size on fewer pixels."""
-    sketch = component.sketch()
-    if sketch is None:
-        return
-    require(isinstance(sketch, SurfaceMaker), f"sketch() returned {type(sketch).__name__}")
-    fine, made = component.make(3), sketch.make(3)
+    if (sketch := component.sketch()) is not None:
+        fine, made = _on_fewer_pixels("sketch()", component, sketch)
+        rows, columns = (
+            np.rint(np.arange(n) * made.pixel_size / fine.pixel_size).astype(int).clip(max=m - 1)
+            for n, m in zip(made.shape, fine.shape, strict=True)
+        )
+        _same_shape("sketch()", made, [fine.heights.astype(np.float64)[np.ix_(rows, columns)]], 0.7)
+
+
+def _on_fewer_pixels(how: str, component: SurfaceMaker, other: Any) -> tuple[Surface, Surface]:
+    """A surface of the component, and the same one of ``other``, which must be as large on fewer pixels."""
+    require(isinstance(other, SurfaceMaker), f"{how} returned {type(other).__name__}")
+    fine, made = component.make(3), other.make(3)
     sizes = [(n * made.pixel_size, m * fine.pixel_size) for n, m in zip(made.shape, fine.shape, strict=True)]
     require(
         made.heights.size < fine.heights.size and all(math.isclose(*pair) for pair in sizes),
-        f"sketch(): {made.shape} pixels of {made.pixel_size} nm for {fine.shape} of {fine.pixel_size} nm",
+        f"{how}: {made.shape} pixels of {made.pixel_size} nm for {fine.shape} of {fine.pixel_size} nm",
     )
-    rows, columns = (
-        np.rint(np.arange(n) * made.pixel_size / fine.pixel_size).astype(int).clip(max=m - 1)
-        for n, m in zip(made.shape, fine.shape, strict=True)
-    )
-    away = _apart(made.heights, fine.heights.astype(np.float64)[np.ix_(rows, columns)])
+    return fine, made
+
+
+def _same_shape(how: str, made: Surface, candidates: list[np.ndarray], most: float) -> None:
+    """Require that the heights differ from those of one of the candidates by at most ``most`` rms heights."""
+
+    def apart(heights: np.ndarray) -> float:
+        difference, level = made.heights - np.mean(made.heights), heights - np.mean(heights)
+        size = float(np.linalg.norm(level))
+        return float(np.linalg.norm(difference - level)) / size if size else 0.0
+
+    away = min(map(apart, candidates))
     require(
-        away <= 0.7,
-        f"sketch() makes another surface at the same seed: heights differ by {away:.2g} rms heights from those of the "
+        away <= most,
+        f"{how} makes another surface at the same seed: heights differ by {away:.2g} rms heights from those of the "
         "fine grid",
     )
-
-
-def _apart(one: Any, two: np.ndarray) -> float:
-    one, two = one - np.mean(one), two - np.mean(two)
-    size = float(np.linalg.norm(two))
-    return float(np.linalg.norm(one - two)) / size if size else 0.0
 
 
 @check_of("surface")
 def _speed_does_not_change_the_surface(component: SurfaceMaker) -> None:
     """Options in ``speed_only`` do not change a bit of the heights; ``trade`` keeps the size and the roughness."""
-    surface = component.make(2)
-    for what, variant in speed_variants(component):
-        require(
-            variant.make(2).heights.tobytes() == surface.heights.tobytes(),
-            f"{what}: the heights differ, but speed_only says that they do not",
-        )
+    speed_changes_nothing(component, lambda variant: variant.make(2).heights.tobytes(), "the heights")
     for name, variants in trade_variants(component):
         made = [(what, variant.make(2)) for what, variant in variants]
         last = made[-1][1]
@@ -316,14 +303,15 @@ def _scatter_agrees_with_the_seed(component: SurfaceMaker) -> None:
     of any contact."""
     random = _random(component)
     for contact in ({}, {"patches": 0, "area_fraction": 0.0}, {"patches": 30, "area_fraction": 0.02}):
-        found = component.scatter(contact)
-        if found is None:
+        scatter = component.scatter(contact)
+        if scatter is None:
             continue
         require(
-            isinstance(found, Scatter), f"scatter({contact}) returned {type(found).__name__}, not a chemage.Scatter"
+            isinstance(scatter, Scatter),
+            f"scatter({contact}) returned {type(scatter).__name__}, not a chemage.plugin.Scatter",
         )
         require(
-            (found.relative == 0) != random,
-            f"scatter({contact}).relative is {found.relative}, but the seed "
+            (scatter.relative == 0) != random,
+            f"scatter({contact}).relative is {scatter.relative}, but the seed "
             f"{'changes' if random else 'does not change'} the surface",
         )

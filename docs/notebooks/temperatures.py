@@ -93,7 +93,7 @@ contact = result[0].contact()
 silica = result[0].scene().chemistry
 pressures = contact.pressure[contact.pressure > 0]
 intrinsic = ca.barriers("md-silica").quantile(np.linspace(0, 1, 2001)[1:-1])
-lowered = (intrinsic[:, None] - silica.activation_volume * ca.EV_PER_GPA_NM3 * pressures).ravel()
+lowered = (intrinsic[:, None] - silica.activation_volume * ca.plugin.EV_PER_GPA_NM3 * pressures).ravel()
 for one in found.energies[:-1]:
     print(f"{found.label(one)}: barrier {np.quantile(lowered, one.level):.3f} eV, E_a {one.energy:.3f} eV")
 

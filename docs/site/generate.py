@@ -2,7 +2,8 @@
 
 Four kinds of fenced block are replaced:
 
-- ``names``: public names of ``chemage``. Each becomes an entry made from its docstring, wherever the object is defined.
+- ``names``: public names of ``chemage`` and ``chemage.plugin``. Each becomes an entry made from its docstring, wherever
+  the object is defined.
 - ``components``: roles. Each becomes the list of installed components of that role, with a table of their options;
   ``plugin``, the list of plugins with options.
 - ``commands``: commands of ``chemage``. Each becomes its help text and a table of its options.
@@ -27,7 +28,7 @@ from typer.testing import CliRunner
 
 import chemage
 from chemage.cli import app as command_line
-from chemage.foundation.names import HOME
+from chemage.foundation.names import HOME, USERS, load
 from chemage.testing.checks import CHECKS, Check
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -91,16 +92,21 @@ def on_page_content(html: str, **_: Any) -> str:
 
 def names() -> tuple[list[str], Callable[[str], str]]:
     """The public names, and the Markdown of one."""
-    return [name for name in chemage.__all__ if not name.startswith("__")], _name
+    offered = {*chemage.__all__, *chemage.plugin.__all__} - {"__version__", "plugin"}
+    return sorted(offered), _name
+
+
+def _place(name: str) -> str:
+    return f"chemage.{name}" if name in USERS else f"chemage.plugin.{name}"
 
 
 def _name(name: str) -> str:
-    thing = getattr(chemage, name)
+    thing = load(name)
     if inspect.ismodule(thing):
         return _module(name, thing)
     if inspect.isclass(thing) or inspect.isfunction(thing):
-        return _documented(thing, f"chemage.{name}", name)
-    return f"### `{name}` {{ #chemage.{name} }}\n\n{_about(name, thing)}\n"
+        return _documented(thing, _place(name), name)
+    return f"### `{name}` {{ #{_place(name)} }}\n\n{_about(name, thing)}\n"
 
 
 def _documented(thing: Any, heading: str, label: str, level: int = 3) -> str:
@@ -116,21 +122,21 @@ def _module(name: str, module: Any) -> str:
     """A public module: its own text, then its functions and classes, except those that are names of ``chemage``."""
     first, *rest = (inspect.getdoc(module) or "").split("\n\n")
     trees = [f"```text\n{text}\n```" for text in rest if "──" in text]
-    parts = [f"### `chemage.{name}` {{ #chemage.{name} }}", plain(first), *trees]
-    others = [getattr(chemage, other) for other in HOME]
+    parts = [f"### `{_place(name)}` {{ #{_place(name)} }}", plain(first), *trees]
+    others = [load(other) for other in HOME]
     for inner in getattr(module, "__all__", vars(module)):
         thing = getattr(module, inner)
         function = getattr(thing, "py_func", thing)  # of a kernel
         if inner.startswith("_") or not (inspect.isclass(function) or inspect.isfunction(function)):
             continue
         if function.__module__.startswith(module.__name__) and not any(thing is other for other in others):
-            parts.append(_documented(function, f"chemage.{name}.{inner}", inner, 4))
+            parts.append(_documented(function, f"{_place(name)}.{inner}", inner, 4))
     return "\n\n".join(parts) + "\n"
 
 
 def _about(name: str, value: Any) -> str:
     """A public name that is neither function, class nor module: a quantity, or what the comment above it says."""
-    unit = next((part for part in getattr(value, "__metadata__", ()) if isinstance(part, chemage.Unit)), None)
+    unit = next((part for part in getattr(value, "__metadata__", ()) if isinstance(part, chemage.plugin.Unit)), None)
     if unit is not None:
         bounds = {"gt": "greater than", "ge": "at least", "lt": "less than", "le": "at most"}
         limits = [f"{bounds[bound]} {limit:g}" for bound, limit in unit._bounds.items()]
@@ -246,7 +252,7 @@ def checks() -> tuple[list[str], Callable[[str], str]]:
         title = "Every component" if name == "component" else f"Role `{name}`"
         return f"## {title}\n\n{table(('check', 'requirement'), rows)}\n"
 
-    return ["component", *chemage.registry.current().roles], role
+    return ["component", *chemage.plugin.registry.current().roles], role
 
 
 # -- shared -----------------------------------------------------------------------------------------------------------

@@ -6,7 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from chemage import EV_PER_GPA_NM3, KB, Chemistry, TwoState
+from chemage import Chemistry
+from chemage.plugin import EV_PER_GPA_NM3, KB, TwoState
 
 #: nodes per k_BT of the grid of energies; cubic interpolation between them errs by 4e-5 of a rate at most
 PER_KT = 5

@@ -19,13 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from chemage import (
+from chemage import Chemistry, ContactSolution, ReactionLattice
+from chemage.plugin import (
     KB,
-    Chemistry,
-    ContactSolution,
     DamagedError,
     Engine,
-    ReactionLattice,
     StoreError,
     build_lattice,
     container,
@@ -33,7 +31,7 @@ from chemage import (
     random,
     run_kinetics,
 )
-from chemage.foundation.threads import in_order
+from chemage.plugin import threads as processors
 from chemage_ageing._independent import bonded_share, shift_per_gpa
 
 #: changes with what is computed below, so that tables of an older version are not used
@@ -135,7 +133,9 @@ def compute(
     setting: Setting, numbers: list[int], threads: int, progress: Callable[[int, int], None] | None
 ) -> dict[int, Node]:
     """The nodes of these numbers; node k is at k times :attr:`Setting.pressure_step`."""
-    nodes = in_order(lambda k: _node(setting, numbers[k]), len(numbers), max(1, min(threads, len(numbers))), progress)
+    nodes = processors.in_order(
+        lambda k: _node(setting, numbers[k]), len(numbers), max(1, min(threads, len(numbers))), progress
+    )
     return dict(zip(numbers, nodes, strict=True))
 
 

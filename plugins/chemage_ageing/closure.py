@@ -11,16 +11,14 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from chemage import (
+from chemage import Chemistry, ContactSolution, InputError
+from chemage.plugin import (
     AgedBonds,
     AgeingMethod,
     AgeingRequest,
-    Chemistry,
     Choice,
-    ContactSolution,
     ContactStatistics,
     Engine,
-    InputError,
     build_lattice,
     cache_folder,
     contact_statistics,
@@ -82,7 +80,7 @@ class Closure(AgeingMethod):
     """folder in which tables are kept; default: the cache folder of the user"""
 
     def check(self, chemistry: Chemistry, engine: Engine) -> None:
-        """See :meth:`chemage.AgeingMethod.check`."""
+        """See :meth:`chemage.plugin.AgeingMethod.check`."""
         if chemistry.interaction is None:
             return
         self.engine.check(True)
@@ -108,7 +106,7 @@ class Closure(AgeingMethod):
         return cost
 
     def age(self, request: AgeingRequest) -> AgedBonds:
-        """See :meth:`chemage.AgeingMethod.age`."""
+        """See :meth:`chemage.plugin.AgeingMethod.age`."""
         chemistry, times = request.chemistry, request.hold_times
         statistics = contact_statistics(request.contact, chemistry)
         per_area = chemistry.sites_per_area(request.contact)

@@ -8,7 +8,8 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from chemage import AgedBonds, AgeingMethod, AgeingRequest, Chemistry, Engine, InputError, Unit, random
+from chemage import Chemistry, InputError
+from chemage.plugin import AgedBonds, AgeingMethod, AgeingRequest, Engine, Unit, random
 from chemage_ageing._independent import grouped_bonds
 
 STREAM = "chemage-ageing/windows"
@@ -51,7 +52,7 @@ class Sample(AgeingMethod):
     """width of the margin around a window, in sites"""
 
     def check(self, chemistry: Chemistry, engine: Engine) -> None:
-        """See :meth:`chemage.AgeingMethod.check`."""
+        """See :meth:`chemage.plugin.AgeingMethod.check`."""
         if not engine.restart:
             raise InputError(
                 f"ageing 'sample' asks for the states of sites, and engine {engine.kind!r} cannot resume from a "
@@ -59,7 +60,7 @@ class Sample(AgeingMethod):
             )
 
     def check_sites(self, shape: tuple[int, int], touching: float | None) -> None:
-        """See :meth:`chemage.AgeingMethod.check_sites`."""
+        """See :meth:`chemage.plugin.AgeingMethod.check_sites`."""
         fitting(self.window, shape)
 
     def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:
@@ -75,7 +76,7 @@ class Sample(AgeingMethod):
         return cost
 
     def age(self, request: AgeingRequest) -> AgedBonds:
-        """See :meth:`chemage.AgeingMethod.age`.
+        """See :meth:`chemage.plugin.AgeingMethod.age`.
 
         Raises
         ------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from chemage import hookimpl
+from chemage.plugin import hookimpl
 
 if TYPE_CHECKING:
     from chemage_barriers.analytic import Gaussian as Gaussian

@@ -8,7 +8,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage import Barriers, Energy, Unit
+from chemage.plugin import Barriers, Energy, Unit
 
 
 class Gaussian(Barriers):

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 
-from chemage import Barriers, FilePath, Inference, InputError, StoreError, read, regular_file
+from chemage import Inference, InputError, read
+from chemage.plugin import Barriers, FilePath, StoreError, regular_file
 from chemage_barriers.tabulated import PiecewiseLinearDensity
 
 #: eV above the last energy, and width of the range, where barriers lie that do not react within the measured times

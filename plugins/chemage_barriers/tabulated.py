@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, PrivateAttr, model_validator
 
-from chemage import Barriers, FilePath, StoreError, Unit
-from chemage.foundation.tables import data_lines, numbers, read_text, separator_of
+from chemage.plugin import Barriers, FilePath, StoreError, Unit, tables
 
 Doubles = NDArray[np.float64]
 
@@ -36,7 +35,7 @@ def read_columns(path: str | Path) -> np.ndarray:
     StoreError
         The file is missing, cannot be read, or does not hold such a table.
     """
-    return parse_columns(read_text(path), str(path))
+    return parse_columns(tables.read_text(path), str(path))
 
 
 def parse_columns(text: str, source: str) -> np.ndarray:
@@ -50,12 +49,12 @@ def parse_columns(text: str, source: str) -> np.ndarray:
     StoreError
         ``source`` holds no numbers, something that is not a number, or rows of different lengths; names the line.
     """
-    lines = data_lines(text)
+    lines = tables.data_lines(text)
     if lines and not _numbers_in(lines[0][1]):
         lines = lines[1:]
     if not lines:
         raise StoreError(f"{source} holds no numbers; give one column (samples) or two (energy, density)")
-    rows = numbers(lines, source, separator_of(lines[0][1]))
+    rows = tables.numbers(lines, source, tables.separator_of(lines[0][1]))
     for (number, line), row in zip(lines, rows, strict=True):
         if not np.isfinite(row).all():
             raise StoreError(f"{source}, line {number}: {line[:60].strip()!r} holds a value that is not finite")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from chemage.foundation.progress import watched
+from chemage.plugin import progress
 
 from . import _kernels as kernels
 from ._convolution import Convolution, Split, suits
@@ -149,7 +149,7 @@ class Descent:
         """Iterate to the end."""
         while True:
             self._assess()
-            if self.final and (report := watched()) is not None:
+            if self.final and (report := progress.watched()) is not None:
                 report("contact", self.iteration, 0, f"residual {self.standing.error / self._scale():.1e}")
             target = self.tolerance * self._scale()
             trusted = self._trusted()

@@ -9,18 +9,8 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage import (
-    ContactModulus,
-    ContactSolution,
-    ContactSolver,
-    ConvergenceError,
-    InputError,
-    Length,
-    Surface,
-    Unit,
-    convert,
-)
-from chemage.foundation.threads import available
+from chemage import ContactSolution, InputError, Surface
+from chemage.plugin import ContactModulus, ContactSolver, ConvergenceError, Length, Unit, convert, threads
 from chemage_contact import _iteration as iteration
 from chemage_contact import _kernels as kernels
 from chemage_contact._grid import rescale, sums
@@ -174,7 +164,7 @@ class FFTBEM(ContactSolver):
         return 0.03 + pixels * work * factor * (1.0 if periodic else 1.4) * (2.0 if self.levels == 1 else 1.0)
 
     def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
-        """See :meth:`chemage.ContactSolver.check`."""
+        """See :meth:`chemage.plugin.ContactSolver.check`."""
         if self.thickness is not None and self.boundary == "auto" and surface.get("periodic") == 0:
             raise InputError(_LAYER)
         if not {"nx", "ny", "pixel_size"} <= surface.keys():
@@ -211,7 +201,7 @@ class FFTBEM(ContactSolver):
         return tuple(doubts)
 
     def warm_up(self, surface: Mapping[str, float], load: float) -> None:
-        """See :meth:`chemage.ContactSolver.warm_up`."""
+        """See :meth:`chemage.plugin.ContactSolver.warm_up`."""
         if load == 0 or not {"nx", "ny", "pixel_size"} <= surface.keys():
             return
         shape, pixel = (int(surface["nx"]), int(surface["ny"])), (surface["pixel_size"], surface["pixel_size"])
@@ -238,7 +228,7 @@ class FFTBEM(ContactSolver):
             raise InputError.of("load", load, "the pressure leaves the range of float32", "use precision = 'mixed'")
 
     def is_nominally_flat(self, periodic: bool) -> bool:
-        """See :meth:`chemage.ContactSolver.is_nominally_flat`: ``boundary`` may make a surface periodic, or free."""
+        """See :meth:`chemage.plugin.ContactSolver.is_nominally_flat`; ``boundary`` may make it periodic, or free."""
         return periodic if self.boundary == "auto" else self.boundary == "periodic"
 
     def reference(self) -> FFTBEM:
@@ -257,7 +247,7 @@ class FFTBEM(ContactSolver):
             return self._untouched(surface, 0.0)
         pressure = load / surface.nominal_area
         quantum = _power_of_two(pressure)
-        with Team(self.threads or available()) as team:
+        with Team(self.threads or threads.available()) as team:
             heights, unit = _dimensionless(surface, pressure / self.modulus, team)
             goal = {"mean": pressure / quantum, "start": _usable(start, surface, load)}
             return self._solved(surface, self._body(surface), heights, unit, quantum, load, team, goal)
@@ -303,7 +293,7 @@ class FFTBEM(ContactSolver):
                     "give a smaller approach, or a load",
                 )
         strain = approach / max(surface.shape) / surface.pixel_size
-        with Team(self.threads or available()) as team:
+        with Team(self.threads or threads.available()) as team:
             scaled, unit = _dimensionless(surface, strain, team)
             quantum = _power_of_two(self.modulus * (unit / surface.pixel_size))
             return self._solved(surface, body, scaled, unit, quantum, None, team, {"offset": -approach / unit})

@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from chemage import ContactModulus, ContactSolution, ContactSolver, InputError, Surface
+from chemage import ContactSolution, InputError, Surface
+from chemage.plugin import ContactModulus, ContactSolver
 
 _HERTZ = """@article{hertz1881,
   author = {Hertz, H.},
@@ -73,7 +74,7 @@ class Hertz(ContactSolver):
         return False
 
     def check(self, surface: Mapping[str, float], load: float) -> None:
-        """See :meth:`chemage.ContactSolver.check`."""
+        """See :meth:`chemage.plugin.ContactSolver.check`."""
         if not {"nx", "ny", "pixel_size"} <= surface.keys():
             return
         if "radius" not in surface:

@@ -9,7 +9,8 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from chemage import ContactModulus, ContactStatistics, ContactTheory, InputError, Roughness, theory
+from chemage import InputError
+from chemage.plugin import ContactModulus, ContactStatistics, ContactTheory, Roughness, theory
 
 #: classes of pressure, and standard deviations beyond the mean pressure up to which they reach
 CLASSES, REACH = 512, 8.0
@@ -100,12 +101,12 @@ class Persson(ContactTheory):
         return {**estimate, "area_fraction": float(fraction)}
 
     def check(self, surface: Mapping[str, float], load: float) -> None:
-        """See :meth:`chemage.ContactSolver.check`."""
+        """See :meth:`chemage.plugin.ContactSolver.check`."""
         if "radius" in surface:
             raise InputError(_SMOOTH)
 
     def relative_error(self, roughness: Roughness, load: float) -> float | None:
-        """See :meth:`chemage.ContactTheory.relative_error`: uncalibrated, most of it is that the area is too small."""
+        """See :meth:`chemage.plugin.ContactTheory.relative_error`: uncalibrated, mostly that the area is too small."""
         mean, full = load / roughness.nominal_area, 0.5 * self.modulus * roughness.rms_slope
         if not mean > 0 or not full > 0 or not roughness.rms_height > 0:
             return self.declared_error

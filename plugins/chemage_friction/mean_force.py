@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from chemage import Bonded, Force, Rupture
+from chemage.plugin import Bonded, Force, Rupture
 
 
 class MeanForce(Rupture):

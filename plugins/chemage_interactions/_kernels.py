@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from chemage.foundation.random import pair_uniform
+from chemage.plugin import random
 
 #: (row, column) steps to the neighbours in the slots of a site's row; slot 7 − s is the opposite of slot s
 SLOTS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
@@ -100,7 +100,7 @@ def pair_couplings(
     """Fill ``out`` (n, k) with strength·(φ − bias), φ uniform on (0, 1), one number for each pair of pixels.
 
     Each number is drawn once, for the first site of the pair, and copied to the other; 0 where there is no neighbour.
-    k0, k1: the key of the random numbers, see `chemage.random.key`.
+    k0, k1: the key of the random numbers, see `chemage.plugin.random.key`.
     """
     n, k = neighbours.shape
     for i in range(n):
@@ -109,7 +109,7 @@ def pair_couplings(
             if j < 0:
                 out[i, s] = 0.0
             elif j > i:
-                value = strength * (pair_uniform(k0, k1, stream, sites[i], sites[j]) - bias)
+                value = strength * (random.pair_uniform(k0, k1, stream, sites[i], sites[j]) - bias)
                 out[i, s] = value
                 back = k - 1 - s
                 if neighbours[j, back] != i:

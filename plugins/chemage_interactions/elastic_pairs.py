@@ -6,8 +6,8 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from chemage import Energy, InputError, Interaction, Seed, Unit, checked_count, checked_seed
-from chemage.foundation.memory import require
+from chemage import InputError
+from chemage.plugin import Energy, Interaction, Seed, Unit, checked_count, checked_seed, memory
 
 #: random numbers of pairs of pixels are told apart up to here
 MOST_PIXELS = 2**48
@@ -67,7 +67,7 @@ class ElasticPairs(Interaction):
         nx, ny = (checked_count("pixels", side) for side in _pair(pixels))
         sites = _pixels_in(sites)
         # where each row of pixels begins
-        require(8.0 * nx, f"pixels = {pixels}", "give a smaller grid")
+        memory.require(8.0 * nx, f"pixels = {pixels}", "give a smaller grid")
         if nx * ny > MOST_PIXELS:
             raise InputError.of("pixels", pixels, f"is a grid of more than {MOST_PIXELS} pixels", "give a smaller one")
         starts = _kernels.row_starts(sites, nx, ny)
@@ -87,7 +87,7 @@ class ElasticPairs(Interaction):
         Single precision rounds them by 6e-8 of their value, a millionth of k_BT at room temperature, and saves 32 bytes
         per site and one cache line per event. Engines add and subtract the rounded number exactly.
         """
-        from chemage import random
+        from chemage.plugin import random
         from chemage_interactions import _kernels
 
         sites, neighbours = _pixels_in(sites), np.asarray(neighbours)

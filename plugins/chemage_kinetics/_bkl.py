@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage.foundation.random import uniform_pair
+from chemage.plugin import random
 from chemage_kinetics._chain import FLICKER, sojourn, two_uniforms
 from chemage_kinetics._common import (
     STREAMS,
@@ -257,8 +257,8 @@ def _draw(ahead: Ahead, attempt: Int) -> None:
     """The four random numbers of an attempt."""
     e = attempt & (RING - 1)
     k0, k1 = ahead.key
-    ahead.draws[e, 0], ahead.draws[e, 1] = uniform_pair(k0, k1, STREAM, attempt, FIRST)
-    ahead.draws[e, 2], ahead.draws[e, 3] = uniform_pair(k0, k1, STREAM, attempt, SECOND)
+    ahead.draws[e, 0], ahead.draws[e, 1] = random.uniform_pair(k0, k1, STREAM, attempt, FIRST)
+    ahead.draws[e, 2], ahead.draws[e, 3] = random.uniform_pair(k0, k1, STREAM, attempt, SECOND)
 
 
 @hot

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from chemage.foundation.random import uniform_pair
+from chemage.plugin import random
 from chemage_kinetics._memory import Float, inner
 
 #: A site that flips more than so many times before anything else happens is treated as a two-state chain.
@@ -24,7 +24,7 @@ _HUGE = 2.0**50
 @inner
 def two_uniforms(rng: np.ndarray) -> tuple[Float, Float]:
     """The next two uniforms of a private sequence."""
-    pair = uniform_pair(rng[0], rng[1], rng[2], rng[3], rng[4])
+    pair = random.uniform_pair(rng[0], rng[1], rng[2], rng[3], rng[4])
     rng[4] += np.uint64(1)
     return pair
 

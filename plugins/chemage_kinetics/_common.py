@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from chemage.foundation.random import KINETICS
+from chemage.plugin import random
 from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit, prefetch
 
 #: Fixed-point units in an electronvolt.
@@ -30,7 +30,12 @@ COLDEST = 745.0
 MOST = np.int64(2**61)
 
 #: Each engine has its own stream of random numbers.
-STREAMS = {"rejection-free": KINETICS, "bkl": KINETICS + 1, "next-reaction": KINETICS + 2, "independent": KINETICS + 3}
+STREAMS = {
+    "rejection-free": random.KINETICS,
+    "bkl": random.KINETICS + 1,
+    "next-reaction": random.KINETICS + 2,
+    "independent": random.KINETICS + 3,
+}
 
 
 class Key(NamedTuple):

@@ -11,8 +11,9 @@ from threading import Event
 
 import numpy as np
 
-from chemage import KB, BondHistory, InputError, ReactionLattice, Seed
-from chemage.foundation.threads import available
+from chemage import InputError, ReactionLattice
+from chemage.plugin import KB, BondHistory, Seed
+from chemage.plugin import threads as processors
 from chemage_kinetics import _common
 from chemage_kinetics._common import Holds, Key, Model
 from chemage_kinetics._identity import fingerprint, noise_key
@@ -211,7 +212,7 @@ def run_pieces(
             first = follow(first, last, tally)
         return tally
 
-    threads = min(threads or available(), len(pieces))
+    threads = min(threads or processors.available(), len(pieces))
     if threads < 2:
         for piece in pieces:
             job.tally += followed(piece)

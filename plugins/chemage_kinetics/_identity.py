@@ -6,8 +6,8 @@ import hashlib
 
 import numpy as np
 
-from chemage import ReactionLattice, Seed
-from chemage.foundation.random import CommonSeed, key
+from chemage import ReactionLattice
+from chemage.plugin import Seed, random
 from chemage_kinetics._common import Key
 from chemage_kinetics._lattice import mix
 
@@ -22,11 +22,11 @@ def noise_key(seed: Seed, stream: int, lattice: ReactionLattice) -> Key:
     """The key of the random numbers of an engine with this ``stream`` on ``lattice``.
 
     It is a hash of the seed, the engine and the lattice, so that one seed gives independent noise on every contact and
-    in every engine, and always the same noise on the same lattice. A `chemage.random.CommonSeed` is used as it is: runs
-    with one such seed have common random numbers.
+    in every engine, and always the same noise on the same lattice. A `chemage.plugin.random.CommonSeed` is used as it
+    is: runs with one such seed have common random numbers.
     """
-    words = key(seed)
-    if isinstance(seed, CommonSeed):
+    words = random.key(seed)
+    if isinstance(seed, random.CommonSeed):
         return Key(words[0], words[1])
     n = lattice.sites.size
     probes = slice(None) if n <= PROBES else np.arange(PROBES) * (n - 1) // (PROBES - 1)

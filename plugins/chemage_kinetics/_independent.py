@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage.foundation.random import uniform
+from chemage.plugin import random
 from chemage_kinetics._chain import FLICKER, SOJOURN_BLOCKS, SOJOURN_DRAWS, sojourn
 from chemage_kinetics._common import (
     STREAMS,
@@ -52,7 +52,7 @@ def _draw(sites: Sites, i: Int, barrier: Int, high: Float, low: Float) -> tuple[
     """A new pending time of site i, from the instant high + low on, as a pair. Infinite where the rate is zero."""
     draw = sites.draws[i]
     sites.draws[i] = draw + 1
-    wait = -math.log(uniform(sites.key.k0, sites.key.k1, STREAM, sites.pixels[i], draw)) / sites.nu
+    wait = -math.log(random.uniform(sites.key.k0, sites.key.k1, STREAM, sites.pixels[i], draw)) / sites.nu
     if barrier > 0:
         wait *= math.exp(barrier * sites.per_unit)
     if wait < 1.0e300:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage.foundation.random import uniform
+from chemage.plugin import random
 from chemage_kinetics._chain import FLICKER, SOJOURN_BLOCKS, SOJOURN_DRAWS, sojourn
 from chemage_kinetics._common import (
     STREAMS,
@@ -106,7 +106,7 @@ def _draw(site: Int, high: Float, low: Float, sites: Sites, times: np.ndarray) -
         return
     draw = sites.draws[site]
     sites.draws[site] = draw + 1
-    wait = -math.log(uniform(sites.key.k0, sites.key.k1, STREAM, sites.pixels[site], draw)) / model.nu
+    wait = -math.log(random.uniform(sites.key.k0, sites.key.k1, STREAM, sites.pixels[site], draw)) / model.nu
     if barrier > 0:
         wait *= math.exp(barrier * model.per_unit)
     if wait > 1.0e300:
@@ -239,7 +239,7 @@ def _stay(run: Run, i: Int, high: Float, low: Float, span: Float, limit: Float, 
         change_state(i, sites)
     chosen = -1
     if exited:
-        u = uniform(sites.key.k0, sites.key.k1, STREAM, sites.pixels[i], sites.draws[i])
+        u = random.uniform(sites.key.k0, sites.key.k1, STREAM, sites.pixels[i], sites.draws[i])
         chosen = choose_around(i, u, sites)
         sites.draws[i] += 1
     # Given that there was no event around it, the pending times are exponential from now on.

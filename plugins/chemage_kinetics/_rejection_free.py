@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage.foundation.random import uniform_pair
+from chemage.plugin import random
 from chemage_kinetics._chain import FLICKER, sojourn, two_uniforms
 from chemage_kinetics._common import (
     STREAMS,
@@ -118,7 +118,9 @@ def new_run(key: Key, holds: Holds, model: Model, words: np.ndarray, rates: Rate
 def _draw(ahead: Ahead, drawn: Int) -> None:
     """The two random numbers that select the ``drawn``-th site from the tree."""
     slot = drawn & (RING - 1)
-    ahead.draws[slot, 0], ahead.draws[slot, 1] = uniform_pair(ahead.key.k0, ahead.key.k1, STREAM, drawn, OF_SELECTION)
+    ahead.draws[slot, 0], ahead.draws[slot, 1] = random.uniform_pair(
+        ahead.key.k0, ahead.key.k1, STREAM, drawn, OF_SELECTION
+    )
 
 
 @hot
@@ -315,7 +317,7 @@ def advance(run: Run, superbasins: bool | None, events: Int) -> None:
         if total + listed <= 0.0:
             done = True
             break
-        u, v = uniform_pair(run.key.k0, run.key.k1, STREAM, event, OF_EVENT)
+        u, v = random.uniform_pair(run.key.k0, run.key.k1, STREAM, event, OF_EVENT)
         step = -math.log(u) / (total + listed)
         if high + step > 2.0 * final + 1.0:
             done = True

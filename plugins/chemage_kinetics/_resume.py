@@ -10,7 +10,8 @@ from typing import NoReturn
 
 import numpy as np
 
-from chemage import BondHistory, InputError
+from chemage import InputError
+from chemage.plugin import BondHistory
 from chemage_kinetics._common import Model
 from chemage_kinetics._rate_classes import CLASSES, PER_KT, octaves_of
 

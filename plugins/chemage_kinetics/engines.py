@@ -8,16 +8,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage import (
-    BondHistory,
-    Engine,
-    InputError,
-    ReactionLattice,
-    check_times,
-    checked_states,
-    temperature_value,
-)
-from chemage.foundation.threads import available
+from chemage import InputError, ReactionLattice
+from chemage.plugin import BondHistory, Engine, check_times, checked_states, temperature_value, threads
 from chemage_kinetics import _bkl, _independent, _next_reaction, _rejection_free
 from chemage_kinetics._common import Holds
 from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost, model_of, run_pieces
@@ -29,7 +21,7 @@ from chemage_kinetics._sum_tree import ROOM, empty_rates, fill, relist
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from chemage import Seed
+    from chemage.plugin import Seed
 
 #: Sites in a piece of work of `next-reaction`: small enough to balance the threads, large enough to amortise the call
 #: overhead; and of `independent`.
@@ -114,7 +106,7 @@ class ThreadedEngine(Engine):
 
     def concurrency(self) -> int:
         """Threads of one run: ``threads``."""
-        return self.threads or available()
+        return self.threads or threads.available()
 
 
 class EventEngine(KernelEngine):
@@ -128,7 +120,7 @@ class EventEngine(KernelEngine):
     cost does not depend on the number of its events (Novotny 1995); default: no"""
 
     def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
-        """See :meth:`chemage.Engine.expected`."""
+        """See :meth:`chemage.plugin.Engine.expected`."""
         return expected_cost(sites, *self.cost, events, self.superbasins)
 
 
@@ -278,7 +270,7 @@ class Independent(KernelEngine, ThreadedEngine):
     interacting: ClassVar[bool] = False
 
     def expected(self, sites: float, interacting: bool) -> dict[str, float]:
-        """See :meth:`chemage.Engine.expected`."""
+        """See :meth:`chemage.plugin.Engine.expected`."""
         return expected_cost(sites, 100e-9, 60e-9, 25)
 
     def _follow(self, job: Job) -> BondHistory:
@@ -377,7 +369,7 @@ class Auto(ThreadedEngine):
         return RejectionFree(superbasins=self.superbasins), f"{shape}: with {few} the sum tree costs least"
 
     def expected(self, sites: float, interacting: bool, events: float | None = None) -> dict[str, float]:
-        """See :meth:`chemage.Engine.expected`."""
+        """See :meth:`chemage.plugin.Engine.expected`."""
         if not interacting:
             return Independent().expected(sites, interacting)
         return NextReaction(superbasins=self.superbasins).expected(sites, interacting, events)

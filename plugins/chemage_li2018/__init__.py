@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from chemage import hookimpl
+from chemage.plugin import hookimpl
 
 
 @hookimpl

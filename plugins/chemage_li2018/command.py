@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chemage.cli.options import ForceOpt, WorkersOpt
+from chemage.plugin import options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -39,7 +39,7 @@ def reproduce(
     executor: Annotated[
         str, typer.Option(metavar="NAME", help="where points are computed: serial, processes or dask[:ADDRESS]")
     ] = "processes",
-    workers: WorkersOpt = None,
+    workers: options.WorkersOpt = None,
     pixels: Annotated[
         int | None, typer.Option(metavar="N", help="pixels per side, for coarser surfaces; default: 2500")
     ] = None,
@@ -78,13 +78,14 @@ def study(
         ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="compute only a few contacts, as a test")] = False,
-    force: ForceOpt = False,
+    force: options.ForceOpt = False,
 ) -> None:
     """Run an installed study.
 
     Writes a page with its figures, and tables as CSV.
     """
-    from chemage import InputError, nearest
+    from chemage import InputError
+    from chemage.plugin import nearest
 
     if name not in STUDIES:
         raise InputError(f"no study {name!r}{nearest(name, STUDIES)}; there are: {', '.join(STUDIES)}")
@@ -117,7 +118,7 @@ def _swept(
 
 
 def _patches(folder: Path, count: int, pixels: int | None, executor: str, workers: int | None) -> None:
-    from chemage import fresh_file
+    from chemage.plugin import fresh_file
     from chemage_li2018 import patches
 
     seeds = patches.seeds_of(count)
@@ -151,8 +152,7 @@ def write(
 ) -> Reproduction:
     """Write figures and page of completed sweeps, by base, into ``folder``, and return the comparisons."""
 
-    from chemage import fresh_file, versions
-    from chemage.foundation.figures import save_figures
+    from chemage.plugin import figures, fresh_file, versions
     from chemage_li2018 import comparisons, estimates, figures_supplement, reproduction_page
     from chemage_li2018.sweeps import Point, studies_of
 
@@ -166,7 +166,7 @@ def write(
         estimates.times(computed) if "calibration" in names else {},
     )
     drawn = {name: figures_supplement.DRAW[name](computed) for name in names if name in figures_supplement.DRAW}
-    save_figures(drawn, folder / "figures", force=True)
+    figures.save_figures(drawn, folder / "figures", force=True)
     text = reproduction_page.page(compared, names, seeds=seeds, pixels=pixels, figures="figures", versions=versions())
     with fresh_file(folder / "reproduction.md", force=True) as part:
         part.write_text(text, encoding="utf-8")

@@ -54,7 +54,7 @@ class Density:
     """A density, aged on every surface."""
 
     name: str
-    barriers: chemage.Barriers
+    barriers: chemage.plugin.Barriers
     #: parameters of the family; empty for the triangle
     parameters: np.ndarray
     #: Δμ, mean over surfaces, (volumes, slopes, m)
@@ -218,7 +218,7 @@ def _aged(
 
 def _made(
     name: str,
-    barriers: chemage.Barriers,
+    barriers: chemage.plugin.Barriers,
     parameters: np.ndarray,
     curves: np.ndarray,
     errors: fit.Errors,

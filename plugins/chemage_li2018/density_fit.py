@@ -43,7 +43,7 @@ class Family:
     #: parameters -> energies (eV) and weights
     nodes: Callable[..., Nodes]
 
-    def barriers(self, parameters: Sequence[float] | np.ndarray) -> chemage.Barriers:
+    def barriers(self, parameters: Sequence[float] | np.ndarray) -> chemage.plugin.Barriers:
         """Make the barriers of the density with these parameters."""
         energies, weights = self.nodes(*(float(value) for value in parameters))
         return chemage.barriers("tabulated", energies=list(energies), weights=list(weights))

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from chemage import progress
-from chemage.foundation.figures import BLACK, BLUE, GREY, ORANGE, panels
+from chemage.plugin import figures, progress
 from chemage_li2018 import density_fit as fit
 from chemage_li2018.density import QUICK, Density, Size, Study, compute
 from chemage_li2018.density_fit import Family
@@ -195,10 +194,13 @@ def page(study: Study, figures: str) -> str:
 
 def densities_figure(study: Study) -> Figure:
     """Draw the best density, the set, and the triangle; and the share of barriers below an energy."""
-    figure, (left, right) = panels(9.6, 3.8, 2, dpi=110)
+    figure, (left, right) = figures.panels(9.6, 3.8, 2, dpi=110)
     energies = np.linspace(0.78, 1.42, 1281)
-    every = [(density, GREY, 0.7, 0.7, "set") for density in study.members]
-    every += [(study.triangle, BLUE, 1.3, 1.0, "triangle"), (study.best, ORANGE, 2.0, 1.0, "best (member 0)")]
+    every = [(density, figures.GREY, 0.7, 0.7, "set") for density in study.members]
+    every += [
+        (study.triangle, figures.BLUE, 1.3, 1.0, "triangle"),
+        (study.best, figures.ORANGE, 2.0, 1.0, "best (member 0)"),
+    ]
     for number, (density, colour, width, alpha, label) in enumerate(every):
         values = density.barriers.density(energies)
         share = np.concatenate([[0], np.cumsum(0.5 * np.diff(energies) * (values[1:] + values[:-1]))])
@@ -206,7 +208,7 @@ def densities_figure(study: Study) -> Figure:
         left.plot(energies, values, label=label if number in (0, *range(len(every) - 2, len(every))) else None, **style)
         right.plot(energies, share, **style)
     for axes in (left, right):
-        axes.axvspan(0.83, 1.01, color=GREY, alpha=0.12, lw=0)
+        axes.axvspan(0.83, 1.01, color=figures.GREY, alpha=0.12, lw=0)
         axes.set(xlabel="intrinsic barrier (eV)", xlim=(0.78, 1.42))
     left.set(ylabel="density (1/eV)", ylim=(0, None))
     right.set(ylabel="share of barriers below", ylim=(0, 1.02))
@@ -216,23 +218,26 @@ def densities_figure(study: Study) -> Figure:
 
 def residuals_figure(study: Study) -> Figure:
     """Draw the deviations of the six rates, and the three ratios, from the published ones."""
-    figure, (left, right) = panels(9.6, 3.8, 2, dpi=110)
+    figure, (left, right) = figures.panels(9.6, 3.8, 2, dpi=110)
     where = np.arange(6)
     published = fit.PUBLISHED
     rounding = fit.ROUNDING / published
-    left.axhspan(-100 * fit.WITHIN_BETA, 100 * fit.WITHIN_BETA, color=GREY, alpha=0.15, lw=0)
-    left.errorbar(where, 0 * where, yerr=100 * rounding, color=BLACK, ls="none", capsize=4, lw=1)
+    left.axhspan(-100 * fit.WITHIN_BETA, 100 * fit.WITHIN_BETA, color=figures.GREY, alpha=0.15, lw=0)
+    left.errorbar(where, 0 * where, yerr=100 * rounding, color=figures.BLACK, ls="none", capsize=4, lw=1)
     place = np.arange(3)
     least, most = fit.rounded_ratios()
     middle = fit.PUBLISHED_RATIOS
-    right.bar(place, 2 * fit.WITHIN_RATIO, 0.7, middle - fit.WITHIN_RATIO, color=GREY, alpha=0.15)
-    right.errorbar(place, middle, yerr=[middle - least, most - middle], color=BLACK, fmt="_", capsize=4, lw=1)
-    left.plot([], [], color=BLACK, label="published, with rounding")
+    right.bar(place, 2 * fit.WITHIN_RATIO, 0.7, middle - fit.WITHIN_RATIO, color=figures.GREY, alpha=0.15)
+    right.errorbar(place, middle, yerr=[middle - least, most - middle], color=figures.BLACK, fmt="_", capsize=4, lw=1)
+    left.plot([], [], color=figures.BLACK, label="published, with rounding")
     for density in study.members:
-        left.plot(where, 100 * (density.beta / published - 1), color=GREY, marker=".", ms=3, ls="none")
-        right.plot(place + 0.12, fit.ratios(density.beta), color=GREY, marker=".", ms=3, ls="none")
-    left.plot([], [], color=GREY, marker=".", ms=3, ls="none", label="set")
-    for density, colour, mark, label in ((study.triangle, BLUE, "s", "triangle"), (study.best, ORANGE, "o", "best")):
+        left.plot(where, 100 * (density.beta / published - 1), color=figures.GREY, marker=".", ms=3, ls="none")
+        right.plot(place + 0.12, fit.ratios(density.beta), color=figures.GREY, marker=".", ms=3, ls="none")
+    left.plot([], [], color=figures.GREY, marker=".", ms=3, ls="none", label="set")
+    for density, colour, mark, label in (
+        (study.triangle, figures.BLUE, "s", "triangle"),
+        (study.best, figures.ORANGE, "o", "best"),
+    ):
         left.plot(where, 100 * (density.beta / published - 1), color=colour, marker=mark, ms=5, ls="none", label=label)
         right.plot(
             place + (0.12 if label == "best" else -0.12), fit.ratios(density.beta), color=colour, marker=mark, ls="none"
@@ -248,9 +253,9 @@ def residuals_figure(study: Study) -> Figure:
 
 def claims_figure(study: Study) -> Figure:
     """Draw Δμ of the best density and the set against hold time, with the activation volume and without."""
-    figure, axes = panels(9.6, 3.8, 2, dpi=110)
+    figure, axes = figures.panels(9.6, 3.8, 2, dpi=110)
     for volume, (panel, title) in enumerate(zip(axes, ("6.4 Å³", "ΔV = 0"), strict=True)):
-        for row, (slope, colour) in enumerate(zip(SLOPES, (BLUE, ORANGE, BLACK), strict=True)):
+        for row, (slope, colour) in enumerate(zip(SLOPES, (figures.BLUE, figures.ORANGE, figures.BLACK), strict=True)):
             every = np.array([member.curves[volume, row] for member in study.members])
             panel.fill_between(TIMES, every.min(axis=0), every.max(axis=0), color=colour, alpha=0.2, lw=0)
             panel.plot(TIMES, study.best.curves[volume, row], color=colour, label=f"h' = {slope:g}")

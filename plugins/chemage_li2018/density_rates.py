@@ -17,17 +17,8 @@ from typing import Any
 import numpy as np
 
 import chemage
-from chemage import (
-    EV_PER_GPA_NM3,
-    FIT_WINDOW,
-    ContactSolution,
-    ReactionLattice,
-    Scene,
-    fresh_file,
-    override,
-    random,
-    threads,
-)
+from chemage import ContactSolution, ReactionLattice, Scene
+from chemage.plugin import EV_PER_GPA_NM3, FIT_WINDOW, fresh_file, override, random, threads
 
 #: rms slopes at the load of the scene silica-rough, and activation volumes, nm³
 SLOPES = (0.05, 0.1, 0.2)
@@ -73,7 +64,7 @@ class Rates:
 
     def __post_init__(self) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
-        data, _ = chemage.scene_data("silica-rough")
+        data, _ = chemage.plugin.scene_data("silica-rough")
         scale: dict[str, Any] = {"surface.pixels": self.pixels, "surface.pixel_size": 2500 * 0.4518 / self.pixels}
         # each pixel is a site of a coarser surface
         scale["chemistry.site_density"] = "pixel"
@@ -91,7 +82,7 @@ class Rates:
         return self.folder / f"rates-{self.pixels}.jsonl"
 
     def curves(
-        self, stage: str, densities: Sequence[chemage.Barriers], seeds: Sequence[int], replicas: int
+        self, stage: str, densities: Sequence[chemage.plugin.Barriers], seeds: Sequence[int], replicas: int
     ) -> np.ndarray:
         """Δμ, mean over replicas: (densities, seeds, volumes, slopes, m).
 
@@ -131,7 +122,7 @@ class Rates:
         with self._file.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
 
-    def _aged(self, density: chemage.Barriers, draws: Sequence[_Replica]) -> np.ndarray:
+    def _aged(self, density: chemage.plugin.Barriers, draws: Sequence[_Replica]) -> np.ndarray:
         """Δμ on one contact, mean over draws of the disorder, (volumes, m)."""
         scene = self._scene(SURFACES[0], SLOPES[0])
         assert scene.chemistry is not None

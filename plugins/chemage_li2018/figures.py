@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.foundation.figures import GREY, PALETTE, draw_map, panels, pooled
+from chemage.plugin import figures
 from chemage_li2018 import published
 from chemage_li2018.comparisons import Studies, by_volume, circle, front, morphology, rows
 from chemage_li2018.estimates import variants
@@ -23,7 +23,7 @@ SMALL = 7
 
 def figure(columns: int, rows: int = 1, width: float = 4.6, height: float = 3.9) -> tuple[Figure, list[Axes]]:
     """Make a figure of panels of ``width`` by ``height`` inches, row by row."""
-    return panels(width * columns, height * rows, columns, rows, dpi=110)
+    return figures.panels(width * columns, height * rows, columns, rows, dpi=110)
 
 
 def say_scatter(axes: Axes) -> None:
@@ -79,7 +79,7 @@ def letter(axes: Iterable[Axes], letters: str) -> None:
         panel.set_title(f"({name})", loc="left", fontsize=10)
 
 
-_SLOPE_COLOURS = dict(zip(published.SLOPES, PALETTE, strict=False))
+_SLOPE_COLOURS = dict(zip(published.SLOPES, figures.PALETTE, strict=False))
 _TIMES = (1.0, 1e3, 1e5)
 
 
@@ -90,16 +90,16 @@ def fig1(studies: Studies) -> Figure:
     side = contact.shape[0] * contact.pixel_size
     drawing, axes = figure(3, width=4.8)
     whole = (0.0, side, 0.0, side)
-    draw_map(axes[0], pooled(surface.heights, np.mean, 600), whole, "height (nm)", cmap="cividis")
-    shown = pooled(contact.contact.astype(np.float64), np.max, 600)
-    draw_map(axes[1], np.ma.masked_equal(shown, 0.0), whole, "contact", cmap="binary", vmin=0, vmax=1)
+    figures.draw_map(axes[0], figures.pooled(surface.heights, np.mean, 600), whole, "height (nm)", cmap="cividis")
+    shown = figures.pooled(contact.contact.astype(np.float64), np.max, 600)
+    figures.draw_map(axes[1], np.ma.masked_equal(shown, 0.0), whole, "contact", cmap="binary", vmin=0, vmax=1)
     if (bar := axes[1].images[0].colorbar) is not None:
         bar.remove()
     start, size, pressure = _densest(contact.pressure)
     low = [place * contact.pixel_size for place in start]
     part = (low[0], low[0] + size * contact.pixel_size, low[1], low[1] + size * contact.pixel_size)
-    draw_map(axes[2], np.ma.masked_equal(pressure, 0.0), part, "pressure (GPa)", cmap="viridis")
-    axes[1].plot(*_outline(part), color=PALETTE[1], lw=1)
+    figures.draw_map(axes[2], np.ma.masked_equal(pressure, 0.0), part, "pressure (GPa)", cmap="viridis")
+    axes[1].plot(*_outline(part), color=figures.PALETTE[1], lw=1)
     axes[0].set_title(f"surface, seed {point.changes[SEED]}", fontsize=9)
     axes[1].set_title(f"contact at 20 µN, A/A$_0$ = {contact.area_fraction:.4f}", fontsize=9)
     axes[2].set_title("pressure in the square", fontsize=9)
@@ -128,19 +128,19 @@ def fig2(studies: Studies) -> Figure:
     groups = {load / 1000: group for load, group in by(studies["loads"], LOAD).items()}
     chosen = {load: groups[load] for load in (20.0, 100.0, 500.0)}
     _intrinsic(axes[0], next(iter(chosen.values()))[0])
-    for (load, group), colour in zip(chosen.items(), PALETTE, strict=False):
+    for (load, group), colour in zip(chosen.items(), figures.PALETTE, strict=False):
         density(axes[0], group, "barriers_start", "barrier_edges", color=colour, label=f"E$_{{form}}$(0), {load:g} µN")
         density(axes[3], group, "pressures", "pressure_edges", color=colour, label=f"{load:g} µN")
     axes[0].set(xlabel="barrier (eV)", ylabel="density per site (1/eV)", xlim=(0.5, 1.45), ylim=(0, 6))
     axes[3].set(xlabel="pressure (GPa)", ylabel="density per site (1/GPa)", xlim=(0, 8), ylim=(0, None))
-    for (load, group), colour in zip(groups.items(), PALETTE, strict=False):
+    for (load, group), colour in zip(groups.items(), figures.PALETTE, strict=False):
         band(axes[1], group, lambda p: np.maximum(p.friction_drop, 1e-9) / 1000, f"{load:g} µN", color=colour, lw=1)
         band(axes[2], group, lambda p: p.coefficient, color=colour, lw=1)
     axes[1].set(xscale="log", yscale="log", xlabel="hold time (s)", ylabel="ΔF (µN)", ylim=(1e-2, None))
     axes[2].set(xscale="log", xlabel="hold time (s)", ylabel="Δμ", ylim=(0, None))
     loads = list(groups)
     areas = [mean(p.summary["area_fraction"] for p in group).value for group in groups.values()]
-    for time, colour in zip(_TIMES, PALETTE, strict=False):
+    for time, colour in zip(_TIMES, figures.PALETTE, strict=False):
         drop = [mean(p.at(time) / 1000 for p in group) for group in groups.values()]
         coefficient = [mean(p.at(time) / p.changes[LOAD] for p in group) for group in groups.values()]
         for place, x, y in ((4, loads, drop), (5, loads, coefficient), (6, areas, drop), (7, areas, coefficient)):
@@ -163,10 +163,12 @@ def _intrinsic(axes: Axes, point: Point) -> None:
     energy = np.linspace(0.5, 1.5, 1001)
     forming = chemistry.forming.density(energy)
     if forming is not None:
-        axes.plot(energy, forming, color=GREY, lw=1.2, ls="--", label="intrinsic, forming")
+        axes.plot(energy, forming, color=figures.GREY, lw=1.2, ls="--", label="intrinsic, forming")
     breaking = chemistry.breaking.density(energy) if chemistry.breaking is not None else None
     if breaking is not None:
-        axes.fill_between(energy, breaking / 5, color=PALETTE[3], alpha=0.4, lw=0, label="breaking (density / 5)")
+        axes.fill_between(
+            energy, breaking / 5, color=figures.PALETTE[3], alpha=0.4, lw=0, label="breaking (density / 5)"
+        )
 
 
 def fig3(studies: Studies) -> Figure:
@@ -200,7 +202,7 @@ def fig3(studies: Studies) -> Figure:
         axes[0].plot([], [], color=colour, label=f"h' = {slope:g}")
     legend(axes[0])
     for row in published.TABLE_1:
-        axes[2].plot([], [], row.marker, color=GREY, ms=5, mfc="none", label=row.name)
+        axes[2].plot([], [], row.marker, color=figures.GREY, ms=5, mfc="none", label=row.name)
     legend(axes[2], loc="lower right")
     return drawing
 
@@ -240,13 +242,13 @@ def fig5(studies: Studies) -> Figure:
     drawing, axes = figure(3, width=4.0, height=3.6)
     groups = by(by_volume(studies["rows"])[0.0], SLOPE)
     for axis, (slope, group) in zip(axes, groups.items(), strict=True):
-        for (row, of_row), colour in zip(rows(group), PALETTE, strict=False):
+        for (row, of_row), colour in zip(rows(group), figures.PALETTE, strict=False):
             x, y = morphology(of_row)
             axis.plot(x, y, row.marker, ms=4, mfc="none", mew=0.8, color=colour, label=row.name)
         x, y = morphology(group)
         line = np.polynomial.Polynomial.fit(x, y, 1)
         ends = np.array([x.min(), x.max()])
-        axis.plot(ends, line(ends), color=GREY, lw=0.8, zorder=0)
+        axis.plot(ends, line(ends), color=figures.GREY, lw=0.8, zorder=0)
         axis.set_title(f"h' = {slope:g}, correlation {np.corrcoef(x, y)[0, 1]:.3f}", fontsize=9)
         axis.set(xlabel="C/A (1/nm)", ylabel="Δμ A$_0$/A at 1e3 s (axis not from 0)")
     legend(axes[0])
@@ -263,15 +265,15 @@ def fig6(studies: Studies) -> Figure:
         np.std([p.coefficient for p in half], axis=0, ddof=1) if len(half) > 1 else half[0].friction_drop_half_width
     )
     error = scatter if len(half) > 1 else scatter / half[0].summary["load"]
-    left.errorbar(times, middle, yerr=error, fmt="o-", ms=3, lw=1, capsize=2, color=PALETTE[0])
+    left.errorbar(times, middle, yerr=error, fmt="o-", ms=3, lw=1, capsize=2, color=figures.PALETTE[0])
     left.set(xscale="log", xlabel="hold time (s)", ylabel="Δμ")
     left.set_title(
         "bars: " + ("standard deviation between surfaces" if len(half) > 1 else "95 % over replicas"), fontsize=9
     )
     readings = variants(studies)
-    for place, (reading, colour) in enumerate(zip(readings, PALETTE, strict=False)):
+    for place, (reading, colour) in enumerate(zip(readings, figures.PALETTE, strict=False)):
         _level(right, -place, reading.beta, colour)
-    right.axvline(float(published.FIG_6_BETA), color=GREY, lw=1, ls="--")
+    right.axvline(float(published.FIG_6_BETA), color=figures.GREY, lw=1, ls="--")
     right.set_yticks(
         [-place for place in range(len(readings))], [_broken(reading.name) for reading in readings], fontsize=7
     )

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from chemage import StoreError, fresh_file, preflight
+from chemage.plugin import StoreError, fresh_file, preflight
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

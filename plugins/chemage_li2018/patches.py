@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import chemage
-from chemage import Surface, label_patches, make_surface, override, parse_scene, scene_data, solve_contact
+from chemage import Surface, make_surface, parse_scene, solve_contact
+from chemage.plugin import label_patches, override, scene_data
 from chemage_li2018 import published
 from chemage_li2018.published import Row
 from chemage_li2018.sweeps import ROW, SURFACE_SEEDS, Mean, mean

@@ -14,8 +14,8 @@ import numpy as np
 from scipy import stats
 
 import chemage
-from chemage import FIT_WINDOW, InputError, nearest, override, scene_data
-from chemage.foundation.text import plus_minus
+from chemage import InputError
+from chemage.plugin import FIT_WINDOW, nearest, override, scene_data, text
 from chemage_li2018.published import SLOPES, TABLE_1
 from chemage_silica import MDSilica
 
@@ -294,10 +294,10 @@ class Point:
     friction_drop_half_width: np.ndarray
     observables: dict[str, np.ndarray] = field(default_factory=dict)
     #: the point in its sweep, which has the contact
-    source: chemage.Point | None = None
+    source: chemage.plugin.Point | None = None
 
     @classmethod
-    def of(cls, point: chemage.Point) -> Point:
+    def of(cls, point: chemage.plugin.Point) -> Point:
         """Read a completed point of a sweep."""
         aging = point.aging()
         return cls(
@@ -351,7 +351,7 @@ class Mean:
     count: int
 
     def __str__(self) -> str:
-        return plus_minus(self.value, self.scatter)
+        return text.plus_minus(self.value, self.scatter)
 
     def times(self, factor: float) -> Mean:
         """This mean multiplied by a positive number."""

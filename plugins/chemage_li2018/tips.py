@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from chemage import FIT_WINDOW, Aging, ContactSolution, Fit, Scene, age, override, parse_scene, scene_data
-from chemage.foundation.statistics import standard_error
+from chemage import Aging, ContactSolution, Scene, age, parse_scene
+from chemage.plugin import FIT_WINDOW, Fit, override, scene_data, statistics
 
 #: strength of the interaction between neighbours, eV: of the single asperities and of the rough contacts of the paper
 STRENGTHS = (0.1, 0.5)
@@ -63,7 +63,7 @@ class Aged:
     @property
     def density_error(self) -> np.ndarray:
         """Standard error of :attr:`density`, 1/nm², (m,)."""
-        return standard_error(self.aging.bonds) / self.contact.area
+        return statistics.standard_error(self.aging.bonds) / self.contact.area
 
     def fit(self) -> Fit:
         """Fit a line of Δμ against log t over the window."""

@@ -12,9 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage import progress
-from chemage.foundation.figures import BLACK, BLUE, GREEN, GREY, ORANGE, panels
-from chemage.foundation.text import mean_text, plus_minus
+from chemage.plugin import figures, progress, text
 from chemage_li2018.pages import filled, free_folder, table, write_pages
 from chemage_li2018.tips import NOTHING, SITES, STAGES, STRENGTHS, UNIFORM, WINDOW, Aged, Study, compute, deviation
 
@@ -88,7 +86,7 @@ def _csv(rows: list[dict[str, Any]]) -> str:
 
 def _over_surfaces(values: Sequence[float]) -> str:
     """Mean over surfaces and half of its 95 % interval."""
-    return mean_text(np.array(values))
+    return text.mean_text(np.array(values))
 
 
 def _range(values: Sequence[float]) -> str:
@@ -138,9 +136,9 @@ def _nominal_table(study: Study) -> str:
                 aged.name,
                 f"{aged.contact.mean_contact_pressure:.3g}",
                 f"{1e2 * nominal / aged.contact.mean_contact_pressure:.3g}",
-                mean_text(aging.bonds[:, at] / aged.contact.area),
-                mean_text(aging.friction_coefficient_drop[:, at]),
-                plus_minus(fit.beta, fit.beta_half_width),
+                text.mean_text(aging.bonds[:, at] / aged.contact.area),
+                text.mean_text(aging.friction_coefficient_drop[:, at]),
+                text.plus_minus(fit.beta, fit.beta_half_width),
             ]
         )
     columns = ["contact", "mean pressure (GPa)", "A/A0 (%)", "bonds per area (1/nm²), 1000 s", "Δμ, 1000 s", "β"]
@@ -264,13 +262,13 @@ def page(studies: Sequence[Study], figures: str) -> str:
     )
 
 
-_COLOURS = {"tip": BLUE, "rough": ORANGE, "equal area": GREEN}
+_COLOURS = {"tip": figures.BLUE, "rough": figures.ORANGE, "equal area": figures.GREEN}
 _MARKS = {"tip": "o", "rough": "s", "equal area": "^"}
 _LABELS = {"tip": "tips", "rough": "rough, equal nominal pressure", "equal area": "rough, at a tip's area"}
 
 
 def _figure(columns: int) -> tuple[Figure, list[Axes]]:
-    return panels(4.8 * columns, 3.8, columns, dpi=90)
+    return figures.panels(4.8 * columns, 3.8, columns, dpi=90)
 
 
 def _groups(study: Study) -> list[str]:
@@ -295,8 +293,8 @@ def collapse_figure(study: Study) -> Figure:
         curve = study.uniform[UNIFORM.index(pressure)]
         label = "uniform, no pressure" if pressure < 0.1 else f"uniform, {pressure:g} GPa"
         dashes = {0: ":", 1: "--", 2: "-."}[(UNIFORM[0], 2.0, 4.0).index(pressure)]
-        axes[1].plot(study.times, curve, color=BLACK, lw=1.3, ls=dashes, label=label)
-    axes[2].axhline(1, color=GREY, lw=1)
+        axes[1].plot(study.times, curve, color=figures.BLACK, lw=1.3, ls=dashes, label=label)
+    axes[2].axhline(1, color=figures.GREY, lw=1)
     axes[0].set(xscale="log", yscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
     axes[1].set(xscale="log", xlabel="hold time (s)", ylabel="bonds per contact area (1/nm²)", ylim=(0, None))
     axes[2].set(xscale="log", xlabel="hold time (s)", ylabel="bonds / prediction from area and pressures")
@@ -310,7 +308,7 @@ def pressure_figure(study: Study) -> Figure:
     """Draw bonds per area and Δμ at 1000 s against the mean contact pressure."""
     figure, axes = _figure(2)
     at = study.contacts[0].at(1e3)
-    axes[0].plot(UNIFORM, study.uniform[:, at], color=GREY, ls="--", lw=1.2, label="uniform pressure, no rim")
+    axes[0].plot(UNIFORM, study.uniform[:, at], color=figures.GREY, ls="--", lw=1.2, label="uniform pressure, no rim")
     for group in _groups(study):
         members = study.group(group)
         pressure = [aged.contact.mean_contact_pressure for aged in members]
@@ -341,7 +339,7 @@ def rim_figure(studies: Sequence[Study]) -> Figure:
         slope = study.rim_effect(1e3)
         line = np.array([0, 1.05 * rim.max()])
         label = f"{100 * slope:.1f} % per 1/nm"
-        axis.plot(line, 100 * slope * line, color=GREY, lw=1, ls="--", label=label)
+        axis.plot(line, 100 * slope * line, color=figures.GREY, lw=1, ls="--", label=label)
         axis.set(xlabel="perimeter to area C/A (1/nm)", title=f"interaction {study.strength:g} eV", xlim=(0, None))
         axis.set_ylabel("deviation of the bonds at 1000 s (%)")
         axis.legend(frameon=False, fontsize=8)

@@ -8,19 +8,8 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage import (
-    BondHistory,
-    Chemistry,
-    ContactSolution,
-    Energy,
-    Observable,
-    Observed,
-    Output,
-    Pressure,
-    ReactionLattice,
-)
-from chemage.foundation.figures import BLUE, GREEN, GREY, ORANGE
-from chemage.foundation.text import power_text
+from chemage import Chemistry, ContactSolution, ReactionLattice
+from chemage.plugin import BondHistory, Energy, Observable, Observed, Output, Pressure, figures, text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -124,17 +113,17 @@ class PressureSpectrum(Observable):
 
 def _draw_one(axes: Axes, result: Observed) -> list[float]:
     """Draw one result, and return the energies between which its densities are not zero."""
-    measured, last = result.aging.observables, f"{power_text(result.aging.hold_times[-1])} s"
+    measured, last = result.aging.observables, f"{text.power_text(result.aging.hold_times[-1])} s"
     edges = measured["barrier_edges"][0]
     energy = np.linspace(edges[0], edges[-1], 801)
     intrinsic = _intrinsic_density(result.chemistry, energy)
     if intrinsic is not None:
-        axes.plot(energy, intrinsic, color=GREY, lw=1.2, label="intrinsic")
+        axes.plot(energy, intrinsic, color=figures.GREY, lw=1.2, label="intrinsic")
     lowered = result.chemistry is not None and result.chemistry.activation_volume > 0
     for name, colour, label in (
-        ("barriers_start", BLUE, "lowered by pressure" if lowered else "of the sites"),
-        ("barriers_open", ORANGE, f"unbonded at {last}"),
-        ("barriers_bonded", GREEN, f"bonded at {last} (initial barrier)"),
+        ("barriers_start", figures.BLUE, "lowered by pressure" if lowered else "of the sites"),
+        ("barriers_open", figures.ORANGE, f"unbonded at {last}"),
+        ("barriers_bonded", figures.GREEN, f"bonded at {last} (initial barrier)"),
     ):
         if measured[name].any():
             axes.stairs(measured[name].mean(axis=0), edges, color=colour, lw=1.4, label=label)
@@ -157,7 +146,7 @@ def _draw_several(axes: Axes, results: Sequence[Observed]) -> list[float]:
         edges = measured["barrier_edges"][0]
         for name, dashes, label in (
             ("barriers_start", "-", result.label),
-            ("barriers_open", "--", f"{result.label}, unbonded at {power_text(result.aging.hold_times[-1])} s"),
+            ("barriers_open", "--", f"{result.label}, unbonded at {text.power_text(result.aging.hold_times[-1])} s"),
         ):
             density = measured[name].mean(axis=0)
             if not density.any():

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from chemage import hookimpl
+from chemage.plugin import hookimpl
 
 if TYPE_CHECKING:
     from chemage_silica.barriers import MDSilica as MDSilica

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from chemage import Barriers
+from chemage.plugin import Barriers
 from chemage_barriers import PiecewiseLinearDensity, parse_columns
 
 #: members of the set in ``md_silica_barriers.csv`` beside the best density, which is member 0

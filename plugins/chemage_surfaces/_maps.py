@@ -13,17 +13,16 @@ import numpy as np
 from pydantic import BeforeValidator
 
 import chemage
-from chemage import (
+from chemage import InputError, Surface
+from chemage.plugin import (
     Choice,
     FilePath,
     HeightMap,
-    InputError,
     Length,
     Reader,
     Scatter,
     Seed,
     StoreError,
-    Surface,
     SurfaceMaker,
     Unit,
     regular_file,

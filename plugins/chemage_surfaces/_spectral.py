@@ -138,9 +138,9 @@ def continuation(
 ) -> NDArray[np.complex128]:
     """Half spectrum of random heights with C(q) = density·(q/join)**(-2-2·hurst) for join <= q <= cutoff, else 0.
 
-    ``density`` is in nm⁴, ``join`` and ``cutoff`` in 1/nm, C(q) as in :func:`chemage.roughness.psd`. Rows are in FFT
-    order, columns 0 … top along y; an inverse transform of length ny along y gives heights in nm. Amplitudes are those
-    of a Gaussian surface, not scaled to meet a roughness, so that the spectrum has its natural scatter.
+    ``density`` is in nm⁴, ``join`` and ``cutoff`` in 1/nm, C(q) as in :func:`chemage.plugin.roughness.psd`. Rows are in
+    FFT order, columns 0 … top along y; an inverse transform of length ny along y gives heights in nm. Amplitudes are
+    those of a Gaussian surface, not scaled to meet a roughness, so that the spectrum has its natural scatter.
     """
     nx, ny = shape
     longest = 2.0 * math.pi / (max(nx, ny) * pixel_size)

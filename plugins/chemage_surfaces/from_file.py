@@ -7,7 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from chemage import InputError, Length, Reader, Seed, Surface, reader_for
+from chemage import InputError, Surface
+from chemage.plugin import Length, Reader, Seed, reader_for
 from chemage_surfaces._maps import HeightUnit, ImageMaker, Stamp, content_hash, provenance, stamp
 
 

@@ -8,16 +8,8 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage import (
-    InputError,
-    Length,
-    Reader,
-    Seed,
-    Surface,
-    Unit,
-    reader_for,
-)
-from chemage.foundation.memory import require
+from chemage import InputError, Surface
+from chemage.plugin import Length, Reader, Seed, Unit, memory, reader_for
 from chemage_surfaces import _steps
 from chemage_surfaces._maps import (
     SQUARE,
@@ -108,7 +100,7 @@ def _made(maker: Measured, reader: Reader, stamp: Stamp) -> Surface:
     image = reader.height_map(maker.path)
     unit, sides = stated(image, maker.height_unit or image.height_unit, maker.pixel_size or image.pixel_size)
     _check_shape(image.heights.shape, image.source)
-    require(12 * 8.0 * image.heights.size, image.source, "crop the file in the program that wrote it")
+    memory.require(12 * 8.0 * image.heights.size, image.source, "crop the file in the program that wrote it")
     periodic = image.periodic if maker.periodic is None else maker.periodic
     steps: list[dict[str, Any]] = [
         {"step": "read", "reader": reader.kind, "height_unit_nm": unit, "pixel_size_nm": list(sides), **image.notes}
@@ -218,7 +210,7 @@ def _square(
             )
         return heights, dx
     pixels = heights.shape[0] * dx * heights.shape[1] * dy / maker.resample**2
-    require(8 * 8.0 * pixels, f"resample = {maker.resample:g} nm", "give larger pixels")
+    memory.require(8 * 8.0 * pixels, f"resample = {maker.resample:g} nm", "give larger pixels")
     try:
         new = _steps.resampled(heights, sides, maker.resample, periodic)
     except ValueError as error:

@@ -14,10 +14,8 @@ from typing import IO, TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from pydantic import ValidationInfo, field_validator
 
-from chemage import ChemageError, HeightMap, InputError, Length, Reader, StoreError, Surface, convert, regular_file
-from chemage.foundation.errors import shortened, shown
-from chemage.foundation.memory import capacity, readable
-from chemage.foundation.tables import data_lines, numbers, read_text, separator_of
+from chemage import ChemageError, InputError, Surface, errors
+from chemage.plugin import HeightMap, Length, Reader, StoreError, convert, memory, regular_file, tables
 from chemage_surfaces._maps import surface_of
 
 if TYPE_CHECKING:
@@ -110,7 +108,7 @@ class Npy(_Unitless):
         except OSError as error:
             raise _open_error(path, error) from None
         except Exception as error:  # what numpy raises depends on which byte is wrong
-            reason = shortened(" ".join(str(error).split()), 200)
+            reason = errors.shortened(" ".join(str(error).split()), 200)
             raise StoreError(f"{path} is truncated or not a plain array of numbers ({reason})") from None
         return as_map(heights, str(path), pixel_size=self.pixel_size)
 
@@ -149,11 +147,11 @@ class Text(_Unitless):
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The array as it is; its unit is not stated."""
-        text = read_text(path)
-        lines = data_lines(text, self.comments)
+        text = tables.read_text(path)
+        lines = tables.data_lines(text, self.comments)
         if not lines:
             raise StoreError(f"{path} holds no numbers")
-        heights = numbers(lines, str(path), self.delimiter or separator_of(lines[0][1]))
+        heights = tables.numbers(lines, str(path), self.delimiter or tables.separator_of(lines[0][1]))
         header = (line for line in text.splitlines()[: lines[0][0]] if line.strip()[:1] in tuple(self.comments))
         stated = [match["value"] for line in header if (match := _STATED.search(line))]
         return as_map(heights, str(path), pixel_size=self.pixel_size, stated=stated[-1] if stated else None)
@@ -198,7 +196,7 @@ class Hdf5(_Unitless):
                 raise _open_error(path, error) from None
             raise StoreError(f"{path} is not an HDF5 file, or is truncated") from None
         except Exception as error:  # what h5py raises depends on which byte is wrong
-            raise StoreError(f"{path} is damaged: {shortened(' '.join(str(error).split()), 200)}") from None
+            raise StoreError(f"{path} is damaged: {errors.shortened(' '.join(str(error).split()), 200)}") from None
         stated = None if self.pixel_size is not None else _single(attributes.get("pixel_size"), "pixel_size", name)
         periodic = _flag(_single(attributes.get("periodic"), "periodic", name), name)
         return as_map(heights, name, pixel_size=self.pixel_size, stated=stated, periodic=periodic)
@@ -239,8 +237,8 @@ def _check_links(group: Any, name: str, path: str | PathLike[str], depth: int = 
         link = place.get(part, getlink=True)
         if isinstance(link, h5py.ExternalLink):
             raise StoreError(
-                f"{path}: {name!r} is a link into another file ({shortened(link.filename)}), which is not followed; "
-                "read that file, or copy the data"
+                f"{path}: {name!r} is a link into another file ({errors.shortened(link.filename)}), which is not "
+                "followed; read that file, or copy the data"
             )
         if isinstance(link, h5py.SoftLink):
             if depth > 10:
@@ -254,9 +252,11 @@ def _check_storage(node: h5py.Dataset, path: str) -> None:
     name = f"{path}:{node.name}"
     if node.external or node.is_virtual:
         raise StoreError(f"{name} keeps its data in other files, which are not read; copy the data into this file")
-    size, there = node.size * node.dtype.itemsize, capacity()
+    size, there = node.size * node.dtype.itemsize, memory.capacity()
     if there is not None and size > there:
-        raise StoreError(f"{name} has {readable(size)} of data, but there are {readable(there)} of memory")
+        raise StoreError(
+            f"{name} has {memory.readable(size)} of data, but there are {memory.readable(there)} of memory"
+        )
 
 
 def _single(value: Any, attribute: str, source: str) -> Any:
@@ -280,5 +280,5 @@ def _flag(value: Any, source: str) -> bool:
     if isinstance(value, str) and value.strip().lower() in words:
         return words[value.strip().lower()]
     if isinstance(value, str) or value not in (0, 1):
-        raise StoreError(f"{source} has periodic = {shown(value)}; expected true or false")
+        raise StoreError(f"{source} has periodic = {errors.shown(value)}; expected true or false")
     return bool(value)

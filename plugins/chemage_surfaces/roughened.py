@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 from scipy import fft as sfft
 
-from chemage import Choice, InputError, Length, Scatter, Seed, Surface, SurfaceMaker, Unit, checked_seed, roughness
-from chemage.foundation.memory import require
-from chemage.foundation.threads import available
+from chemage import InputError, Surface
+from chemage.plugin import Choice, Length, Scatter, Seed, SurfaceMaker, Unit, checked_seed, memory, roughness, threads
 from chemage_surfaces import _spectral, _steps
 from chemage_surfaces._maps import provenance
 from chemage_surfaces.roughness_fit import Binned, PowerLaw, binned, fit_power_law, wavenumbers
@@ -121,7 +120,9 @@ class Roughened(SurfaceMaker):
         """
         measured = self.surface.make(seed)
         plan = self._plan(measured)
-        require(6 * 8.0 * plan.shape[0] * plan.shape[1], f"pixel_size = {self.pixel_size:g} nm", "give larger pixels")
+        memory.require(
+            6 * 8.0 * plan.shape[0] * plan.shape[1], f"pixel_size = {self.pixel_size:g} nm", "give larger pixels"
+        )
         half = _spectral.continuation(
             plan.shape,
             self.pixel_size,
@@ -136,8 +137,8 @@ class Roughened(SurfaceMaker):
             half = _with_image(half, measured, plan)
         else:
             heights = _cosines(measured.heights.astype(np.float64), measured.pixel_size, plan, self.pixel_size)
-        columns = sfft.ifft(half, axis=0, overwrite_x=True, workers=available())
-        added = np.asarray(sfft.irfft(columns, n=plan.shape[1], axis=1, overwrite_x=True, workers=available()))
+        columns = sfft.ifft(half, axis=0, overwrite_x=True, workers=threads.available())
+        added = np.asarray(sfft.irfft(columns, n=plan.shape[1], axis=1, overwrite_x=True, workers=threads.available()))
         heights = np.ascontiguousarray(added if heights is None else heights + added)
         heights.setflags(write=False)
         return Surface(
@@ -277,7 +278,7 @@ def _kept(shape: tuple[int, int], pixel_size: float, join: float) -> NDArray[np.
 def _with_image(half: NDArray[np.complex128], measured: Surface, plan: _Plan) -> NDArray[np.complex128]:
     """The half spectrum of the continuation and the waves of a periodic image that stay."""
     (nx, ny), (mx, my) = measured.shape, plan.shape
-    image = np.asarray(sfft.rfft2(measured.heights.astype(np.float64), workers=available()))
+    image = np.asarray(sfft.rfft2(measured.heights.astype(np.float64), workers=threads.available()))
     kept = _kept((nx, ny), measured.pixel_size, plan.join)
     width = max(half.shape[1], image.shape[1])
     result = np.zeros((mx, width), dtype=np.complex128)
@@ -291,7 +292,7 @@ def _with_image(half: NDArray[np.complex128], measured: Surface, plan: _Plan) ->
 def _cosines(image: _steps.Floats, side: float, plan: _Plan, pixel_size: float) -> _steps.Floats:
     """The cosine series of an image, waves from ``join`` on left out, at the centres of the fine pixels."""
     (nx, ny), (mx, my) = image.shape, plan.shape
-    series = np.asarray(sfft.dctn(image, type=2, norm="forward", workers=available()))
+    series = np.asarray(sfft.dctn(image, type=2, norm="forward", workers=threads.available()))
     series[1:] *= 2
     series[:, 1:] *= 2
     qx, qy = (np.pi * np.arange(count) / (count * side) for count in (nx, ny))
@@ -304,9 +305,9 @@ def _kept_slope(measured: Surface, plan: _Plan) -> float:
     """rms slope of the waves of the image that stay."""
     heights = measured.heights.astype(np.float64)
     if measured.periodic:
-        half = np.asarray(sfft.rfft2(heights, workers=available()))
+        half = np.asarray(sfft.rfft2(heights, workers=threads.available()))
         half[~_kept(measured.shape, measured.pixel_size, plan.join)] = 0.0
-        low = np.asarray(sfft.irfft2(half, s=measured.shape, workers=available()))
+        low = np.asarray(sfft.irfft2(half, s=measured.shape, workers=threads.available()))
     else:
         same = plan._replace(shape=measured.shape)
         low = _cosines(heights, measured.pixel_size, same, measured.pixel_size)

@@ -18,8 +18,8 @@ from scipy import fft as sfft
 from scipy.integrate import trapezoid
 from scipy.special import digamma, polygamma
 
-from chemage import InputError, Surface, checked_count, convert
-from chemage.foundation.threads import available
+from chemage import InputError, Surface
+from chemage.plugin import checked_count, convert, threads
 from chemage_surfaces import _steps
 from chemage_surfaces.self_affine import SelfAffine
 
@@ -91,7 +91,7 @@ def binned(surface: Surface) -> Binned:
     if not surface.periodic:
         heights = _steps.hann(heights - _steps.trend(heights, 1))
     nx, ny = heights.shape
-    spectrum: Any = sfft.rfft2(heights, workers=available())
+    spectrum: Any = sfft.rfft2(heights, workers=threads.available())
     power = (spectrum.real**2 + spectrum.imag**2) * (surface.pixel_size**2 / heights.size)
     q = wavenumbers((nx, ny), surface.pixel_size)
     weight = np.full(power.shape, 1.0)

@@ -9,9 +9,8 @@ from typing import Annotated, ClassVar, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage import Length, Roughness, Scatter, Seed, Surface, SurfaceMaker, Unit, checked_seed
-from chemage.foundation.memory import require
-from chemage.foundation.threads import available
+from chemage import Surface
+from chemage.plugin import Length, Roughness, Scatter, Seed, SurfaceMaker, Unit, checked_seed, memory, threads
 from chemage_surfaces._maps import Pixels, provenance
 
 #: what was measured of the scatter between surfaces: A/A0, ζ/η, and the scatter itself
@@ -190,7 +189,7 @@ class SelfAffine(SurfaceMaker):
         """
         from chemage_surfaces import _spectral
 
-        require(3 * 8.0 * self.pixels[0] * self.pixels[1], f"pixels = {self.pixels}", "use fewer")
+        memory.require(3 * 8.0 * self.pixels[0] * self.pixels[1], f"pixels = {self.pixels}", "use fewer")
         if not isinstance(seed, np.random.SeedSequence):
             seed = checked_seed(seed)
         heights = _spectral.self_affine(
@@ -202,7 +201,7 @@ class SelfAffine(SurfaceMaker):
             rms_slope=self.rms_slope,
             rms_height=self.rms_height,
             seed=seed,
-            workers=available(),
+            workers=threads.available(),
         )
         heights.setflags(write=False)
         return Surface(heights=heights, pixel_size=self.pixel_size, periodic=True, provenance=provenance(self, seed))

@@ -8,8 +8,8 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage import Length, Scatter, Seed, Surface, SurfaceMaker
-from chemage.foundation.memory import require
+from chemage import Surface
+from chemage.plugin import Length, Scatter, Seed, SurfaceMaker, memory
 from chemage_surfaces._maps import Pixels, provenance
 
 _JOHNSON = """@book{johnson1985,
@@ -69,7 +69,7 @@ class Sphere(SurfaceMaker):
 
         ``provenance["radius"]`` is R in nm.
         """
-        require(3 * 8.0 * self.pixels[0] * self.pixels[1], f"pixels = {self.pixels}", "use fewer")
+        memory.require(3 * 8.0 * self.pixels[0] * self.pixels[1], f"pixels = {self.pixels}", "use fewer")
         across, along = (
             ((np.arange(count) - 0.5 * (count - 1)) * self.pixel_size) ** 2 / (2 * self.radius) for count in self.pixels
         )

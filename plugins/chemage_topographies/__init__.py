@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from chemage import hookimpl
+from chemage.plugin import hookimpl
 
 if TYPE_CHECKING:
     from chemage_topographies.reader import Topography as Topography

@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from chemage import ChemageError, HeightMap, InputError, Length, PluginError, Reader, StoreError, Surface, regular_file
-from chemage.foundation.errors import shortened
+from chemage import ChemageError, InputError, Surface, errors
+from chemage.plugin import HeightMap, Length, PluginError, Reader, StoreError, regular_file
 from chemage_surfaces import HeightUnit, surface_of
 
 #: formats without a mark, which the library finds in any file of a certain size
@@ -88,7 +88,9 @@ class Topography(Reader):
         except ChemageError:
             raise
         except Exception as error:  # each format has errors of its own
-            reason = "" if "Detect" in type(error).__name__ else f" ({shortened(' '.join(str(error).split()), 200)})"
+            reason = (
+                "" if "Detect" in type(error).__name__ else f" ({errors.shortened(' '.join(str(error).split()), 200)})"
+            )
             raise StoreError(f"{name} is in no format that SurfaceTopography reads, or is damaged{reason}") from None
         unit = _in_nm(topography.unit, name) if self.unit is None else self.unit
         sides = None
@@ -142,6 +144,6 @@ def _in_nm(unit: str | None, name: str) -> float | None:
         return float(get_unit_conversion_factor(mangle_length_unit_utf8(unit), "nm"))
     except ValueError:
         raise InputError(
-            f"{name} states lengths in {shortened(str(unit), 40)!r}, which is no unit of length; give the unit of the "
-            'reader, such as reader = { kind = "topography", unit = "um" }'
+            f"{name} states lengths in {errors.shortened(str(unit), 40)!r}, which is no unit of length; give the unit "
+            'of the reader, such as reader = { kind = "topography", unit = "um" }'
         ) from None

@@ -10,18 +10,9 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import (
-    Barriers,
-    BondHistory,
-    ContactSolution,
-    ContactSolver,
-    Engine,
-    InputError,
-    Observable,
-    PluginError,
-    random,
-)
+from chemage import ContactSolution, InputError
 from chemage.ageing.seeds import identity, replica_seeds
+from chemage.plugin import Barriers, BondHistory, ContactSolver, Engine, Observable, PluginError, random
 
 TIMES = [1.0, 10.0, 100.0]
 
@@ -157,8 +148,8 @@ def test_replica_seeds_are_all_different():
 
 def test_one_replica_by_hand_is_the_replica_of_age(contact):
     disorder, noise = replica_seeds(3, 4, "none", identity(contact, chemistry(), Tally(), 300.0))
-    lattice = ca.build_lattice(chemistry(), contact, disorder)
-    history = ca.run_kinetics(Tally(), lattice, TIMES, temperature=300, seed=noise)
+    lattice = ca.plugin.build_lattice(chemistry(), contact, disorder)
+    history = ca.plugin.run_kinetics(Tally(), lattice, TIMES, temperature=300, seed=noise)
     assert np.array_equal(age(contact).bonds[4], history.bonds)
 
 
@@ -244,7 +235,7 @@ def test_observables_are_stacked_over_replicas(contact):
     assert made.observables["barrier"].shape == (5,)
     assert np.array_equal(made.observables["counts"], made.bonds)
     run = identity(contact, chemistry(), Tally(), 300.0)
-    lattice = ca.build_lattice(chemistry(), contact, replica_seeds(3, 2, "none", run).disorder)
+    lattice = ca.plugin.build_lattice(chemistry(), contact, replica_seeds(3, 2, "none", run).disorder)
     assert made.observables["barrier"][2] == lattice.forming.mean()
 
 
@@ -327,10 +318,10 @@ def test_stages_in_the_wrong_order_are_named(contact):
     with pytest.raises(InputError, match=r"contact must be an? Contact, got "):
         ca.age(chemistry(), contact, engine=Tally(), hold_times=TIMES, temperature=300)  # pyright: ignore
     with pytest.raises(InputError, match=r"chemistry must be an? Chemistry, got "):
-        ca.build_lattice(Ladder(), contact)  # pyright: ignore[reportArgumentType]
+        ca.plugin.build_lattice(Ladder(), contact)  # pyright: ignore[reportArgumentType]
     with pytest.raises(InputError, match=r"surface must be an? Surface, got "):
         ca.solve_contact(Never(), contact, 1.0)  # pyright: ignore[reportArgumentType]
     with pytest.raises(InputError, match=r"maker must be an? SurfaceMaker, got "):
         ca.make_surface("sphere")  # pyright: ignore[reportArgumentType]
     with pytest.raises(InputError, match=r"lattice must be an? ReactionLattice, got "):
-        ca.run_kinetics(Tally(), contact, TIMES, temperature=300)  # pyright: ignore[reportArgumentType]
+        ca.plugin.run_kinetics(Tally(), contact, TIMES, temperature=300)  # pyright: ignore[reportArgumentType]

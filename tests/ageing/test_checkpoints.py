@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, StoreError
+from chemage import InputError
 from chemage.ageing import checkpoints
 from chemage.ageing.checkpoints import CheckpointWarning
-from chemage.kinetics.stage import run_kinetics
+from chemage.plugin import StoreError, run_kinetics
 
 SMALL = {
     "surface.pixels": 128, "surface.zeta": 16, "contact.load": "200 nN", "hold.replicas": 3, "hold.per_decade": 2,
@@ -49,7 +49,7 @@ def test_a_run_goes_on_from_the_middle(small: ca.Scene, tmp_path: Path, monkeypa
     plain = ca.run(small)
     calls = 0
 
-    def fail_later(*arguments: object, **named: object) -> ca.BondHistory:
+    def fail_later(*arguments: object, **named: object) -> ca.plugin.BondHistory:
         nonlocal calls
         calls += 1
         if calls == 4:
@@ -82,15 +82,15 @@ def test_checkpoints_of_another_run_are_refused(small: ca.Scene, tmp_path: Path)
 
 def test_checkpoints_of_another_run_are_refused_whatever_plugins_took_part(small: ca.Scene, tmp_path: Path):
     class Light:
-        @ca.hookimpl(wrapper=True)
+        @ca.plugin.hookimpl(wrapper=True)
         def chemage_solve_contact(self):
             found = yield
             return found.model_copy(update={"pressure": 0.5 * found.pressure})
 
-    installed = ca.registry.Registry()
+    installed = ca.plugin.registry.Registry()
     installed.register(Light(), "light")
     contact = ca.run(small).contact
-    with ca.registry.using(installed):
+    with ca.plugin.registry.using(installed):
         changed = ca.run(small).contact
         ca.age(changed, checkpoints=tmp_path, **arguments_of(small))
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
@@ -115,30 +115,30 @@ def test_what_other_plugins_made_is_computed_again_and_said(small: ca.Scene, tmp
     """What a plugin has changed must not be taken up without it, nor the other way round."""
 
     class Cold:
-        @ca.hookimpl
+        @ca.plugin.hookimpl
         def chemage_run_kinetics(self, engine, lattice, hold_times, seed, start):
             return engine.run(lattice, hold_times, temperature=200.0, seed=seed, start=start)
 
     class Light:
-        @ca.hookimpl(wrapper=True)
+        @ca.plugin.hookimpl(wrapper=True)
         def chemage_solve_contact(self):
             found = yield
             return found.model_copy(update={"pressure": 0.5 * found.pressure})
 
     class Idle:
-        @ca.hookimpl
+        @ca.plugin.hookimpl
         def chemage_run_kinetics(self, engine):
             return None
 
-        @ca.hookimpl(wrapper=True)
+        @ca.plugin.hookimpl(wrapper=True)
         def chemage_solve_contact(self):
             return (yield)
 
     plain = ca.run(small, checkpoints=tmp_path)
     for plugin in (Cold(), Light()):
-        installed = ca.registry.Registry()
+        installed = ca.plugin.registry.Registry()
         installed.register(plugin, "other")
-        with ca.registry.using(installed):
+        with ca.plugin.registry.using(installed):
             with pytest.warns(CheckpointWarning, match="would answer or change it|took part in the stages before"):
                 changed = ca.run(small, checkpoints=tmp_path)
             assert changed.aging == ca.run(small).aging != plain.aging
@@ -147,10 +147,10 @@ def test_what_other_plugins_made_is_computed_again_and_said(small: ca.Scene, tmp
         with pytest.warns(CheckpointWarning, match="and is not installed|and now no plugin"):
             back = ca.run(small, checkpoints=tmp_path)
         assert back.aging == plain.aging
-    idle = ca.registry.Registry()
+    idle = ca.plugin.registry.Registry()
     idle.register(Idle(), "idle")
     times = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-    with ca.registry.using(idle):
+    with ca.plugin.registry.using(idle):
         assert ca.run(small, checkpoints=tmp_path).aging == plain.aging
     assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == times
 

@@ -13,7 +13,7 @@ from chemage.ageing.members import beta_errors
 from chemage_ageing import _table
 from chemage_ageing._independent import bonded_share
 
-KT = ca.KB * 300.0
+KT = ca.plugin.KB * 300.0
 TIMES = np.array([0.0, 1.0, 10.0, 100.0, 1000.0])
 
 
@@ -58,7 +58,7 @@ def test_one_barrier_under_one_pressure_is_one_exponential(breaking):
         breaking=ca.barriers("gaussian", mean=breaking, std=0.0) if breaking else None,
         hydroxylation=0.8,
     )
-    forming = 1e13 * math.exp(-(1.0 - 2.0 * own.activation_volume * ca.EV_PER_GPA_NM3) / KT)
+    forming = 1e13 * math.exp(-(1.0 - 2.0 * own.activation_volume * ca.plugin.EV_PER_GPA_NM3) / KT)
     both = forming + (1e13 * math.exp(-breaking / KT) if breaking else 0.0)
     found = aged(uniform(2.0), own)
     exact = 0.8 * 1200 * forming / both * -np.expm1(-both * TIMES)
@@ -109,9 +109,9 @@ def test_the_quadrature_is_exact_within_its_stated_error(case):
         forming=ca.barriers("gaussian", mean=forming[0], std=forming[1]),
         breaking=ca.barriers("gaussian", mean=breaking[0], std=breaking[1]),
     )
-    times, kt = np.sort(times), ca.KB * temperature
+    times, kt = np.sort(times), ca.plugin.KB * temperature
     found = bonded_share(own, temperature, times, np.array(pressures))
-    shifts = np.array(pressures) * own.activation_volume * ca.EV_PER_GPA_NM3
+    shifts = np.array(pressures) * own.activation_volume * ca.plugin.EV_PER_GPA_NM3
     exact = np.stack([_exact_share(forming, breaking, shift, kt, times) for shift in shifts])
     np.testing.assert_allclose(found, exact, rtol=2e-4)
 
@@ -197,7 +197,7 @@ def test_the_stated_error_holds_on_patches_of_a_few_sites_under_unequal_pressure
 
 
 def _silica():
-    patch = ca.parse_scene(ca.scene_data("silica-patch")[0])
+    patch = ca.parse_scene(ca.plugin.scene_data("silica-patch")[0])
     strong = ca.interaction("elastic-pairs", strength=0.5, bias=0.1)
     return patch, patch.chemistry.replace(interaction=strong)
 
@@ -339,6 +339,6 @@ def test_an_engine_that_cannot_treat_the_interaction_is_refused():
 
 def test_more_pressures_than_a_table_can_have_are_refused():
     areas, pressure = np.ones(5000), np.linspace(1.0, 1e7, 5000)
-    wide = ca.ContactStatistics(pressure=pressure, area=areas, load=1.0, nominal_area=1e6, modulus=35.3)
+    wide = ca.plugin.ContactStatistics(pressure=pressure, area=areas, load=1.0, nominal_area=1e6, modulus=35.3)
     with pytest.raises(InputError, match="out of its range, leave out"):
         aged(wide, interacting(site_density=4.9))

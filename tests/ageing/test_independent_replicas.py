@@ -9,8 +9,8 @@ import pytest
 from scipy import ndimage
 
 import chemage as ca
+from chemage import InputError
 from chemage.ageing.seeds import identity
-from chemage.foundation.errors import InputError
 
 TIMES = np.geomspace(10.0, 1e4, 7)
 SURFACES = 12

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from chemage import InputError, Measurements, StoreError, UnitError, read_measurements
+from chemage import InputError, Measurements, read_measurements
+from chemage.plugin import StoreError, UnitError
 
 GOOD = """# silica on silica
 # second comment

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, PluginError, SceneError, parse_scene
-from chemage.results.comparison import compare_files
+from chemage import InputError, compare_files, parse_scene
+from chemage.plugin import PluginError, SceneError
 
 TIMES = np.array([1.0, 10.0, 100.0, 1000.0])
 
 
-class Half(ca.AgeingMethod):
+class Half(ca.plugin.AgeingMethod):
     """Half of the sites are bonded, with an error of one percent."""
 
     kind = "half"
@@ -33,7 +33,7 @@ class Half(ca.AgeingMethod):
             return type(self).wrong
         sites = request.chemistry.hydroxylation * request.chemistry.sites_of(request.contact).sites.size
         times = request.hold_times
-        return ca.AgedBonds(
+        return ca.plugin.AgedBonds(
             bonds=np.full((1, times.size), self.share * sites),
             sites=np.array([sites]),
             errors={"table": np.full(times.size, 0.01)},
@@ -44,7 +44,7 @@ class Half(ca.AgeingMethod):
 
 @pytest.fixture
 def half():
-    with ca.registry.using(ca.registry.Registry()):
+    with ca.plugin.registry.using(ca.plugin.registry.Registry()):
         ca.register(Half)
         yield Half()
 
@@ -100,12 +100,15 @@ def test_the_answer_is_stored_to_the_last_bit(half, tmp_path):
     ("answer", "said"),
     [
         (3, "gave int; its method age must give an AgedBonds"),
-        (ca.AgedBonds(bonds=np.ones((1, 3)), sites=np.array([9])), r"bonds: shape \(1, 3\)"),
-        (ca.AgedBonds(bonds=np.full((1, 4), np.nan), sites=np.array([9])), "bonds: 4 of 4 values are not finite"),
-        (ca.AgedBonds(bonds=np.full((1, 4), 9.5), sites=np.array([9])), "a site has one bond at most"),
-        (ca.AgedBonds(bonds=np.ones((2, 4)), sites=np.array([9, 9])), "gave 2 replicas"),
+        (ca.plugin.AgedBonds(bonds=np.ones((1, 3)), sites=np.array([9])), r"bonds: shape \(1, 3\)"),
         (
-            ca.AgedBonds(bonds=np.ones((1, 4)), sites=np.array([9]), errors={"table": np.ones(4)}),
+            ca.plugin.AgedBonds(bonds=np.full((1, 4), np.nan), sites=np.array([9])),
+            "bonds: 4 of 4 values are not finite",
+        ),
+        (ca.plugin.AgedBonds(bonds=np.full((1, 4), 9.5), sites=np.array([9])), "a site has one bond at most"),
+        (ca.plugin.AgedBonds(bonds=np.ones((2, 4)), sites=np.array([9, 9])), "gave 2 replicas"),
+        (
+            ca.plugin.AgedBonds(bonds=np.ones((1, 4)), sites=np.array([9]), errors={"table": np.ones(4)}),
             "error_sources: say how each of the errors table is known",
         ),
     ],

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, Output, PluginError, SceneError, parse_scene
+from chemage import InputError, compare_files, parse_scene
 from chemage.foundation.codec import from_json, to_json
+from chemage.plugin import Output, PluginError, SceneError
 from chemage.results import page
-from chemage.results.comparison import compare_files
 
 
-class Slip(ca.Observable):
+class Slip(ca.plugin.Observable):
     """A number, a number at each hold time, and a map at each hold time."""
 
     kind = "slip"
@@ -38,7 +38,7 @@ class Slip(ca.Observable):
         }
 
 
-class Told(ca.Observable):
+class Told(ca.plugin.Observable):
     """Declares and measures what a test tells it to."""
 
     kind = "told"
@@ -55,7 +55,7 @@ class Told(ca.Observable):
 
 @pytest.fixture
 def told():
-    with ca.registry.using(ca.registry.Registry()):
+    with ca.plugin.registry.using(ca.plugin.registry.Registry()):
         ca.register(Slip)
         ca.register(Told)
         Told.declare, Told.answer = {}, {}
@@ -88,7 +88,7 @@ def declares(told, **outputs):
     "name", ["a/b", "", ".hidden", "two words", "line\nbreak", "hold_times", "replica", "bonds", "µ", "x" * 101]
 )
 def test_unsafe_names_are_refused_before_anything_is_computed(told, name, monkeypatch):
-    monkeypatch.setattr(ca.AgeingRequest, "follow", lambda *_, **__: pytest.fail("computed"))
+    monkeypatch.setattr(ca.plugin.AgeingRequest, "follow", lambda *_, **__: pytest.fail("computed"))
     with pytest.raises(SceneError, match="observe: observable 'told': output"):
         declares(told, **{name: Output()})
     contact = ca.run({name: part for name, part in scene().items() if name in ("surface", "contact")})
@@ -111,7 +111,7 @@ def test_safe_names_are_not(told, name):
 @pytest.mark.parametrize(
     ("outputs", "said"),
     [
-        ({"a": ("x",)}, "output 'a' is a tuple; give a chemage.Output"),
+        ({"a": ("x",)}, "output 'a' is a tuple; give a chemage.plugin.Output"),
         ({"a": Output(("x", "x"))}, "lists one dimension twice"),
         ({"a": Output(("a b",))}, "dimension 'a b' is no name"),
         ({"a": Output(("b",)), "b": Output(("c",))}, "dimension 'b' has the name of a variable"),
@@ -169,8 +169,8 @@ def test_dimensions_units_and_descriptions_are_stored_and_read(told, tmp_path):
     assert again.measured["bond_map"].output == Slip.outputs["bond_map"]
     assert again.measured["barriers_start"].unit == "1/eV"
     assert from_json(ca.Aging, json.loads(json.dumps(to_json(run.aging)))) == run.aging
-    ca.container.write(tmp_path / "a.npz", {"aging": run.aging}, compact=True)
-    assert ca.container.read(tmp_path / "a.npz", {"aging": ca.Aging})[0]["aging"] == run.aging
+    ca.plugin.container.write(tmp_path / "a.npz", {"aging": run.aging}, compact=True)
+    assert ca.plugin.container.read(tmp_path / "a.npz", {"aging": ca.Aging})[0]["aging"] == run.aging
     with h5py.File(tmp_path / "a.h5") as file:
         stored = file["aging/observables/bond_energy"]
         assert (stored.attrs["units"], stored.attrs["long_name"]) == ("eV", Slip.outputs["bond_energy"].description)
@@ -235,11 +235,11 @@ def test_an_observable_that_asks_for_the_states_changes_no_other_result(told):
 
 def test_a_hook_may_declare_what_it_measures(told):
     class Hook:
-        @ca.hookimpl
+        @ca.plugin.hookimpl
         def chemage_observe(self, history):
             return {"gain": Output("hold_times", "nN", "gain").of(2.0 * history.bonds), "plain": 1.0}
 
-    ca.registry.current().register(Hook(), "hook")
+    ca.plugin.registry.current().register(Hook(), "hook")
     found = ca.run(scene()).aging
     assert found.measured["gain"].output == Output(("hold_times",), "nN", "gain")
     assert found.measured["plain"].output is None
@@ -256,11 +256,11 @@ def test_a_hook_may_declare_what_it_measures(told):
 )
 def test_what_a_hook_declares_must_hold(told, answer, said):
     class Hook:
-        @ca.hookimpl
+        @ca.plugin.hookimpl
         def chemage_observe(self, history):
             return answer(history)
 
-    ca.registry.current().register(Hook(), "hook")
+    ca.plugin.registry.current().register(Hook(), "hook")
     with pytest.raises(PluginError, match=said):
         ca.run(scene())
 

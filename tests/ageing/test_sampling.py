@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import fromdict
+from chemage.plugin import fromdict
 from chemage_ageing._independent import grouped_bonds
 from chemage_ageing.sample import Windows, square_of
 
@@ -80,9 +80,9 @@ def test_windows_are_drawn_in_proportion_to_their_sites():
 @pytest.mark.parametrize("hydroxylation", [1.0, 0.6])
 def test_a_site_has_the_same_barriers_and_neighbours_in_a_sample(hydroxylation):
     touching, silica = contact(), chemistry(hydroxylation=hydroxylation)
-    every = chemage.build_lattice(silica, touching, 7)
+    every = chemage.plugin.build_lattice(silica, touching, 7)
     asked = touching.sites[touching.sites // touching.shape[1] < 30]
-    part = chemage.build_lattice(silica, touching, 7, sites=asked)
+    part = chemage.plugin.build_lattice(silica, touching, 7, sites=asked)
     kept = np.isin(every.sites, asked)
     assert part.sites.tolist() == every.sites[kept].tolist()
     assert np.array_equal(part.forming, every.forming[kept])
@@ -101,13 +101,13 @@ def test_a_plugin_that_ignores_the_sites_is_refused(request):
     isolated = request.getfixturevalue("isolated_registry")
 
     class Stubborn:
-        @chemage.hookimpl(tryfirst=True)
+        @chemage.plugin.hookimpl(tryfirst=True)
         def chemage_build_lattice(self, chemistry, contact, seed):
             return chemistry.on(contact, seed)
 
     isolated.register(Stubborn(), "stubborn")
     call = {"engine": engine, "hold_times": TIMES, "temperature": 300.0, "replicas": 1, "method": method}
-    with pytest.raises(chemage.PluginError, match="gave sites that were not asked for"):
+    with pytest.raises(chemage.plugin.PluginError, match="gave sites that were not asked for"):
         chemage.age(contact(), silica, **call)
 
 
@@ -139,7 +139,7 @@ def estimated(monkeypatch, touching, bonded, hydroxylation=1.0, replicas=200):
         origin = SimpleNamespace(engine="known", notes=(), plugins={}, approximate=[])
         return SimpleNamespace(lattice=SimpleNamespace(sites=sites), history=history, origin=lambda: origin)
 
-    monkeypatch.setattr(chemage.AgeingRequest, "follow", follow)
+    monkeypatch.setattr(chemage.plugin.AgeingRequest, "follow", follow)
     silica = chemistry(interaction=None, hydroxylation=hydroxylation)
     return aged(touching, sample(share=0.1), silica, replicas=replicas).bonds[:, 1]
 
@@ -211,8 +211,8 @@ def test_independent_sites_follow_the_closed_form():
     )
     times, pressure = np.array([0.0, 1e-2, 1.0, 1e6]), np.array([0.0, 2.0, 4.0])
     found = grouped_bonds(silica, 300.0, times, pressure, np.array([0, 1, 1]), 2)
-    lowered = 0.0064 * chemage.EV_PER_GPA_NM3 * pressure
-    form, broken = (1e13 * np.exp(-energy / (chemage.KB * 300.0)) for energy in (0.7 - lowered, 0.75))
+    lowered = 0.0064 * chemage.plugin.EV_PER_GPA_NM3 * pressure
+    form, broken = (1e13 * np.exp(-energy / (chemage.plugin.KB * 300.0)) for energy in (0.7 - lowered, 0.75))
     share = 0.5 * form / (form + broken) * -np.expm1(-(form + broken) * times[:, None])
     expected = np.stack([share[:, 0], share[:, 1] + share[:, 2]])
     assert np.allclose(found, expected, rtol=2e-4, atol=1e-12)  # what is said of the quadrature

@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import chemage as ca
-from chemage import random
 from chemage.ageing.members import beta_errors
+from chemage.plugin import random
 from chemage_ageing._independent import bonded_share
 
 TUNING, VALIDATION = (1000, 2000), 3000
@@ -72,7 +72,9 @@ def chemistry(rng: np.random.Generator) -> tuple[ca.Chemistry, float]:
     breaks = 10 ** rng.uniform(-3, 1)
     return ca.chemistry(
         forming=forming,
-        breaking=ca.barriers("gaussian", mean=ca.KB * temperature * math.log(1e13 * TIMES[-1] / breaks), std=0.02),
+        breaking=ca.barriers(
+            "gaussian", mean=ca.plugin.KB * temperature * math.log(1e13 * TIMES[-1] / breaks), std=0.02
+        ),
         interaction=ca.interaction("elastic-pairs", strength=10 ** rng.uniform(-1.3, -0.2), bias=0.1),
         activation_volume=rng.uniform(0.0, 0.008),
     ), temperature
@@ -139,9 +141,11 @@ def truth(scene: Scene, seed: int = 7) -> Truth:
         disorder, noise = (np.random.SeedSequence(seed, spawn_key=(replica, k)) for k in range(2))
         both = []
         for own in (scene.chemistry, free):
-            lattice = ca.build_lattice(own, contact, disorder)
+            lattice = ca.plugin.build_lattice(own, contact, disorder)
             common = random.CommonSeed(noise.entropy, spawn_key=noise.spawn_key)  # pyright: ignore[reportArgumentType]
-            both.append(ca.run_kinetics(engine, lattice, TIMES, temperature=scene.temperature, seed=common).bonds)
+            both.append(
+                ca.plugin.run_kinetics(engine, lattice, TIMES, temperature=scene.temperature, seed=common).bonds
+            )
         changes.append((both[0].astype(float) - both[1]) / copies)
         if replica + 1 < FEWEST or (replica + 1) % FEWEST:
             continue

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from unseen_scenes import unseen
 
-from chemage.studies.ensembles.computations import computations, compute
+from chemage.studies.ensembles.computations import computations
 from chemage.studies.ensembles.goals import Request, with_request
 
 SURFACES, REPLICAS = 6, 6
@@ -34,10 +34,10 @@ def measured(number: int) -> list[dict[str, float]]:
     *coarser, own = (one.with_replicas(REPLICAS) for one in computations(scene))
     found = []
     for seed in range(500, 500 + SURFACES):
-        fine = compute(own, seed, seed)[0]
+        fine = own.compute(seed, seed)
         row = quantities.row(fine)
         for one in coarser:
-            coarse = compute(one, seed, seed)[0]
+            coarse = one.compute(seed, seed)
             change = quantities.row(coarse) / row - 1
             curve = change[first : first + size][late]
             found.append(

@@ -21,7 +21,8 @@ from typing import Any
 import chemage
 from chemage.cli import app
 from chemage.foundation import codec, seals
-from chemage.studies.sweeps import folder, table
+from chemage.studies import folder
+from chemage.studies.sweeps import table
 
 #: seconds in checksums, in waiting for the disk
 SPENT = {"checksums": 0.0, "syncing": 0.0}

@@ -23,7 +23,7 @@ from estimates import peak, warm_up
 from unseen_scenes import unseen
 
 import chemage as ca
-from chemage.studies.ensembles.computations import DIFFERENCE_REPLICAS, computations, compute
+from chemage.studies.ensembles.computations import DIFFERENCE_REPLICAS, computations
 from chemage.studies.ensembles.goals import with_request
 from chemage.studies.ensembles.planning import plan
 from chemage.studies.ensembles.quantities import Quantities
@@ -73,7 +73,7 @@ def difference(number: int) -> tuple[float, float] | None:
         betas = []
         for k in range(SURFACES):
             seeds = seed_of(scene.surface_seed, 1, k, 0), seed_of(scene.hold.seed, 1, k, 1)
-            pair = [compute(one.with_replicas(DIFFERENCE_REPLICAS), *seeds)[0] for one in (found[-1], found[0])]
+            pair = [one.with_replicas(DIFFERENCE_REPLICAS).compute(*seeds) for one in (found[-1], found[0])]
             betas.append([float(quantities.row(sample)[0]) for sample in pair])
     fine, coarse = np.array(betas).T
     relative = (fine - coarse) / fine.mean()

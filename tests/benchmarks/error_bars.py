@@ -24,15 +24,14 @@ import numpy as np
 from scipy import stats
 
 import chemage as ca
+from chemage import ensemble
 from chemage.ageing.fitting import paired_difference
 from chemage.ageing.models import Interval
-from chemage.ageing.outputs import Measured, Output
-from chemage.foundation.statistics import crossed_half_width
-from chemage.foundation.units import KB
+from chemage.ageing.outputs import Measured
+from chemage.plugin import KB, Output, statistics
 from chemage.scene.variants import vanishing_pixels
 from chemage.studies.arrhenius import activation_energies
 from chemage.studies.ensembles.allocation import Spread, half_width, regressed, spread_of
-from chemage.studies.ensembles.running import ensemble
 from chemage.studies.trade.mapping import NORMAL_LIMIT
 from chemage_ageing import _table
 from chemage_ageing._independent import bonded_share
@@ -344,13 +343,13 @@ def seeds_of_sweeps(rng: np.random.Generator, trials: int) -> Iterable[Held]:
     for count in COUNTS:
         for _ in range(trials):
             values = rng.standard_normal((count, 1))
-            held = bool(abs(values.mean()) <= crossed_half_width(values, 1)[0])
+            held = bool(abs(values.mean()) <= statistics.crossed_half_width(values, 1)[0])
             yield Held(f"sweep, mean over {count} seeds", held)
     for shape in ((3, 3), (3, 10), (10, 3)):
         for ratio in (0.25, 1.0):
             for _ in range(trials):
                 values = rng.standard_normal((shape[0], 1)) + ratio * rng.standard_normal(shape)
-                held = bool(abs(values.mean()) <= crossed_half_width(values, 2))
+                held = bool(abs(values.mean()) <= statistics.crossed_half_width(values, 2))
                 size = "a quarter of the scatter" if ratio < 1 else "the scatter"
                 yield Held(
                     f"sweep, mean over {shape[0]} seeds of the surface and {shape[1]} of the hold, with {size}", held

@@ -77,10 +77,10 @@ def drawn_truth(rng: np.random.Generator) -> tuple[str, dict[str, Any]]:
 
 def scene_of(name: str, forming: dict[str, Any], strength: float, **changes: Any) -> ca.Scene:
     """A scene with this density and interaction."""
-    data, _ = ca.scene_data(name)
+    data, _ = ca.plugin.scene_data(name)
     changed = {"forming": forming, "observe": [], "sweep": None, **changes}
     changed |= {"interaction.strength": strength} if strength else {"interaction": None}
-    return ca.parse_scene(ca.override(data, changed))
+    return ca.parse_scene(ca.plugin.override(data, changed))
 
 
 def true_curve(
@@ -116,7 +116,7 @@ def measured(
     )
 
 
-def compared(found: ca.Inference, forming: ca.Barriers) -> dict[str, Any]:
+def compared(found: ca.Inference, forming: ca.plugin.Barriers) -> dict[str, Any]:
     """How far the density is from the truth at visible energies."""
     energies, step = found.energies, float(found.energies[1] - found.energies[0])
     # the truth as means over the cell of each node, as a piecewise linear density can hold it
@@ -230,7 +230,7 @@ def peaks(kept: Kept, first: int, cases: int) -> None:
               f"largest {max(row['oracle'] for row in rows):.3f}")  # fmt: skip
 
 
-def _oracle(found: ca.Inference, forming: ca.Barriers) -> float:
+def _oracle(found: ca.Inference, forming: ca.plugin.Barriers) -> float:
     """Least distance to the truth of non-negative densities of least χ² + λ ∫ p''², λ chosen by the truth."""
     from chemage.inference.energies import EnergyGrid
     from chemage.inference.forward import Contacts, make_condition
@@ -307,7 +307,7 @@ def two_curves(kept: Kept, first: int) -> None:
                     assert assumed.chemistry is not None
                     try:
                         found = ca.infer(curves, assumed, seed=seed, families=("triangle",))
-                    except ca.UnexplainedError as error:
+                    except ca.plugin.UnexplainedError as error:
                         return {"refused": str(error), "chi2": error.chi2}
                     return compared(found, assumed.chemistry.forming)
 
@@ -382,7 +382,7 @@ def noisy(scene: Any, times: np.ndarray, values: np.ndarray, rng: np.random.Gene
 
 def closed_form(scene: ca.Scene, weights: np.ndarray, energies: np.ndarray, times: np.ndarray) -> np.ndarray:
     """ΔF (nN) of independent sites at 300 K: every site is bonded with a/(a + b) (1 − exp(−(a + b) t))."""
-    chemistry, kt = scene.chemistry, ca.units.KB * 300.0
+    chemistry, kt = scene.chemistry, ca.plugin.units.KB * 300.0
     assert chemistry is not None
     assert chemistry.breaking is not None
     contact = ca.solve_contact(scene.solver, ca.make_surface(scene.surface), scene.load)

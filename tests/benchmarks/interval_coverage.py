@@ -55,7 +55,7 @@ def measurements_covered(model: Model, points: int, trials: int) -> np.ndarray:
     return inside / trials
 
 
-def held(fit: ca.Fit, beta: float) -> list[bool]:
+def held(fit: ca.plugin.Fit, beta: float) -> list[bool]:
     return [
         fit.beta_interval.low <= beta <= fit.beta_interval.high,
         fit.cutoff_interval.low <= CUTOFF <= fit.cutoff_interval.high,

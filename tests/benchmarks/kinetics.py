@@ -23,7 +23,7 @@ import numpy as np
 
 import chemage
 from chemage import ReactionLattice
-from chemage import random as cr
+from chemage.plugin import random as cr
 
 TIMES = np.geomspace(1e-3, 1e5, 33)
 ENGINES = ("rejection-free", "bkl", "next-reaction")
@@ -177,7 +177,7 @@ def scaling() -> str:
 
 FIRST_CALL = """
 import json, time
-from chemage import registry
+from chemage.plugin import registry
 import numpy as np
 from chemage import ReactionLattice
 near = dict(neighbours=[[1], [0]], coupling=[[0.1], [0.1]])

@@ -26,7 +26,7 @@ WATCHED = 0.01
 
 def scene(pixels: int) -> dict[str, Any]:
     """The scene on ``pixels`` x ``pixels``, as data."""
-    from chemage import override, scene_data
+    from chemage.plugin import override, scene_data
 
     data, _ = scene_data("silica-rough")
     side = pixels * PIXEL

@@ -22,7 +22,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from chemage import registry
+from chemage.plugin import registry
 from chemage.testing.small_systems import Group, Hold, chance_of, held, random_hold
 from chemage_kinetics import engines
 

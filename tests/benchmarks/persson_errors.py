@@ -34,7 +34,7 @@ def compared(surface: Any, load: float, scene: ca.Scene) -> list[float]:
     }
     solved = ca.contact("fft-bem", modulus=MODULUS, gap=True).solve(surface.make(1), load)
     theory = ca.contact("persson", modulus=MODULUS).statistics(surface, load, 1)
-    statistics = ca.contact_statistics(solved, chemistry)
+    statistics = ca.plugin.contact_statistics(solved, chemistry)
     without = statistics.model_copy(update={"missing": None})
     curves = [ca.age(contact, chemistry, **run) for contact in (solved, theory, without)]
     at = int(np.argmin(np.abs(np.log(curves[0].hold_times / 1e3))))
@@ -54,7 +54,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rows", type=int, default=0, help="only so many rows of Table 1; default: all")
     rows = parser.parse_args().rows
-    scene = ca.parse_scene(ca.scene_data("silica-rough")[0])
+    scene = ca.parse_scene(ca.plugin.scene_data("silica-rough")[0])
     print("| H | ζ | η | load (µN) | A/A0 | area | mean pressure | bonds, 1000 s | β | without the rim |")
     print("|" + "---|" * 10)
     every = []
@@ -71,7 +71,7 @@ def main() -> None:
         for load in LOADS:
             errors = compared(surface, load, scene)
             every.append(errors)
-            fraction = ca.theory.persson_area_fraction(load / (PIXELS * PIXEL) ** 2 / MODULUS / SLOPE)
+            fraction = ca.plugin.theory.persson_area_fraction(load / (PIXELS * PIXEL) ** 2 / MODULUS / SLOPE)
             cells = " | ".join(f"{100 * error:+.1f}" for error in errors)
             print(
                 f"| {row.hurst:g} | {row.zeta:g} | {row.eta:g} | {load / 1e3:g} | {fraction:.3g} | {cells} |",

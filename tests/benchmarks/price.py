@@ -30,7 +30,7 @@ from scipy import stats
 from unseen_scenes import unseen
 
 import chemage as ca
-from chemage.studies.ensembles.computations import computations, compute
+from chemage.studies.ensembles.computations import computations
 from chemage.studies.ensembles.goals import with_request
 from chemage.studies.ensembles.running import Sampler
 
@@ -53,7 +53,7 @@ def measured(scene: ca.Scene) -> dict[str, object]:
     scene = scene.completed()
     computed = computations(scene.model_copy(update={"ensemble": None, "accuracy": {}}))
     for one in computed:  # compiled before anything is timed
-        compute(one, 1, 1)
+        one.compute(1, 1)
     dial: dict[str, list[float]] = {}
     made: ca.Ensemble | None = None
     for asked in ASKED:
@@ -71,9 +71,9 @@ def measured(scene: ca.Scene) -> dict[str, object]:
         rows, contact, replica, within = [], [], [], []
         for seed in range(SURFACES):
             begin = time.process_time()
-            few = compute(one.with_replicas(1), 700 + seed, 700 + seed)[0]
+            few = one.with_replicas(1).compute(700 + seed, 700 + seed)
             middle = time.process_time()
-            many = compute(one.with_replicas(REPLICAS), 700 + seed, 700 + seed)[0]
+            many = one.with_replicas(REPLICAS).compute(700 + seed, 700 + seed)
             end = time.process_time()
             del few
             each = ((end - middle) - (middle - begin)) / (REPLICAS - 1)

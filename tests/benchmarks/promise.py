@@ -19,7 +19,7 @@ from pathlib import Path
 
 from unseen_scenes import unseen
 
-from chemage.foundation.errors import ChemageError
+from chemage import ChemageError
 from chemage.studies.ensembles.goals import with_request
 from chemage.studies.ensembles.running import Sampler
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from chemage import Aging, ContactSolution, age, fromdict, load_scene, make_surface, solve_contact
-from chemage.foundation.statistics import half_width
+from chemage import Aging, ContactSolution, age, load_scene, make_surface, solve_contact
+from chemage.plugin import fromdict, statistics
 
 REPETITIONS, REPLICAS, TRUTH = 200, 10, 400
 DECADES = [1.0, 1e1, 1e2, 1e3, 1e4, 1e5]
@@ -61,7 +61,7 @@ def coverage() -> None:
             found, _ = aged(scene, contact, REPLICAS, seed, share=share)
             off.append(found.bonds.mean(axis=0) - mean)
             stated.append(found.errors["sampling"] * found.bonds.mean(axis=0))
-            held.append(np.abs(off[-1]) <= half_width(found.bonds))
+            held.append(np.abs(off[-1]) <= statistics.half_width(found.bonds))
         print(f"share {share:g}, {REPLICAS} replicas, at {DECADES} s; {found.notes[0]}")
         print("  interval over replicas holds the truth, %", np.round(100 * np.mean(held, axis=0), 1))
         print("  mean deviation, % of the bonds           ", np.round(100 * np.mean(off, axis=0) / mean, 2))

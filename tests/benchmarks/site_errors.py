@@ -23,7 +23,7 @@ TIMES: list[str] = []
 DECADES = [10.0**n for n in range(6)]
 
 
-def solver(scene: ca.Scene, factor: int, threads: int | None) -> ca.ContactSolver:
+def solver(scene: ca.Scene, factor: int, threads: int | None) -> ca.plugin.ContactSolver:
     """That of the scene, with the gap where sites are smaller than pixels."""
     return scene.contact.replace(threads=threads, gap=factor > 1)
 
@@ -45,7 +45,7 @@ def solved(scene: ca.Scene, seed: int) -> dict[int, ca.ContactSolution]:
                 spent[key] = min(spent.get(key, 1e9), time.process_time() - begin)
     for factor, contact in contacts.items():
         begin = time.process_time()
-        ca.contact_sites(contact, 4.9)
+        ca.plugin.contact_sites(contact, 4.9)
         more = time.process_time() - begin
         cells = [
             f"{spent[factor, threads]:.3f} | {spent[1, threads] / spent[factor, threads]:.1f}" for threads in (1, None)
@@ -85,7 +85,7 @@ def main() -> None:
         pixels = (SITES // factor, SITES // factor)
         surface = scene.surface.replace(pixels=pixels, pixel_size=SPACING * factor).make(1)
         compiled = solver(scene, factor, None).solve(surface, scene.load)
-    ca.contact_sites(compiled, 4.9)
+    ca.plugin.contact_sites(compiled, 4.9)
     print("| seed | contact | sites | " + " | ".join(f"{t:g} s" for t in DECADES) + " | β |")
     print("|" + " --- |" * 10)
     for seed in [int(word) for word in sys.argv[1:]] or [3, 7, 11]:

@@ -12,10 +12,10 @@ import sys
 import numpy as np
 
 import chemage as ca
-from chemage.foundation.units import KB
 from chemage.inference.energies import energy_grid
 from chemage.inference.forward import make_condition
 from chemage.inference.problem import Prior
+from chemage.plugin import KB, figures
 
 SLOPES, VOLUMES = (0.05, 0.1, 0.2), (6.4e-3, 0.0)
 TIMES = np.geomspace(10, 1e4, 13)
@@ -88,18 +88,17 @@ def main() -> None:
 
 def draw(path: str, energies: np.ndarray, kernel: np.ndarray, ratio: np.ndarray) -> None:
     """Draw what each rate sees, and by how much the six narrow the density."""
-    from chemage.foundation.figures import BLACK, PALETTE, panels
 
-    figure, (left, right) = panels(9.6, 3.8, 2)
+    figure, (left, right) = figures.panels(9.6, 3.8, 2)
     for number, row in enumerate(kernel):
         label = f"h' = {SLOPES[number % 3]}, ΔV = {'6.4 Å³' if number < 3 else '0'}"
-        left.plot(energies, row, color=PALETTE[number % 3], ls="-" if number < 3 else "--", label=label)
+        left.plot(energies, row, color=figures.PALETTE[number % 3], ls="-" if number < 3 else "--", label=label)
     left.set(
         xlabel="forming barrier (eV)", ylabel="d ln β by the density (1/(1/eV) per node)", title="what each rate sees"
     )
     left.legend(frameon=False, fontsize=7)
-    right.plot(energies, ratio, color=BLACK)
-    right.axhline(0.7, color=PALETTE[4], lw=0.8, ls="--")
+    right.plot(energies, ratio, color=figures.BLACK)
+    right.axhline(0.7, color=figures.PALETTE[4], lw=0.8, ls="--")
     right.set(
         xlabel="forming barrier (eV)",
         ylabel="posterior over prior",

@@ -15,7 +15,7 @@ import time
 import numpy as np
 from unseen_scenes import unseen
 
-from chemage.studies.ensembles.computations import computations, compute, sketched
+from chemage.studies.ensembles.computations import computations, sketched
 from chemage.studies.ensembles.goals import Request, with_request
 
 SURFACES, REPLICAS = 24, 3
@@ -32,9 +32,9 @@ def measured(number: int) -> tuple[float, float, float, float] | None:
     betas, within, areas, own, seconds = [], [], [], [], np.zeros(2)
     for seed in range(700, 700 + SURFACES):
         begin = time.process_time()
-        areas.append(compute(sketch, seed, seed)[0].measures["area_fraction"])
+        areas.append(sketch.compute(seed, seed).measures["area_fraction"])
         middle = time.process_time()
-        one = compute(coarse.with_replicas(REPLICAS), seed, seed)[0]
+        one = coarse.with_replicas(REPLICAS).compute(seed, seed)
         seconds += [middle - begin, time.process_time() - middle]
         rows = quantities.replica_rows(one)[:, 0]
         betas.append(rows.mean())

@@ -24,7 +24,7 @@ import numpy as np
 from scipy import stats
 
 import chemage as ca
-from chemage.foundation.statistics import half_width
+from chemage.plugin import statistics
 
 SPACING, MODULUS, TEMPERATURE = 0.4518, 35.3, 300.0
 FEWEST = 10
@@ -67,8 +67,8 @@ def bonds(pressure: np.ndarray) -> np.ndarray:
     """Expected bonds of independent sites of that chemistry under ``pressure`` (GPa), (m,)."""
     barrier = 0.75 + 0.55 * (np.arange(4000) + 0.5) / 4000
     nodes = np.linspace(0.0, float(pressure.max()), 40)
-    lowered = np.maximum(barrier - 0.0064 * ca.EV_PER_GPA_NM3 * nodes[:, None], 0.0)
-    rate = 1e13 * np.exp(-lowered / (ca.KB * TEMPERATURE))
+    lowered = np.maximum(barrier - 0.0064 * ca.plugin.EV_PER_GPA_NM3 * nodes[:, None], 0.0)
+    rate = 1e13 * np.exp(-lowered / (ca.plugin.KB * TEMPERATURE))
     share = [-np.expm1(-rate * t).mean(axis=1) for t in TIMES]
     return np.array([np.interp(pressure, nodes, one).sum() for one in share])
 
@@ -93,7 +93,7 @@ def sample(rng: np.random.Generator, seed: int) -> Iterator[Row]:
     else:
         truth, noise = bonds(contact.pressure[contact.contact].astype(float)), np.zeros(TIMES.size)
     found = ca.age(contact, silica(interaction), replicas=10, seed=seed, method=method, **run)
-    half = half_width(found.bonds)
+    half = statistics.half_width(found.bonds)
     for at in np.flatnonzero(np.isfinite(half)):
         right = abs(found.bonds[:, at].mean() - truth[at]) <= np.hypot(half[at], 2 * noise[at])
         counted = truth[at] * min(1.0, method.share if found.errors else 1.0) * 10
@@ -128,7 +128,7 @@ def sites(rng: np.random.Generator, seed: int) -> Iterator[Row]:
     if fine.sites.size < FEWEST or pixels < 4 * options["zeta"] or abs(pixels / along - 1) < 0.01:
         return
     coarse = solved(maker(options, along, pixels), pressure, seed, gap=True)
-    found = ca.contact_sites(coarse, SPACING**-2)
+    found = ca.plugin.contact_sites(coarse, SPACING**-2)
     assert found.shape == (along, along)
     error = found.relative_error(coarse)
     yield "number of sites", fine.sites.size, abs(found.sites.size / fine.sites.size - 1) <= error

@@ -26,7 +26,7 @@ from unseen_scenes import unseen
 
 import chemage as ca
 from chemage.contacts.solution import MEASURES
-from chemage.studies.ensembles.computations import computations, compute
+from chemage.studies.ensembles.computations import computations
 from chemage.studies.ensembles.quantities import Quantities
 from chemage.studies.ensembles.sampling import seed_of
 
@@ -92,7 +92,7 @@ def measure_scenes() -> None:
             cheapest, quantities = computations(scene)[0], Quantities.of(scene, tuple(MEASURES))
             count = max(8, min(OWN_SURFACES, round(40 / cheapest.seconds)))
             seeds = [(seed_of(scene.surface_seed, 0, k, 0), seed_of(scene.hold.seed, 0, k, 1)) for k in range(count)]
-            found = np.array([quantities.row(compute(cheapest, *pair)[0]) for pair in seeds])
+            found = np.array([quantities.row(cheapest.compute(*pair)) for pair in seeds])
         names = (("area_fraction", None), ("patches", None), ("beta", None), ("friction_drop", 1e3))
         area, patches, beta, drop = (found[:, quantities.column(*name)] for name in names)
         scatter, of_drop = (one.std(ddof=1) / one.mean() for one in (beta, drop))

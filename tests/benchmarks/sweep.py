@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 import chemage
-from chemage import registry
+from chemage.plugin import registry
 from chemage.studies.sweeps.running import read_grid, survey_of
 
 SCENE = {
@@ -42,19 +42,19 @@ class Stages:
         self.seconds += time.perf_counter() - begin
         return answer
 
-    @chemage.hookimpl(wrapper=True)
+    @chemage.plugin.hookimpl(wrapper=True)
     def chemage_make_surface(self):
         return (yield from self._timed())
 
-    @chemage.hookimpl(wrapper=True)
+    @chemage.plugin.hookimpl(wrapper=True)
     def chemage_solve_contact(self):
         return (yield from self._timed())
 
-    @chemage.hookimpl(wrapper=True)
+    @chemage.plugin.hookimpl(wrapper=True)
     def chemage_build_lattice(self):
         return (yield from self._timed())
 
-    @chemage.hookimpl(wrapper=True)
+    @chemage.plugin.hookimpl(wrapper=True)
     def chemage_run_kinetics(self):
         return (yield from self._timed())
 

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import load_scene, registry
+from chemage import load_scene
+from chemage.plugin import registry
 
 PNG, PDF = b"\x89PNG\r\n\x1a\n", b"%PDF-"
 

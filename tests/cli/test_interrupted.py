@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 import chemage
-from chemage import StoreError
 from chemage.foundation import files
+from chemage.plugin import StoreError
 from chemage.results import drawing
 
 #: this run says on stderr what it is writing, and waits to be stopped at a certain moment
@@ -83,10 +83,10 @@ def names(folder):
 #: replicas that would take minutes, in threads as in a real run
 ENDLESS = """
 import sys, time
-from chemage import registry
+from chemage.plugin import registry
 
 class Endless:
-    @chemage.hookimpl(tryfirst=True)
+    @chemage.plugin.hookimpl(tryfirst=True)
     def chemage_{hook}(self):
         print("begun", file=sys.stderr, flush=True)
         {work}

@@ -12,7 +12,7 @@ import tomllib
 import pytest
 
 import chemage
-from chemage.foundation import progress
+from chemage.plugin import progress
 
 
 @pytest.fixture(autouse=True)

@@ -6,14 +6,14 @@ import json
 
 import pytest
 
-from chemage import registry
+from chemage.plugin import registry
 
 pytestmark = pytest.mark.filterwarnings("default::chemage.plugins.registry.PluginWarning")
 
 HOOK = """
 import chemage
 
-@chemage.hookimpl
+@chemage.plugin.hookimpl
 def chemage_register():
     return {"contact": {"%s": "%s:Mine"}}
 """
@@ -98,7 +98,7 @@ def test_an_installed_scene_that_is_missing(command, small, site, everything):
     source = """
         import chemage
 
-        @chemage.hookimpl
+        @chemage.plugin.hookimpl
         def chemage_scenes():
             return {"lost": "nowhere:lost.toml"}
     """
@@ -117,7 +117,7 @@ COMMANDS = """
         "Say hello."
         print("hello", name)
 
-    @chemage.hookimpl
+    @chemage.plugin.hookimpl
     def chemage_cli():
         {body}
 """

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage.foundation.progress import progress_bars
+from chemage.plugin import progress
 from chemage.scene import run as experiment
 
 KEYS = {
@@ -184,7 +184,7 @@ def test_a_result_that_appeared_meanwhile_is_not_overwritten(command, small, mon
 def test_only_stages_over_two_seconds_report(capsys, monkeypatch):
     now = [0.0]
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
-    with progress_bars() as tell:
+    with progress.progress_bars() as tell:
         for stage, seconds in (("quick", 1.9), ("slow", 2.5)):
             tell(stage, 0, 0)
             now[0] += seconds
@@ -197,7 +197,7 @@ def test_only_stages_over_two_seconds_report(capsys, monkeypatch):
 @pytest.fixture
 def quick_lines(monkeypatch):
     """Lines that say that a stage is at work come after hundredths of a second."""
-    from chemage.foundation import progress
+    from chemage.plugin import progress
 
     monkeypatch.setattr(progress, "SILENCE", 0.01)
     monkeypatch.setattr(progress, "TICK", 0.002)
@@ -213,13 +213,13 @@ def lines_until(capsys, wanted, seconds=20.0):
 
 
 def test_a_long_stage_says_that_it_is_at_work(capsys, quick_lines):
-    with progress_bars() as tell:
+    with progress.progress_bars() as tell:
         tell("ageing", 3, 10)
         assert "ageing: 3/10, 0 s\n" in lines_until(capsys, "3/10")
 
 
 def test_kernels_are_announced_at_once_and_their_line_ends_with_them(capsys, quick_lines):
-    with progress_bars() as tell:
+    with progress.progress_bars() as tell:
         tell("contact", 0, 0)
         tell("compiling", 0, 0, "kernels, once")
         assert "compiling kernels, once\n" in capsys.readouterr().err
@@ -233,7 +233,7 @@ def test_kernels_are_announced_at_once_and_their_line_ends_with_them(capsys, qui
 
 
 def test_a_slow_start_says_so_and_a_quick_one_does_not(capsys, monkeypatch):
-    from chemage.foundation import progress
+    from chemage.plugin import progress
 
     monkeypatch.setattr(progress, "LOADING", 0.01)
     progress.loading("loading")
@@ -241,13 +241,13 @@ def test_a_slow_start_says_so_and_a_quick_one_does_not(capsys, monkeypatch):
     progress.loaded()
     monkeypatch.setattr(progress, "LOADING", 1000.0)
     progress.loading("loading")
-    with progress_bars():
+    with progress.progress_bars():
         assert capsys.readouterr().err == ""
     assert progress._loading is None
 
 
 def test_a_slow_start_is_silent_where_progress_is(capsys, monkeypatch):
-    from chemage.foundation import progress
+    from chemage.plugin import progress
 
     monkeypatch.setattr(progress, "LOADING", 0.001)
     progress.silence(True)
@@ -270,7 +270,7 @@ def test_a_terminal_gets_bars(monkeypatch):
     screen = Terminal()
     monkeypatch.setattr("sys.stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
-    with progress_bars() as tell:
+    with progress.progress_bars() as tell:
         tell("contact", 0, 0)
         tell("ageing", 3, 10)
     text = screen.getvalue()

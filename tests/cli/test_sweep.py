@@ -14,8 +14,8 @@ import time
 import pytest
 
 import chemage
-from chemage.foundation.text import plus_minus
 from chemage.kinetics.hooks import REPLICA_SECONDS
+from chemage.plugin import text
 from chemage.studies.sweeps import running as sweeps
 
 SCENE = """
@@ -66,7 +66,7 @@ def rows(text):
 
 
 def beta_of(point):
-    return plus_minus(point.summary["beta"], point.summary["beta_half_width"])
+    return text.plus_minus(point.summary["beta"], point.summary["beta_half_width"])
 
 
 def test_run_fills_a_folder_and_says_what_came_out(command, scene, tiny):

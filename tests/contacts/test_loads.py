@@ -31,7 +31,7 @@ def scene(**changes):
         },
         "contact": {"kind": "fft-bem", "modulus": "35.3 GPa", "load": "10 MPa"},
     }
-    return ca.override(data, changes)
+    return ca.plugin.override(data, changes)
 
 
 # -- load as a nominal pressure ---------------------------------------------------------------------------------------
@@ -91,7 +91,7 @@ def test_a_tip_has_no_nominal_area():
     for load in (lambda: hertz.solve(tip.make(), "10 MPa"), lambda: SOLVER.solve(tip.make(), "10 MPa")):
         with pytest.raises(ca.InputError, match=r"load = '10 MPa'.*no meaning; give the normal force"):
             load()
-    with pytest.raises(ca.SceneError, match=r"contact\.load: '10 MPa': .*nominal area"):
+    with pytest.raises(ca.plugin.SceneError, match=r"contact\.load: '10 MPa': .*nominal area"):
         ca.load_scene("silica-tip", {"contact.load": "10 MPa"})
 
 
@@ -122,7 +122,7 @@ def test_the_area_must_be_known_before_the_surface_is_made():
 def test_wrong_loads_are_refused(load, message):
     with pytest.raises(ca.InputError, match=message):
         SOLVER.solve(rough_surface(), load)
-    with pytest.raises(ca.SceneError, match=message):
+    with pytest.raises(ca.plugin.SceneError, match=message):
         ca.parse_scene(scene(**{"contact.load": load}))
 
 
@@ -141,7 +141,7 @@ def test_a_sweep_of_pressures_keeps_the_pressure_where_the_size_changes():
 
 def test_a_sweep_does_not_mix_forces_and_pressures():
     data = scene() | {"sweep": {"contact.load": ["10 MPa", "2 nN"]}}
-    with pytest.raises(ca.SceneError, match="all loads as forces, or all as nominal pressures"):
+    with pytest.raises(ca.plugin.SceneError, match="all loads as forces, or all as nominal pressures"):
         Grid.read(data)
 
 
@@ -225,16 +225,16 @@ def test_a_scene_shows_and_keeps_the_contact_modulus():
 def test_wrong_elastic_constants_are_refused(constants, message):
     with pytest.raises(ca.InputError, match=message):
         ca.contact("hertz", modulus=constants)
-    with pytest.raises(ca.SceneError, match=message):
+    with pytest.raises(ca.plugin.SceneError, match=message):
         ca.parse_scene(scene(**{"contact.modulus": constants}))
 
 
 def test_a_solver_of_a_third_party_gets_it_with_the_type_of_its_option():
-    class Springs(ca.ContactSolver):
+    class Springs(ca.plugin.ContactSolver):
         """A bed of springs."""
 
         kind = "springs-of-a-test"
-        stiffness: ca.ContactModulus = 10.0
+        stiffness: ca.plugin.ContactModulus = 10.0
         """contact modulus, GPa"""
 
         def _solve(self, surface, load, start):

@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, SceneError, parse_scene
+from chemage import InputError, parse_scene
 from chemage.contacts.solution import MEASURES, Contact
+from chemage.plugin import SceneError
 
 PERSSON = ca.contact("persson", modulus=35.3)
 SIGMA = 0.5 * 35.3 * 0.1
 
 
-def rough(area: float = 1e6, slope: float = 0.1) -> ca.Roughness:
-    return ca.Roughness(rms_slope=slope, rms_height=1.0, nominal_area=area)
+def rough(area: float = 1e6, slope: float = 0.1) -> ca.plugin.Roughness:
+    return ca.plugin.Roughness(rms_slope=slope, rms_height=1.0, nominal_area=area)
 
 
 def scene(**parts):
@@ -186,7 +187,7 @@ def test_a_square_millimetre_runs_without_a_map(command, tmp_path, monkeypatch):
     assert done["sites"] == pytest.approx(4.9 * done["area"], rel=1e-9)
     assert "persson (declared error" in done["approximate"]
     again = ca.read(tmp_path / "large.h5")
-    assert isinstance(again.contact, ca.ContactStatistics)
+    assert isinstance(again.contact, ca.plugin.ContactStatistics)
     assert again.summary()["beta"] == done["beta"] > 0
     shown = " ".join(command("show", "large.h5").out.split())
     assert "not known: the contact has no map" in shown
@@ -225,7 +226,7 @@ def test_statistics_of_a_solved_contact_keep_area_load_and_rim():
     own = ca.chemistry(
         forming=ca.barriers("uniform", lower=0.75, upper=1.2), interaction=ca.interaction("elastic-pairs", strength=0.1)
     )
-    found = ca.contact_statistics(contact, own)
+    found = ca.plugin.contact_statistics(contact, own)
     assert found.contact_area == pytest.approx(contact.area, rel=1e-12)
     assert float(found.pressure @ found.area) == pytest.approx(50.0, rel=1e-9)
     sites = own.sites_of(contact).sites

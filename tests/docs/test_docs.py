@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import pytest
 
-from chemage import parse_scene, scene_data
+from chemage import parse_scene
 from chemage.cli import app as command_line
+from chemage.plugin import scene_data
 from chemage.scene.parsing import section_names
 
 ROOT = Path(__file__).parents[2]

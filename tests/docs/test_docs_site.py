@@ -63,11 +63,11 @@ def test_every_public_name_has_an_entry_that_says_something():
 
 
 def test_every_role_is_in_the_catalogue():
-    assert words("components.md", "components") == [*ca.registry.current().roles, "plugin"]
+    assert words("components.md", "components") == [*ca.plugin.registry.current().roles, "plugin"]
 
 
 def test_every_role_is_on_the_page_of_checks():
-    assert words("checks.md", "checks") == ["component", *ca.registry.current().roles]
+    assert words("checks.md", "checks") == ["component", *ca.plugin.registry.current().roles]
 
 
 @pytest.mark.parametrize("page", ["reference.md", "components.md", "commands.md", "checks.md"])
@@ -92,7 +92,7 @@ def test_the_file_format_lists_every_array_with_its_dimensions_and_unit():
         "contact": ca.ContactSolution,
         "aging": ca.Aging,
         "lattice": ca.ReactionLattice,
-        "history": ca.BondHistory,
+        "history": ca.plugin.BondHistory,
     }
     page = text("file-format.md")
     for group, cls in groups.items():

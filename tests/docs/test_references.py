@@ -67,7 +67,7 @@ def passages(path: Path) -> Iterator[tuple[int, str]]:
 
 def exists(dotted: str) -> bool:
     """Whether a dotted name that begins with a package leads to a module, and on to names that the module has."""
-    first, _, rest = dotted.partition(".")
+    first, _, rest = dotted.replace("chemage.plugin.", "chemage.", 1).partition(".")
     if first == "chemage" and (home := PUBLIC.get(rest.partition(".")[0])):
         dotted = ".".join([home, *([rest.partition(".")[0]] if home not in MODULES else []), *rest.split(".")[1:]])
     parts = dotted.split(".")

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import InputError, StoreError
+from chemage import InputError
+from chemage.plugin import StoreError
 
 
 def refuse(command, small, *words, verbs=("check", "run")):

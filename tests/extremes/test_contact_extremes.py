@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from chemage import ConvergenceError, InputError, Surface
+from chemage import InputError, Surface
+from chemage.plugin import ConvergenceError
 from chemage_contact import FFTBEM, Hertz
 from chemage_surfaces import SelfAffine, Sphere
 

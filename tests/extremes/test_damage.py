@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 
 import chemage
-from chemage import Aging, BondHistory, ContactSolution, ReactionLattice, Surface
+from chemage import Aging, ContactSolution, ReactionLattice, Surface
+from chemage.plugin import BondHistory
 from chemage.foundation import container
 from chemage.studies.folder import Folder
 
@@ -78,7 +79,7 @@ def state_and_point():
     if sweep.state("aa") != content["status"]:
         raise AssertionError("two answers")
     if content["status"] == "damaged":
-        raise chemage.StoreError("damaged")
+        raise chemage.plugin.StoreError("damaged")
     return content
 
 

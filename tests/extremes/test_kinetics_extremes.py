@@ -11,7 +11,8 @@ from scipy import stats
 from scipy.linalg import expm
 
 import chemage
-from chemage import KB, InputError, ReactionLattice, registry
+from chemage import InputError, ReactionLattice
+from chemage.plugin import KB, registry
 
 KINDS = registry.current().kinds("engine")
 #: `auto` runs one of the others

@@ -10,9 +10,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError
-from chemage.foundation import memory
-from chemage.foundation.threads import in_order
-from chemage.scene.plan import LongRunWarning
+from chemage.plugin import memory, threads
 
 #: changes to a small scene that no run survives, and what the message says
 BAD_SCENES = [
@@ -103,7 +101,7 @@ def test_a_run_of_hours_says_so_first(command, small, monkeypatch):
 
     monkeypatch.setattr(RejectionFree, "expected", lambda self, sites, interacting: {"cpu_seconds": 1e5, "bytes": 1.0})
     assert "warning: this will take about" in command("check", small).out
-    with pytest.warns(LongRunWarning, match=r"this will take about .* (hours|days)"):
+    with pytest.warns(ca.PlanWarning, match=r"this will take about .* (hours|days)"):
         ca.run(small)
 
 
@@ -127,10 +125,10 @@ def test_replicas_are_not_all_queued_at_once():
     seen = []
     done = []
     with pytest.raises(RuntimeError, match="60"):
-        seen.extend(in_order(task, 100_000, 4, lambda ready, count: done.append(ready)))
+        seen.extend(threads.in_order(task, 100_000, 4, lambda ready, count: done.append(ready)))
     assert max(most) <= 4
     assert len(most) < 100
-    assert list(in_order(lambda number: number, 50, 4, None)) == list(range(50))
+    assert list(threads.in_order(lambda number: number, 50, 4, None)) == list(range(50))
 
 
 def test_a_history_that_is_not_one_is_refused_before_a_kernel_sees_it(examples):

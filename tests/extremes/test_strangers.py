@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, SceneError, StoreError
-from chemage.foundation.errors import printable
+from chemage import InputError, errors
+from chemage.plugin import SceneError, StoreError
 from chemage.studies.folder import Folder
 
 
@@ -163,7 +163,7 @@ def test_what_is_printed_does_not_move_the_cursor(command, small, tmp_path):
         assert not any(letter in text for letter in "\x1b\x07\r\x9b\u202e")
     missing = command("show", "\x1b[2Jno.h5")
     assert "\x1b" not in missing.err
-    assert printable("Δµ\t1\n") == "Δµ\t1\n"
+    assert errors.printable("Δµ\t1\n") == "Δµ\t1\n"
 
 
 @pytest.mark.long

@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import DamagedError, ExecutorError, InputError, SceneError, StoreError
+from chemage import InputError
+from chemage.plugin import DamagedError, ExecutorError, SceneError, StoreError
 from chemage.studies.folder import CannotWrite
 from chemage.studies.sweeps import running as sweeps
 from chemage.studies.sweeps.grid import Grid
@@ -170,7 +171,7 @@ def test_the_folder_of_another_sweep_is_refused(tiny, tmp_path):
     assert contents(tmp_path / "out") == before
 
 
-OF_LATER = chemage.container.sealed_json({"format": 99, "versions": {"chemage": "9.0"}})
+OF_LATER = chemage.plugin.container.sealed_json({"format": 99, "versions": {"chemage": "9.0"}})
 
 
 @pytest.mark.parametrize("content", [b"{}", b'{"name": "a package"}', OF_LATER])

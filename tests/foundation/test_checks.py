@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from chemage import InputError, check_times, checked_seed, force, temperature_value
+from chemage import InputError
+from chemage.plugin import check_times, checked_seed, force, temperature_value
 
 
 def test_force():

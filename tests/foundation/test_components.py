@@ -13,12 +13,8 @@ import pytest
 from pydantic import PrivateAttr, SerializeAsAny, ValidationError
 
 import chemage as ca
-from chemage import (
-    Barriers,
-    Component,
-    Energy,
-    InputError,
-)
+from chemage import InputError
+from chemage.plugin import Barriers, Component, Energy
 
 
 class Level(Barriers):

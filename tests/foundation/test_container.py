@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import DamagedError, StoreError, container
 from chemage.foundation.codec import exact
+from chemage.plugin import DamagedError, StoreError, container
 
 TABLE = container.Arrays(
     values={"energy": np.array([0.5, np.nan]), "flags": np.array([True, False]), "zeros": np.zeros(9)}

@@ -8,7 +8,8 @@ import pickle
 import pytest
 
 import chemage as ca
-from chemage import ChemageError, ConvergenceError, InputError, PluginError, SceneError, StoreError, UnitError, errors
+from chemage import ChemageError, InputError, errors
+from chemage.plugin import ConvergenceError, PluginError, SceneError, StoreError, UnitError
 
 ALL = [
     value
@@ -77,6 +78,6 @@ def test_a_convergence_error_carries_the_history():
 
 
 def test_nearest():
-    assert ca.nearest("hertzz", ["hertz", "fft-bem"]) == " (did you mean 'hertz'?)"
-    assert ca.nearest("qqq", ["hertz", "fft-bem"]) == ""
-    assert ca.nearest("x", []) == ""
+    assert ca.plugin.nearest("hertzz", ["hertz", "fft-bem"]) == " (did you mean 'hertz'?)"
+    assert ca.plugin.nearest("qqq", ["hertz", "fft-bem"]) == ""
+    assert ca.plugin.nearest("x", []) == ""

@@ -21,7 +21,7 @@ def access(path, mode, **more):
 os.access = access
 import chemage
 print(os.environ.get("NUMBA_CACHE_DIR", ""))
-print(chemage.random.uniforms(1, 2, [3, 4]).size)
+print(chemage.plugin.random.uniforms(1, 2, [3, 4]).size)
 """
 
 
@@ -70,7 +70,7 @@ def test_everything_that_can_be_computed_again_is_in_one_folder(tmp_path, monkey
     for name in ("CHEMAGE_CACHE", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv(variable, str(tmp_path))
-    assert chemage.cache_folder() == tmp_path / below
+    assert chemage.plugin.cache_folder() == tmp_path / below
     monkeypatch.setattr("numba.config.CACHE_DIR", "")
     machine.provide_kernels()
     assert Path(os.environ["NUMBA_CACHE_DIR"]) == machine.kernel_folder() == tmp_path / below / "kernels"

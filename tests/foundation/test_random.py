@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from chemage import random as cr
+from chemage.plugin import random as cr
 
 # Random123 1.14, tests/kat_vectors, "philox4x32 10": counter, key, expected output.
 KNOWN_ANSWERS = [

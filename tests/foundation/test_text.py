@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from chemage.foundation.text import decimals, jsonable, plus_minus, with_error, with_interval
+from chemage.plugin import text as wording
 
 
 @pytest.mark.parametrize(
@@ -26,8 +26,8 @@ from chemage.foundation.text import decimals, jsonable, plus_minus, with_error, 
     ],
 )
 def test_a_value_is_cut_where_its_error_is(value, error, text):
-    assert plus_minus(value, error) == text
-    assert plus_minus(value, error, "nN") == f"{text} nN"
+    assert wording.plus_minus(value, error) == text
+    assert wording.plus_minus(value, error, "nN") == f"{text} nN"
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_a_value_is_cut_where_its_error_is(value, error, text):
     ],
 )
 def test_an_interval_sets_the_digits_of_all_three_numbers(numbers, text):
-    assert with_interval(*numbers) == text
+    assert wording.with_interval(*numbers) == text
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_an_interval_sets_the_digits_of_all_three_numbers(numbers, text):
     ],
 )
 def test_in_legends_the_error_stands_in_brackets(value, error, text):
-    assert with_error(value, error) == text
+    assert wording.with_error(value, error) == text
 
 
 @pytest.mark.parametrize("error", [1.0, 1.94, 1.96, 2.0, 9.4, 9.6])
@@ -67,7 +67,7 @@ def test_one_rule_rounds_every_error(error):
     """Two digits where the first is 1, so that rounding changes no error by more than 25 %."""
     for exponent in range(-8, 9):
         size = error * 10.0**exponent
-        assert abs(round(size, decimals(size)) - size) <= 0.25 * size
+        assert abs(round(size, wording.decimals(size)) - size) <= 0.25 * size
 
 
 @pytest.mark.parametrize(
@@ -84,6 +84,6 @@ def test_one_rule_rounds_every_error(error):
     ],
 )
 def test_jsonable_is_json(value, plain):
-    assert jsonable(value) == plain
-    assert type(jsonable(value)) is type(plain)
-    json.dumps(jsonable(value), allow_nan=False)
+    assert wording.jsonable(value) == plain
+    assert type(wording.jsonable(value)) is type(plain)
+    json.dumps(wording.jsonable(value), allow_nan=False)

@@ -19,20 +19,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import chemage as ca
-from chemage import (
+from chemage import InputError
+from chemage.foundation.units import _POWERS, _parse
+from chemage.plugin import (
     EV_PER_GPA_NM3,
     KB,
     Component,
     Energy,
-    InputError,
     Length,
     SceneError,
     Temperature,
     Unit,
     UnitError,
     convert,
+    units,
 )
-from chemage.foundation.units import _POWERS, _parse, unit_registry
 
 INTERNAL = ("nm", "nN", "GPa", "eV", "s", "K", "Hz", "nm**3")
 
@@ -257,7 +258,7 @@ def test_pint_is_imported_only_for_a_unit_that_no_power_of_ten_leads_to():
 
 
 def test_there_is_one_registry():
-    assert unit_registry() is unit_registry()
+    assert units.unit_registry() is units.unit_registry()
 
 
 @pytest.mark.parametrize(("unit", "other"), [(unit, other) for unit, powers in _POWERS.items() for other in powers])
@@ -312,26 +313,26 @@ class Astronomical:
     ],
 )
 def test_a_quantity_has_the_bits_of_the_string_with_its_unit(quantity, text, unit):
-    assert ca.convert(quantity, unit) == ca.convert(text, unit)
+    assert ca.plugin.convert(quantity, unit) == ca.plugin.convert(text, unit)
 
 
 def test_a_registry_with_units_of_its_own_is_believed():
     own = pint.UnitRegistry()
     own.define("burger = 0.286 nm")
-    assert ca.convert(own.Quantity(2, "burger"), "nm") == pytest.approx(0.572, rel=1e-12)
+    assert ca.plugin.convert(own.Quantity(2, "burger"), "nm") == pytest.approx(0.572, rel=1e-12)
 
 
 def test_the_wrong_dimension_names_field_value_and_unit():
     with pytest.raises(InputError, match=r"radius: \"30 gigapascal\" is a quantity of gigapascal, .* in nm"):
         ca.surface("sphere", radius=Q(30, "GPa"), pixels=8, pixel_size=1)
     with pytest.raises(UnitError, match=r'load: "3 meter" is a quantity of meter, but this field is in nN'):
-        ca.force(Q(3, "m"))
+        ca.plugin.force(Q(3, "m"))
     with pytest.raises(UnitError, match=r'load: "3 m" is a quantity of meter, but this field is in nN'):
-        ca.force("3 m")
+        ca.plugin.force("3 m")
     with pytest.raises(UnitError, match=r'temperature: "3 s" .* in K'):
-        ca.temperature_value("3 s")
+        ca.plugin.temperature_value("3 s")
     with pytest.raises(UnitError, match=r'"2 um" is a quantity of um, but this field is in s'):
-        ca.convert(Astronomical2(), "s")
+        ca.plugin.convert(Astronomical2(), "s")
 
 
 class Astronomical2(Astronomical):
@@ -344,12 +345,12 @@ class Astronomical2(Astronomical):
 
 def test_several_numbers_are_not_one():
     with pytest.raises(UnitError, match="is not one quantity"):
-        ca.convert(Q([1, 2], "nm"), "nm")
+        ca.plugin.convert(Q([1, 2], "nm"), "nm")
 
 
 def test_hold_times_may_carry_their_unit():
-    assert ca.check_times(Q([1, 20], "ms")).tolist() == [1e-3, 20e-3]
-    assert ca.check_times([Q(1, "ms"), "2 s", 3.0]).tolist() == [1e-3, 2.0, 3.0]
+    assert ca.plugin.check_times(Q([1, 20], "ms")).tolist() == [1e-3, 20e-3]
+    assert ca.plugin.check_times([Q(1, "ms"), "2 s", 3.0]).tolist() == [1e-3, 2.0, 3.0]
     assert ca.hold_times(Q(1, "ms"), Q(10, "ms"), 1).tolist() == [1e-3, 1e-2]
 
 

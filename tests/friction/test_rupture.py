@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, PluginError, SceneError, parse_scene
+from chemage import InputError, compare_files, parse_scene
 from chemage.ageing import checkpoints
-from chemage.results.comparison import compare_files
+from chemage.plugin import PluginError, SceneError
 
-KT = ca.KB * 300.0
+KT = ca.plugin.KB * 300.0
 EV_PER_NM = 0.1602176634  # nN
 
 
-class Bell(ca.Rupture):
+class Bell(ca.plugin.Rupture):
     """Each bond breaks at the force at which its barrier, lowered by force times length, lets it break at a rate."""
 
     kind = "bell"
@@ -32,23 +32,23 @@ class Bell(ca.Rupture):
     def force(self, bonded):
         lattice = bonded.lattice
         barriers = lattice.forming if lattice.breaking is None else lattice.breaking
-        energy = barriers - ca.KB * bonded.temperature * np.log(lattice.attempt_frequency / self.rate)
+        energy = barriers - ca.plugin.KB * bonded.temperature * np.log(lattice.attempt_frequency / self.rate)
         return bonded.states @ (np.maximum(energy, 0.0) * EV_PER_NM / self.length)
 
 
-class Twice(ca.Rupture):
+class Twice(ca.plugin.Rupture):
     """Twice the force of another law."""
 
     kind = "twice"
 
-    inner: ca.Choice[ca.Rupture]
+    inner: ca.plugin.Choice[ca.plugin.Rupture]
     """the law that is doubled"""
 
     def force(self, bonded):
         return 2.0 * self.inner.force(bonded)
 
 
-class Wrong(ca.Rupture):
+class Wrong(ca.plugin.Rupture):
     """A law that returns what it is told to."""
 
     kind = "wrong"
@@ -60,7 +60,7 @@ class Wrong(ca.Rupture):
 
 @pytest.fixture
 def bell():
-    with ca.registry.using(ca.registry.Registry()):
+    with ca.plugin.registry.using(ca.plugin.registry.Registry()):
         for cls in (Bell, Twice, Wrong):
             ca.register(cls)
         yield Bell()
@@ -94,7 +94,7 @@ def test_bell_with_one_barrier_is_the_number_of_bonds_times_its_force(bell):
     assert made.bonds[:, -1].min() > 50
 
 
-def lattice_of_two(bonded: int) -> tuple[ca.ReactionLattice, ca.BondHistory]:
+def lattice_of_two(bonded: int) -> tuple[ca.ReactionLattice, ca.plugin.BondHistory]:
     """Sites with barriers of 1.0 and 1.3 eV in turn; first ``bonded`` of the weak ones form a bond, then all sites."""
     n = 40
     breaking = np.where(np.arange(n) % 2 == 0, 1.0, 1.3)
@@ -102,7 +102,7 @@ def lattice_of_two(bonded: int) -> tuple[ca.ReactionLattice, ca.BondHistory]:
     weak = (np.arange(n) % 2 == 0) & (np.arange(n) < 2 * bonded)
     states = np.stack([np.zeros(n, bool), weak, np.ones(n, bool)])
     counts = states.sum(axis=1)
-    history = ca.BondHistory(
+    history = ca.plugin.BondHistory(
         hold_times=[1.0, 10.0, 100.0],
         bonds=counts,
         formed=counts,
@@ -118,7 +118,7 @@ def lattice_of_two(bonded: int) -> tuple[ca.ReactionLattice, ca.BondHistory]:
 
 def test_two_populations_by_hand(bell):
     lattice, history = lattice_of_two(7)
-    found = ca.rupture_bonds(ca.Bonded(contact(), chemistry(), lattice, history), bell)
+    found = ca.plugin.rupture_bonds(ca.plugin.Bonded(contact(), chemistry(), lattice, history), bell)
     lost = KT * np.log(1e13 / 1e3)
     weak, strong = (energy - lost for energy in (1.0, 1.3))
     expected = np.array([0.0, 7 * weak, 20 * weak + 20 * strong]) * EV_PER_NM / 0.1
@@ -178,7 +178,7 @@ def test_states_that_were_not_asked_for_are_an_error_that_says_so(bell):
 
 
 def test_what_asks_is_named_where_the_engine_cannot_give_states(bell):
-    class Once(ca.Engine):
+    class Once(ca.plugin.Engine):
         """Cannot resume."""
 
         kind = "once"
@@ -200,7 +200,7 @@ def test_arguments_of_another_kind_are_refused(bell):
     with pytest.raises(InputError, match="rupture must be a Rupture"):
         aged("mean-force")
     with pytest.raises(InputError, match="bonded must be a Bonded"):
-        ca.rupture_bonds(3)  # pyright: ignore[reportArgumentType]
+        ca.plugin.rupture_bonds(3)  # pyright: ignore[reportArgumentType]
 
 
 def test_a_law_inside_a_law_has_its_states(bell):
@@ -211,12 +211,12 @@ def test_a_law_inside_a_law_has_its_states(bell):
 
 def test_a_plugin_that_answers_for_some_replicas_only_is_stored_for_all(bell):
     class Some:
-        @ca.hookimpl
+        @ca.plugin.hookimpl
         def chemage_rupture_bonds(self, bonded):
             return 7.0 * bonded.bonds if bonded.lattice.forming.size and bonded.bonds[0] % 2 else None
 
     plain = aged()
-    ca.registry.current().register(Some(), "some")
+    ca.plugin.registry.current().register(Some(), "some")
     made = aged()
     odd = plain.bonds[:, 0] % 2 == 1
     assert made.rupture_force is None or odd.any()

@@ -217,7 +217,7 @@ def test_data_that_no_density_explains_come_with_the_best_fit(command, folder, m
     def infer(curves, scene, **how):
         size = curves[0].hold_times.size
         lines = {"energies": np.ones(2), "density": np.ones(2), "fitted": np.ones(size), "residuals": np.ones(size)}
-        raise ca.UnexplainedError("values: no density of barriers explains them", chi2=99.0, **lines)
+        raise ca.plugin.UnexplainedError("values: no density of barriers explains them", chi2=99.0, **lines)
 
     monkeypatch.setattr("chemage.inference.infer.infer", infer)
     done = command("infer", "tip.csv", "--scene", "tip.toml")

@@ -36,7 +36,7 @@ def test_units_percent_and_other_quantities_are_read(tmp_path):
     assert found.friction_drop == pytest.approx([100, 200])
     assert found.temperature == pytest.approx(300.15)
     text = "hold_time (s), value, quantity, error\n1, 10, friction_drop, 1\n10, 20, friction_drop, 1\n"
-    with pytest.raises(ca.UnitError, match="value has no unit"):
+    with pytest.raises(ca.plugin.UnitError, match="value has no unit"):
         ca.read_curves(written(tmp_path, text), load=50, temperature=300)
     (found,) = ca.read_curves(written(tmp_path, text.replace("value", "value (nN)")), load=50, temperature=300)
     assert found.values.tolist() == [10, 20]

@@ -13,9 +13,9 @@ TIMES = np.logspace(-3, 5, 9)
 
 
 def scene(strength=0.0, **changes):
-    data, _ = ca.scene_data("silica-tip")
+    data, _ = ca.plugin.scene_data("silica-tip")
     interaction = {"interaction.strength": strength} if strength else {"interaction": None}
-    return ca.parse_scene(ca.override(data, {"observe": [], **interaction, **changes}))
+    return ca.parse_scene(ca.plugin.override(data, {"observe": [], **interaction, **changes}))
 
 
 def condition(made, times=TIMES):
@@ -32,7 +32,7 @@ def bump(energies, mean=0.95, std=0.1):
 def test_a_site_follows_the_closed_form_without_overflow():
     chemistry = ca.chemistry(forming=ca.barriers("uniform", lower=0.8, upper=1.4))
     found = bonded_probability(chemistry, 300.0, np.array([1e-10, 1.0, 1e12]), np.array([-5.0, 0.0, 0.8, 50.0]))
-    rate = 1e13 * np.exp(-0.8 / (ca.units.KB * 300))
+    rate = 1e13 * np.exp(-0.8 / (ca.plugin.units.KB * 300))
     assert found[1, 2] == pytest.approx(1 - np.exp(-rate), rel=1e-9)
     assert found[:, 0] == pytest.approx(found[:, 1])  # a barrier below zero is one of zero
     assert found[0, 1] == pytest.approx(1.0)
@@ -127,9 +127,9 @@ def test_the_mean_field_is_near_the_kinetics_of_the_sites_and_corrected_to_them(
 
 
 def test_what_cannot_be_inverted_is_refused_before_anything_is_computed():
-    data, _ = ca.scene_data("silica-tip")
+    data, _ = ca.plugin.scene_data("silica-tip")
     removed = dict.fromkeys(("forming", "breaking", "interaction", "chemistry", "engine", "hold", "fit", "observe"))
-    bare = ca.parse_scene(ca.override(data, removed))
+    bare = ca.parse_scene(ca.plugin.override(data, removed))
     with pytest.raises(ca.InputError, match=r"ends at the contact; add \[forming\]"):
         check_scene(bare)
     with pytest.raises(ca.InputError, match=r"\[rupture\] makes the friction depend on which sites are bonded"):

@@ -22,9 +22,9 @@ def fewer_samples(monkeypatch):
 
 
 def scene(strength=0.0, **changes):
-    data, _ = ca.scene_data("silica-tip")
+    data, _ = ca.plugin.scene_data("silica-tip")
     interaction = {"interaction.strength": strength} if strength else {"interaction": None}
-    return ca.parse_scene(ca.override(data, {"observe": [], **interaction, **changes}))
+    return ca.parse_scene(ca.plugin.override(data, {"observe": [], **interaction, **changes}))
 
 
 def solved(made):
@@ -245,7 +245,7 @@ def test_data_that_no_density_explains_are_refused_with_the_best_fit():
         load=50.0, temperature=300.0, hold_times=TIMES, values=np.where(TIMES < 1, 10.0, 100.0), errors=np.ones(25)
     )
     with pytest.raises(
-        ca.UnexplainedError, match="no density of barriers explains them; the best fit has χ² = "
+        ca.plugin.UnexplainedError, match="no density of barriers explains them; the best fit has χ² = "
     ) as one:
         ca.infer(jump, scene())
     assert "rises faster with the hold time than a single barrier" in str(one.value)
@@ -253,16 +253,16 @@ def test_data_that_no_density_explains_are_refused_with_the_best_fit():
     assert one.value.density.shape == one.value.energies.shape
     assert np.abs(one.value.residuals).max() > 3
     below = rising().model_copy(update={"values": rising().values - 300})
-    with pytest.raises(ca.UnexplainedError, match="values are below zero, but bonds that form can only add"):
+    with pytest.raises(ca.plugin.UnexplainedError, match="values are below zero, but bonds that form can only add"):
         ca.infer(below, scene())
     much = rising().model_copy(update={"values": 20 * rising().values})
-    with pytest.raises(ca.UnexplainedError, match="all sites of the contact would have to be bonded and more"):
+    with pytest.raises(ca.plugin.UnexplainedError, match="all sites of the contact would have to be bonded and more"):
         ca.infer(much, scene())
 
 
 def independent_sites(made, energies, weights, times):
     """ΔF (nN) of independent sites at 300 K in closed form: a/(a + b) (1 − exp(−(a + b) t)) of every site."""
-    kt, chemistry = ca.units.KB * 300, made.chemistry
+    kt, chemistry = ca.plugin.units.KB * 300, made.chemistry
     sites = chemistry.sites_of(solved(made))
     ranks = (np.arange(20) + 0.5) / 20
     lowering = chemistry.activation_volume * 6.241509 * np.quantile(sites.pressure, ranks)  # 1 GPa nm³ = 6.24 eV
@@ -276,8 +276,8 @@ def independent_sites(made, energies, weights, times):
 
 def outside(peak, times, asked, seed):
     """An inference of hold times before which no site of a narrow peak reacts, a forecast, and its truth."""
-    data, _ = ca.scene_data("silica-linear-tip")
-    made = ca.parse_scene(ca.override(data, {"observe": [], "interaction": None}))
+    data, _ = ca.plugin.scene_data("silica-linear-tip")
+    made = ca.parse_scene(ca.plugin.override(data, {"observe": [], "interaction": None}))
     energies = np.linspace(0.3, 1.5, 1201)
     weights = np.exp(-0.5 * ((energies - peak) / 0.02) ** 2)
     values, truth = (independent_sites(made, energies, weights, at) for at in (times, asked))
@@ -317,8 +317,8 @@ def test_forecasts_hold_narrow_peaks_above_what_linear_ageing_sees(times, peaks,
 @pytest.mark.long
 def test_without_any_bond_a_note_says_that_forecasts_are_bounds_from_none_to_all_sites():
     """Nothing was measured by 90 ms (± 0.1 nN)."""
-    data, _ = ca.scene_data("silica-linear-tip")
-    made = ca.parse_scene(ca.override(data, {"observe": [], "interaction": None}))
+    data, _ = ca.plugin.scene_data("silica-linear-tip")
+    made = ca.parse_scene(ca.plugin.override(data, {"observe": [], "interaction": None}))
     nothing = ca.MeasuredCurve(
         load=made.load,
         temperature=300.0,
@@ -341,14 +341,14 @@ def test_without_any_bond_a_note_says_that_forecasts_are_bounds_from_none_to_all
 def test_linear_ageing_is_a_narrow_peak_at_the_upper_end_and_logarithmic_ageing_a_flat_density():
     """Tian et al., Phys. Rev. Lett. 124, 026801 (2020): linear ageing of 5 to 90 ms at 300 K."""
     times = np.linspace(0.005, 0.09, 18)
-    data, _ = ca.scene_data("silica-linear-tip")
-    made = ca.parse_scene(ca.override(data, {"observe": [], "interaction": None}))
+    data, _ = ca.plugin.scene_data("silica-linear-tip")
+    made = ca.parse_scene(ca.plugin.override(data, {"observe": [], "interaction": None}))
     values = 40.0 * times / 0.09
     measured = ca.MeasuredCurve(
         load=made.load, temperature=300.0, hold_times=times, values=values, errors=NOISE * values
     )
     found = ca.infer(measured, made, families=(), samples=400, seed=1)
-    upper = ca.units.KB * 300 * np.log(1e13 * 0.09)
+    upper = ca.plugin.units.KB * 300 * np.log(1e13 * 0.09)
     below = found.energies < upper - 0.06
     share = found.samples @ np.gradient(found.energies)
     low = found.samples[:, below].sum(axis=1) * np.gradient(found.energies)[0]

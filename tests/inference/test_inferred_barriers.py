@@ -59,7 +59,7 @@ def test_the_content_of_the_file_is_in_the_keys(file):
 def test_wrong_files_and_members_are_clear_errors(file, tmp_path):
     with pytest.raises(ca.InputError, match="members 1 to 60"):
         ca.barriers("inferred", path=file, member=61).quantile(np.array([0.5]))
-    with pytest.raises(ca.StoreError, match=r"nothing\.h5"):
+    with pytest.raises(ca.plugin.StoreError, match=r"nothing\.h5"):
         ca.barriers("inferred", path=tmp_path / "nothing.h5").quantile(np.array([0.5]))
     other = tmp_path / "forecast.h5"
     ca.write(other, ca.surface("sphere", radius=5, pixels=32, pixel_size=0.5).make())

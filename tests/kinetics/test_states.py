@@ -30,8 +30,8 @@ def lattice(interacting: bool = True) -> ca.ReactionLattice:
 @pytest.mark.parametrize("kind", ENGINES)
 def test_bonds_events_and_state_are_those_of_the_run_without_states(kind):
     sites, engine = lattice(kind != "independent"), ca.engine(kind)
-    plain = ca.run_kinetics(engine, sites, TIMES, temperature=300, seed=7)
-    seen = ca.run_kinetics(engine, sites, TIMES, temperature=300, seed=7, states=True)
+    plain = ca.plugin.run_kinetics(engine, sites, TIMES, temperature=300, seed=7)
+    seen = ca.plugin.run_kinetics(engine, sites, TIMES, temperature=300, seed=7, states=True)
     assert plain.states is None
     assert plain.broken[-1] > 20
     for name in COUNTS:
@@ -49,8 +49,8 @@ def test_bonds_events_and_state_are_those_of_the_run_without_states(kind):
 def test_a_history_with_states_can_be_resumed():
     sites, engine = lattice(), ca.engine("rejection-free")
     plain = engine.run(sites, TIMES, temperature=300, seed=7)
-    first = ca.run_kinetics(engine, sites, TIMES[:5], temperature=300, seed=7, states=True)
-    later = ca.run_kinetics(engine, sites, TIMES[5:], temperature=300, seed=7, start=first, states=True)
+    first = ca.plugin.run_kinetics(engine, sites, TIMES[:5], temperature=300, seed=7, states=True)
+    later = ca.plugin.run_kinetics(engine, sites, TIMES[5:], temperature=300, seed=7, start=first, states=True)
     both = first.then(later)
     assert both.states.shape == (TIMES.size, sites.sites.size)
     np.testing.assert_array_equal(both.bonds, plain.bonds)
@@ -61,7 +61,7 @@ def test_a_history_with_states_can_be_resumed():
 @pytest.mark.parametrize("every", [0.0, 60.0])
 def test_checkpoints_keep_the_states(every, tmp_path):
     sites, engine = lattice(), ca.engine("rejection-free")
-    whole = ca.run_kinetics(engine, sites, TIMES, temperature=300, seed=7, states=True)
+    whole = ca.plugin.run_kinetics(engine, sites, TIMES, temperature=300, seed=7, states=True)
     options = {"temperature": 300.0, "seed": 7, "path": tmp_path / "one.h5"}
     for _ in range(2):
         kept = run_with_checkpoints(engine, sites, TIMES, every=every, states=True, **options)
@@ -84,7 +84,7 @@ def test_a_checkpoint_without_states_is_computed_again_where_they_are_asked_for(
     assert ca.read(tmp_path / "one.h5").states.shape == (TIMES.size, sites.sites.size)
 
 
-class Forgetful(ca.Engine):
+class Forgetful(ca.plugin.Engine):
     """Cannot resume."""
 
     kind = "forgetful"
@@ -96,7 +96,7 @@ class Forgetful(ca.Engine):
 
 def test_an_engine_that_cannot_resume_gives_none():
     with pytest.raises(InputError, match=r"engine 'forgetful' cannot resume from a history .* use another engine"):
-        ca.run_kinetics(Forgetful(), lattice(), TIMES, temperature=300, states=True)
+        ca.plugin.run_kinetics(Forgetful(), lattice(), TIMES, temperature=300, states=True)
 
 
 def test_states_that_do_not_fit_are_refused(examples):

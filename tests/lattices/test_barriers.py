@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.integrate import trapezoid
 
 import chemage as ca
-from chemage import InputError, StoreError
+from chemage import InputError
+from chemage.plugin import StoreError
 
 energies = st.floats(-2, 4).map(lambda x: round(x, 6))
 
@@ -158,7 +159,7 @@ def test_a_table_from_a_file_is_the_table(tmp_path, text):
     np.testing.assert_allclose(barriers.quantile(UNIFORM[UNIFORM <= 0.5]), rising, rtol=1e-14)
     # the result of a run keeps the numbers: the file may go
     (tmp_path / "table.csv").unlink()
-    assert ca.fromdict("barriers", barriers.todict()) == barriers
+    assert ca.plugin.fromdict("barriers", barriers.todict()) == barriers
 
 
 def test_one_column_is_samples(tmp_path):

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import EV_PER_GPA_NM3, Barriers, ContactSolution, InputError
+from chemage import ContactSolution, InputError
 from chemage.lattices.chemistry import effective_forming
+from chemage.plugin import EV_PER_GPA_NM3, Barriers
 
 
 class Ladder(Barriers):

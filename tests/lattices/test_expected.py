@@ -25,7 +25,7 @@ def expected_events(chemistry, pressure, hold_time, temperature):
 @pytest.mark.parametrize("hold_time", [1.0, 1e6])
 @pytest.mark.parametrize("barriers", [(0.8, 0.9), (0.9, 0.8), (0.75, 0.75)])
 def test_two_states_have_the_events_of_the_master_equation(barriers, hold_time):
-    form, break_ = (NU * np.exp(-energy / (ca.KB * 320.0)) for energy in barriers)
+    form, break_ = (NU * np.exp(-energy / (ca.plugin.KB * 320.0)) for energy in barriers)
     total = form + break_
 
     def rate(t):
@@ -39,7 +39,7 @@ def test_two_states_have_the_events_of_the_master_equation(barriers, hold_time):
 
 def test_bonds_that_last_form_once():
     lasting = chemistry(0.8, None)
-    rate = NU * np.exp(-0.8 / (ca.KB * 300.0))
+    rate = NU * np.exp(-0.8 / (ca.plugin.KB * 300.0))
     assert expected_events(lasting, 1.0, 1.0, 300.0) == pytest.approx(-np.expm1(-rate), rel=1e-12)
     assert expected_events(lasting, 1.0, 1e9, 300.0) == 1.0
 
@@ -68,7 +68,7 @@ def test_the_two_state_chain_follows_its_master_equation(forming, breaking, time
     """By the matrix exponential of the generator, in which a third component counts the bonds that broke."""
     step = np.array([[-forming, breaking, 0], [forming, -breaking, 0], [0, breaking, 0]]) * time
     exact = expm(step) @ [1.0, 0.0, 0.0]
-    sites = ca.TwoState(np.array([forming]), breaking)
+    sites = ca.plugin.TwoState(np.array([forming]), breaking)
     assert sites.bonded(time)[0] == pytest.approx(exact[1], rel=1e-9, abs=1e-300)
     assert sites.broken(time)[0] == pytest.approx(exact[2], rel=2e-6, abs=1e-300)
     assert sites.bonded(np.array([[time], [2 * time]])).shape == (2, 1)
@@ -76,4 +76,4 @@ def test_the_two_state_chain_follows_its_master_equation(forming, breaking, time
 
 def test_rates_are_those_of_arrhenius_and_the_attempt_frequency_at_most():
     rates = chemistry().rates(np.array([-1.0, 0.0, 0.5]), 300.0)
-    assert rates == pytest.approx([NU, NU, NU * np.exp(-0.5 / (ca.KB * 300.0))], rel=1e-15)
+    assert rates == pytest.approx([NU, NU, NU * np.exp(-0.5 / (ca.plugin.KB * 300.0))], rel=1e-15)

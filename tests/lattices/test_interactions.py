@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import chemage as ca
-from chemage import InputError, random
+from chemage import InputError
+from chemage.plugin import random
 
 STEPS = [(-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)]
 PAIRS = ca.interaction("elastic-pairs", strength="0.5 eV", bias=0.1)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import chemage as ca
 from chemage import InputError, ReactionLattice
 from chemage.lattices.chemistry import neighbours_of
-from chemage.lattices.site_grid import contact_sites
+from chemage.plugin import contact_sites
 
 
 @pytest.fixture

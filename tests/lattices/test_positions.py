@@ -9,17 +9,19 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, ReactionLattice, registry
+from chemage import InputError, ReactionLattice
+from chemage.plugin import registry
 
 ENGINES = ("rejection-free", "bkl", "next-reaction", "independent", "auto")
 #: a plugin whose lattice has two sites in each pixel in contact
 TWO = """
     import chemage
 
-    @chemage.hookimpl(wrapper=True)
+    @chemage.plugin.hookimpl(wrapper=True)
     def chemage_build_lattice(contact, seed):
         import numpy as np
-        from chemage import ReactionLattice, random
+        from chemage import ReactionLattice
+        from chemage.plugin import random
 
         lattice = yield
         sites = np.repeat(lattice.sites, 2)
@@ -97,7 +99,7 @@ def test_files_keep_positions(tmp_path):
 @pytest.mark.parametrize("name", ENGINES)
 def test_the_sites_of_a_pixel_are_independent(name):
     made = pairs(4000)
-    rate = 1e13 * np.exp(-0.8 / (ca.KB * 300))
+    rate = 1e13 * np.exp(-0.8 / (ca.plugin.KB * 300))
     state = ca.engine(name).run(made, [np.log(2) / rate], temperature=300, seed=1).state.reshape(-1, 2)
     # 2000 ± 32 each, 1000 ± 27 both
     assert abs(state.sum() - 4000) < 5 * np.sqrt(2000)
@@ -110,7 +112,7 @@ def test_coupled_sites_of_a_pixel_are_the_master_equation(name):
     n, gain = 4000, -0.03
     near = np.arange(2 * n).reshape(n, 2)[:, ::-1].reshape(-1, 1)
     made = pairs(n, neighbours=near, coupling=np.full((2 * n, 1), gain))
-    slow, fast = (1e13 * np.exp(-(0.8 + more) / (ca.KB * 300)) for more in (0.0, gain))
+    slow, fast = (1e13 * np.exp(-(0.8 + more) / (ca.plugin.KB * 300)) for more in (0.0, gain))
     # p0' = -2 slow p0, p1' = 2 slow p0 - fast p1
     t = 0.4 / slow
     none = np.exp(-2 * slow * t)
@@ -144,7 +146,7 @@ def test_a_plugin_with_two_sites_in_a_pixel_ages_as_the_closed_form(two, example
     assert aging.sites.tolist() == [2 * n] * 20
     assert list(aging.plugins) == ["two"]
     energy = 0.8 + 0.2 * (np.arange(20_000) + 0.5) / 20_000
-    rates = 1e13 * np.exp(-energy / (ca.KB * 300))
+    rates = 1e13 * np.exp(-energy / (ca.plugin.KB * 300))
     for bonds, t in zip(aging.bonds.T, times, strict=True):
         chance = -np.expm1(-rates * t).mean()
         # sum over sites of 1 - exp(-k t), and its binomial scatter
@@ -164,11 +166,11 @@ def test_an_observable_adds_the_sites_of_a_pixel(two):
 # -- what is offered to interactions and engines ----------------------------------------------------------------------
 
 
-class Far(ca.Interaction):
+class Far(ca.plugin.Interaction):
     """Pixels closer than ``reach`` along x, by the size of the pixels; stronger across the edge."""
 
     kind = "far"
-    reach: ca.Length = 1.0
+    reach: ca.plugin.Length = 1.0
     """nm"""
 
     def neighbours(self, pixels, periodic, sites, *, pixel_size=1.0, positions=None):
@@ -200,7 +202,7 @@ def test_an_interaction_gets_what_it_names(examples):
         lattice = chemistry.on(contact)
         assert lattice.neighbours[9, 1] == 9 + 2 * 3
         assert np.unique(lattice.coupling[lattice.neighbours >= 0]).tolist() == [energy]
-        some = ca.build_lattice(chemistry.replace(hydroxylation=0.5), contact)
+        some = ca.plugin.build_lattice(chemistry.replace(hydroxylation=0.5), contact)
         assert 0 < some.sites.size < 24
     ca.testing.check_component(Far())
 
@@ -209,7 +211,7 @@ def test_the_hook_of_the_kinetics_gets_contact_and_chemistry(examples):
     seen = []
 
     class Plugin:
-        @ca.hookimpl
+        @ca.plugin.hookimpl
         def chemage_run_kinetics(self, contact, chemistry, lattice):
             seen.append((contact, chemistry, lattice))
 
@@ -220,7 +222,7 @@ def test_the_hook_of_the_kinetics_gets_contact_and_chemistry(examples):
         copy.register(Plugin(), "looking")
         ca.age(contact, chemistry, engine=engine, hold_times=[1.0], temperature=300, replicas=1)
         lattice = chemistry.on(contact)
-        ca.run_kinetics(engine, lattice, [1.0], temperature=300)
+        ca.plugin.run_kinetics(engine, lattice, [1.0], temperature=300)
     assert [one[:2] for one in seen] == [(contact, chemistry), (None, None)]
 
 
@@ -228,7 +230,7 @@ def test_the_hook_gets_them_where_checkpoints_are_kept(examples, tmp_path):
     seen = []
 
     class Plugin:
-        @ca.hookimpl
+        @ca.plugin.hookimpl
         def chemage_run_kinetics(self, contact, chemistry):
             seen.append((contact, chemistry))
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import ContactSolution, InputError, contact_sites, parse_scene
+from chemage import ContactSolution, InputError, parse_scene
 from chemage.lattices.site_grid import in_words, site_shape
+from chemage.plugin import contact_sites
 
 SPACING = 0.4518
 DENSITY = 1 / SPACING**2
@@ -288,7 +289,7 @@ def test_lattices_know_their_pressures(contacts):
     lattice = chemistry(activation_volume="6.4 angstrom**3").on(coarse)
     assert lattice.pressures(coarse) is lattice.pressure
     plain = chemistry().on(coarse)
-    lowered = 0.0064 * ca.EV_PER_GPA_NM3 * plain.pressures(coarse)
+    lowered = 0.0064 * ca.plugin.EV_PER_GPA_NM3 * plain.pressures(coarse)
     np.testing.assert_allclose(plain.forming - lattice.forming, lowered, rtol=0, atol=1e-12)
     without = lattice.model_copy(update={"pressure": None})
     assert np.array_equal(without.pressures(fine), fine.pressure.ravel()[without.sites])

@@ -20,7 +20,7 @@ TRIANGLE = {"forming.kind": "tabulated", "forming.energies": [0.8, 1.1, 1.4], "f
 
 def crossed(barrier):
     """Hold time after which barriers below ``barrier`` (eV) have been crossed at 300 K, s."""
-    return 1e-13 * np.exp(barrier / (ca.units.KB * 300))
+    return 1e-13 * np.exp(barrier / (ca.plugin.units.KB * 300))
 
 
 def onset(scene, changes=None):
@@ -45,7 +45,7 @@ def power(times, values):
 
 def test_the_range_of_barriers_sets_the_onset():
     """k_B T ln(νt) is 0.71 eV at 0.1 s and 0.77 eV at 1 s: triangles from 0.71 and 0.8 eV on begin to age then."""
-    assert ca.units.KB * 300 * np.log(1e13 * 0.1) == pytest.approx(0.714, abs=1e-3)
+    assert ca.plugin.units.KB * 300 * np.log(1e13 * 0.1) == pytest.approx(0.714, abs=1e-3)
     assert 0.06 < onset("silica-afm-tip") < 0.15
     assert 0.7 < onset("silica-tip", TRIANGLE) < 4
 

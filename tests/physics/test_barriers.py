@@ -9,7 +9,7 @@ import pytest
 from scipy import integrate, stats
 
 import chemage as ca
-from chemage import KB, random
+from chemage.plugin import KB, random
 from chemage_silica import MDSilica
 
 SITES = np.arange(100_000)

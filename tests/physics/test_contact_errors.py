@@ -14,7 +14,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from contact_errors import MODULUS, Case, cases, check, estimates, rough, slope
 from independent_contact import Body, dense_solution, evaluate
 
-from chemage import ConvergenceError, InputError, Surface
+from chemage import InputError, Surface
+from chemage.plugin import ConvergenceError
 from chemage_contact import FFTBEM, _descent
 
 STRICT = [("single", 1e-6), ("mixed", 1e-12), ("double", 1e-12)]

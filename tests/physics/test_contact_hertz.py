@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from chemage import InputError, Surface
-from chemage.contacts.patches import corrected_area
+from chemage.plugin import patches
 from chemage_contact import Hertz
 from chemage_contact.hertz import _corner_force
 from chemage_surfaces import Sphere
@@ -71,7 +71,7 @@ def test_no_area_is_free_of_bias_but_that_of_the_centres(pixel_size, pixels):
     scatter = (found / exact).std() / math.sqrt(loads.size)
     assert abs((found / exact).mean() - 1) < 4 * scatter + 1e-12
     assert 4 * scatter < 0.01
-    wrong = np.array([corrected_area(c.area, c.perimeter, pixel_size) for c in contacts])
+    wrong = np.array([patches.corrected_area(c.area, c.perimeter, pixel_size) for c in contacts])
     assert (wrong / exact).mean() < 1 - 0.01
 
 

@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from chemage import Surface, theory
+from chemage import Surface
+from chemage.plugin import theory
 from chemage_contact import FFTBEM, Hertz
 from chemage_surfaces import SelfAffine, Sphere
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from chemage.foundation.statistics import crossed_half_width, half_width
+from chemage.plugin import statistics
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
@@ -57,16 +57,18 @@ def test_weights_that_are_estimated_do_not_make_an_activation_energy_too_certain
 
 def test_one_factor_is_the_interval_of_student():
     values = np.random.default_rng(1).standard_normal((7, 3))
-    assert crossed_half_width(values, 1) == pytest.approx(half_width(values), rel=1e-12)
-    assert crossed_half_width(values[:, None], 2) == pytest.approx(half_width(values), rel=1e-12)
+    assert statistics.crossed_half_width(values, 1) == pytest.approx(statistics.half_width(values), rel=1e-12)
+    assert statistics.crossed_half_width(values[:, None], 2) == pytest.approx(statistics.half_width(values), rel=1e-12)
 
 
 def test_what_is_not_finite_is_left_out():
     values = np.random.default_rng(1).standard_normal((4, 3))
     values[2] = np.nan
-    assert crossed_half_width(values, 1) == pytest.approx(half_width(values[[0, 1, 3]]), rel=1e-12)
-    assert np.isnan(crossed_half_width(values[2:], 1)).all()
-    assert np.isnan(crossed_half_width(np.ones((1, 1)), 2))
+    assert statistics.crossed_half_width(values, 1) == pytest.approx(
+        statistics.half_width(values[[0, 1, 3]]), rel=1e-12
+    )
+    assert np.isnan(statistics.crossed_half_width(values[2:], 1)).all()
+    assert np.isnan(statistics.crossed_half_width(np.ones((1, 1)), 2))
 
 
 def test_values_of_one_surface_are_not_independent_of_each_other():
@@ -74,11 +76,11 @@ def test_values_of_one_surface_are_not_independent_of_each_other():
     rng = np.random.default_rng(2)
     values = rng.standard_normal((3, 1)) + 0.01 * rng.standard_normal((3, 100))
     limit = stats.t.ppf(0.975, 2) / np.sqrt(3)
-    assert crossed_half_width(values, 2) == pytest.approx(limit * values.mean(axis=1).std(ddof=1), rel=0.01)
-    assert crossed_half_width(values, 2) > 10 * half_width(values.ravel())
+    assert statistics.crossed_half_width(values, 2) == pytest.approx(limit * values.mean(axis=1).std(ddof=1), rel=0.01)
+    assert statistics.crossed_half_width(values, 2) > 10 * statistics.half_width(values.ravel())
 
 
 def test_replicas_that_are_equal_say_nothing_of_their_scatter():
-    found = half_width(np.array([[3, 5, 0], [3, 7, 0]]))
+    found = statistics.half_width(np.array([[3, 5, 0], [3, 7, 0]]))
     assert np.isnan(found).tolist() == [True, False, True]
-    assert np.isnan(half_width(np.array([2.0, 2.0, 2.0])))
+    assert np.isnan(statistics.half_width(np.array([2.0, 2.0, 2.0])))

@@ -9,7 +9,8 @@ import pytest
 from scipy import stats
 
 import chemage
-from chemage import KB, InputError, ReactionLattice, registry
+from chemage import InputError, ReactionLattice
+from chemage.plugin import KB, registry
 
 KINDS = registry.current().kinds("engine")
 CHANCE = 1e-5

@@ -18,7 +18,8 @@ from scipy import stats
 from scipy.linalg import expm
 
 import chemage
-from chemage import KB, ReactionLattice, registry
+from chemage import ReactionLattice
+from chemage.plugin import KB, registry
 from chemage.testing.checks import option_variants
 from chemage.testing.small_systems import Group, barrier, chance_of, coupled, evolved, held, random_hold
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import KB, ReactionLattice
-from chemage import random as cr
+from chemage import ReactionLattice
+from chemage.plugin import KB
+from chemage.plugin import random as cr
 from chemage_kinetics._common import STREAMS
 from chemage_kinetics._identity import noise_key
 

@@ -9,7 +9,7 @@ import pytest
 
 import chemage
 from chemage import ReactionLattice
-from chemage import random as cr
+from chemage.plugin import random as cr
 from chemage_kinetics._common import STREAMS
 from chemage_kinetics._identity import PROBES, noise_key
 

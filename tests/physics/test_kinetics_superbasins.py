@@ -11,7 +11,8 @@ from scipy import stats
 from scipy.linalg import expm
 
 import chemage
-from chemage import KB, ReactionLattice
+from chemage import ReactionLattice
+from chemage.plugin import KB
 from chemage.testing.small_systems import random_hold
 from chemage_kinetics._chain import gamma, sojourn
 

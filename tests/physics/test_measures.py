@@ -9,8 +9,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import erf
 
-from chemage import roughness, surface, theory
-from chemage.contacts.patches import corrected_area, patches, perimeter
+from chemage import surface
+from chemage.plugin import patches, roughness, theory
 
 
 def cosine(shape, i, j, amplitude=1.0, phase=0.3):
@@ -132,14 +132,14 @@ def test_spectra_of_the_smallest_surfaces_do_not_fail(shape):
 def test_the_perimeter_of_a_disc_of_pixels_is_that_of_its_bounding_square(radius):
     x = np.arange(128) - 63.7
     disc = x[:, None] ** 2 + x**2 < radius**2
-    assert perimeter(disc, 1.0, False) == pytest.approx(8 * radius, rel=0.03)
-    assert patches(disc, False).count == 1
+    assert patches.perimeter(disc, 1.0, False) == pytest.approx(8 * radius, rel=0.03)
+    assert patches.patches(disc, False).count == 1
 
 
 def test_corrected_area_is_yastrebovs():
     """A − (π − 1 + ln 2)/24 · C · a, J. Mech. Phys. Solids 107, 469 (2017), eq. 10: about 0.118 of a pixel per edge."""
-    assert corrected_area(100.0, 40.0, 0.5) == pytest.approx(100 - 0.118117 * 40 * 0.5, rel=1e-4)
-    assert corrected_area(100.0, 0.0, 0.5) == 100.0
+    assert patches.corrected_area(100.0, 40.0, 0.5) == pytest.approx(100 - 0.118117 * 40 * 0.5, rel=1e-4)
+    assert patches.corrected_area(100.0, 0.0, 0.5) == 100.0
 
 
 def test_the_correction_brings_circles_covered_by_pixels_nearer_to_their_area():
@@ -156,7 +156,9 @@ def test_the_correction_brings_circles_covered_by_pixels_nearer_to_their_area():
         touched = nearest_x[:, None] ** 2 + nearest_y[None, :] ** 2 < radius**2
         area = float(touched.sum())
         raw.append(area - math.pi * radius**2)
-        corrected.append(corrected_area(area, perimeter(touched, 1.0, False), 1.0) - math.pi * radius**2)
+        corrected.append(
+            patches.corrected_area(area, patches.perimeter(touched, 1.0, False), 1.0) - math.pi * radius**2
+        )
     assert 0 < np.mean(corrected) < 0.85 * np.mean(raw)
 
 

@@ -257,7 +257,7 @@ def test_adhesive_force_that_explains_the_tips():
 
 def test_the_literal_activation_volume():
     """0.04 Å³ is 0.00004 nm³, a thousandth of 0.04 eV/GPa (6.4 Å³) but for the factor 6.24."""
-    assert chemage.convert("0.04 angstrom**3", "nm**3") == pytest.approx(sweeps.LITERAL_VOLUME)
+    assert chemage.plugin.convert("0.04 angstrom**3", "nm**3") == pytest.approx(sweeps.LITERAL_VOLUME)
 
 
 def test_bands_over_the_members_are_relative_to_the_best():

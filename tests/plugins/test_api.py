@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from plugin_api import broken, present, recorded
 
-from chemage.plugins.hooks import API_VERSION
+from chemage.plugin import API_VERSION
 
 RECORD = "python tests/stubs/plugin_api.py"
 

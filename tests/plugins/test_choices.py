@@ -12,15 +12,16 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import Choice, ContactSolver, InputError, PluginError, parse_scene, registry
+from chemage import InputError, parse_scene
+from chemage.plugin import Choice, ContactSolver, PluginError, registry
 
 NESTED = """
 import chemage
-from chemage import Choice, ContactSolver
+from chemage.plugin import Choice, ContactSolver
 
 CHEMAGE_LIBRARIES = ("numpy",)
 
-@chemage.hookimpl
+@chemage.plugin.hookimpl
 def chemage_register():
     return {"contact": {"half": "chemage_half:Half"}}
 
@@ -34,9 +35,10 @@ class Half(ContactSolver):
 READER = """
 import numpy as np
 import chemage
-from chemage import Reader, Surface
+from chemage import Surface
+from chemage.plugin import Reader
 
-@chemage.hookimpl
+@chemage.plugin.hookimpl
 def chemage_register():
     return {"reader": {"spam": "chemage_spam:Spam"}}
 
@@ -152,7 +154,7 @@ def test_a_class_from_a_notebook(lab, tmp_path, command):
 
 def kinds(value: str | None) -> list[str]:
     environment = {**os.environ, "CHEMAGE_PLUGINS": value or ""}
-    code = "import chemage; print(*chemage.registry.current().kinds('engine'))"
+    code = "import chemage; print(*chemage.plugin.registry.current().kinds('engine'))"
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     return done.stdout.split() if done.returncode == 0 else [done.stderr.strip().splitlines()[-1]]
 

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import Engine, InputError, PluginError, registry
+from chemage import InputError
+from chemage.plugin import Engine, PluginError, registry
 
 PAGE = (Path(__file__).parents[2] / "docs" / "hooks.md").read_text(encoding="utf-8")
 #: hook -> its specification
@@ -89,7 +90,7 @@ def test_register(installed, site):
     files = {
         "chemage_weibull/__init__.py": example("chemage_register"),
         "chemage_weibull/weibull.py": """
-            from chemage import Barriers
+            from chemage.plugin import Barriers
 
             class Weibull(Barriers):
                 kind = "weibull"
@@ -104,7 +105,7 @@ def test_register(installed, site):
     site.install("chemage-weibull", files, {"weibull": "chemage_weibull"})
     with registry.using(registry.Registry()):
         assert type(ca.barriers("weibull")).__name__ == "Weibull"
-        assert ca.fromdict("barriers", {"kind": "weibull"}) == ca.barriers("weibull")
+        assert ca.plugin.fromdict("barriers", {"kind": "weibull"}) == ca.barriers("weibull")
 
 
 def test_make_surface(installed):
@@ -135,7 +136,7 @@ def test_solve_contact_can_be_replaced(installed):
     flat = """
         import chemage
 
-        @chemage.hookimpl
+        @chemage.plugin.hookimpl
         def chemage_solve_contact(solver, surface, load):
             if load != 7:
                 return None
@@ -151,14 +152,14 @@ def test_solve_contact_can_be_replaced(installed):
 
 def test_build_lattice(installed):
     contact = pressed()
-    plain = ca.build_lattice(silica(), contact, 3)
+    plain = ca.plugin.build_lattice(silica(), contact, 3)
     installed.register(as_plugin(example("chemage_build_lattice")), "wet")
-    wet = ca.build_lattice(silica(), contact, 3)
+    wet = ca.plugin.build_lattice(silica(), contact, 3)
     share = np.mean(wet.forming == 5.0)
     assert 0.02 < share < 0.2
     assert np.array_equal(wet.forming[wet.forming < 5], plain.forming[wet.forming < 5])
     # a pixel stays wet when the load changes
-    more = ca.build_lattice(silica(), pressed(80.0), 3)
+    more = ca.plugin.build_lattice(silica(), pressed(80.0), 3)
     both, at, there = np.intersect1d(wet.sites, more.sites, return_indices=True)
     assert both.size > 50
     assert np.array_equal(wet.forming[at] == 5, more.forming[there] == 5)
@@ -298,7 +299,7 @@ def test_cli(site):
 ANSWERS = {
     "chemage_make_surface": lambda: ca.make_surface(ca.surface("sphere", radius=9, pixels=4, pixel_size=1)),
     "chemage_solve_contact": lambda: pressed(),
-    "chemage_build_lattice": lambda: ca.build_lattice(silica(), pressed()),
+    "chemage_build_lattice": lambda: ca.plugin.build_lattice(silica(), pressed()),
     "chemage_run_kinetics": lambda: ca.age(
         pressed(), silica(), engine=ca.engine("rejection-free"), hold_times=[1], temperature=300, replicas=2
     ),
@@ -310,7 +311,9 @@ ANSWERS = {
 
 @pytest.mark.parametrize("hook", ANSWERS)
 def test_an_answer_of_the_wrong_type_names_the_hook(installed, hook):
-    installed.register(as_plugin(f"import chemage\n@chemage.hookimpl\ndef {hook}():\n    return 'something'"), "wrong")
+    installed.register(
+        as_plugin(f"import chemage\n@chemage.plugin.hookimpl\ndef {hook}():\n    return 'something'"), "wrong"
+    )
     with pytest.raises(PluginError, match=rf"a plugin answered {hook} with str; expected "):
         ANSWERS[hook]()
 
@@ -321,7 +324,7 @@ def test_an_error_in_a_hook_stops_the_run_and_is_not_hidden(installed, hook):
         import chemage
         from chemage import InputError
 
-        @chemage.hookimpl
+        @chemage.plugin.hookimpl
         def {hook}():
             raise InputError("not on a Sunday")
     """
@@ -333,13 +336,13 @@ def test_an_error_in_a_hook_stops_the_run_and_is_not_hidden(installed, hook):
 @pytest.mark.parametrize("hook", ANSWERS)
 def test_none_leaves_it_to_the_next(installed, hook):
     plain = ANSWERS[hook]()
-    installed.register(as_plugin(f"import chemage\n@chemage.hookimpl\ndef {hook}():\n    return None"), "shy")
+    installed.register(as_plugin(f"import chemage\n@chemage.plugin.hookimpl\ndef {hook}():\n    return None"), "shy")
     assert ANSWERS[hook]() == plain
 
 
 def observing(name: str, value: str) -> ModuleType:
     return as_plugin(
-        f"import chemage\n@chemage.hookimpl\ndef chemage_observe(history):\n    return {{{name}: {value}}}"
+        f"import chemage\n@chemage.plugin.hookimpl\ndef chemage_observe(history):\n    return {{{name}: {value}}}"
     )
 
 
@@ -363,11 +366,11 @@ def test_arrow_hooks_receive_plain_validated_values(installed):
     source = """
         import chemage
 
-        @chemage.hookimpl
+        @chemage.plugin.hookimpl
         def chemage_solve_contact(load):
             SEEN["load"] = load
 
-        @chemage.hookimpl
+        @chemage.plugin.hookimpl
         def chemage_run_kinetics(engine, hold_times, temperature, seed):
             SEEN.update(hold_times=hold_times, temperature=temperature, seed=seed, engine=engine)
     """

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import InputError, SceneError, parse_scene, registry
-from chemage.ageing.checkpoints import CheckpointWarning
-from chemage.scene.schema import scene_schema
+from chemage import InputError, parse_scene
+from chemage.plugin import SceneError, registry
 
 CAP = '''
 """Caps the pressure."""
@@ -23,7 +22,7 @@ import chemage
 CHEMAGE_OPTIONS = "cap_options:Options"
 
 
-@chemage.hookimpl(wrapper=True)
+@chemage.plugin.hookimpl(wrapper=True)
 def chemage_solve_contact():
     import numpy as np
     from cap_options import Options
@@ -36,7 +35,7 @@ def chemage_solve_contact():
 '''
 CAP_OPTIONS = '''
 from typing import ClassVar
-from chemage import PluginOptions, Pressure
+from chemage.plugin import PluginOptions, Pressure
 
 class Options(PluginOptions):
     """Of the cap."""
@@ -53,7 +52,7 @@ import chemage
 
 CHEMAGE_OPTIONS = "seen_options:Options"
 
-@chemage.hookimpl(wrapper=True)
+@chemage.plugin.hookimpl(wrapper=True)
 def chemage_run_kinetics():
     from seen_options import Options
 
@@ -61,7 +60,7 @@ def chemage_run_kinetics():
     return found.model_copy(update={"notes": (*found.notes, f"level {Options.current().level}")})
 """
 SEEN_OPTIONS = """
-from chemage import PluginOptions
+from chemage.plugin import PluginOptions
 
 class Options(PluginOptions):
     level: int = 1
@@ -200,10 +199,10 @@ def test_a_block_with_a_wrong_option_says_what_is_wrong(both):
     ("target", "options", "problem"),
     [
         ("gone_options:Options", "", "gone_options:Options cannot be imported: ModuleNotFoundError"),
-        ("bad_options:Other", "class Other: pass", "bad_options:Other is not a chemage.PluginOptions"),
+        ("bad_options:Other", "class Other: pass", "bad_options:Other is not a chemage.plugin.PluginOptions"),
         (
             "bad_options:Options",
-            "from chemage import PluginOptions\nclass Options(PluginOptions):\n    a: int\n    b: int = 1\n",
+            "from chemage.plugin import PluginOptions\nclass Options(PluginOptions):\n    a: int\n    b: int = 1\n",
             "a must have a default, for scenes that do not set it",
         ),
     ],
@@ -270,7 +269,7 @@ def test_an_option_of_a_sweep_makes_another_sweep_only_if_it_touches_it(both, tm
     both.forget()
     chemage.sweep(both.scene(sweep=axes, plugins={"cap": {"blocks": 2, "peak": 0.3}}), tmp_path / "out")
     assert both.computed() == []
-    with pytest.raises(chemage.StoreError, match="2 of its 2 points differ"):
+    with pytest.raises(chemage.plugin.StoreError, match="2 of its 2 points differ"):
         chemage.sweep(both.scene(sweep=axes, plugins={"cap": {"peak": 0.2}}), tmp_path / "out")
 
 
@@ -286,7 +285,8 @@ def test_a_checkpoint_with_other_options_is_computed_again(both, tmp_path):
         both.forget()
         scene = parse_scene(both.scene(plugins=plugins, hold={"times": [1.0, 10.0], "replicas": 1}))
         with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", CheckpointWarning)
+            warnings.simplefilter("always")
+            warnings.simplefilter("ignore", chemage.PlanWarning)
             chemage.run(scene, checkpoints=tmp_path / "parts")
         said = " ".join(str(one.message) for one in caught)
         return len(both.computed("contact")), len(both.computed("kinetics")) > 0, said
@@ -304,8 +304,8 @@ def test_a_checkpoint_with_other_options_is_computed_again(both, tmp_path):
 # -- where they are shown ---------------------------------------------------------------------------------------------
 
 
-def test_the_schema_knows_them(both):
-    schema = scene_schema()
+def test_the_schema_knows_them(both, command):
+    schema = json.loads(command("schema").out)
     section = schema["properties"]["plugins"]["properties"]
     assert section["cap"]["properties"]["peak"]["unit"] == "GPa"
     assert section["cap"]["properties"]["peak"]["description"] == "hardness"

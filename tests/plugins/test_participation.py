@@ -8,22 +8,23 @@ from types import ModuleType
 import pytest
 
 import chemage
-from chemage import parse_scene, registry
+from chemage import parse_scene
+from chemage.plugin import registry
 
 PLAIN = """
-    @chemage.hookimpl
+    @chemage.plugin.hookimpl
     def {hook}({arguments}):
         {before}
         return {answer}
 """
 WRAPPER = """
-    @chemage.hookimpl(wrapper=True)
+    @chemage.plugin.hookimpl(wrapper=True)
     def {hook}():
         found = yield
         return {answer}
 """
 OLD_WRAPPER = """
-    @chemage.hookimpl(hookwrapper=True)
+    @chemage.plugin.hookimpl(hookwrapper=True)
     def {hook}():
         outcome = yield
         found = outcome.get_result()
@@ -120,7 +121,7 @@ def test_an_observer_took_part_if_it_measured_something(tiny, answer, took_part)
 
 def test_a_wrapper_that_replaces_an_error_took_part(tiny):
     source = """
-        @chemage.hookimpl(wrapper=True)
+        @chemage.plugin.hookimpl(wrapper=True)
         def chemage_solve_contact(solver, surface, load):
             try:
                 return (yield)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import pytest
 
 import chemage
-from chemage import InputError, SceneError, parse_scene, registry
+from chemage import InputError, parse_scene
+from chemage.plugin import SceneError, registry
 
 #: answers a stage with its own name in the notes
 ANSWER = """
     import chemage
 
-    @chemage.hookimpl{marks}
+    @chemage.plugin.hookimpl{marks}
     def chemage_solve_contact(solver, surface, load):
         found = solver.solve(surface, load)
         return found.model_copy(update={{"notes": ({name!r},)}})
@@ -19,7 +20,7 @@ ANSWER = """
 WRAP = """
     import chemage
 
-    @chemage.hookimpl(wrapper=True{marks})
+    @chemage.plugin.hookimpl(wrapper=True{marks})
     def chemage_solve_contact():
         found = yield
         return found.model_copy(update={{"notes": (*found.notes, {name!r})}})
@@ -140,7 +141,7 @@ def test_a_sweep_prefers_too_and_does_not_mix(answers, tmp_path, executor):
     with chemage.prefer_plugins("pear"):
         result = chemage.sweep(scene, tmp_path / "out", **one)
     assert [point.contact().notes for point in result] == [("pear",)] * 2
-    with pytest.raises(chemage.StoreError, match="holds another sweep"):
+    with pytest.raises(chemage.plugin.StoreError, match="holds another sweep"):
         chemage.sweep(scene, tmp_path / "out", **one)
     both = answers.scene(sweep={"plugins.prefer": [["pear"], ["apple"]]})
     result = chemage.sweep(both, tmp_path / "both", **one)

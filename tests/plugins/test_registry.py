@@ -11,19 +11,20 @@ from types import ModuleType
 import pytest
 
 import chemage as ca
-from chemage import InputError, PluginError, UnknownKindError, registry
+from chemage import InputError
+from chemage.plugin import PluginError, UnknownKindError, registry
 
 FINE = """
     import chemage
 
-    @chemage.hookimpl
+    @chemage.plugin.hookimpl
     def chemage_register():
         return {"barriers": {"level": "levels:Level"}}
 """
 
 LEVELS = """
     import numpy as np
-    from chemage import Barriers
+    from chemage.plugin import Barriers
 
     class Level(Barriers):
         "One barrier for all."
@@ -50,7 +51,7 @@ def offering(targets: str) -> str:
     return f"""
         import chemage
 
-        @chemage.hookimpl
+        @chemage.plugin.hookimpl
         def chemage_register():
             return {targets}
     """
@@ -60,7 +61,7 @@ def plugin(**functions) -> ModuleType:
     """A module with these functions as hooks."""
     module = ModuleType("by_hand")
     for name, function in functions.items():
-        setattr(module, name, ca.hookimpl(function))
+        setattr(module, name, ca.plugin.hookimpl(function))
     return module
 
 
@@ -79,7 +80,7 @@ BROKEN = {
     "is not Python": ("def (", "SyntaxError"),
     "lacks a dependency": ("import no_such_package_xyz", "No module named 'no_such_package_xyz'"),
     "raises in chemage_register": (
-        "import chemage\n@chemage.hookimpl\ndef chemage_register():\n    raise RuntimeError('too late')",
+        "import chemage\n@chemage.plugin.hookimpl\ndef chemage_register():\n    raise RuntimeError('too late')",
         "RuntimeError: too late",
     ),
     "offers nothing": (offering("None"), "chemage_register gave None; expected {role: {kind: 'module:Class'}}"),
@@ -94,25 +95,25 @@ BROKEN = {
         "names the role 'barrier'; the roles are surface, reader,",
     ),
     "is for another version": (
-        "import chemage\nCHEMAGE_API = 2\n@chemage.hookimpl\ndef chemage_register():\n    return {}",
+        "import chemage\nCHEMAGE_API = 2\n@chemage.plugin.hookimpl\ndef chemage_register():\n    return {}",
         "made for plugin interface 2, this chemage has 1",
     ),
     "misspells a hook": (
-        "import chemage\n@chemage.hookimpl\ndef chemage_solve_contacts(solver):\n    pass",
+        "import chemage\n@chemage.plugin.hookimpl\ndef chemage_solve_contacts(solver):\n    pass",
         "implements chemage_solve_contacts, which is not a hook (did you mean 'chemage_solve_contact'?)",
     ),
     "misspells the prefix": (
-        "import chemage\n@chemage.hookimpl\ndef chemge_observe(history):\n    pass",
+        "import chemage\n@chemage.plugin.hookimpl\ndef chemge_observe(history):\n    pass",
         "implements chemge_observe, which is not a hook (did you mean 'chemage_observe'?)",
     ),
-    "forgets hookimpl": ("def chemage_register():\n    return {}", "write @chemage.hookimpl above it"),
+    "forgets hookimpl": ("def chemage_register():\n    return {}", "write @chemage.plugin.hookimpl above it"),
     "takes a wrong argument": (
-        "import chemage\n@chemage.hookimpl\ndef chemage_solve_contact(solver, force):\n    pass",
+        "import chemage\n@chemage.plugin.hookimpl\ndef chemage_solve_contact(solver, force):\n    pass",
         "Argument(s) {'force'} are declared in the hookimpl but can not be found in the hookspec",
     ),
     "has no hook at all": ("x = 1", "implements no hook"),
     "ships scenes without a file": (
-        "import chemage\n@chemage.hookimpl\ndef chemage_scenes():\n    return {'x': 'broken'}",
+        "import chemage\n@chemage.plugin.hookimpl\ndef chemage_scenes():\n    return {'x': 'broken'}",
         "chemage_scenes 'x': expected 'module:thing', got 'broken'",
     ),
 }
@@ -167,7 +168,7 @@ def test_one_module_under_two_names_registers_once(fine):
 
 def test_a_hook_may_have_another_name(isolated_registry):
     module = ModuleType("renamed")
-    module.offer = ca.hookimpl(specname="chemage_register")(lambda: {"barriers": {"x": "levels:Level"}})  # pyright: ignore
+    module.offer = ca.plugin.hookimpl(specname="chemage_register")(lambda: {"barriers": {"x": "levels:Level"}})  # pyright: ignore
     isolated_registry.register(module, "renamed")
     assert isolated_registry.kinds("barriers") == ["x"]
 
@@ -188,8 +189,8 @@ def test_a_plugin_by_hand_raises_and_leaves_nothing(isolated_registry):
     [
         ("no_such_module_xyz:Thing", "no_such_module_xyz:Thing cannot be imported: ModuleNotFoundError"),
         ("levels:Missing", "has no attribute 'Missing'"),
-        ("levels:NoBarriers", "levels:NoBarriers is not a chemage.Barriers"),
-        ("levels:np", "levels:np is not a chemage.Barriers"),
+        ("levels:NoBarriers", "levels:NoBarriers is not a chemage.plugin.Barriers"),
+        ("levels:np", "levels:np is not a chemage.plugin.Barriers"),
         ("levels:Rough", "the class calls itself 'rough'; set kind = 'new'"),
     ],
 )
@@ -213,7 +214,7 @@ def test_a_class_without_its_method_is_found(fine):
 
 
 def test_a_scene_that_is_not_there_is_found(fine):
-    source = "import chemage\n@chemage.hookimpl\ndef chemage_scenes():\n    return {'x': 'levels:x.toml'}"
+    source = "import chemage\n@chemage.plugin.hookimpl\ndef chemage_scenes():\n    return {'x': 'levels:x.toml'}"
     fine.install("scenes", {"scenes.py": source}, {"scenes": "scenes"})
     (said,) = fine.registry().check()
     assert said.startswith("scene 'x' of plugin 'scenes': levels:x.toml: ")
@@ -294,7 +295,7 @@ def test_one_name_in_two_roles_is_no_clash(fine):
 
 def test_two_plugins_that_ship_one_scene_are_both_named(fine):
     for name in ("one", "two"):
-        source = "import chemage\n@chemage.hookimpl\ndef chemage_scenes():\n    return {'x': 'levels:x.toml'}"
+        source = "import chemage\n@chemage.plugin.hookimpl\ndef chemage_scenes():\n    return {'x': 'levels:x.toml'}"
         fine.install(f"{name}-dist", {f"{name}.py": source}, {name: name})
     with pytest.raises(PluginError, match=r"'x' is claimed by 'one' \(one-dist 1.0\) and by 'two' \(two-dist 1.0\)"):
         fine.registry().scene_target("x")
@@ -321,7 +322,7 @@ def test_an_unknown_role():
 
 def test_fromdict_needs_the_kind():
     with pytest.raises(InputError, match=r"barriers: kind is required; installed: .*gaussian"):
-        ca.fromdict("barriers", {"mean": 1.0})
+        ca.plugin.fromdict("barriers", {"mean": 1.0})
 
 
 # -- order, use, threads ----------------------------------------------------------------------------------------------
@@ -398,11 +399,11 @@ def test_import_chemage_imports_neither_numpy_nor_pydantic():
 
 
 def test_discovery_imports_nothing_heavy():
-    loaded = modules_after("from chemage import registry\nassert registry.current().kinds('engine')")
+    loaded = modules_after("from chemage.plugin import registry\nassert registry.current().kinds('engine')")
     assert "chemage_kinetics" in loaded
     assert not loaded & {"numba", "scipy", "matplotlib", "h5py", "pint", "typer", "rich"}
 
 
 def test_a_kind_is_imported_when_it_is_asked_for():
-    code = "from chemage import registry\nregistry.current().component('surface', 'sphere')"
+    code = "from chemage.plugin import registry\nregistry.current().component('surface', 'sphere')"
     assert "numba" not in modules_after(code)

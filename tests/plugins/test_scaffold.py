@@ -10,15 +10,14 @@ from pathlib import Path
 import pytest
 
 import chemage
-from chemage import InputError, StoreError, registry
-from chemage.plugins.hooks import API_VERSION
+from chemage import InputError
+from chemage.plugin import API_VERSION, StoreError, registry
 from chemage.scaffold import new as scaffold
-from chemage.scaffold.stubs import stub_text
 
 #: one process for the plugins of all roles, because it takes longer to start than most of their tests to run
 PROGRAM = """
 import importlib, sys, pytest
-from chemage import registry
+from chemage.plugin import registry
 plugins = registry.current()
 folders = {}
 for role, folder in zip(sys.argv[1::2], sys.argv[2::2], strict=True):
@@ -83,14 +82,7 @@ def test_a_kind_or_a_name_that_is_taken_is_reported(tmp_path: Path, site):
         registry.PluginWarning, match=r"barriers 'gaussian' comes with 'barriers' \(chemage .*choose anoth"
     ):
         scaffold.new("gaussian", "barriers", tmp_path)
-    source = "import chemage\n@chemage.hookimpl\ndef chemage_register():\n    return {}"
+    source = "import chemage\n@chemage.plugin.hookimpl\ndef chemage_register():\n    return {}"
     site.install("chemage-mine", {"chemage_mine.py": source}, {"chemage_mine": "chemage_mine"})
     with registry.using(registry.Registry()), pytest.warns(registry.PluginWarning, match="a plugin 'chemage_mine' is"):
         scaffold.new("mine", "barriers", tmp_path)
-
-
-def test_the_stub_of_chemage_knows_every_option_of_its_components():
-    """``chemage plugins stubs --in . --force`` makes it again, where no other plugins are installed."""
-    stub = Path(chemage.__file__).with_suffix(".pyi").read_text(encoding="utf-8")
-    missing = set(stub_text("chemage").splitlines()) ^ set(stub.splitlines())
-    assert stub == stub_text("chemage"), "\n".join(sorted(missing))

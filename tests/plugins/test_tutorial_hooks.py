@@ -28,7 +28,7 @@ def test_the_page_shows_every_file_it_lists():
 
 def test_the_plugin_is_short():
     code = [text for path, text in PAGE.files.items() if path.startswith("chemage_hardness/")]
-    assert sum(len(text.splitlines()) for text in code) < 60
+    assert sum(len(text.splitlines()) for text in code) < 65
 
 
 @pytest.mark.long

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, Measurements, Run, StoreError, compare_files, override, parse_scene
+from chemage import InputError, Measurements, Run, compare_files, parse_scene
 from chemage.ageing.display import at
-from chemage.foundation.figures import save_figures
+from chemage.plugin import StoreError, figures, override
 from chemage.results import comparison as comparing
 from chemage.results.comparison import Comparison, Entry
 from chemage.results.drawing import comparison_figures
@@ -400,12 +400,12 @@ def test_figures_are_written_whatever_the_names_look_like(results, tmp_path, suf
     comparison = compare_files(odd)
     labels, _ = lines_of(comparison_figures(comparison)["friction-drop"])
     assert len(labels) == 2  # neither hidden from the legend
-    paths = save_figures(comparison_figures(comparison), tmp_path / "figures", suffix=suffix)
+    paths = figures.save_figures(comparison_figures(comparison), tmp_path / "figures", suffix=suffix)
     assert len(paths) == 5
     assert all(path.stat().st_size > 2000 for path in paths)
     with pytest.raises(StoreError, match="already there"):
-        save_figures(comparison_figures(comparison), tmp_path / "figures", suffix=suffix)
-    save_figures(comparison_figures(comparison), tmp_path / "figures", suffix=suffix, force=True)
+        figures.save_figures(comparison_figures(comparison), tmp_path / "figures", suffix=suffix)
+    figures.save_figures(comparison_figures(comparison), tmp_path / "figures", suffix=suffix, force=True)
 
 
 def test_results_with_nothing_to_draw_draw_nothing(results):

@@ -10,12 +10,11 @@ from matplotlib.figure import Figure
 
 import chemage
 import chemage_observables
-from chemage import Aging, ContactSolution, StoreError, load_scene
-from chemage.foundation.figures import pooled, save_figures
+from chemage import Aging, ContactSolution, compare_files, load_scene
 from chemage.foundation.result import result_of
-from chemage.foundation.statistics import half_width
-from chemage.foundation.text import with_error
-from chemage.results.comparison import compare_files
+from chemage.plugin import StoreError, statistics
+from chemage.plugin import figures as plots
+from chemage.plugin import text as wording
 from chemage.results.drawing import figures
 from chemage.results.page import html
 from chemage.scene.published import published
@@ -40,12 +39,12 @@ def contact_of(pressure, periodic=False):
 def test_pooling_keeps_the_peaks_and_the_shape():
     values = np.zeros((2000, 1200))
     values[1234, 567] = 7.0
-    small = pooled(values, np.max)
+    small = plots.pooled(values, np.max)
     assert small.shape == (667, 400)
     assert small.max() == 7.0
     assert np.argwhere(small == 7).tolist() == [[1234 // 3, 567 // 3]]
-    assert pooled(values[:30, :30], np.max) is not None
-    assert pooled(np.full((901, 3), 2.0), np.mean).tolist() == np.full((451, 2), 2.0).tolist()
+    assert plots.pooled(values[:30, :30], np.max) is not None
+    assert plots.pooled(np.full((901, 3), 2.0), np.mean).tolist() == np.full((451, 2), 2.0).tolist()
 
 
 def test_the_surface_map_has_x_to_the_right(result):
@@ -118,14 +117,17 @@ def test_friction_is_drawn_with_its_errors_and_its_fit(result):
         assert line.get_ydata() == pytest.approx(values.mean(axis=0))
         half = [0.5 * (stick[1, 1] - stick[0, 1]) for stick in sticks.get_segments()]
         # an error that is not known has no bar
-        assert half == pytest.approx(np.nan_to_num(half_width(values)))
+        assert half == pytest.approx(np.nan_to_num(statistics.half_width(values)))
     assert not np.allclose(*(axes.containers[0][0].get_ydata()[:3] for axes in (coefficient, local)))
     (fitted,) = [line for line in coefficient.lines if str(line.get_label()).startswith("β")]
     fit = result.fit()
     t, y = fitted.get_xdata(), fitted.get_ydata()
     assert np.diff(y) / np.diff(np.log10(t)) == pytest.approx(fit.beta)
     assert (t[0], t[-1]) == pytest.approx((10.0, 1e4))
-    assert fitted.get_label() == f"β = {with_error(fit.beta, fit.beta_half_width)} per decade (fitted line, 10–10⁴ s)"
+    assert (
+        fitted.get_label()
+        == f"β = {wording.with_error(fit.beta, fit.beta_half_width)} per decade (fitted line, 10–10⁴ s)"
+    )
     labels = [text.get_text() for text in coefficient.get_legend().get_texts()]
     assert labels == [f"{result.name}, mean of {result.aging.replicas} replicas, 95 %", fitted.get_label()]
 
@@ -167,7 +169,7 @@ def test_figures_of_barriers_that_are_gone_lack_only_their_density(result, isola
 def test_saving_checks_every_name_before_the_first_is_written(result, tmp_path):
     (tmp_path / "friction.png").write_text("mine")
     with pytest.raises(StoreError, match=r"friction\.png is already there"):
-        save_figures(figures(result), tmp_path)
+        plots.save_figures(figures(result), tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["friction.png"]
 
 
@@ -176,7 +178,7 @@ def test_each_figure_is_drawn_once(result, tmp_path, monkeypatch):
     made, again, drawn = figures(result), figures(result), []
     draw = Figure.draw
     monkeypatch.setattr(Figure, "draw", lambda self, renderer: (drawn.append(self), draw(self, renderer)))
-    for path in save_figures(made, tmp_path):
+    for path in plots.save_figures(made, tmp_path):
         assert drawn.count(made[path.stem]) == 1
         again[path.stem].savefig(tmp_path / "twice", format="png")
         assert (tmp_path / "twice").read_bytes() == path.read_bytes()
@@ -187,13 +189,13 @@ def test_blocks_of_a_map_are_the_largest_or_the_mean_of_their_pixels():
     padded = np.pad(values, ((0, 1), (0, 0)), mode="edge")
     for pool in (np.max, np.mean):
         blocks = [[pool(padded[4 * i : 4 * i + 4, 4 * j : 4 * j + 4]) for j in range(10)] for i in range(6)]
-        assert pooled(values, pool, 10) == pytest.approx(np.array(blocks))
+        assert plots.pooled(values, pool, 10) == pytest.approx(np.array(blocks))
 
 
 def test_saving_into_what_is_no_folder(result, tmp_path):
     (tmp_path / "file").write_text("mine")
     with pytest.raises(StoreError, match="cannot make the folder"):
-        save_figures(figures(result), tmp_path / "file")
+        plots.save_figures(figures(result), tmp_path / "file")
     assert (tmp_path / "file").read_text() == "mine"
 
 
@@ -202,7 +204,7 @@ def test_nothing_global_changes(result, tmp_path):
     import matplotlib as mpl
 
     before = dict(mpl.rcParams)
-    save_figures(figures(result), tmp_path / "figures")
+    plots.save_figures(figures(result), tmp_path / "figures")
     assert dict(mpl.rcParams) == before
 
 

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage.foundation.result import Compared, Panel, Picture, Result, Rows, Table
+from chemage.foundation.result import Compared, Rows, Table
+from chemage.plugin import Panel, Picture, Result
 
 SOURCES = Path(ca.__file__).parent
 #: data classes of results, and the classes that show them
@@ -63,7 +64,7 @@ class Grains(Result):
         return ["M. Counter, Grains, 1999"], ""
 
 
-class GrainReader(ca.Reader):
+class GrainReader(ca.plugin.Reader):
     """Reads counts of grains, one a line."""
 
     kind = "grains"

@@ -71,18 +71,18 @@ def test_a_damaged_file_is_not_opened(large, tmp_path):
     content[len(content) // 2] ^= 1
     damaged = tmp_path / "damaged.h5"
     damaged.write_bytes(content)
-    with pytest.raises(chemage.DamagedError), chemage.open_maps(damaged):
+    with pytest.raises(chemage.plugin.DamagedError), chemage.open_maps(damaged):
         pass
 
 
 def test_what_has_no_maps_is_refused(tmp_path):
-    history = chemage.BondHistory(
+    history = chemage.plugin.BondHistory(
         hold_times=[1.0], bonds=[0], formed=[0], broken=[0], state=[False], time=1.0, temperature=1.0, engine=""
     )
     chemage.write(tmp_path / "history.h5", history)
-    with pytest.raises(chemage.StoreError, match="holds no map"), chemage.open_maps(tmp_path / "history.h5"):
+    with pytest.raises(chemage.plugin.StoreError, match="holds no map"), chemage.open_maps(tmp_path / "history.h5"):
         pass
-    with pytest.raises(chemage.StoreError, match="does not exist"), chemage.open_maps(tmp_path / "none.h5"):
+    with pytest.raises(chemage.plugin.StoreError, match="does not exist"), chemage.open_maps(tmp_path / "none.h5"):
         pass
 
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, StoreError, override, parse_scene, write_report
+from chemage import InputError, parse_scene, write_report
 from chemage.foundation import files as written_files
+from chemage.plugin import StoreError, override
 from chemage.results.page import html, scene_toml
 
 BASE = {

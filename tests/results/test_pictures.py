@@ -12,7 +12,7 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 import chemage as ca
-from chemage.foundation.errors import MissingError
+from chemage import errors
 
 KINDS = ("surface", "contact", "history", "aging")
 
@@ -32,7 +32,7 @@ def run(small_text):
 
 @pytest.fixture(scope="module")
 def statistics(run):
-    return ca.contact_statistics(run.contact, ca.chemistry(forming=ca.barriers("uniform", lower=0.8, upper=1.2)))
+    return ca.plugin.contact_statistics(run.contact, ca.chemistry(forming=ca.barriers("uniform", lower=0.8, upper=1.2)))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -151,9 +151,11 @@ def test_pandas_has_a_row_for_each_hold_time(run, examples):
 def test_a_missing_library_names_the_extra(library, method, monkeypatch, examples):
     monkeypatch.setitem(sys.modules, library, None)
     for kind in KINDS:
-        with pytest.raises(MissingError, match=rf"{library} is not installed; run: pip install 'chemage\[notebook\]'"):
+        with pytest.raises(
+            errors.MissingError, match=rf"{library} is not installed; run: pip install 'chemage\[notebook\]'"
+        ):
             getattr(getattr(examples, kind)(), method)()
-    assert issubclass(MissingError, ImportError)
+    assert issubclass(errors.MissingError, ImportError)
 
 
 def test_dir_lists_what_is_ours(examples):

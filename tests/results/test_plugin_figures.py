@@ -12,10 +12,10 @@ import pytest
 from nested import Outer
 
 import chemage as ca
-from chemage import parse_scene, registry
-from chemage.foundation.figures import BLUE, PALETTE, save_figures
-from chemage.plugins.registry import PluginWarning
-from chemage.results.comparison import Comparison, Entry, compare_files
+from chemage import compare_files, parse_scene
+from chemage.plugin import figures as plots
+from chemage.plugin import registry
+from chemage.results.comparison import Comparison, Entry
 from chemage.results.drawing import comparison_figures, figures
 from chemage.results.page import html
 
@@ -68,12 +68,12 @@ def test_a_component_of_any_role_brings_figures(tiny, parts, tmp_path, role):
 
     cls = drawing(getattr(parts, base), "mine", {"mine-figure": "What mine does."}, draw)
     run = ran(tiny, **{section: {"kind": "mine", **options}})
-    paths = save_figures(figures(run), tmp_path / "figures")
+    paths = plots.save_figures(figures(run), tmp_path / "figures")
     assert "mine-figure.png" in [path.name for path in paths]
     ((one, (result,)),) = seen
     assert type(one) is cls
-    assert isinstance(result, ca.PlottedResult)
-    assert (result.label, result.color) == ("tiny", BLUE)
+    assert isinstance(result, ca.plugin.PlottedResult)
+    assert (result.label, result.color) == ("tiny", plots.BLUE)
     assert result.aging == run.aging
     assert result.contact == run.contact
     assert result.surface == run.surface
@@ -106,7 +106,7 @@ def test_one_kind_twice_in_a_result_is_told_apart(tiny, parts):
     drawing(parts.Flat, "mine", {"mine-figure": "Barriers."}, level)
     figure = figures(ran(tiny, forming={"kind": "mine"}, breaking={"kind": "mine"}))["mine-figure"]
     assert labels(figure) == ["tiny, forming", "tiny, breaking"]
-    assert [line.get_color() for line in figure.axes[0].lines] == list(PALETTE[:2])
+    assert [line.get_color() for line in figure.axes[0].lines] == list(plots.PALETTE[:2])
 
 
 def test_a_component_inside_a_component_brings_its_figures(tiny, parts):
@@ -141,15 +141,15 @@ def test_a_figure_that_fails_costs_nothing_else(tiny, parts, tmp_path):
 
     drawing(parts.Flat, "mine", {"broken": "A.", "formula": "B.", "right": "C."}, draw)
     run = ran(tiny, forming={"kind": "mine"})
-    with pytest.warns(PluginWarning) as warned:
+    with pytest.warns(registry.PluginWarning) as warned:
         made = figures(run)
     assert list(made) == ["surface", "pressure", "friction", "right"]
     first, second = (str(one.message) for one in warned)
     assert "'broken' of barriers 'mine' (plugin tests.reports.test_plugin_figures.Mine" in first
     assert "ValueError: no such thing" in first
     assert "'formula' of barriers 'mine'" in second
-    save_figures(made, tmp_path / "figures")
-    with pytest.warns(PluginWarning):
+    plots.save_figures(made, tmp_path / "figures")
+    with pytest.warns(registry.PluginWarning):
         assert set(comparison_figures(alone(run))) >= {"friction-drop", "right"}
 
 
@@ -192,7 +192,7 @@ def test_two_figures_of_one_name_are_both_drawn_and_reported(tiny, parts):
     drawing(parts.Coin, "coin", {"same": "Coins."}, level)
     run = ran(tiny, forming={"kind": "mine"}, engine={"kind": "coin"})
     plain = figures(run.contact)["pressure"]
-    with pytest.warns(PluginWarning) as warned:
+    with pytest.warns(registry.PluginWarning) as warned:
         made = figures(run)
     assert list(made) == ["surface", "pressure", "friction", "same", "mine-pressure", "coin-same"]
     assert len(made["pressure"].axes) == len(plain.axes)
@@ -210,27 +210,27 @@ def test_two_figures_of_one_name_are_both_drawn_and_reported(tiny, parts):
 def test_a_name_that_is_no_file_is_left_out(tiny, parts, name):
     drawing(parts.Flat, "mine", {name: "A."}, level)
     run = ran(tiny, forming={"kind": "mine"})
-    with pytest.warns(PluginWarning, match="names a file"):
+    with pytest.warns(registry.PluginWarning, match="names a file"):
         assert list(figures(run)) == ["surface", "pressure", "friction"]
 
 
 def test_figures_that_are_no_mapping_are_reported(tiny, parts):
     drawing(parts.Flat, "mine", ("a", "b"), level)
     run = ran(tiny, forming={"kind": "mine"})
-    with pytest.warns(PluginWarning, match="does not map names to captions"):
+    with pytest.warns(registry.PluginWarning, match="does not map names to captions"):
         figures(run)
 
 
 # -- of hooks ---------------------------------------------------------------------------------------------------------
 
 CAP = """
-@chemage.hookimpl(wrapper=True)
+@chemage.plugin.hookimpl(wrapper=True)
 def chemage_solve_contact(load):
     found = yield
     return found.model_copy(update={"notes": ("capped",)}) if load > 20 else found
 """
 FIGURES = """
-@chemage.hookimpl
+@chemage.plugin.hookimpl
 def chemage_figures():
     return {"cap": ("How much was capped.", draw)}
 
@@ -271,28 +271,28 @@ def test_a_plugin_that_computes_nothing_draws_every_result(tiny):
 def test_two_plugins_with_one_figure(tiny):
     plugin(FIGURES, "first")
     plugin(FIGURES, "second")
-    with pytest.warns(PluginWarning, match=r"'cap' of plugin 'second'.*'second-cap'"):
+    with pytest.warns(registry.PluginWarning, match=r"'cap' of plugin 'second'.*'second-cap'"):
         made = figures(loaded(tiny, 10.0))
     assert {"cap", "second-cap"} <= set(made)
 
 
 @pytest.mark.parametrize("answer", ["3", "{'a': 'caption only'}", "1 / 0", "{'a': ('x', 'y', 'z')}"])
 def test_a_wrong_answer_is_reported(tiny, answer):
-    plugin(f"@chemage.hookimpl\ndef chemage_figures():\n    return {answer}\n")
+    plugin(f"@chemage.plugin.hookimpl\ndef chemage_figures():\n    return {answer}\n")
     run = loaded(tiny, 10.0)
-    with pytest.warns(PluginWarning, match="of plugin 'cap'"):
+    with pytest.warns(registry.PluginWarning, match="of plugin 'cap'"):
         assert list(figures(run)) == ["surface", "pressure", "friction"]
 
 
 def test_no_answer_is_no_figure(tiny):
-    plugin("@chemage.hookimpl\ndef chemage_figures():\n    return None\n")
+    plugin("@chemage.plugin.hookimpl\ndef chemage_figures():\n    return None\n")
     assert list(figures(loaded(tiny, 10.0))) == ["surface", "pressure", "friction"]
 
 
 # -- as it was --------------------------------------------------------------------------------------------------------
 
 
-class Count(ca.Observable):
+class Count(ca.plugin.Observable):
     """How many bonds."""
 
     kind = "count"
@@ -302,7 +302,7 @@ class Count(ca.Observable):
         return {"bonded": float(history.bonds[-1])}
 
     def draw(self, figure, axes, results):
-        assert all(isinstance(one, ca.Observed) for one in results)
+        assert all(isinstance(one, ca.plugin.Observed) for one in results)
         for one in results:
             axes.plot(one.aging.observables["bonded"], label=one.label)
 
@@ -312,7 +312,7 @@ def test_observables_draw_as_before(tiny):
     run = ran(tiny, observe=[{"kind": "count"}])
     (line,) = figures(run)["count"].axes[0].lines
     assert np.array_equal(line.get_ydata(), run.aging.observables["bonded"])
-    one = ca.Observed("one", run.aging, None, "C0")
+    one = ca.plugin.Observed("one", run.aging, None, "C0")
     assert (one.label, one.chemistry, one.color, one.contact, one.surface) == ("one", None, "C0", None, None)
 
 
@@ -320,6 +320,6 @@ def test_observables_draw_as_before(tiny):
 def test_nothing_of_matplotlib_is_imported_with_the_components():
     import subprocess
 
-    use = "import sys, chemage as ca; ca.Engine, ca.PlottedResult, ca.engine('bkl')"
+    use = "import sys, chemage as ca; ca.plugin.Engine, ca.plugin.PlottedResult, ca.engine('bkl')"
     code = f"{use}; assert 'matplotlib' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)

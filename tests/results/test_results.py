@@ -19,8 +19,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import chemage
-from chemage import Aging, BondHistory, ContactSolution, DamagedError, ReactionLattice, StoreError, Surface, load_scene
-from chemage.foundation import codec, container
+from chemage import Aging, ContactSolution, ReactionLattice, Surface, load_scene
+from chemage.foundation import codec
+from chemage.plugin import BondHistory, DamagedError, StoreError, container
 
 TRICKY = {
     "text": "µ ≥ 0, \"quoted\", 'single', \n",

@@ -12,9 +12,9 @@ import pytest
 from nested import Outer
 
 import chemage as ca
-from chemage import parse_scene, registry
+from chemage import compare_files, parse_scene
 from chemage.foundation import approximations
-from chemage.results.comparison import compare_files
+from chemage.plugin import registry
 from chemage.results.drawing import comparison_figures, figures
 from chemage.results.page import html
 
@@ -61,7 +61,7 @@ def test_a_component_of_any_role_is_marked(tiny, parts, section):
 
 
 def test_an_observable_is_marked(tiny):
-    class Guess(ca.Observable):
+    class Guess(ca.plugin.Observable):
         """Guesses."""
 
         kind = "guess"
@@ -80,7 +80,7 @@ def test_a_component_inside_a_component_is_marked(tiny, parts):
     assert ran(tiny, engine={"kind": "outer", "inner": "coarse"}).approximate == WORDS
 
 
-class Selecting(ca.Engine):
+class Selecting(ca.plugin.Engine):
     """Selects an engine by itself, as ``auto`` does, and records which."""
 
     kind = "selecting"
@@ -100,7 +100,7 @@ def test_an_engine_that_was_selected_is_marked(tiny, parts):
 
 
 HOOK = """
-@chemage.hookimpl(wrapper=True)
+@chemage.plugin.hookimpl(wrapper=True)
 def chemage_solve_contact():
     found = yield
     mark = {"kind": "cap", "declared_error": 0.1, "of": "the pressure"}
@@ -183,7 +183,7 @@ def test_reports_of_exact_results_say_nothing(tiny, tmp_path):
     assert "pproximate" not in html([tmp_path / "a.h5"])
 
 
-class Sometimes(ca.Engine):
+class Sometimes(ca.plugin.Engine):
     """Approximate where an option says so."""
 
     kind = "sometimes"

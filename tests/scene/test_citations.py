@@ -7,13 +7,13 @@ import re
 import pytest
 
 import chemage
-from chemage.plugins import registry
+from chemage.plugin import registry
 from chemage.scene.citations import bibtex, bibtex_problem, entries_of, latex, references
 
 ENTRY = "@article{someone2001,\n  title = {A {B} C},\n}"
 
 
-class Cited(chemage.Barriers):
+class Cited(chemage.plugin.Barriers):
     """Barriers with two publications, of which one has an entry."""
 
     kind = "cited"

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
+from chemage import run
 from chemage.scene.plan import plan
-from chemage.scene.run import run
 
 PATCH, TIP = "silica-patch", "silica-tip"
 BEM_TIP = {"contact": {"kind": "fft-bem", "modulus": 35.3, "load": "50 nN"}}

@@ -8,8 +8,9 @@ import pytest
 
 import chemage
 from chemage import load_scene
-from chemage.foundation import container, machine
+from chemage.foundation import machine
 from chemage.lattices.independent import expected_kinetics, rough_pressures
+from chemage.plugin import container
 from chemage.scene.plan import cost, plan
 
 

@@ -32,7 +32,7 @@ CHANGES: tuple[dict[str, Any], ...] = (
 
 
 def data_of(name: str, changes: dict[str, Any]) -> dict[str, Any]:
-    data = {section: value for section, value in ca.scene_data(name)[0].items() if section != "sweep"}
+    data = {section: value for section, value in ca.plugin.scene_data(name)[0].items() if section != "sweep"}
     for section, value in changes.items():
         merged = {**data.get(section, {}), **value} if isinstance(value, dict) else value
         data |= {section: merged}

@@ -9,7 +9,7 @@ import jsonschema
 import pytest
 
 import chemage as ca
-from chemage import registry, scene_data
+from chemage.plugin import registry, scene_data
 from chemage.scene.files import parse_toml
 from chemage.scene.materials import HOW, filled_sections, material_problems
 from chemage.scene.plan import plan
@@ -30,7 +30,7 @@ def rough():
 def bare(rough):
     """The same scene, in which all that a material can give is left to the material."""
     data = {name: part for name, part in rough.items() if name not in CHEMISTRY}
-    return {**ca.override(data, {"contact.modulus": None}), "title": rough["title"], "material": "silica"}
+    return {**ca.plugin.override(data, {"contact.modulus": None}), "title": rough["title"], "material": "silica"}
 
 
 def test_a_material_gives_what_the_scene_does_not_say(rough, bare):
@@ -67,7 +67,7 @@ def test_the_sources_of_what_was_used_are_cited(bare, rough):
 def test_every_value_can_be_overridden(bare):
     for value in ca.material("silica").values:
         if not value.path.endswith(".kind"):
-            given = ca.override(bare, {value.path: value.value})
+            given = ca.plugin.override(bare, {value.path: value.value})
             assert value.path not in [one.path for one in ca.parse_scene(given).from_material]
             assert ca.parse_scene(given).keys() == ca.parse_scene(bare).keys()
 
@@ -95,7 +95,7 @@ def test_a_contact_alone_takes_the_modulus_alone():
     found = ca.parse_scene(data)
     assert found.chemistry is None
     assert [one.path for one in found.from_material] == ["contact.modulus"]
-    elastic = ca.parse_scene(ca.override(data, {"contact.modulus": {"young": 72, "poisson": 0.17}}))
+    elastic = ca.parse_scene(ca.plugin.override(data, {"contact.modulus": {"young": 72, "poisson": 0.17}}))
     assert elastic.from_material == ()
     assert plan(elastic).stages["material"] == "silica: the scene gives every value itself"
 
@@ -113,13 +113,13 @@ def test_a_sweep_fills_every_point_and_may_leave_sections_out(bare):
 
 def test_an_unknown_material_names_those_there_are(bare):
     with pytest.raises(
-        ca.SceneError, match=r"material: no material 'silca' \(did you mean 'silica'\?\); installed: silica"
+        ca.plugin.SceneError, match=r"material: no material 'silca' \(did you mean 'silica'\?\); installed: silica"
     ):
         ca.parse_scene({**bare, "material": "silca"})
     for wrong in (3, ["silica"], {}):
-        with pytest.raises(ca.SceneError, match="material: no material"):
+        with pytest.raises(ca.plugin.SceneError, match="material: no material"):
             ca.parse_scene({**bare, "material": wrong})
-    with pytest.raises(ca.UnknownKindError):
+    with pytest.raises(ca.plugin.UnknownKindError):
         ca.material("granite")
 
 
@@ -185,7 +185,7 @@ source = "this test"
 PLUGIN = """
 import chemage
 
-@chemage.hookimpl
+@chemage.plugin.hookimpl
 def chemage_materials():
     return {"glass": "a_glass:glass.toml"}
 """
@@ -244,5 +244,5 @@ def test_two_plugins_with_one_material_are_an_error(glass):
     glass()
     with registry.using(glass(name="b-glass")) as found:
         assert any("material 'glass' is claimed by" in text for text in found.clashes())
-        with pytest.raises(ca.PluginError, match="claimed by"):
+        with pytest.raises(ca.plugin.PluginError, match="claimed by"):
             ca.material("glass")

@@ -11,8 +11,9 @@ import pytest
 from llvmlite import binding
 
 import chemage
-from chemage import load_scene, parse_scene, registry
+from chemage import load_scene, parse_scene
 from chemage.foundation.machine import processor
+from chemage.plugin import registry
 
 
 @pytest.fixture
@@ -21,7 +22,7 @@ def scene(small):
 
 
 def test_versions_name_the_distributions_in_use(scene):
-    found = chemage.versions(scene)
+    found = chemage.plugin.versions(scene)
     assert found["chemage"] == chemage.__version__ == metadata.version("chemage")
     for name in ("numpy", "scipy", "numba", "h5py"):
         assert found[name] == metadata.version(name)
@@ -53,7 +54,7 @@ def test_processors_whose_bytes_differ_have_different_names(environment, feature
 CAP = """
     import chemage, numpy as np
 
-    @chemage.hookimpl(wrapper=True)
+    @chemage.plugin.hookimpl(wrapper=True)
     def chemage_solve_contact(load):
         found = yield
         return found.model_copy(update={"pressure": np.minimum(found.pressure, 0.3)})

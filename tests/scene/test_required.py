@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import chemage as ca
+from chemage import ensemble
 from chemage.ageing import kinetics, methods
 from chemage.lattices import chemistry as lattices
 from chemage.studies import tasks
-from chemage.studies.ensembles.running import ensemble
 from chemage_contact import FFTBEM, Hertz
 from chemage_surfaces import SelfAffine
 

@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from chemage import InputError, SceneError, StoreError, convert, load_scene, override, parse_scene, registry, scene_data
+from chemage import InputError, load_scene, parse_scene
+from chemage.plugin import SceneError, StoreError, convert, override, registry, scene_data
 from chemage.scene.scene import heading
 from chemage.studies.sweeps.running import read_grid
 

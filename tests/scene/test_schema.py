@@ -8,7 +8,8 @@ import tomllib
 import jsonschema
 import pytest
 
-from chemage import SceneError, load_scene, override, parse_scene, registry, scene_data
+from chemage import load_scene, parse_scene
+from chemage.plugin import SceneError, override, registry, scene_data
 from chemage.scene.schema import options_of, scene_schema
 
 KINDS = [(role, kind) for role in registry.current().roles for kind in registry.current().kinds(role)]
@@ -166,7 +167,7 @@ def test_the_schema_is_made_anew_each_time(schema):
 def test_a_new_plugin_is_in_the_schema(site):
     source = """
         import chemage
-        from chemage import Barriers, Energy
+        from chemage.plugin import Barriers, Energy
         import numpy as np
 
         class Step(Barriers):
@@ -182,7 +183,7 @@ def test_a_new_plugin_is_in_the_schema(site):
             def density(self, energy):
                 return np.where(energy == self.height, np.inf, 0.0)
 
-        @chemage.hookimpl
+        @chemage.plugin.hookimpl
         def chemage_register():
             return {"barriers": {"step": "stepped:Step"}}
     """

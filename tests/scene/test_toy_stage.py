@@ -21,7 +21,7 @@ from chemage.scene.schema import scene_schema
 from chemage.studies.sweeps.grid import Grid, survey
 
 
-class Wear(ca.Component, ABC):
+class Wear(ca.plugin.Component, ABC):
     """Role ``wear``: what a slip takes away."""
 
     role = "wear"
@@ -35,9 +35,9 @@ class Archard(Wear):
 
     kind = "archard"
     cite = ("J. F. Archard, J. Appl. Phys. 24, 981 (1953)",)
-    slip: ca.Length
+    slip: ca.plugin.Length
     """path of a slip, nm"""
-    table: ca.FilePath | None = None
+    table: ca.plugin.FilePath | None = None
     """measured coefficients"""
 
     def depth(self, load: float) -> float:
@@ -64,7 +64,7 @@ STAGES = (WearStage("wear", role="wear", needs="forming", inputs=("contact",), k
 @pytest.fixture(autouse=True)
 def registry():
     """A registry that knows the stage."""
-    with ca.registry.using(ca.registry.Registry()) as installed:
+    with ca.plugin.registry.using(ca.plugin.registry.Registry()) as installed:
         installed.add_room(sys.modules[__name__])
         ca.register(Archard)
         yield installed
@@ -80,7 +80,7 @@ def test_it_is_read_and_told(registry):
     assert worn.todict()["wear"] == {"kind": "archard", "slip": 3.0}
     assert ca.parse_scene(worn.todict()) == worn
     assert Archard.cite[0] in worn.cite()
-    assert any("Archard" in name for name in ca.versions(worn))
+    assert any("Archard" in name for name in ca.plugin.versions(worn))
     assert components_of(worn.todict())[-1] == ("wear", worn.component("wear"))
     order = [stage.section for stage in registry.stages()]
     assert order.index("contact") < order.index("wear")
@@ -100,7 +100,7 @@ def test_it_is_read_and_told(registry):
     ],
 )
 def test_what_is_wrong_is_named(changes, path, said):
-    with pytest.raises(ca.SceneError) as caught:
+    with pytest.raises(ca.plugin.SceneError) as caught:
         scene(**changes)
     assert path in [problem[0] for problem in caught.value.problems]
     assert re.search(said, str(caught.value))
@@ -108,7 +108,7 @@ def test_what_is_wrong_is_named(changes, path, said):
 
 def test_it_needs_what_it_rests_on():
     contact = dict.fromkeys(("forming", "breaking", "interaction", "chemistry", "engine", "hold", "fit"))
-    with pytest.raises(ca.SceneError, match=r"wear: needs \[forming\]"):
+    with pytest.raises(ca.plugin.SceneError, match=r"wear: needs \[forming\]"):
         scene(**contact, observe=None)
 
 
@@ -139,7 +139,7 @@ def test_the_plan_has_its_row_its_cost_and_its_doubts(command):
 
 
 def test_its_option_is_an_axis_of_a_sweep():
-    data = ca.scene_data("silica-tip")[0] | {"wear": {"kind": "archard", "slip": 1.0}}
+    data = ca.plugin.scene_data("silica-tip")[0] | {"wear": {"kind": "archard", "slip": 1.0}}
     surveyed = survey(Grid.read({**data, "sweep": {"wear.slip": ["3 nm", "1 um"]}}))
     assert len(set(surveyed.keys)) == 2
     assert surveyed.units["wear.slip"] == "nm"
@@ -150,6 +150,6 @@ def test_its_option_is_an_axis_of_a_sweep():
 def test_its_files_are_beside_the_scene(tmp_path):
     text = (tmp_path / "worn.toml").write_text
     text('[wear]\nkind = "archard"\ntable = "table.txt"\n[sweep]\n"wear.table" = ["one.txt", "/two.txt"]\n', "utf-8")
-    data, _ = ca.scene_data(tmp_path / "worn.toml")
+    data, _ = ca.plugin.scene_data(tmp_path / "worn.toml")
     assert data["wear"]["table"] == str(tmp_path / "table.txt")
     assert data["sweep"]["wear.table"] == [str(tmp_path / "one.txt"), "/two.txt"]

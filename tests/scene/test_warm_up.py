@@ -288,7 +288,7 @@ def registered():
 def test_an_engine_of_another_package_is_warmed_up_on_a_lattice_like_that_of_the_run(registered):
     seen = []
 
-    class Mine(ca.Engine):
+    class Mine(ca.plugin.Engine):
         """An engine."""
 
         kind = "mine"
@@ -316,7 +316,7 @@ def test_there_are_sites_on_the_small_contact(density, pixel_size):
     changes = {"chemistry.site_density": density, "surface.pixel_size": pixel_size}
     seen = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ca.Engine, "warm_up", lambda self, lattice, temperature: seen.append(lattice))
+        patch.setattr(ca.plugin.Engine, "warm_up", lambda self, lattice, temperature: seen.append(lattice))
         warm_up.warm_up(ca.load_scene("silica-tip", changes), "ageing")
     (lattice,) = seen
     assert 4 <= lattice.sites.size < 200_000

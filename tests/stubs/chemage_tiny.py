@@ -11,21 +11,11 @@ from typing import ClassVar
 import numpy as np
 
 import chemage
-from chemage import (
-    Barriers,
-    BondHistory,
-    ContactSolution,
-    ContactSolver,
-    Energy,
-    Engine,
-    InputError,
-    Pressure,
-    Surface,
-    SurfaceMaker,
-)
+from chemage import ContactSolution, InputError, Surface
+from chemage.plugin import Barriers, BondHistory, ContactSolver, Energy, Engine, Pressure, SurfaceMaker
 
 
-@chemage.hookimpl
+@chemage.plugin.hookimpl
 def chemage_register():
     return {
         "surface": {"tiny-tip": "chemage_tiny:Tip"},

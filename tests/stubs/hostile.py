@@ -226,7 +226,7 @@ def records(rng):
         return lambda: use_lattice(ca.ReactionLattice(**fields))
     if kind == 3:
         fields = damaged(rng, history("bkl").todict())
-        return lambda: use_history(ca.BondHistory(**fields), "bkl")
+        return lambda: use_history(ca.plugin.BondHistory(**fields), "bkl")
     bonds = np.array([[1, 2, 3], [2, 3, 5]])
     fields = {"hold_times": TIMES, "bonds": bonds, "sites": np.array([9, 9]), "events": np.array([4, 5]), "load": 3.0,
               "temperature": 300.0, "bond_force": 3.0, "front_factor": 1.0, "engine": "x", "notes": (), "contact": {},
@@ -346,11 +346,11 @@ def functions(rng):
         lambda: ca.age(**run),
         lambda: ca.hold_times(x, y),
         lambda: ca.hold_times("1 ms", "1 s", per_decade=x),
-        lambda: ca.check_times(x),
-        lambda: ca.force(x),
-        lambda: ca.temperature_value(x),
-        lambda: ca.checked_seed(x),
-        lambda: repr(ca.convert(x, "nm")),
+        lambda: ca.plugin.check_times(x),
+        lambda: ca.plugin.force(x),
+        lambda: ca.plugin.temperature_value(x),
+        lambda: ca.plugin.checked_seed(x),
+        lambda: repr(ca.plugin.convert(x, "nm")),
         lambda: fit.fit(x, y),
         lambda: ca.fit_aging(fit, window=(x, y)),
         lambda: ca.solve_contact(ca.contact("fft-bem", modulus=35.0), surface(), x),
@@ -358,22 +358,22 @@ def functions(rng):
         lambda: ca.solve_contact(x, y, 1.0),
         lambda: ca.contact("hertz", modulus=35.0).solve(x, 1.0),
         lambda: ca.make_surface(ca.surface("self-affine", **COMPONENTS[0][2]), seed),
-        lambda: ca.build_lattice(chemistry, made, seed),
-        lambda: ca.build_lattice(x, y, 1),
-        lambda: ca.run_kinetics(engine, lattice(), **finite_work({"hold_times": x, "temperature": 300.0})),
-        lambda: ca.run_kinetics(x, y, TIMES, temperature=300.0),
+        lambda: ca.plugin.build_lattice(chemistry, made, seed),
+        lambda: ca.plugin.build_lattice(x, y, 1),
+        lambda: ca.plugin.run_kinetics(engine, lattice(), **finite_work({"hold_times": x, "temperature": 300.0})),
+        lambda: ca.plugin.run_kinetics(x, y, TIMES, temperature=300.0),
         lambda: ca.engine("independent").mean(plain(), TIMES, temperature=300.0, start=x),
         lambda: ca.engine("independent").mean(plain(), x, temperature=300.0),
         lambda: pair.neighbours((x, y), True, np.array([0, 1])),
         lambda: pair.neighbours((3, 3), True, strange_array(rng, np.array([0, 4, 8]))),
         lambda: pair.coupling(np.array([0, 4]), strange_array(rng, np.array([[1], [0]], np.int32)), 1),
-        lambda: ca.fromdict(x if isinstance(x, str) else "engine", y),
+        lambda: ca.plugin.fromdict(x if isinstance(x, str) else "engine", y),
         lambda: surface().psd(x),
         lambda: made.pressure_histogram(x),
         lambda: made.pressure_histogram(5, y),
         lambda: lattice().to_atoms(strange_array(rng, np.zeros(24, bool))),
         lambda: ca.Chemistry(**damaged(rng, CHEMISTRY)).on(made, 3),
-        lambda: len(ca.override(SCENE, {pick(rng, ["surface.pixels", "observe.0.kind", "a.b", "hold"]): x})),
+        lambda: len(ca.plugin.override(SCENE, {pick(rng, ["surface.pixels", "observe.0.kind", "a.b", "hold"]): x})),
         lambda: ca.Measurements("m", strange_array(rng, TIMES), strange_array(rng, TIMES), "friction_drop"),
     ]
     return pick(rng, calls)
@@ -489,7 +489,7 @@ FAMILIES = [records, records, components, components, engines, engines, function
 
 def nonsense(value, where="answer"):
     """Where a number in an answer is not finite; "" if all are."""
-    if isinstance(value, ca.BondHistory):
+    if isinstance(value, ca.plugin.BondHistory):
         if fault := value.fault():
             return f"{where}: {fault}"
         return ""

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numba import njit
 
-from chemage import KB, BondHistory, Engine, random
+from chemage.plugin import KB, BondHistory, Engine, random
 
 
 class Fault(IntEnum):

@@ -8,10 +8,10 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from chemage import (
+from chemage import ContactSolution, Surface, testing
+from chemage.plugin import (
     Barriers,
     Component,
-    ContactSolution,
     ContactSolver,
     Energy,
     Interaction,
@@ -20,13 +20,10 @@ from chemage import (
     Reader,
     Rupture,
     StoreError,
-    Surface,
     SurfaceMaker,
     checked_seed,
     random,
-    testing,
 )
-from chemage.foundation.records import Record
 
 
 class Flat(Barriers):
@@ -260,7 +257,7 @@ def flat_surface(heights: Any, **fields: Any) -> Surface:
     return Surface(heights=heights, pixel_size=1.0, **{"provenance": {"by": "hand"}, **fields})
 
 
-def changed(solution: Record, **changes: Any) -> Any:
+def changed(solution: Any, **changes: Any) -> Any:
     """The record with some fields replaced."""
     return type(solution).fromdict({**solution.todict(), **changes})
 

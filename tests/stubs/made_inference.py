@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import chemage as ca
-from chemage import Forecast, Inference
+from chemage import Inference
+from chemage.plugin import Forecast
 
 SCENE = {
     "name": "made-tip",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from chemage import Choice, Engine
+from chemage.plugin import Choice, Engine
 
 
 class Outer(Engine):

@@ -9,10 +9,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-import chemage
-from chemage import registry
 from chemage.foundation import names
-from chemage.plugins.hooks import API_VERSION
+from chemage.plugin import API_VERSION, registry
 
 FILE = Path(__file__).parents[1] / "plugins" / "api.json"
 
@@ -55,7 +53,7 @@ def present() -> dict[str, Any]:
         }
     return {
         "api": API_VERSION,
-        "names": sorted(chemage.__all__),
+        "names": sorted({*names.HOME, *names.MODULES, "__version__"}),
         "modules": {name: f"chemage.{module}" for name, module in sorted(names.MODULES.items())},
         "hooks": dict(sorted(hooks.items())),
         "roles": roles,

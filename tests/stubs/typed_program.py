@@ -12,7 +12,7 @@ from chemage_surfaces import Sphere
 
 units = pint.UnitRegistry()
 lengths = (30.0, 30, "30 nm", np.float64(30), np.float32(30), np.int64(30), units.Quantity(30, "nm"))
-makers: list[ca.SurfaceMaker] = [
+makers: list[ca.plugin.SurfaceMaker] = [
     ca.surface("sphere", radius=length, pixels=16, pixel_size="1 nm") for length in lengths
 ]
 makers.append(Sphere(radius="30 nm", pixels=16, pixel_size=units.Quantity(1, "nm")))
@@ -38,5 +38,5 @@ aging: ca.Aging = ca.age(
     replicas=2,
     seed=1,
 )
-fit: ca.Fit = aging.fit("10 ms", units.Quantity(1, "s"))
+fit: ca.plugin.Fit = aging.fit("10 ms", units.Quantity(1, "s"))
 slope: float = fit.beta

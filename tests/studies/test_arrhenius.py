@@ -9,7 +9,7 @@ import pytest
 
 import chemage as ca
 from chemage import Aging, InputError
-from chemage.foundation.units import EV_PER_GPA_NM3, KB
+from chemage.plugin import EV_PER_GPA_NM3, KB
 
 KELVINS = (260.0, 280.0, 300.0, 325.0, 350.0)
 NU = 1e13

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, StoreError, hookimpl, registry
+from chemage import InputError
+from chemage.plugin import StoreError, hookimpl, registry
 
 HEIGHTS = np.random.default_rng(0).standard_normal((5, 7))
 ROUGH = {"pixels": 64, "pixel_size": "0.5 nm", "hurst": 0.8, "zeta": 20, "eta": 3, "rms_slope": 0.1}
@@ -73,7 +74,7 @@ def test_provenance_says_how_a_rough_surface_was_made(seed):
     surface = ca.surface("self-affine", **ROUGH).make(seed)
     record = json.loads(json.dumps(surface.provenance))
     assert record == surface.provenance
-    again = ca.fromdict("surface", {"kind": record["kind"], **record["options"]})
+    again = ca.plugin.fromdict("surface", {"kind": record["kind"], **record["options"]})
     stored = record["seed"]
     if isinstance(stored, dict):
         stored = np.random.SeedSequence(stored["entropy"], spawn_key=stored["spawn_key"])
@@ -304,7 +305,7 @@ def test_the_named_reader_is_used_whatever_the_ending(folder):
     reader = {"kind": "text", "delimiter": "|"}
     maker = from_file("map.npy.txt.unknown", pixel_size=1, reader=reader)
     np.testing.assert_array_equal(maker.make().heights, HEIGHTS)
-    assert ca.fromdict("surface", maker.todict()) == maker
+    assert ca.plugin.fromdict("surface", maker.todict()) == maker
     with pytest.raises(InputError, match="did you mean 'text'"):
         from_file("map.txt", reader="txt")
     with pytest.raises(InputError, match="kind is required"):
@@ -315,7 +316,7 @@ def test_a_third_party_adds_a_format(folder, monkeypatch):
     (folder / "spam_reader.py").write_text(
         "import numpy as np\n"
         "from chemage import Surface\n"
-        "from chemage import Reader\n"
+        "from chemage.plugin import Reader\n"
         "class Spam(Reader):\n"
         "    kind = 'spam'\n"
         "    suffixes = ('.spam', '.npy')\n"

@@ -61,7 +61,7 @@ def test_every_step_is_recorded_in_its_order():
     assert steps[2]["interpolated"] == 1
     assert surface.shape == (24, 16)
     assert json.loads(json.dumps(surface.provenance)) == surface.provenance
-    again = ca.fromdict("surface", {"kind": "measured", **surface.provenance["options"]})
+    again = ca.plugin.fromdict("surface", {"kind": "measured", **surface.provenance["options"]})
     assert again.make() == surface
 
 

@@ -7,7 +7,8 @@ import pytest
 
 import chemage
 import chemage_surfaces
-from chemage import InputError, PluginError, StoreError, hookimpl, reader_for, registry
+from chemage import InputError
+from chemage.plugin import PluginError, StoreError, hookimpl, reader_for, registry
 
 
 class Rival:
@@ -31,7 +32,7 @@ class Third:
 @pytest.fixture
 def rival(tmp_path, monkeypatch):
     (tmp_path / "rival_reader.py").write_text(
-        "from chemage import Reader, Surface\n"
+        "from chemage import Surface\nfrom chemage.plugin import Reader\n"
         "class Rival(Reader):\n"
         "    kind = 'rival'\n"
         "    suffixes = ('.npy', '.riv', '.both')\n"

@@ -223,7 +223,7 @@ def test_the_command_prints_a_section_that_is_a_scene(command):
     assert "Hurst exponent      0.8" in done.out or "Hurst exponent      0.7" in done.out
     section = tomllib.loads(done.out[done.out.index("[surface]") :])["surface"]
     seed = section.pop("seed")
-    surface = ca.fromdict("surface", section).make(seed)
+    surface = ca.plugin.fromdict("surface", section).make(seed)
     assert surface.shape == (128, 128)
     assert surface.pixel_size == 0.9
     refused = command("roughness", "image.npy")

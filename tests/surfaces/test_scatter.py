@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, Scatter
+from chemage import InputError
+from chemage.plugin import Scatter
 
 OPTIONS = {"pixels": 64, "pixel_size": 0.5, "hurst": 0.8, "zeta": 16}
 ROUGH = ca.surface("self-affine", rms_slope=0.1, **OPTIONS)
@@ -69,7 +70,7 @@ def test_makers_say_what_they_know():
     # at a given rms height the slope differs between seeds, too
     assert ca.surface("self-affine", rms_height=1.0, **OPTIONS).scatter(contact).relative is None
 
-    class Silent(ca.SurfaceMaker):
+    class Silent(ca.plugin.SurfaceMaker):
         kind = "silent"
 
         def make(self, seed=0):

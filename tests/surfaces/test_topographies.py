@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, PluginError, StoreError
+from chemage import InputError
+from chemage.plugin import PluginError, StoreError
 from chemage_topographies import Topography
 
 NX, NY = 12, 8
@@ -100,7 +101,7 @@ def test_units_and_orientation(library, name):
 @pytest.mark.parametrize("name", ["image.x3p", "image.sdf", "image.gwy"])
 def test_the_ending_selects_the_reader(library, name):
     FORMATS[name][0](library, name)
-    assert ca.reader_for(name).kind == "topography"
+    assert ca.plugin.reader_for(name).kind == "topography"
     with pytest.raises(InputError, match=r'pixels of 500 x 250 nm are not square.*resample = "250 nm"'):
         ca.read(name)
 
@@ -109,7 +110,7 @@ def test_endings_of_chemage_stay_its_own():
     own = {
         ending
         for kind in ("npy", "text", "hdf5")
-        for ending in ca.registry.current().component("reader", kind).suffixes
+        for ending in ca.plugin.registry.current().component("reader", kind).suffixes
     }
     assert not own & set(Topography.suffixes)
 

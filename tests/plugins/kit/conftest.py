@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from kit_examples import caught_by
 
-from chemage import Component
+from chemage.plugin import Component
 
 
 @pytest.fixture

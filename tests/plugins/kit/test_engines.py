@@ -11,7 +11,7 @@ import pytest
 from kit_examples import broken, changed, failing, with_fields
 
 import chemage as ca
-from chemage import BondHistory
+from chemage.plugin import BondHistory
 
 
 def mutant(change: Any = None, before: Any = None, **attributes: Any) -> Any:
@@ -104,7 +104,7 @@ def test_speed_that_changes_bonds():
         return changed(history, formed=history.formed + (self.threads_used > 2))
 
     hasty = broken(base, **fields, _run=_run)()
-    assert "threads_used = 3: the result differs" in failing(hasty, "speed_does_not_change_the_run")
+    assert "threads_used = 3: the results differ" in failing(hasty, "speed_does_not_change_the_run")
 
 
 def test_options_that_change_rates():

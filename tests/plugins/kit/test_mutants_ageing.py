@@ -11,7 +11,8 @@ from kit_examples import calls, caught_by, mutant
 from pydantic import Field
 
 import chemage as ca
-from chemage import EV_PER_GPA_NM3, KB, AgedBonds, AgeingMethod, testing
+from chemage import testing
+from chemage.plugin import EV_PER_GPA_NM3, KB, AgedBonds, AgeingMethod
 
 pytestmark = pytest.mark.long
 
@@ -46,8 +47,8 @@ class Drawn(AgeingMethod):
         bonds, sites = [], []
         for replica in range(request.replicas):
             seed = np.random.SeedSequence(request.seed, spawn_key=(self.first + replica,))
-            lattice = ca.build_lattice(request.chemistry, request.contact, seed)
-            history = ca.run_kinetics(
+            lattice = ca.plugin.build_lattice(request.chemistry, request.contact, seed)
+            history = ca.plugin.run_kinetics(
                 request.engine, lattice, request.hold_times, temperature=request.temperature, seed=seed
             )
             bonds.append(history.bonds)

@@ -11,7 +11,8 @@ from kit_engine import Fault, Plain
 from kit_examples import changed, mutant
 
 import chemage as ca
-from chemage import BondHistory, Energy, testing
+from chemage import testing
+from chemage.plugin import BondHistory, Energy
 
 pytestmark = pytest.mark.long
 
@@ -160,7 +161,7 @@ class Rounded(Plain):
     declared_error: ClassVar[float | None] = 0.4
 
     def _run(self, lattice, hold_times, temperature, seed, start):
-        step = ca.KB * temperature * np.log(2)
+        step = ca.plugin.KB * temperature * np.log(2)
         rounded = changed(
             lattice,
             forming=np.where(lattice.forming > 0, np.round(lattice.forming / step) * step, lattice.forming),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from kit_examples import Shell, calls, caught_by, mutant
 
-from chemage import random
+from chemage.plugin import random
 
 pytestmark = pytest.mark.long
 

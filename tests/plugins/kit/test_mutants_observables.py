@@ -9,7 +9,8 @@ import pytest
 from kit_examples import Count, Flat, caught_by, mutant
 from pydantic import Field
 
-from chemage import Barriers, Energy, Observable, Output, testing
+from chemage import testing
+from chemage.plugin import Barriers, Energy, Observable, Output
 
 pytestmark = pytest.mark.long
 

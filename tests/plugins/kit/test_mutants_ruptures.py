@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from kit_examples import Breaking, calls, caught_by, mutant
 
-from chemage import Rupture, testing
+from chemage import testing
+from chemage.plugin import Rupture
 
 pytestmark = pytest.mark.long
 

@@ -10,7 +10,8 @@ from kit_examples import caught_by, changed, mutant
 from pydantic import Field
 
 import chemage as ca
-from chemage import Length, Reader, StoreError, Surface, SurfaceMaker, testing
+from chemage import Surface, testing
+from chemage.plugin import Length, Reader, StoreError, SurfaceMaker
 
 pytestmark = pytest.mark.long
 
@@ -107,11 +108,11 @@ def _by_call(surface, self, seed):
 
 MAKERS: dict[str, tuple[Any, str]] = {
     "random, but its scatter is 0": (
-        lambda: maker(ROUGH, "no-scatter", lambda s, *g: s, scatter=lambda *_: ca.Scatter(0.0)),
+        lambda: maker(ROUGH, "no-scatter", lambda s, *g: s, scatter=lambda *_: ca.plugin.Scatter(0.0)),
         "scatter_agrees_with_the_seed",
     ),
     "a tip with scatter": (
-        lambda: maker(SPHERE, "scatters", lambda s, *g: s, scatter=lambda *_: ca.Scatter(0.1)),
+        lambda: maker(SPHERE, "scatters", lambda s, *g: s, scatter=lambda *_: ca.plugin.Scatter(0.1)),
         "scatter_agrees_with_the_seed",
     ),
     "scatter as a number": (

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from kit_examples import Csv, broken, calls, failing, flat_surface
 
-from chemage import StoreError, testing
+from chemage import testing
+from chemage.plugin import StoreError
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from kit_examples import White, broken, calls, failing, flat_surface
 
-from chemage import random
+from chemage.plugin import random
 
 
 def _spawned(seed: Any) -> Any:

@@ -13,21 +13,8 @@ from kit_examples import Bed, Shell, mutant
 from pydantic import Field
 
 import chemage as ca
-from chemage import (
-    KB,
-    Barriers,
-    BondHistory,
-    ContactSolution,
-    Energy,
-    Engine,
-    InputError,
-    Length,
-    Observable,
-    Pressure,
-    Surface,
-    SurfaceMaker,
-    testing,
-)
+from chemage import ContactSolution, InputError, Surface, testing
+from chemage.plugin import KB, Barriers, BondHistory, Energy, Engine, Length, Observable, Pressure, SurfaceMaker
 
 FFT: Any = type(ca.contact("fft-bem", modulus=35.3))
 
@@ -124,7 +111,7 @@ class FirstReaction(Engine):
             formed, broken = int(start.formed[-1]), int(start.broken[-1])
         elif start is not None:
             state = np.array(start)
-        words = ca.random.key(seed)
+        words = ca.plugin.random.key(seed)
         draw = python_random.Random(f"{words[0]} {words[1]} {time!r}").expovariate
         never = np.inf
 
@@ -242,9 +229,9 @@ class RoughTip(SurfaceMaker):
 
     def make(self, seed=0):
         if not isinstance(seed, np.random.SeedSequence):
-            seed = ca.checked_seed(seed)
+            seed = ca.plugin.checked_seed(seed)
         x = (np.arange(40) - 19.5) * 0.5
-        rough = 0.05 * np.random.default_rng(ca.random.key(seed)).standard_normal((40, 40))
+        rough = 0.05 * np.random.default_rng(ca.plugin.random.key(seed)).standard_normal((40, 40))
         heights = rough - (x[:, None] ** 2 + x**2) / (2 * self.radius)
         return Surface(heights=heights, pixel_size=0.5, periodic=False, provenance={"maker": self.todict()})
 

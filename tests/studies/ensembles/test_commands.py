@@ -100,7 +100,9 @@ def test_a_result_comes_back_bit_for_bit_and_xarray_reads_its_times(scene):
 
 
 def test_contacts_alone_are_averaged_too(scene):
-    data = {name: part for name, part in ca.scene_data(scene)[0].items() if name in ("name", "surface", "contact")}
+    data = {
+        name: part for name, part in ca.plugin.scene_data(scene)[0].items() if name in ("name", "surface", "contact")
+    }
     made = ca.ensemble(data, surfaces=3)
     assert made.estimate("area_fraction").half_width > 0
     ca.write("made.h5", made)

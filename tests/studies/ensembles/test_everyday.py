@@ -13,10 +13,9 @@ import pytest
 from matplotlib import pyplot as plt
 
 import chemage as ca
-from chemage import Ensemble
+from chemage import Ensemble, compare_files
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.result import result_of
-from chemage.results.comparison import compare_files
 from chemage.results.drawing import comparison_figures
 from chemage.results.page import html
 

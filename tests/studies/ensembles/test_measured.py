@@ -10,7 +10,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError, ensemble
-from chemage.scene.provenance import versions
+from chemage.plugin import versions
 from chemage.scene.variants import question
 from chemage.studies.ensembles.goals import Request
 from chemage.studies.ensembles.running import Sampler

@@ -14,7 +14,8 @@ import pytest
 from distributed import LocalCluster
 
 import chemage
-from chemage import ExecutorError, InputError, StoreError, WorkerLost, threads
+from chemage import InputError
+from chemage.plugin import ExecutorError, StoreError, WorkerLost, threads
 from chemage.studies.clusters import Dask
 from chemage.studies.executors import Processes, Serial, open_pool
 

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 import chemage
-from chemage import ExecutorError, InputError
+from chemage import InputError
+from chemage.plugin import ExecutorError
 from chemage.studies import clusters
 from chemage.studies.clusters import Dask, seconds
 from chemage.studies.executors import open_pool

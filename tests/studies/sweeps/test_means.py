@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import InputError, SceneError, StoreError
+from chemage import InputError
+from chemage.plugin import SceneError, StoreError
 from chemage.studies import tasks
 
 SCENE = """

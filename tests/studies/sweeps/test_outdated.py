@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import registry
+from chemage.plugin import registry
 
 LOADS = [5.0, 10.0, 20.0, 40.0]
 #: caps the pressure above a load
 CAP = """
 import chemage, numpy as np
 
-@chemage.hookimpl(wrapper=True)
+@chemage.plugin.hookimpl(wrapper=True)
 def chemage_solve_contact(load):
     found = yield
     if load < {above}:
@@ -27,30 +27,30 @@ def chemage_solve_contact(load):
 IDLE = """
 import chemage
 
-@chemage.hookimpl
+@chemage.plugin.hookimpl
 def chemage_make_surface(maker, seed):
     return None
 
-@chemage.hookimpl
+@chemage.plugin.hookimpl
 def chemage_solve_contact(solver, surface, load, start):
     return None
 
-@chemage.hookimpl(wrapper=True)
+@chemage.plugin.hookimpl(wrapper=True)
 def chemage_run_kinetics():
     return (yield)
 
-@chemage.hookimpl(wrapper=True)
+@chemage.plugin.hookimpl(wrapper=True)
 def chemage_rupture_bonds():
     return (yield)
 
-@chemage.hookimpl
+@chemage.plugin.hookimpl
 def chemage_observe(contact, lattice, history):
     return {}
 """
 RUPTURE_HOOK = """
 import chemage
 
-@chemage.hookimpl(wrapper=True)
+@chemage.plugin.hookimpl(wrapper=True)
 def chemage_rupture_bonds(bonded):
     found = yield
     return found if bonded.contact.load < {above} else {factor} * found
@@ -58,7 +58,7 @@ def chemage_rupture_bonds(bonded):
 ENGINE_HOOK = """
 import chemage
 
-@chemage.hookimpl(wrapper=True)
+@chemage.plugin.hookimpl(wrapper=True)
 def chemage_run_kinetics():
     found = yield
     return found.model_copy(update={"notes": (*found.notes, "seen")})

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import chemage
-from chemage import InputError, StoreError
+from chemage import InputError
+from chemage.plugin import StoreError
 from chemage.studies.folder import Folder
 from chemage.studies.selection import Selection, in_ranges
 from chemage.studies.sweeps.running import read_grid, survey_of

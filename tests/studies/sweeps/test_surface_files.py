@@ -33,7 +33,7 @@ def opened(monkeypatch):
 @pytest.fixture
 def scene(tiny, tmp_path, monkeypatch):
     """Fifty loads on the surface in a file."""
-    chemage.registry.current().register(chemage_surfaces, "surfaces")
+    chemage.plugin.registry.current().register(chemage_surfaces, "surfaces")
     np.save(tmp_path / "map.npy", np.random.default_rng(0).random((12, 12)))
     surface = {"kind": "from-file", "path": str(tmp_path / "map.npy"), "pixel_size": 1.0}
     loads = np.linspace(1.0, 20.0, 50).tolist()

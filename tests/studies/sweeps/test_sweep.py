@@ -15,9 +15,10 @@ import pytest
 import xarray
 
 import chemage
-from chemage import Aging, InputError, SceneError, StoreError, override, parse_scene
+from chemage import Aging, InputError, parse_scene
 from chemage.foundation.codec import from_json, to_json
 from chemage.kinetics.hooks import REPLICA_SECONDS
+from chemage.plugin import SceneError, StoreError, override
 from chemage.scene.schema import scene_schema
 from chemage.studies.sweeps.grid import Grid, order_of
 from chemage.studies.sweeps.progress import SweepProgress
@@ -486,11 +487,11 @@ def test_packed_ageing_is_the_same_ageing():
 def test_observables_come_back_from_the_folder(tiny, site, tmp_path):
     class Plugin:
         @staticmethod
-        @chemage.hookimpl
+        @chemage.plugin.hookimpl
         def chemage_observe(contact, history):
             return {"largest": contact.pressure.max(), "state": history.state.astype(np.float64)}
 
-    chemage.registry.current().register(Plugin, "observer")
+    chemage.plugin.registry.current().register(Plugin, "observer")
     result = chemage.sweep(swept(tiny, '[sweep]\n"contact.load" = [1.0, 2.0]'), tmp_path / "out")
     made = chemage.run(result[1].scene()).aging
     assert result[1].aging().observables["state"].shape == (2, 18)
@@ -530,7 +531,7 @@ EXAMPLES = re.findall(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re
 
 
 def test_the_sweeps_of_the_page_are_valid_at_every_point():
-    base, _ = chemage.scene_data("silica-rough")
+    base, _ = chemage.plugin.scene_data("silica-rough")
     sizes = [survey_of(read_grid({**base, **tomllib.loads(text)})).grid.size for text in EXAMPLES if "[sweep]" in text]
     assert sizes == [36, 8]
 
@@ -539,7 +540,7 @@ def test_the_schema_knows_sweeps():
     import jsonschema
 
     validator = jsonschema.Draft202012Validator(scene_schema())
-    base, _ = chemage.scene_data("silica-rough")
+    base, _ = chemage.plugin.scene_data("silica-rough")
 
     def wrong(sweep):
         return [".".join(map(str, error.absolute_path)) for error in validator.iter_errors({**base, "sweep": sweep})]

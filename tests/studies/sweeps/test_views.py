@@ -8,8 +8,7 @@ from scipy import stats
 
 import chemage
 from chemage import InputError
-from chemage.foundation.statistics import crossed_half_width
-from chemage.foundation.text import plus_minus
+from chemage.plugin import statistics, text
 from chemage.results.drawing import figures as sweep_figures
 from chemage.studies.sweeps.views import HOLD_TIME, SweepData, swept_rows
 
@@ -154,11 +153,11 @@ def test_results_of_one_surface_are_not_counted_as_many_surfaces(tiny, tmp_path)
     found = data.quantity("beta", view)
     values = result.to_xarray()["beta"].sel(load=10).transpose("surface_seed", "hold_seed").values
     assert found.mean[0, 1] == pytest.approx(values.mean())
-    half = float(crossed_half_width(values, 2))
+    half = float(statistics.crossed_half_width(values, 2))
     assert found.high[0, 1] - found.mean[0, 1] == pytest.approx(half)
     assert half > stats.t.ppf(0.975, 11) * stats.sem(values.ravel())
     (_, line), headings = data.rows()[1], data.rows()[0]
-    assert line[headings.index("β")] == plus_minus(values.mean(), half)
+    assert line[headings.index("β")] == text.plus_minus(values.mean(), half)
 
 
 ROUGH = {

@@ -13,11 +13,12 @@ from types import ModuleType
 import pytest
 
 import chemage
-from chemage import InputError, registry
+from chemage import InputError
+from chemage.plugin import registry
 
 HAND = """
 import numpy as np
-from chemage import Barriers, Choice
+from chemage.plugin import Barriers, Choice
 
 class Hand(Barriers):
     "One barrier for all."
@@ -41,7 +42,7 @@ class Outer(Hand):
 HOOK = """
 import chemage
 
-@chemage.hookimpl(wrapper=True)
+@chemage.plugin.hookimpl(wrapper=True)
 def chemage_solve_contact():
     found = yield
     return found.model_copy(update={"notes": ("by hand",)})

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import ContactSolution, ContactSolver, DamagedError, InputError, Pressure, StoreError
-from chemage.cli.options import changed_fields
+from chemage import ContactSolution, InputError
+from chemage.plugin import ContactSolver, DamagedError, Pressure, StoreError, options, override
 from chemage.results.drawing import figures
-from chemage.scene.files import override
 from chemage.studies.trade.choices import changes, choices, go_together, pasted
 from chemage.studies.trade.mapping import tradeoff
 from chemage.studies.trade.timing import Timed
@@ -55,7 +54,7 @@ class Part(ContactSolver):
 @pytest.fixture
 def scene(tiny):
     """A random surface, a contact with two options to trade, and two engines that are equal but for their names."""
-    coin = ca.registry.current().component("engine", "tiny-coin")
+    coin = ca.plugin.registry.current().component("engine", "tiny-coin")
     toss = type("Toss", (coin,), {"kind": "tiny-toss", "__doc__": coin.__doc__, "__module__": __name__})
     ca.register(Part)
     ca.register(toss)
@@ -267,7 +266,7 @@ def test_threads_of_one_process_are_refused(scene):
 def test_settings_can_be_pasted(scene, found):
     for one in found.points:
         words = shlex.split(pasted(one.changes))
-        again = override(scene.todict(), changed_fields([word for word in words if word != "--set"]))
+        again = override(scene.todict(), options.changed_fields([word for word in words if word != "--set"]))
         changed = ca.parse_scene(again)
         assert changes(scene, changed) == one.changes
         assert (changed == scene) == one.own

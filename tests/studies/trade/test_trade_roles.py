@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import Choice, Length
+from chemage.plugin import Choice, Length
 from chemage.studies.trade.choices import MOST_VALUES, choices
 from chemage.studies.trade.mapping import planned, tradeoff
 
@@ -17,7 +17,7 @@ from chemage.studies.trade.mapping import planned, tradeoff
 pytestmark = pytest.mark.usefixtures("without_preparation")
 
 
-class Grained(ca.SurfaceMaker):
+class Grained(ca.plugin.SurfaceMaker):
     """A sphere whose heights are multiples of a grain."""
 
     kind = "grained"
@@ -31,7 +31,7 @@ class Grained(ca.SurfaceMaker):
         return ca.Surface(heights=heights, pixel_size=smooth.pixel_size)
 
 
-class Stepped(ca.Barriers):
+class Stepped(ca.plugin.Barriers):
     """Barriers between 0.8 and 1.2 eV at so many levels."""
 
     kind = "stepped"
@@ -46,7 +46,7 @@ class Stepped(ca.Barriers):
         return np.where((energy >= 0.8) & (energy <= 1.2), 2.5, 0.0)
 
 
-class Rounded(ca.Interaction):
+class Rounded(ca.plugin.Interaction):
     """Elastic pairs whose couplings are rounded to so many decimal digits."""
 
     kind = "rounded"
@@ -65,7 +65,7 @@ class Rounded(ca.Interaction):
         return ca.interaction("elastic-pairs", strength="0.5 eV", bias=0.1)
 
 
-class Thinned(ca.Engine):
+class Thinned(ca.plugin.Engine):
     """Runs an exact engine and keeps the bonds to a multiple of ``grain``."""
 
     kind = "thinned"
@@ -81,18 +81,18 @@ class Thinned(ca.Engine):
         return exact.model_copy(update={"bonds": bonds, "formed": bonds + exact.broken, "engine": self.kind})
 
 
-class Within(ca.ContactSolver):
+class Within(ca.plugin.ContactSolver):
     """Another solver does the work."""
 
     kind = "within"
-    inner: Choice[ca.ContactSolver]
+    inner: Choice[ca.plugin.ContactSolver]
     """the solver"""
 
     def _solve(self, surface, load, start):
         return self.inner.solve(surface, load, start=start)
 
 
-class Seen(ca.Observable):
+class Seen(ca.plugin.Observable):
     """Bonds at the end."""
 
     kind = "seen"
