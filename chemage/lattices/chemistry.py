@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, cast
 
 import numpy as np
 from pydantic import Field
@@ -105,8 +105,8 @@ class Chemistry(Component):
         InputError
             The contact has no map, and there is to be one site per pixel.
         """
-        if isinstance(contact, ContactSolution):
-            return 1 / self.sites_of(contact).spacing ** 2
+        if contact.has_map:
+            return 1 / self.sites_of(cast("ContactSolution", contact)).spacing ** 2
         if isinstance(self.site_density, str):
             raise InputError(
                 f"site_density = {self.site_density!r}: a contact without a map has no pixels; give the sites per nm² "
@@ -117,10 +117,11 @@ class Chemistry(Component):
     def site_notes(self, contact: Contact) -> dict[str, Any]:
         """How the sites belong to the pixels of ``contact``, see :meth:`ContactSites.describe`; empty where each is
         one."""
-        if not isinstance(contact, ContactSolution):
+        if not contact.has_map:
             return {"words": f"{self.site_density} per nm² of contact, no grid"}
-        sites = self.sites_of(contact)
-        return {} if sites.words == ONE_PER_PIXEL else sites.describe(contact)
+        solution = cast("ContactSolution", contact)
+        sites = self.sites_of(solution)
+        return {} if sites.words == ONE_PER_PIXEL else sites.describe(solution)
 
     def on(self, contact: ContactSolution, seed: Seed = 0, *, sites: np.ndarray | None = None) -> ReactionLattice:
         """The reactive sites of ``contact``, or those of them that are among ``sites`` (ascending flat indices).
@@ -217,8 +218,9 @@ def contact_statistics(contact: ContactSolution | ContactStatistics, chemistry: 
     Each class has the mean pressure of its sites. Without an interaction no site has neighbours, and ``missing`` is
     one column.
     """
-    if isinstance(contact, ContactStatistics):
-        return contact
+    if not contact.has_map:
+        return cast("ContactStatistics", contact)
+    contact = cast("ContactSolution", contact)
     expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
     sites = chemistry.sites_of(contact)

@@ -1,16 +1,13 @@
-"""The registry: finds plugins, loads a component on first use, and explains what is wrong when it cannot.
+"""The registry: finds plugins, loads a component on first use, and explains what is wrong.
 
 Nothing heavy happens here: an entry point's module is imported (light by contract), its ``chemage_register`` strings
 are kept, and the class behind a kind is imported when it is first used. A broken plugin is recorded and skipped;
 with ``CHEMAGE_STRICT=1`` it raises. ``CHEMAGE_PLUGINS=-name`` leaves a plugin out, ``CHEMAGE_PLUGINS=name,other`` uses
 just these besides chemage's own. ``CHEMAGE_TRACE=1`` prints every hook call to stderr.
 
-The rooms of chemage declare their roles and hooks in modules that are found by name, as the modules of plugins are:
-the registry knows no stage.
-
 Several plugins that implement the hook of a stage are asked in this order, and as wrappers the first has the last
-word: those that the scene, a block or ``CHEMAGE_PREFER`` prefers; those registered by hand, the latest first; installed
-ones by name; chemage itself.
+word: those that the scene, a block or ``CHEMAGE_PREFER`` prefers; registered by hand, the latest first; installed, by
+name; chemage itself.
 """
 
 from __future__ import annotations
@@ -527,7 +524,7 @@ class Registry:
         where = f"{role} {kind!r} of plugin {record.name!r} ({record.source})"
         expected = self.role(role)
         if not (isinstance(cls, type) and issubclass(cls, expected)):
-            raise PluginError(f"{where}: {target} is not a chemage.{expected.__name__}")
+            raise PluginError(f"{where}: {target} is not a chemage.plugin.{expected.__name__}")
         if cls.kind != kind:
             raise PluginError(f"{where}: the class calls itself {cls.kind!r}; set kind = {kind!r}")
         if abstract := getattr(cls, "__abstractmethods__", None):

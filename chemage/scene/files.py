@@ -130,7 +130,7 @@ def _located_at(path: str, value: Any, folder: Path, data: Mapping[str, Any]) ->
     kind = {"kind": data[section]["kind"]} if options and "kind" in (data.get(section) or ()) else {}
     table = value
     for number, option in enumerate(reversed(options), 1):
-        table = {option: table, **(kind if number == len(options) else {})}
+        table = {**(kind if number == len(options) else {}), option: table}
     table = _located(table, folder, section)
     for option in options:
         table = table[option]

@@ -32,7 +32,6 @@ from chemage.plugin import KB, Output, statistics
 from chemage.scene.variants import vanishing_pixels
 from chemage.studies.arrhenius import activation_energies
 from chemage.studies.ensembles.allocation import Spread, half_width, regressed, spread_of
-from chemage.studies.trade.mapping import NORMAL_LIMIT
 from chemage_ageing import _table
 from chemage_ageing._independent import bonded_share
 from chemage_li2018.density_fit import EQUAL, METHOD, PUBLISHED, ROUNDING, Errors
@@ -392,7 +391,7 @@ def grids(rng: np.random.Generator, trials: int) -> Iterable[Held]:
         limit = vanishing_pixels(found)
         assert limit is not None
         off = abs(limit.area - math.pi * radius**2)
-        yield Held("error of the contact grid, discs", bool(off <= NORMAL_LIMIT * limit.area_stderr))
+        yield Held("error of the contact grid, discs", bool(off <= statistics.NORMAL_LIMIT * limit.area_stderr))
 
 
 @case

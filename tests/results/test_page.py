@@ -236,7 +236,7 @@ def test_nothing_is_overwritten_and_nothing_half_written(files, tmp_path, monkey
     with pytest.raises(StoreError, match="does not exist"):
         write_report(files, tmp_path / "no" / "r.html")
     monkeypatch.setattr(
-        written_files, "_place", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device"))
+        written_files, "put", lambda *_, **__: (_ for _ in ()).throw(OSError(28, "No space left on device"))
     )
     with pytest.raises(StoreError, match="nothing was kept"):
         write_report(files[:1], tmp_path / "full.html")

@@ -246,9 +246,9 @@ def write(name, content):
 @pytest.mark.parametrize(
     ("name", "save", "error", "words"),
     [
-        ("gone.npy", lambda name: None, StoreError, "gone.npy: No such file"),
-        ("gone.txt", lambda name: None, StoreError, "gone.txt: No such file"),
-        ("gone.h5", lambda name: None, StoreError, "gone.h5: No such file"),
+        ("gone.npy", lambda name: None, StoreError, "gone.npy does not exist"),
+        ("gone.txt", lambda name: None, StoreError, "gone.txt does not exist"),
+        ("gone.h5", lambda name: None, StoreError, "gone.h5 does not exist"),
         ("empty.npy", lambda name: write(name, b""), StoreError, "not a numpy"),
         ("empty.txt", lambda name: write(name, b""), StoreError, "holds no numbers"),
         ("empty.h5", lambda name: write(name, b""), StoreError, "not an HDF5 file, or is truncated"),

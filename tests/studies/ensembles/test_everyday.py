@@ -273,7 +273,8 @@ def test_json_has_what_json_of_a_run_has_where_that_has_it(command, files):
     mean, one = (json.loads(command("show", files / name, "--json").out) for name in ("mean.h5", "one.h5"))
     missing = set(one) - set(mean) - set(MEASURES)
     assert missing == {
-        *("solver", "engine", "rupture", "converged", "residual", "iterations", "sites", "site_grid", "events"),
+        *("solver", "engine", "ageing", "rupture", "converged", "residual", "iterations", "sites"),
+        *("site_grid", "events"),
         *("common_random_numbers", "observables", "cutoff_time", "cutoff_time_stderr", "cutoff_time_low"),
         *("cutoff_time_high", "cutoff_reason", "timings", "keys", "mean_shear_stress"),
     }  # which are of one surface
