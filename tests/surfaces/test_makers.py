@@ -351,7 +351,7 @@ def test_files_are_checked_before_a_run(folder):
     maker = from_file("map.npy", pixel_size=0.5)
     slope = maker.make().rms_slope
     assert maker.expected() == {"nx": 5, "ny": 7, "pixel_size": 0.5, "periodic": 0.0, "rms_slope": slope}
-    with pytest.raises(StoreError, match="No such file"):
+    with pytest.raises(StoreError, match="does not exist"):
         from_file("gone.npy", pixel_size=0.5).expected()
 
 
