@@ -140,8 +140,13 @@ def _module(name: str, module: Any) -> str:
         function = getattr(thing, "py_func", thing)  # of a kernel
         if inner.startswith("_") or not (inspect.isclass(function) or inspect.isfunction(function)):
             continue
-        if function.__module__.startswith(module.__name__) and not any(thing is other for other in others):
-            parts.append(_documented(function, f"{_place(name)}.{inner}", inner, 4))
+        if not function.__module__.startswith(module.__name__) or any(thing is other for other in others):
+            continue
+        place = f"{_place(name)}.{inner}"
+        if "<locals>" in function.__qualname__:  # made by another function
+            parts.append(f"#### `{place}` {{ #{place} }}\n\n{plain(inspect.getdoc(function) or '')}")
+        else:
+            parts.append(_documented(function, place, inner, 4))
     return "\n\n".join(parts) + "\n"
 
 
