@@ -192,6 +192,30 @@ assert "fullest_cell at the last hold time" in dict(made.table())
 
 
 @pytest.mark.long
+def test_a_kind_of_result_is_shown_by_every_command(project):
+    use = """
+import chemage as ca
+from typer.testing import CliRunner
+from chemage.cli.app import app
+
+ca.register(WearReader)
+np.savetxt("a.wear", [[10, 0.5], [100, 0.8]])
+np.savetxt("b.wear", [[10, 0.4], [100, 1.2]])
+for words in ("show a.wear", "show a.wear --csv", "plot a.wear", "compare a.wear b.wear", "report a.wear"):
+    done = CliRunner().invoke(app, words.split())
+    assert done.exit_code == 0, (words, done.output, done.exception)
+    print(done.stdout)
+"""
+    file = project / "wear.py"
+    file.write_text(python_block("class WearTrack:") + use)
+    said = run_python(project, "-W", "error", file.name)
+    assert re.search(r"depth of the track +0\.8 nm", said)
+    assert "cycles,depth (nm)\n10.0,0.5\n100.0,0.8\n" in said
+    assert re.search(r"depth of the track +0\.8 nm +1\.2 nm", said)
+    assert (project / "a-figures" / "wear.png").is_file()
+
+
+@pytest.mark.long
 def test_a_stream_of_its_own(project):
     use = "assert 250 < is_defect(1, range(1000), 0.3).sum() < 350"
     run_python(project, "-c", python_block("random.stream") + use)
