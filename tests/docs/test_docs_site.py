@@ -16,8 +16,9 @@ import chemage as ca
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 #: public name -> the module that has it
-NAMES = {name: ca for name in ca.__all__ if name not in ("__version__", "plugin")} | {
-    name: ca.plugin for name in ca.plugin.__all__
+NAMES = {
+    **{name: ca for name in ca.__all__ if name not in ("__version__", "plugin")},
+    **dict.fromkeys(ca.plugin.__all__, ca.plugin),
 }
 SITE = runpy.run_path(str(DOCS / "site" / "generate.py"))
 #: the public names that the reference can show, and what shows one
