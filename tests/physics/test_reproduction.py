@@ -392,7 +392,7 @@ def test_published_numbers_are_the_ones_checked():
 
 # -- the page in the documentation ------------------------------------------------------------------------------------
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[2] / "plugins" / "chemage_li2018" / "docs"
 
 
 def test_the_page_uses_the_three_words_and_no_other():
