@@ -9,7 +9,6 @@ import pytest
 
 import chemage as ca
 from chemage.ageing.elasticity import MEASURES, compared_again, elastic_measures, elastic_notes, elastic_rows
-from chemage.ageing.seeds import identity
 
 TIMES = [1.0, 100.0]
 
@@ -44,8 +43,6 @@ def test_limits_change_no_bond_no_key_and_no_record(contact):
     one, other = silica(), silica(hardness=4.0)
     assert one.digest() == other.digest()
     assert one != other
-    engine = ca.engine("bkl")
-    assert identity(contact, one, engine, 300.0) == identity(contact, other, engine, 300.0)
     assert ca.Chemistry.fromdict(other.todict()) == other
 
 
