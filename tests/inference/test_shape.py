@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from made_inference import made_forecast, made_inference
+from seen import figures as inference_figures
+from seen import result_of
 
-from chemage.foundation.result import result_of
 from chemage.inference import words
 from chemage.inference.result import InferenceResult
 from chemage.inference.shape import peaks, shares, three_shares
-from chemage.results.drawing import figures as inference_figures
 
 
 def test_one_two_and_no_peak_are_told_apart():

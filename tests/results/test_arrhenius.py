@@ -6,12 +6,10 @@ import json
 
 import numpy as np
 import pytest
+from seen import figures, result_of
 from typer.testing import CliRunner
 
 import chemage as ca
-from chemage.cli.app import app
-from chemage.foundation.result import result_of
-from chemage.results.drawing import figures
 
 SCENE = {
     "name": "warm",

@@ -9,14 +9,13 @@ import math
 
 import numpy as np
 import pytest
+from seen import Comparison, Entry, comparison_figures
 
 import chemage as ca
 from chemage import InputError, Measurements, Run, compare_files, parse_scene
 from chemage.ageing.display import at
 from chemage.plugin import StoreError, figures, override
 from chemage.results import comparison as comparing
-from chemage.results.comparison import Comparison, Entry
-from chemage.results.drawing import comparison_figures
 
 TIP = {
     "name": "tip",

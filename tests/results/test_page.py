@@ -8,12 +8,13 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from seen import report
 
 import chemage as ca
 from chemage import InputError, parse_scene, write_report
 from chemage.foundation import files as written_files
 from chemage.plugin import StoreError, override
-from chemage.results.page import html, scene_toml
+from chemage.results.page import scene_toml
 
 BASE = {
     "name": "tip",
@@ -70,12 +71,12 @@ def files(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def one(files):
-    return html(files[:1])
+    return report(files[:1])
 
 
 @pytest.fixture(scope="module")
 def several(files):
-    return html(files)
+    return report(files)
 
 
 @pytest.mark.long
@@ -186,7 +187,7 @@ def test_several_files_are_compared_and_each_has_its_section(several):
 
 @pytest.mark.long
 def test_the_same_files_give_the_same_bytes(one, files):
-    assert html(files[:1]) == one
+    assert report(files[:1]) == one
 
 
 @pytest.mark.long
@@ -194,7 +195,7 @@ def test_measurements_are_fitted_and_shown(files, tmp_path):
     table = tmp_path / "afm.csv"
     rows = "".join(f"{t}, {2 * np.log10(1 + t):.6f}\n" for t in (0.5, 2, 10, 100, 1000, 9000))
     table.write_text(f"hold_time (s), friction_coefficient_drop\n{rows}", encoding="utf-8")
-    text = Page(html(files[:1], measured=[table])).text
+    text = Page(report(files[:1], measured=[table])).text
     assert "Measurements" in text
     assert "Δμ = β log10(1 + t/t_c), 6 points" in text
     assert "2.00000 [2.00000, 2.00000]" in text
@@ -205,7 +206,7 @@ def test_ageing_or_a_contact_alone_make_a_report_too(files, tmp_path):
     run = ca.read(files[0])
     ca.write(tmp_path / "aging.h5", run.aging)
     ca.write(tmp_path / "contact.h5", run.contact)
-    page = Page(html([tmp_path / "aging.h5", tmp_path / "contact.h5"]))
+    page = Page(report([tmp_path / "aging.h5", tmp_path / "contact.h5"]))
     assert page.problems == []
     assert run.aging.digest() in page.text
     assert run.contact.digest() in page.text
@@ -215,7 +216,7 @@ def test_a_contact_that_did_not_converge_says_so_first(files, tmp_path):
     contact = ca.read(files[0]).contact
     bad = contact.fromdict({**contact.todict(), "converged": False, "residual": 0.5, "notes": ("one <b>note</b>",)})
     ca.write(tmp_path / "bad.h5", bad)
-    text = Page(html([tmp_path / "bad.h5"])).text
+    text = Page(report([tmp_path / "bad.h5"])).text
     assert "did NOT converge: residual 0.5" in text
     assert "one <b>note</b>" in text
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from seen import figures as sweep_figures
 
 import chemage
 from chemage import InputError
-from chemage.results.drawing import figures as sweep_figures
 from chemage.studies.sweeps import display
 from chemage.studies.sweeps.display import is_logarithmic
 from chemage.studies.sweeps.views import SweepData

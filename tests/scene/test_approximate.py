@@ -10,13 +10,12 @@ from typing import ClassVar
 
 import pytest
 from nested import Outer
+from seen import comparison_figures, figures, report
 
 import chemage as ca
 from chemage import compare_files, parse_scene
 from chemage.foundation import approximations
 from chemage.plugin import registry
-from chemage.results.drawing import comparison_figures, figures
-from chemage.results.page import html
 
 WORDS = "coarse (declared error 2 % of the mean number of bonds)"
 
@@ -155,7 +154,7 @@ def test_figures_and_reports_say_so():
     legend = comparison_figures(made)["friction-drop"].axes[0].get_legend()
     labels = [text.get_text() for text in legend.get_texts()]
     assert [label.partition(",")[0] for label in labels] == ["a (approximate)", "b", "aging (approximate)"]
-    page = html(["a.h5", "b.h5"])
+    page = report(["a.h5", "b.h5"])
     assert f"<strong>Note:</strong> approximate: {WORDS}" in page
     captions = [line.split("</figcaption>")[0] for line in page.split("<figcaption>")[1:]]
     assert sum(f"a is approximate: {WORDS}." in caption for caption in captions) >= 3
@@ -180,7 +179,7 @@ def test_exact_results_say_nothing(tiny, tmp_path):
 @pytest.mark.long
 def test_reports_of_exact_results_say_nothing(tiny, tmp_path):
     ca.write(tmp_path / "a.h5", ran(tiny))
-    assert "pproximate" not in html([tmp_path / "a.h5"])
+    assert "pproximate" not in report([tmp_path / "a.h5"])
 
 
 class Sometimes(ca.plugin.Engine):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 
 import pytest
+from seen import plan
 
 import chemage
 from chemage import load_scene
 from chemage.foundation import machine
 from chemage.lattices.independent import expected_kinetics, rough_pressures
 from chemage.plugin import container
-from chemage.scene.plan import cost, plan
+from chemage.scene.plan import cost
 
 
 @pytest.fixture

@@ -7,14 +7,12 @@ import tomllib
 
 import jsonschema
 import pytest
+from seen import plan, read_grid, scene_schema, survey_of
 
 import chemage as ca
 from chemage.plugin import registry, scene_data
 from chemage.scene.files import parse_toml
 from chemage.scene.materials import HOW, filled_sections, material_problems
-from chemage.scene.plan import plan
-from chemage.scene.schema import scene_schema
-from chemage.studies.sweeps.grid import Grid, survey
 from chemage.testing import CheckFailed, check_material
 
 CHEMISTRY = ("forming", "breaking", "interaction", "chemistry")
@@ -102,12 +100,12 @@ def test_a_contact_alone_takes_the_modulus_alone():
 
 def test_a_sweep_fills_every_point_and_may_leave_sections_out(bare):
     weak = {"kind": "elastic-pairs", "strength": "0.1 eV", "bias": 0.1}
-    grid = Grid.read({**bare, "sweep": {"interaction": [False, weak], "chemistry.hardness": ["9 GPa", "10 GPa"]}})
+    grid = read_grid({**bare, "sweep": {"interaction": [False, weak], "chemistry.hardness": ["9 GPa", "10 GPa"]}})
     points = [grid.scene(point) for point in range(grid.size)]
     assert [one.chemistry.interaction is None for one in points] == [True, True, False, False]
     assert [one.chemistry.hardness for one in points] == [9, 10, 9, 10]
-    assert survey(grid).units["chemistry.hardness"] == "GPa"
-    laws = Grid.read({**bare, "sweep": {"rupture": [False, {"kind": "mean-force"}]}})
+    assert survey_of(grid).units["chemistry.hardness"] == "GPa"
+    laws = read_grid({**bare, "sweep": {"rupture": [False, {"kind": "mean-force"}]}})
     assert [laws.scene(point).rupture is None for point in range(2)] == [True, False]
 
 

@@ -12,13 +12,11 @@ from collections.abc import Iterator, Mapping
 
 import jsonschema
 import pytest
+from seen import plan, read_grid, scene_schema, survey_of
 
 import chemage as ca
 from chemage.plugins.stages import Doubt, Parts, Stage, Stated
-from chemage.scene.plan import plan
 from chemage.scene.provenance import components_of
-from chemage.scene.schema import scene_schema
-from chemage.studies.sweeps.grid import Grid, survey
 
 
 class Wear(ca.plugin.Component, ABC):
@@ -140,7 +138,7 @@ def test_the_plan_has_its_row_its_cost_and_its_doubts(command):
 
 def test_its_option_is_an_axis_of_a_sweep():
     data = ca.plugin.scene_data("silica-tip")[0] | {"wear": {"kind": "archard", "slip": 1.0}}
-    surveyed = survey(Grid.read({**data, "sweep": {"wear.slip": ["3 nm", "1 um"]}}))
+    surveyed = survey_of(read_grid({**data, "sweep": {"wear.slip": ["3 nm", "1 um"]}}))
     assert len(set(surveyed.keys)) == 2
     assert surveyed.units["wear.slip"] == "nm"
     assert surveyed.resolved[0] == [[3.0], [1000.0]]

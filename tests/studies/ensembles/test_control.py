@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from drawn_levels import Drawn, Timer, nothing
+from seen import result_of
 
 import chemage as ca
 from chemage import Ensemble, ensemble
-from chemage.foundation.result import result_of
 from chemage.studies.ensembles import sampling
 from chemage.studies.ensembles.allocation import half_width, regressed, spread_of
 from chemage.studies.ensembles.stages import CONTROLLED, Clock, Route, State, run_stages

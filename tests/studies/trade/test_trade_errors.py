@@ -10,12 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import wasserstein_distance
+from seen import Point, TradeMap, figures, tradeoff
 
 import chemage as ca
 from chemage.cli.app import main
-from chemage.results.drawing import figures
-from chemage.studies.trade.mapping import tradeoff
-from chemage.studies.trade.trade_map import Point, TradeMap
 from chemage_contact import FFTBEM
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "physics"))

@@ -7,11 +7,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from seen import tradeoff
 
 import chemage as ca
 from chemage.plugin import Choice, Length
 from chemage.studies.trade.choices import MOST_VALUES, choices
-from chemage.studies.trade.mapping import planned, tradeoff
+from chemage.studies.trade.mapping import planned
 
 #: methods that first make a table are left out
 pytestmark = pytest.mark.usefixtures("without_preparation")
