@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from seen import figures, report, result_of
+from seen import figures, published, report, result_of
 
 import chemage
 import chemage_observables
@@ -15,7 +15,6 @@ from chemage import Aging, ContactSolution, compare_files, load_scene
 from chemage.plugin import StoreError, statistics
 from chemage.plugin import figures as plots
 from chemage.plugin import text as wording
-from chemage.scene.published import published
 
 pytestmark = pytest.mark.drawn
 

@@ -5,16 +5,15 @@ from __future__ import annotations
 import re
 import tomllib
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
-from seen import report
+from seen import report, scene_toml
 
 import chemage as ca
 from chemage import InputError, parse_scene, write_report
-from chemage.foundation import files as written_files
 from chemage.plugin import StoreError, override
-from chemage.results.page import scene_toml
 
 BASE = {
     "name": "tip",
@@ -221,8 +220,10 @@ def test_a_contact_that_did_not_converge_says_so_first(files, tmp_path):
     assert "one <b>note</b>" in text
 
 
-def test_nothing_is_overwritten_and_nothing_half_written(files, tmp_path, monkeypatch):
-    monkeypatch.setattr("chemage.results.page.html", lambda files, measured=(): f"<!DOCTYPE html>{files}")
+def test_nothing_is_overwritten_and_nothing_half_written(tmp_path, monkeypatch, examples):
+    files = [tmp_path / "one.h5", tmp_path / "two.h5"]
+    for number, file in enumerate(files, 1):
+        ca.write(file, examples.history(temperature=100.0 * number))
     out = write_report(files[:1], tmp_path / "r.html")
     first = out.read_bytes()
     assert first.startswith(b"<!DOCTYPE html>")
@@ -236,12 +237,15 @@ def test_nothing_is_overwritten_and_nothing_half_written(files, tmp_path, monkey
             write_report([files[0]], given, measured=[tmp_path / "data.csv"], force=True)
     with pytest.raises(StoreError, match="does not exist"):
         write_report(files, tmp_path / "no" / "r.html")
-    monkeypatch.setattr(
-        written_files, "_place", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device"))
-    )
+
+    def full(self, *_, **__):
+        self.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
     with pytest.raises(StoreError, match="nothing was kept"):
         write_report(files[:1], tmp_path / "full.html")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["r.html"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["one.h5", "r.html", "two.h5"]
 
 
 def test_the_page_begins_with_the_curve_and_the_main_numbers(one):

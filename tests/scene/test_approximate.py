@@ -14,7 +14,6 @@ from seen import comparison_figures, figures, report
 
 import chemage as ca
 from chemage import compare_files, parse_scene
-from chemage.foundation import approximations
 from chemage.plugin import registry
 
 WORDS = "coarse (declared error 2 % of the mean number of bonds)"
@@ -34,13 +33,6 @@ def ran(tiny, **sections):
     return ca.run(parse_scene(tiny.scene(**sections)), threads=1)
 
 
-def test_in_words():
-    entries = [{"kind": "a", "declared_error": 0.02, "of": "x"}, {"kind": "b"}]
-    assert approximations.in_words(entries) == "a (declared error 2 % of x); b (no error declared)"
-    assert approximations.in_words([]) == ""
-    assert approximations.merged(entries, entries, None, "text", [1, {"no": "kind"}]) == entries
-
-
 ROLES = {
     "surface": ("Tip", {}, "the heights"),
     "contact": ("Even", {"load": 10.0}, "the pressure"),
@@ -57,6 +49,13 @@ def test_a_component_of_any_role_is_marked(tiny, parts, section):
     assert run.approximate == f"coarse (declared error 2 % of {of})"
     assert run.aging.approximate[0]["kind"] == "coarse"
     assert bool(run.contact.approximate) == (section in ("surface", "contact"))
+
+
+def test_several_components_are_named_each_once(tiny, parts):
+    approximate(parts.Flat, "rude", error=None)
+    approximate(parts.Coin)
+    run = ran(tiny, forming={"kind": "rude"}, breaking={"kind": "rude"}, engine={"kind": "coarse"})
+    assert sorted(run.approximate.split("; ")) == [WORDS, "rude (no error declared)"]
 
 
 def test_an_observable_is_marked(tiny):

@@ -11,8 +11,6 @@ from seen import plan, read_grid, scene_schema, survey_of
 
 import chemage as ca
 from chemage.plugin import registry, scene_data
-from chemage.scene.files import parse_toml
-from chemage.scene.materials import HOW, filled_sections, material_problems
 from chemage.testing import CheckFailed, check_material
 
 CHEMISTRY = ("forming", "breaking", "interaction", "chemistry")
@@ -127,10 +125,8 @@ def test_an_unknown_material_names_those_there_are(bare):
 def test_every_value_has_a_source_and_says_how_it_is_known():
     silica = ca.material("silica")
     assert len(silica.values) == 14
-    assert all(one.source and one.how in HOW for one in silica.values)
-    assert {one.path.partition(".")[0] for one in silica.values} == set(filled_sections())
+    assert all(one.source and one.how in ("measured", "calculated", "calibrated", "estimated") for one in silica.values)
     check_material("silica")
-    assert material_problems() == []
 
 
 def test_it_makes_components_in_python(rough):
@@ -158,7 +154,6 @@ def test_a_scene_file_and_the_schema_know_it(bare, rough):
         jsonschema.validate(json.loads(json.dumps(data)), schema)
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate({**bare, "material": "granite"}, schema)
-    assert parse_toml('material = "silica"', "x") == {"material": "silica"}
 
 
 MATERIAL = """
@@ -232,10 +227,8 @@ def test_a_third_party_adds_one(glass, bare):
     ],
 )
 def test_what_is_wrong_with_a_material_is_said(glass, change, message):
-    with registry.using(glass(MATERIAL.replace(*change))):
-        with pytest.raises(CheckFailed, match=message):
-            check_material("glass")
-        assert len(material_problems()) >= 1
+    with registry.using(glass(MATERIAL.replace(*change))), pytest.raises(CheckFailed, match=message):
+        check_material("glass")
 
 
 def test_two_plugins_with_one_material_are_an_error(glass):
