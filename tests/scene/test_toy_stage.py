@@ -1,6 +1,7 @@
 """A stage that a room declares is read, checked, planned, keyed, stored and swept like those that chemage has.
 
-The stage of this test is declared in ``tests/stubs/wear.py``, and nothing of the framework is touched but the registry that is told of it.
+The stage of this test is declared in ``tests/stubs/wear.py``, and nothing of the framework is touched but the registry
+that is told of it.
 """
 
 from __future__ import annotations

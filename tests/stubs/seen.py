@@ -1,7 +1,8 @@
 """What commands show, as objects: the one place where tests of results, plans, sweeps and maps reach into chemage.
 
 ``figures`` are those of `chemage plot`, ``plan`` is what `chemage check` prints, ``scene_schema`` is the output of
-`chemage schema`, ``tradeoff`` is `chemage tradeoff`, ``SweepData`` what is drawn and listed of a sweep, ``survey_of`` what a sweep finds out before it computes.
+`chemage schema`, ``tradeoff`` is `chemage tradeoff`, ``SweepData`` is what is listed and drawn of a sweep, and
+``survey_of`` what a sweep finds out before it computes.
 """
 
 from __future__ import annotations
