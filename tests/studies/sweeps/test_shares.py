@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from seen import read_grid, survey_of
 
 import chemage
 from chemage import InputError
 from chemage.plugin import StoreError
 from chemage.studies.folder import Folder
 from chemage.studies.selection import Selection, in_ranges
-from chemage.studies.sweeps.running import read_grid, survey_of
 from chemage.studies.sweeps.shares import agree, partition, points_of, shares_cost
 
 AXES = {"surface.seed": [1, 2], "contact.load": [5.0, 10.0], "hold.seed": [0, 1, 2, 3]}
