@@ -79,7 +79,7 @@ def test_both_ways_give_the_same_surface(rival, tmp_path):
 def test_there_is_one_look_up():
     from chemage.results import files as results
 
-    assert results.reader_for is chemage_surfaces.from_file.reader_for is reader_for
+    assert results.reader_for is chemage_surfaces.images.reader_for is reader_for
 
 
 def test_a_reader_that_cannot_be_imported_does_not_stop_the_others(rival, tmp_path):
