@@ -85,6 +85,7 @@ from chemage.foundation.files import fresh_file as fresh_file
 from chemage.plugins.registry import fromdict as fromdict
 from chemage.plugins.hooks import hookimpl as hookimpl
 from chemage.contacts.patches import label_patches as label_patches
+from chemage.plugins.hooks import lazy_attributes as lazy_attributes
 from chemage.foundation import memory as memory
 from chemage.foundation.messages import nearest as nearest
 from chemage.cli import options as options

@@ -30,7 +30,6 @@ _JOHNSON = """@book{johnson1985,
 }"""
 
 
-
 class Sphere(SurfaceMaker):
     """A sphere near its apex: the paraboloid −r²/(2R) with apex at height 0 in the middle of the grid; not periodic.
 

@@ -15,8 +15,9 @@ from pydantic import model_validator
 
 from chemage import InputError, Surface
 from chemage.plugin import Length, Reader, Seed, Unit, memory, reader_for
-from chemage_surfaces._maps import (Floats,
+from chemage_surfaces._maps import (
     SQUARE,
+    Floats,
     HeightUnit,
     ImageMaker,
     PixelSides,
@@ -27,7 +28,6 @@ from chemage_surfaces._maps import (Floats,
     stamp,
     stated,
 )
-
 
 #: more unknown heights than this are found by iteration instead of by elimination
 MOST_ELIMINATED = 50_000

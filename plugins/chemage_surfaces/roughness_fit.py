@@ -19,8 +19,8 @@ from scipy.special import digamma, polygamma
 
 from chemage import InputError, Surface
 from chemage.plugin import checked_count, convert, threads
-from chemage_surfaces.generated import SelfAffine
 from chemage_surfaces._maps import Floats
+from chemage_surfaces.generated import SelfAffine
 from chemage_surfaces.images import hann, trend
 
 #: bins of the density per factor of e in q
