@@ -1,5 +1,5 @@
-"""Contacts without iteration: the closed form of a sphere on an elastic half-space, and Persson's theory, which gives the
-area and the distribution of the pressure from the rms slope alone."""
+"""Contacts without iteration: the closed form of a sphere on an elastic half-space, and Persson's theory, which gives
+the area and the distribution of the pressure from the rms slope alone."""
 
 from __future__ import annotations
 
