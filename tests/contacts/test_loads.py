@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage.cli.sweeps import check as check_sweep
+from chemage.cli.studies import check_sweep
 from chemage.contacts.options import modulus_in, nominal_pressure, pressure_text
 from chemage.scene.plan import plan
 from chemage.studies.sweeps.grid import Grid, survey
