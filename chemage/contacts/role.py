@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 from chemage.contacts.options import normal_force
 from chemage.contacts.solution import ContactSolution, ContactStatistics
@@ -57,6 +57,11 @@ class ContactSolver(Component, ABC):
         """Whether the contact has a nominal area, so that its load may be given as a nominal pressure; ``periodic``:
         whether the grid of the surface repeats. Override it where the class decides which boundary a surface has."""
         return periodic
+
+    def provenance(self, surface: Surface | Roughness) -> dict[str, Any]:
+        """How a contact of this surface was made, for its ``provenance``: kind, options, and the surface's own."""
+        options = self.identity()
+        return {"kind": options.pop("kind"), "options": options, "surface": surface.provenance}
 
     def normal_force(self, load: QuantityLike, surface: Surface | Roughness | Mapping[str, float]) -> float:
         """``load`` in nN: a force (nN, or a string with its unit), or a nominal pressure such as ``"10 MPa"``, which is

@@ -65,7 +65,7 @@ NAMES = {
     "lattices.role": "Barriers Interaction",
     "lattices.site_grid": "ContactSites contact_sites",
     "lattices.stage": "barriers build_lattice interaction",
-    "plugins.hooks": "API_VERSION hookimpl",
+    "plugins.hooks": "API_VERSION hookimpl lazy_attributes",
     "plugins.options": "Choice PluginOptions plugin_options prefer_plugins",
     "plugins.registry": "fromdict register unregister",
     "results.arrhenius": "arrhenius",

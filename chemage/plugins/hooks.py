@@ -7,7 +7,9 @@ ever added; a changed meaning is a new hook. The hooks of each stage are specifi
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
 
 import pluggy
 
@@ -21,6 +23,20 @@ OFFERS = ("chemage_register", "chemage_scenes", "chemage_materials")
 
 hookspec = pluggy.HookspecMarker("chemage")
 hookimpl = pluggy.HookimplMarker("chemage")
+
+
+def lazy_attributes(kinds: Mapping[str, Mapping[str, str]], *further: str) -> Callable[[str], Any]:
+    """The ``__getattr__`` of a plugin package: the classes in ``kinds``, as for :func:`chemage_register`, and
+    ``further`` objects (``"module:name"``), each imported on first use."""
+    paths = [*further, *(path for offered in kinds.values() for path in offered.values())]
+    homes = {name: module for module, _, name in (path.partition(":") for path in paths)}
+
+    def attribute(name: str) -> Any:
+        if name not in homes:
+            raise AttributeError(f"no attribute {name!r}; there are {', '.join(sorted(homes))}")
+        return getattr(import_module(homes[name]), name)
+
+    return attribute
 
 
 @hookspec

@@ -11,7 +11,7 @@ import pytest
 import chemage as ca
 from chemage import InputError
 from chemage_ageing import _table
-from chemage_ageing._independent import bonded_share
+from chemage_ageing._table import bonded_share
 
 KT = ca.plugin.KB * 300.0
 TIMES = np.array([0.0, 1.0, 10.0, 100.0, 1000.0])

@@ -33,7 +33,7 @@ from chemage.scene.variants import vanishing_pixels
 from chemage.studies.arrhenius import activation_energies
 from chemage.studies.ensembles.allocation import Spread, half_width, regressed, spread_of
 from chemage_ageing import _table
-from chemage_ageing._independent import bonded_share
+from chemage_ageing._table import bonded_share
 from chemage_li2018.density_fit import EQUAL, METHOD, PUBLISHED, ROUNDING, Errors
 from chemage_li2018.sweeps import mean
 from chemage_surfaces import fit_roughness

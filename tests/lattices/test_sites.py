@@ -409,7 +409,7 @@ def test_a_scene_whose_sites_do_not_fit_is_refused_before_it_runs(command, tmp_p
 
 def test_pressure_and_gap_at_the_rim_of_hertz_have_one_factor():
     """p = B √d inside and gap = 4B/(3E*) d^(3/2) outside, which the reconstruction takes for every rim."""
-    from chemage_contact.hertz import _gap
+    from chemage_contact.closed_forms import _gap
 
     radius, edge = 30.0, 6.0
     peak = 2 * 35.3 * edge / (math.pi * radius)

@@ -342,7 +342,7 @@ SAYS = {
     ("chemage/surfaces/stage.py", "sphere"): "example in a message",
     # words that mean something else as well
     ("chemage/cli/results.py", "text"): "a format of citations",
-    ("chemage/cli/sweeps.py", "hdf5"): "the format of a sweep's table",
+    ("chemage/cli/studies.py", "hdf5"): "the format of a sweep's table",
     ("chemage/lattices/lattice.py", "independent"): "of sites without neighbours",
     ("chemage/foundation/names.py", "text"): "the name of a module",
     ("chemage/scene/materials.py", "measured"): "how a value is known",

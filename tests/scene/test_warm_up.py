@@ -115,7 +115,7 @@ def results_of(scene, folder, threads, options):
 @pytest.mark.parametrize("pixels", [128, 130, 63])
 def test_the_contact_calls_no_kernel_that_warm_up_leaves_out(monkeypatch, pixels, options):
     from chemage_contact import _iteration
-    from chemage_contact._team import Team
+    from chemage_contact._operators import Team
 
     solver = ca.contact("fft-bem", modulus=35.3, **options)
     maker = ca.surface("self-affine", pixels=pixels, pixel_size=0.5, rms_slope=0.1, hurst=0.8, zeta=8)

@@ -54,7 +54,7 @@ def test_same_seed_same_bytes_other_seed_other_surface():
 
 
 def test_bytes_do_not_depend_on_the_number_of_threads():
-    from chemage_surfaces._spectral import self_affine
+    from chemage_surfaces.generated import self_affine
 
     options = {"hurst": 0.8, "zeta": 100, "eta": 3, "rms_slope": 0.1, "seed": 2}
     one, four = (self_affine((300, 251), 0.5, workers=workers, **options) for workers in (1, 4))

@@ -1,4 +1,4 @@
-"""The commands ``run`` and ``check`` for a scene with ``[sweep]``, and ``status``."""
+"""Scenes with ``[accuracy]`` or ``[sweep]``: the parts of ``run`` and ``check`` that are theirs, and ``status``."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from chemage.cli import output, terminal
+from chemage.cli import output
+from chemage.cli.options import user_error
+from chemage.cli.output import drawn, figures_of, preflight_folder, result_written
+from chemage.foundation import compiling
 from chemage.foundation.errors import ChemageError, printable
-from chemage.foundation.progress import LOGGER
+from chemage.foundation.progress import LOGGER, progress_bars, reported
 from chemage.foundation.result import result_of
 from chemage.foundation.text import jsonable
 from chemage.studies.selection import Selection, in_ranges
@@ -25,6 +28,64 @@ from chemage.studies.sweeps.result import SweepResult, collect_sweep, load_sweep
 from chemage.studies.sweeps.running import read_grid, room_for, survey_of, sweep
 from chemage.studies.sweeps.shares import ShareCost, agreed_points, shares_cost
 from chemage.studies.sweeps.views import swept_rows
+
+if TYPE_CHECKING:
+    from chemage.scene.scene import Scene
+
+
+def samples_of(path: Path) -> Path:
+    """The folder of the samples of a result file."""
+    return path.with_name(f"{path.stem}-samples")
+
+
+def run_ensemble(
+    scene: Scene,
+    path: Path,
+    *,
+    threads: int | None,
+    early: compiling.Helpers,
+    figures: bool,
+    as_json: bool,
+    force: bool,
+    executor: str | None = None,
+    workers: int | None = None,
+    patience: str | None = None,
+    points: str | None = None,
+) -> None:
+    """Sample the ensemble that a scene asks for, write it to ``path`` and print it."""
+    from chemage.foundation.files import preflight
+    from chemage.foundation.result import result_of
+    from chemage.results.files import write
+    from chemage.scene.warm_up import compiled_ahead
+    from chemage.studies.ensembles.running import CORRECTING, SAMPLING, SKETCHING, Sampler
+
+    folder = samples_of(path)
+    preflight(path, force=force)
+    if figures:
+        preflight_folder(figures_of(path), force)
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise user_error(f"{folder}, the folder for the samples, is a file or a link; choose another --out")
+    pictures: list[Path] = []
+    where = {"executor": executor or ("processes" if (workers or 1) > 1 else "threads"), "workers": workers}
+    sampler = Sampler(scene, samples=folder, threads=threads, patience=patience, points=points, **where)
+    counted = sampler.request.counted
+    with progress_bars({SAMPLING: counted, SKETCHING: counted, CORRECTING: counted}) as report:
+        with compiled_ahead(scene, report, threads, early) as told:
+            mean = sampler.run(told)
+        if not sampler.writes:
+            output.show_result(result_of(mean))
+            return output.say(f"the first share writes {path}")
+        with reported(report, "writing"):
+            write(path, mean, force=force)
+        if figures:
+            with result_written(path), reported(report, "drawing"):
+                pictures = drawn(result_of(mean), path)
+    kept = sampler.archive.taken
+    taken = [f"{kept} sample{'s' if kept > 1 else ''} taken from {folder}"] if kept else []
+    more = "a run with a smaller interval takes these samples up; the folder may be removed otherwise"
+    written = {"file": path, "samples": folder, "samples_taken": kept, "figures": pictures}
+    output.answer(result_of(mean), as_json, [*taken, more], **written)
+
 
 #: failures are listed up to this many points
 _LISTED = 24
@@ -41,7 +102,7 @@ def confirm(yes: bool) -> Any:
     return ask
 
 
-def run(
+def run_sweep(
     scene: str,
     out: Path | None,
     changes: dict[str, Any],
@@ -89,9 +150,9 @@ def _print_whole(result: SweepResult, state: dict[str, Any], *, as_json: bool) -
     if as_json:
         print(json.dumps(jsonable({**state, "results": tables})))
     else:
-        terminal.show_result(result_of(result))
+        output.show_result(result_of(result))
         _print_failures(state)
-        terminal.say("\n".join(f"results  {file}" for file in tables.values()))
+        output.say("\n".join(f"results  {file}" for file in tables.values()))
     if state["failed"]:
         raise typer.Exit(1)
 
@@ -126,8 +187,8 @@ def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_jso
         share = {"points": str(chosen), "numbers": list(points), **counts, "failures": failures}
         print(json.dumps(jsonable({"name": result.name, "folder": str(folder), "share": share})))
     else:
-        terminal.say(f"{chosen.describe()}: {counts['done']} of {len(points)} points done in {folder}")
-        terminal.say(f"when all are done: chemage sweep --collect {folder}")
+        output.say(f"{chosen.describe()}: {counts['done']} of {len(points)} points done in {folder}")
+        output.say(f"when all are done: chemage sweep --collect {folder}")
         _print_failures({"failures": failures})
     if counts["done"] < len(points):
         raise typer.Exit(1)
@@ -142,7 +203,7 @@ def collect(folder: Path, *, as_json: bool) -> None:
     if as_json:
         print(json.dumps(jsonable({**state, "results": None})))
         raise typer.Exit(1)
-    say = partial(terminal.say, file=sys.stderr)
+    say = partial(output.say, file=sys.stderr)
     _print_failures(state)
     say(f"{len(survey.missing)} of {state['points']} points are missing in {folder}; no tables were written")
     say(f"missing: points {in_ranges(survey.missing)}")
@@ -165,7 +226,7 @@ def _kept(folder: Path) -> str:
     return f"{done} of {len(states)} points are done and kept in {folder}; rerun the same command to resume"
 
 
-def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool, shares: int | None = None) -> None:
+def check_sweep(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool, shares: int | None = None) -> None:
     """Validate every point and estimate the cost of the sweep, and of its shares, without computing anything."""
     with show_progress() as report:
         survey = survey_of(read_grid(scene, changes), progress=report, confirm=confirm(yes))
@@ -196,9 +257,9 @@ def check(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool, shar
         ("expected disk space", f"{numbers['disk'] / 1e6:.3g} MB of {numbers['disk_free'] / 1e6:.3g} MB free here")
     )
     rows += _share_rows(each)
-    terminal.show_rows(f"{scene} is valid at every point", (), rows)
+    output.show_rows(f"{scene} is valid at every point", (), rows)
     for text in survey.warnings():
-        terminal.say(f"warning: {text}")
+        output.say(f"warning: {text}")
 
 
 def _share_rows(each: Sequence[ShareCost]) -> list[tuple[str, str]]:
@@ -243,7 +304,7 @@ def status(folder: Path, *, as_json: bool) -> None:
         print(json.dumps(jsonable(state)))
         return
 
-    table = terminal.table(f"{state['name']} in {folder}", ("", "points", "done", "failed", "missing"))
+    table = output.table(f"{state['name']} in {folder}", ("", "points", "done", "failed", "missing"))
     counts = ("points", "done", "failed", "missing")
     for axis in state["axes"]:
         for row in axis["rows"]:
@@ -251,13 +312,13 @@ def status(folder: Path, *, as_json: bool) -> None:
             table.add_row(name, *(str(row[count]) for count in counts))
     table.add_row("all", *(str(state[count]) for count in counts))
     table.add_row("contacts", str(state["contacts"]), str(state["contacts_done"]), "", "")
-    terminal.show(table)
+    output.show(table)
     _print_failures(state)
 
 
 def _print_failures(state: dict[str, Any]) -> None:
     for failed in state["failures"][:_LISTED]:
         where = ", ".join(f"{path} = {shown(value)}" for path, value in failed["changes"].items())
-        terminal.say(f"failed: point {failed['point']} ({where}): {failed['error']}", file=sys.stderr)
+        output.say(f"failed: point {failed['point']} ({where}): {failed['error']}", file=sys.stderr)
     if (more := len(state["failures"]) - _LISTED) > 0:
-        terminal.say(f"failed: {more} more points; `chemage status --json` lists them all", file=sys.stderr)
+        output.say(f"failed: {more} more points; `chemage status --json` lists them all", file=sys.stderr)
