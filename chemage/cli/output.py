@@ -144,7 +144,7 @@ def _describe(handler: logging.Handler) -> None:
     """Log the command, the versions, the plugins and where kernels are kept, to one handler alone."""
     from importlib import metadata
 
-    from chemage.foundation.version import __version__
+    from chemage.foundation.names import __version__
     from chemage.plugins import registry
 
     libraries = {}

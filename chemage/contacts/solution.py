@@ -13,7 +13,7 @@ from chemage.contacts import patches, theory
 from chemage.contacts.patches import Above
 from chemage.foundation import pictures
 from chemage.foundation.checks import MOST_BINS, checked_count
-from chemage.foundation.datasets import dataset, frame, map_frame
+from chemage.foundation.codec import dataset, frame, map_frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import (
     Doubles,

@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from chemage.foundation.approximations import in_words
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import panels, png
 from chemage.foundation.names import PICTURES
-from chemage.foundation.records import Record
+from chemage.foundation.records import Record, approximations_in_words
 from chemage.foundation.text import html_table, jsonable, with_article
 
 if TYPE_CHECKING:
@@ -316,7 +315,7 @@ class OfRecord(Result, Generic[R]):
 
     @property
     def approximation(self) -> str:
-        return in_words(self.record.approximate)
+        return approximations_in_words(self.record.approximate)
 
     @property
     def plugins(self) -> Mapping[str, str]:

@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.seeds import replica_seeds
-from chemage.contacts.role import ContactTheory
+from chemage.ageing.replicas import replica_seeds
+from chemage.contacts.role import ContactTheory, solve_contact
 from chemage.contacts.solution import ContactSolution, ContactStatistics
-from chemage.contacts.stage import solve_contact
 from chemage.foundation import random
 from chemage.foundation.errors import InputError
 from chemage.foundation.threads import available, in_order
@@ -28,12 +27,11 @@ from chemage.inference.curves import MeasuredCurve
 from chemage.inference.energies import EnergyGrid, Kernel, energy_grid, make_kernel
 from chemage.inference.neighbours import GROUPS, Environments, MeanField, Solved
 from chemage.inference.problem import Unknowns
-from chemage.kinetics.stage import run_kinetics
-from chemage.lattices.chemistry import Chemistry, contact_statistics
+from chemage.kinetics.role import run_kinetics
+from chemage.lattices.chemistry import Chemistry, build_lattice, contact_statistics
 from chemage.lattices.lattice import ReactionLattice
-from chemage.lattices.stage import build_lattice
 from chemage.scene.scene import Scene
-from chemage.surfaces.stage import make_surface
+from chemage.surfaces.role import make_surface
 from chemage.surfaces.surface import Surface
 
 #: sites of the contact that stand for all in the mean field

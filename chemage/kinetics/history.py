@@ -9,7 +9,7 @@ from pydantic import model_validator
 
 from chemage.foundation import pictures
 from chemage.foundation.checks import check_times
-from chemage.foundation.datasets import dataset, frame
+from chemage.foundation.codec import dataset, frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE
 from chemage.foundation.records import Doubles, Flags, Indices, Named, Number, Plain, PositiveNumber, Record

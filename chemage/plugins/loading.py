@@ -126,7 +126,7 @@ def is_stage(hook: Any) -> bool:
 
 def check_hook_names(plugin: Any, hooks: list[str]) -> None:
     """Refuse what pluggy would silently ignore: a misspelled or unmarked hook, or no hook at all."""
-    from chemage.foundation.messages import nearest
+    from chemage.foundation.errors import nearest
 
     count = 0
     for name in dir(plugin):

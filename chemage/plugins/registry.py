@@ -30,6 +30,7 @@ from typing import Any, TypeVar
 from chemage.foundation.errors import InputError, PluginError, UnknownKindError
 from chemage.plugins import context, hooks
 from chemage.plugins.context import Plugins, record_participation, taking_part
+from chemage.plugins.hooks import Stage, in_order
 from chemage.plugins.loading import (
     Hooks,
     PluginRecord,
@@ -50,7 +51,6 @@ from chemage.plugins.loading import (
     trace_before,
     versions,
 )
-from chemage.plugins.stages import Stage, in_order
 
 __all__ = ["PluginRecord", "PluginWarning", "Registry", "scene_text", "source_version"]
 
@@ -244,7 +244,7 @@ class Registry:
         """Raise an InputError if one of these plugins, named in ``where``, is not in use."""
         in_use = [record.name for record in self.records if not record.error]
         if unknown := [name for name in names if name not in in_use]:
-            from chemage.foundation.messages import nearest
+            from chemage.foundation.errors import nearest
 
             hint = nearest(unknown[0], in_use) if len(unknown) == 1 else ""
             raise InputError(
@@ -327,7 +327,7 @@ class Registry:
         """
         record = next((each for each in self.records if each.name == name), None)
         if record is None or record.error or not record.options:
-            from chemage.foundation.messages import nearest
+            from chemage.foundation.errors import nearest
 
             with_options = [each.name for each in self.records if each.options]
             hint = f"; plugins with options: {', '.join(with_options) or 'none'}"
@@ -398,7 +398,7 @@ class Registry:
         self.role(role)
         offers = self.offers(role, kind)
         if not offers:
-            from chemage.foundation.messages import nearest
+            from chemage.foundation.errors import nearest
 
             installed = self.kinds(role)
             broken = [record.name for record in self.records if record.error]

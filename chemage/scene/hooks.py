@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from chemage.plugins.hooks import hookspec
-from chemage.plugins.stages import Doubt, Parts, Stage, Stated
+from chemage.plugins.hooks import Doubt, Parts, Stage, Stated, hookspec
 
 
 @hookspec
@@ -36,7 +35,7 @@ class _Fit(Stage):
         import numpy as np
 
         from chemage.ageing.fitting import why_not_fitted
-        from chemage.ageing.hold_times import within
+        from chemage.foundation.checks import within
 
         if self.section not in parts:
             return

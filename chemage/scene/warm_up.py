@@ -11,7 +11,7 @@ from typing import Any
 from chemage.foundation import compiling
 from chemage.foundation.progress import Report
 from chemage.plugins import registry
-from chemage.plugins.stages import KEYS
+from chemage.plugins.hooks import KEYS
 from chemage.scene.files import load_scene
 from chemage.scene.parsing import parse_scene
 from chemage.scene.scene import Scene

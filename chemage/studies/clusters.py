@@ -18,9 +18,8 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from chemage.foundation import threads as thread_budget
-from chemage.foundation.errors import ChemageError, ExecutorError, InputError, StoreError, WorkerLost
+from chemage.foundation.errors import ChemageError, ExecutorError, InputError, StoreError, WorkerLost, explain, nearest
 from chemage.foundation.files import check_data, described
-from chemage.foundation.messages import explain, nearest
 from chemage.foundation.units import convert
 from chemage.studies.folder import RESUME, SweepWarning
 from chemage.studies.tasks import RETRIES

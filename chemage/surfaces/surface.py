@@ -11,7 +11,7 @@ from pydantic import model_validator
 
 from chemage.foundation import pictures
 from chemage.foundation.checks import MOST_BINS, checked_count
-from chemage.foundation.datasets import dataset, map_frame
+from chemage.foundation.codec import dataset, map_frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Number, Plain, PositiveNumber, Reals, Record, require_finite
 from chemage.surfaces import roughness

@@ -11,7 +11,7 @@ import pytest
 
 import chemage as ca
 from chemage import ContactSolution, InputError
-from chemage.ageing.seeds import identity, replica_seeds
+from chemage.ageing.replicas import identity, replica_seeds
 from chemage.plugin import Barriers, BondHistory, ContactSolver, Engine, Observable, PluginError, random
 
 TIMES = [1.0, 10.0, 100.0]

@@ -9,8 +9,8 @@ import pytest
 
 import chemage as ca
 from chemage import InputError
-from chemage.ageing import checkpoints
-from chemage.ageing.checkpoints import CheckpointWarning
+from chemage.ageing import replicas
+from chemage.ageing.replicas import CheckpointWarning
 from chemage.plugin import StoreError, run_kinetics
 
 SMALL = {
@@ -39,7 +39,7 @@ def test_what_is_there_is_not_computed_again(small: ca.Scene, tmp_path: Path, mo
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("computed again")
 
-    monkeypatch.setattr(checkpoints, "run_kinetics", refuse)
+    monkeypatch.setattr(replicas, "run_kinetics", refuse)
     monkeypatch.setattr("chemage.scene.run.solve_contact", refuse)
     ca.run(small, checkpoints=tmp_path / "kept")
 
@@ -62,12 +62,12 @@ def test_a_run_goes_on_from_the_middle(small: ca.Scene, tmp_path: Path, monkeypa
     times, engine = ca.hold_times(1e-3, 1e5, 2), ca.engine("rejection-free")
     whole = engine.run(lattice, times, temperature=300.0, seed=9)
     path = tmp_path / "one.h5"
-    monkeypatch.setattr(checkpoints, "run_kinetics", fail_later)
+    monkeypatch.setattr(replicas, "run_kinetics", fail_later)
     with pytest.raises(KeyboardInterrupt):
-        checkpoints.run_with_checkpoints(engine, lattice, times, temperature=300.0, seed=9, path=path, every=0.0)
+        replicas.run_with_checkpoints(engine, lattice, times, temperature=300.0, seed=9, path=path, every=0.0)
     assert 0 < ca.read(path).hold_times.size < times.size
     monkeypatch.undo()
-    joined = checkpoints.run_with_checkpoints(engine, lattice, times, temperature=300.0, seed=9, path=path)
+    joined = replicas.run_with_checkpoints(engine, lattice, times, temperature=300.0, seed=9, path=path)
     for name in ("hold_times", "bonds", "formed", "broken", "state"):
         np.testing.assert_array_equal(getattr(joined, name), getattr(whole, name))
 
@@ -159,10 +159,10 @@ def test_what_other_plugins_made_is_computed_again_and_said(small: ca.Scene, tmp
 STOPS = """
 import sys, time
 from pathlib import Path
-from chemage.ageing import checkpoints
+from chemage.ageing import replicas
 from chemage.cli.app import main
 
-keep = checkpoints.keep
+keep = replicas.keep
 
 def stop(*arguments, **options):
     keep(*arguments, **options)
@@ -170,7 +170,7 @@ def stop(*arguments, **options):
         print("enough", file=sys.stderr, flush=True)
         time.sleep(600)
 
-checkpoints.keep = stop
+replicas.keep = stop
 main()
 """
 

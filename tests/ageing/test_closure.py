@@ -9,7 +9,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError
-from chemage.ageing.members import beta_errors
+from chemage.ageing.age import beta_errors
 from chemage_ageing import _table
 from chemage_ageing._independent import bonded_share
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage.ageing.elasticity import MEASURES, compared_again, elastic_measures, elastic_notes, elastic_rows
-from chemage.ageing.seeds import identity
+from chemage.ageing.aging import ELASTIC_MEASURES, elastic_measures, elastic_notes, elastic_rows, with_limits_of
+from chemage.ageing.replicas import identity
 
 TIMES = [1.0, 100.0]
 
@@ -52,7 +52,7 @@ def test_limits_change_no_bond_no_key_and_no_record(contact):
 def test_the_measures_are_those_of_contact_and_bonds(contact):
     found = aged(contact, hardness="4 GPa", shear_strength="4.6 GPa")
     known = elastic_measures(found)
-    assert list(known) == list(MEASURES)
+    assert list(known) == list(ELASTIC_MEASURES)
     area, load = contact.above(4.0)
     assert 0 < area < load < 1
     assert (known["area_above_hardness"], known["load_above_hardness"]) == (area, load)
@@ -79,13 +79,13 @@ def test_more_than_a_twentieth_is_noted(contact):
     high = aged(contact, hardness=1.1 * peak)
     assert elastic_notes(high) == ()
     assert elastic_rows(high)[0][1] == "0 % of the contact area, 0 % of the load", "but it is in the table"
-    (note,) = elastic_notes(compared_again(high, contact, silica(hardness=0.5 * peak)))
+    (note,) = elastic_notes(with_limits_of(high, contact, silica(hardness=0.5 * peak)))
     area, load = contact.above(0.5 * peak)
     assert note.startswith(f"{100 * area:.0f} % of the contact area, which carries {100 * load:.0f} % of the load, is")
     assert "overestimates the pressure" in note
     stress = high.mean_shear_stress
-    assert elastic_notes(compared_again(high, contact, silica(shear_strength=21 * stress))) == ()
-    (note,) = elastic_notes(compared_again(high, contact, silica(shear_strength=2 * stress)))
+    assert elastic_notes(with_limits_of(high, contact, silica(shear_strength=21 * stress))) == ()
+    (note,) = elastic_notes(with_limits_of(high, contact, silica(shear_strength=2 * stress)))
     assert "50 % of the shear strength" in note
 
 

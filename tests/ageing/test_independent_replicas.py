@@ -10,7 +10,7 @@ from scipy import ndimage
 
 import chemage as ca
 from chemage import InputError
-from chemage.ageing.seeds import identity
+from chemage.ageing.replicas import identity
 
 TIMES = np.geomspace(10.0, 1e4, 7)
 SURFACES = 12

@@ -11,7 +11,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError, compare_files, parse_scene
-from chemage.ageing import checkpoints
+from chemage.ageing import replicas
 from chemage.plugin import PluginError, SceneError
 
 KT = ca.plugin.KB * 300.0
@@ -277,7 +277,7 @@ def test_file_comparison_and_summary_have_the_force_of_the_law(bell, tmp_path):
 
 def test_a_checkpoint_is_reused_when_only_the_law_changes(bell, tmp_path, monkeypatch):
     with_law = ca.run(parse_scene(scene(rupture={"kind": "bell"})), checkpoints=tmp_path)
-    monkeypatch.setattr(checkpoints, "run_kinetics", lambda *_, **__: pytest.fail("computed again"))
+    monkeypatch.setattr(replicas, "run_kinetics", lambda *_, **__: pytest.fail("computed again"))
     for part in (
         {},
         {"rupture": {"kind": "mean-force", "bond_force": 1.0}},

@@ -9,7 +9,7 @@ import pytest
 from made_inference import SCENE, made_inference
 
 import chemage as ca
-from chemage.ageing.members import MEMBERS, barriers_error
+from chemage.ageing.age import MEMBERS, barriers_error
 
 
 @pytest.fixture

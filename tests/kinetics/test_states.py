@@ -7,7 +7,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError
-from chemage.ageing.checkpoints import CheckpointWarning, run_with_checkpoints
+from chemage.ageing.replicas import CheckpointWarning, run_with_checkpoints
 
 ENGINES = ("rejection-free", "bkl", "next-reaction", "independent", "auto")
 COUNTS = ("hold_times", "bonds", "formed", "broken", "state")

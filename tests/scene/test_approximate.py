@@ -13,7 +13,7 @@ from nested import Outer
 
 import chemage as ca
 from chemage import compare_files, parse_scene
-from chemage.foundation import approximations
+from chemage.foundation import records
 from chemage.plugin import registry
 from chemage.results.drawing import comparison_figures, figures
 from chemage.results.page import html
@@ -37,9 +37,9 @@ def ran(tiny, **sections):
 
 def test_in_words():
     entries = [{"kind": "a", "declared_error": 0.02, "of": "x"}, {"kind": "b"}]
-    assert approximations.in_words(entries) == "a (declared error 2 % of x); b (no error declared)"
-    assert approximations.in_words([]) == ""
-    assert approximations.merged(entries, entries, None, "text", [1, {"no": "kind"}]) == entries
+    assert records.approximations_in_words(entries) == "a (declared error 2 % of x); b (no error declared)"
+    assert records.approximations_in_words([]) == ""
+    assert records.merged_approximations(entries, entries, None, "text", [1, {"no": "kind"}]) == entries
 
 
 ROLES = {

@@ -14,7 +14,7 @@ import jsonschema
 import pytest
 
 import chemage as ca
-from chemage.plugins.stages import Doubt, Parts, Stage, Stated
+from chemage.plugins.hooks import Doubt, Parts, Stage, Stated
 from chemage.scene.plan import plan
 from chemage.scene.provenance import components_of
 from chemage.scene.schema import scene_schema

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.members import BARRIERS
+from chemage.ageing.age import BARRIERS
 from chemage.contacts.role import ContactTheory
 from chemage.foundation.memory import capacity
 from chemage.foundation.statistics import NORMAL_LIMIT

@@ -13,9 +13,8 @@ from pydantic import model_validator
 
 from chemage.ageing.fitting import why_not_fitted
 from chemage.foundation import pictures
-from chemage.foundation.approximations import in_words
-from chemage.foundation.datasets import dataset, frame
-from chemage.foundation.records import Doubles, Named, Number, Plain, Record
+from chemage.foundation.codec import dataset, frame
+from chemage.foundation.records import Doubles, Named, Number, Plain, Record, approximations_in_words
 from chemage.scene.scene import heading
 from chemage.studies.ensembles.allocation import Spread, half_width, regressed, spread_of
 from chemage.studies.ensembles.quantities import CURVES, Quantities
@@ -353,7 +352,7 @@ class Ensemble(Record):
                 ]
         if self.quantities.has_beta:
             estimates["b"] = _plain(self.b)
-        approximate = in_words(self.approximate)
+        approximate = approximations_in_words(self.approximate)
         return {
             "name": self.name,
             "surfaces": self.surfaces if self.random else 1,

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.members import BARRIERS
-from chemage.foundation.approximations import merged
+from chemage.ageing.age import BARRIERS
 from chemage.foundation.errors import InputError, PlanWarning
 from chemage.foundation.progress import Report
+from chemage.foundation.records import merged_approximations
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
 from chemage.scene.files import load_scene
@@ -522,7 +522,7 @@ class Sampler:
     def _provenance(self, state: stages.State) -> dict[str, Any]:
         samples = [sample for level in state.sampled for part in _of(level.level).parts for sample in part.samples]
         plugins = {name: source for sample in samples for name, source in sample.plugins.items()}
-        approximate = merged(*(sample.approximate for sample in samples))
+        approximate = merged_approximations(*(sample.approximate for sample in samples))
         return {
             "scene": self.scene.todict(),
             "versions": {**versions(self.scene), **plugins},

@@ -19,8 +19,7 @@ import numpy as np
 
 from chemage.contacts.options import nominal_pressure
 from chemage.contacts.role import ContactTheory, no_map
-from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
-from chemage.foundation.messages import nearest
+from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, nearest
 from chemage.foundation.records import content_hash
 from chemage.plugins.sources import implementing, stage_hooks
 from chemage.scene.files import override

@@ -24,8 +24,8 @@ from chemage.foundation.errors import (
     StoreError,
 )
 from chemage.foundation.memory import readable
+from chemage.foundation.names import __version__
 from chemage.foundation.units import in_words
-from chemage.foundation.version import __version__
 from chemage.plugins.options import completed
 from chemage.scene.files import located, override, scene_data
 from chemage.scene.provenance import versions

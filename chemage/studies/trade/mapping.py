@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.kinetics import EVERY_SITE
+from chemage.ageing.methods import EVERY_SITE
 from chemage.contacts.role import ContactTheory, no_map
-from chemage.foundation.approximations import in_words
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import ChemageError, InputError
+from chemage.foundation.records import approximations_in_words
 from chemage.plugins.sources import approximations
 from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
@@ -482,7 +482,7 @@ class Mapper:
             replicates=(method or EVERY_SITE).replicates,
             exact=bool(trial.combination) and all(choice.exact for choice in trial.combination),
             own=not trial.combination,
-            remark=in_words(approximations(*_replaced(self.scene, trial.scene))),
+            remark=approximations_in_words(approximations(*_replaced(self.scene, trial.scene))),
         )
 
 
