@@ -158,7 +158,7 @@ def _provenance(request: AgeingRequest, method: AgeingMethod) -> dict[str, Any]:
         "engine": request.engine.todict(),
         "contact": request.contact.provenance,
         **({"sites": sites} if sites else {}),
-        **({} if rupture is None else {"rupture": rupture.todict()}),
+        **({} if rupture is None else {rupture.role: rupture.todict()}),
         **({"observe": [observable.todict() for observable in observe]} if observe else {}),
         **({"ageing": method.todict()} if method.role else {}),
         **({"seed": str(request.seed), "common": request.common} if method.replicates else {}),
@@ -180,7 +180,7 @@ def _check(
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
     expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
     if rupture is not None:
-        expect("rupture", rupture, Rupture, 'make one with chemage.rupture("...")')
+        expect(Rupture.role, rupture, Rupture, 'make one with chemage.rupture("...")')
     if not isinstance(observe, list | tuple):
         raise InputError.of("observe", observe, "is no list", 'give a list of chemage.observable("barrier-spectrum")')
     for observable in observe:
@@ -238,7 +238,7 @@ def with_members(
         return aging
     method, sites = how.get("method") or EVERY_SITE, max(float(aging.sites.mean()), 1.0)
     replicas = int(np.clip(np.ceil(SITES / sites), 1, MOST))
-    how |= {"replicas": replicas, "common": "all", "rupture": None, "observe": (), "threads": 1}
+    how |= {"replicas": replicas, "common": "all", Rupture.role: None, "observe": (), "threads": 1}
     how.pop("checkpoints", None)
     every = [chemistry.forming, *members]
 

@@ -16,7 +16,6 @@ from chemage.ageing.fitting import FIT_WINDOW, Fit, FitData, Quantity, fit_aging
 from chemage.ageing.outputs import Measured, Output, measured
 from chemage.ageing.replicas import COMMON
 from chemage.contacts.solution import Contact
-from chemage.foundation import pictures
 from chemage.foundation.checks import check_times
 from chemage.foundation.codec import Derived, dataset, frame
 from chemage.foundation.errors import InputError
@@ -31,9 +30,11 @@ from chemage.foundation.records import (
     Record,
     require_finite,
 )
+from chemage.foundation.result import draw_result, notebook_html
 from chemage.foundation.statistics import half_width, standard_error
 from chemage.foundation.text import percent
 from chemage.foundation.units import QuantityLike
+from chemage.friction.role import Rupture
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.site_grid import ONE_PER_PIXEL
 
@@ -233,7 +234,7 @@ class Aging(Record):
     @property
     def rupture(self) -> str | None:
         """Kind of the rupture law; None where the force per bond is that of the chemistry."""
-        return self.provenance.get("rupture", {}).get("kind")
+        return self.provenance.get(Rupture.role, {}).get("kind")
 
     @property
     def friction_drop(self) -> np.ndarray:
@@ -334,7 +335,7 @@ class Aging(Record):
         Means with their 95 % intervals of ``quantity``, "friction_coefficient_drop" (default where there is a load) or
         "friction_drop"; and with ``fit`` the line of :meth:`fit`. ``color`` and ``label`` are those of the curve.
         """
-        return pictures.draw(self, ax, quantity=quantity, fit=fit, color=color, label=label)
+        return draw_result(self, ax, quantity=quantity, fit=fit, color=color, label=label)
 
     def to_xarray(self) -> xarray.Dataset:
         """The arrays with the names, dimensions and units of the file, and the curves of friction of the file: means
@@ -364,7 +365,7 @@ class Aging(Record):
         return columns
 
     def _repr_html_(self) -> str:
-        return pictures.html(self)
+        return notebook_html(self)
 
     def __repr__(self) -> str:
         return (

@@ -18,11 +18,11 @@ from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.ageing.replicas import keep, resumed
 from chemage.contacts.role import ContactTheory, solve_contact
 from chemage.contacts.solution import ContactSolution, ContactStatistics
-from chemage.foundation import pictures
 from chemage.foundation.codec import EXTRA
 from chemage.foundation.errors import ChemageError, InputError, PlanWarning, StoreError, optional_module
 from chemage.foundation.progress import progress_bars
 from chemage.foundation.records import Record, approximations_in_words, content_hash, merged_approximations
+from chemage.foundation.result import draw_parts, notebook_html
 from chemage.foundation.text import jsonable
 from chemage.plugins import registry
 from chemage.scene.files import load_scene
@@ -169,7 +169,7 @@ class Run:
         InputError
             The run has no such part.
         """
-        return pictures.draw_parts(self, what)
+        return draw_parts(self, what)
 
     def to_xarray(self) -> xarray.Dataset:
         """The arrays of surface, contact and ageing in one dataset, named as in the file. Needs xarray."""
@@ -195,7 +195,7 @@ class Run:
         return self.aging.to_pandas()
 
     def _repr_html_(self) -> str:
-        return pictures.html(self)
+        return notebook_html(self)
 
     def parts(self) -> dict[str, Record]:
         """The objects to store, by group name."""

@@ -193,7 +193,7 @@ def _tolerance(component: ContactSolver, least: float) -> float:
 # -- the form of the answer -------------------------------------------------------------------------------------------
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _contact_carries_the_load(component: ContactSolver, surfaces: Sequence[Surface] = (), force_tolerance=1e-6) -> None:
     """The pressure (GPa) adds up to the load (nN), is nowhere negative, and some but not all pixels are in contact."""
     for surface, load in _solvable(component, surfaces):
@@ -208,7 +208,7 @@ def _contact_carries_the_load(component: ContactSolver, surfaces: Sequence[Surfa
         require(solution.pressure.min() >= 0, "negative pressure")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _contact_is_deterministic(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """The same contact gives the same bytes, whatever was solved before; the surface stays as it was."""
     solvable = _solvable(component, surfaces)
@@ -221,7 +221,7 @@ def _contact_is_deterministic(component: ContactSolver, surfaces: Sequence[Surfa
     require([surface.heights.tobytes() for surface, _ in solvable] == heights, "the heights of the surface changed")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Grid, pixel size, periodicity and roughness are the surface's, the modulus is the solver's, and all that it
     implements is there."""
@@ -252,7 +252,7 @@ def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surf
         require_plain(solution.convergence, "convergence")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _no_load_is_no_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """At load 0 no pixel is in contact."""
     for surface, _ in _solvable(component, surfaces):
@@ -260,7 +260,7 @@ def _no_load_is_no_contact(component: ContactSolver, surfaces: Sequence[Surface]
         require(solution.sites.size == 0 and solution.load == 0, f"{solution.sites.size} pixels in contact at load 0")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _wrong_load_is_refused(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Negative and infinite loads, and loads in another dimension, are InputErrors; a load may have its unit."""
     surface, load = _solvable(component, surfaces)[0]
@@ -272,7 +272,7 @@ def _wrong_load_is_refused(component: ContactSolver, surfaces: Sequence[Surface]
     )
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _contact_cost_is_estimated(component: ContactSolver) -> None:
     """``expected()`` returns finite numbers, from few or many properties of a surface."""
     many = {"nx": 64.0, "ny": 48.0, "pixel_size": 0.5, "rms_slope": 0.1, "shortest_wavelength": 4.0}
@@ -285,7 +285,7 @@ def _contact_cost_is_estimated(component: ContactSolver) -> None:
 # -- where the contact is ---------------------------------------------------------------------------------------------
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _summits_touch_first(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """At a load of a fraction of a pixel's, the highest pixel carries it: heights are not upside down, mirrored,
     transposed or shifted by a pixel."""
@@ -309,7 +309,7 @@ def _summits_touch_first(component: ContactSolver, surfaces: Sequence[Surface] =
         )
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _contact_turns_with_the_surface(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Mirroring, transposing or (where periodic) shifting the surface does the same to the pressure, and no more."""
     for surface, load in _solvable(component, surfaces):
@@ -341,7 +341,7 @@ def _contact_turns_with_the_surface(component: ContactSolver, surfaces: Sequence
             )
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _gap_is_closed_in_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Where a gap (nm) is given: it is nowhere negative, and zero where the pressure is positive, to a hundredth of the
     rms height or ten times the declared error of it."""
@@ -356,7 +356,7 @@ def _gap_is_closed_in_contact(component: ContactSolver, surfaces: Sequence[Surfa
         require(gap <= 10 * scale, f"a gap of {gap:g} nm where the pressure is positive")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _contact_scales(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Lengths ×3 and load ×9, stresses and load ×2, or a raised surface are equivalent: no unit and no length is
     hidden in the solver."""
@@ -385,7 +385,7 @@ def _contact_scales(component: ContactSolver, surfaces: Sequence[Surface] = ()) 
             require(same, f"{what}: the pressure differs")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _contact_grows_with_load(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """A larger load brings more pixels into contact, and where it is given, a larger approach (nm)."""
     for surface, load in _solvable(component, surfaces):
@@ -402,7 +402,7 @@ def _contact_grows_with_load(component: ContactSolver, surfaces: Sequence[Surfac
 # -- how large the pressure is ----------------------------------------------------------------------------------------
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _known_contacts_are_found(component: ContactSolver) -> None:
     """Where ``declared_error`` is given: flat, sinusoidal (Westergaard) and spherical (Hertz) surfaces on an elastic
     half-space have the pressure of the closed form, to within that error."""
@@ -429,7 +429,7 @@ def _known_contacts_are_found(component: ContactSolver) -> None:
     require(solved, "declares an error, but refuses all surfaces with a closed form")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _contact_obeys_the_half_space(component: ContactSolver) -> None:
     """Where ``declared_error`` is given: on periodic rough surfaces the gap that follows from the pressure is zero in
     contact and positive outside, to within that error; a solution that is given up early is found."""
@@ -463,7 +463,7 @@ def _declared(component: ContactSolver) -> float:
     return float(error)  # pyright: ignore[reportArgumentType]
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _start_changes_nothing(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """The solution does not depend on ``start``, be it of another load or of another surface."""
     for surface, load in _solvable(component, surfaces):
@@ -499,7 +499,7 @@ def _elsewhere(component: ContactSolver, surface: Surface) -> ContactSolution | 
 # -- speed, and grids -------------------------------------------------------------------------------------------------
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _speed_does_not_change_the_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Options in ``speed_only``, such as the number of threads, do not change a bit of the pressure."""
     for surface, load in _solvable(component, surfaces):
@@ -510,7 +510,7 @@ def _speed_does_not_change_the_contact(component: ContactSolver, surfaces: Seque
         speed_changes_nothing(component, pressure, "the pressures")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _trade_is_from_fast_to_accurate(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """The values of each option of ``trade`` give the same contact, the last ones nearly so."""
     surface, load = _solvable(component, surfaces)[0]
@@ -531,7 +531,7 @@ def _trade_is_from_fast_to_accurate(component: ContactSolver, surfaces: Sequence
         )
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _reference_solves_the_same_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """``reference()`` returns a solver of the same class, with the same contact up to the errors of the component."""
     reference = component.reference()
@@ -543,7 +543,7 @@ def _reference_solves_the_same_contact(component: ContactSolver, surfaces: Seque
         )
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _odd_grids_are_solved(component: ContactSolver) -> None:
     """Grids that are not square, odd, one pixel wide or one pixel are solved, or refused with an InputError."""
     for shape in ((15, 32), (9, 7), (1, 16), (1, 1)):
@@ -558,7 +558,7 @@ def _odd_grids_are_solved(component: ContactSolver) -> None:
 # -- theories without a map -------------------------------------------------------------------------------------------
 
 
-@check_of("contact")
+@check_of(ContactSolver)
 def _statistics_carry_the_load(component: ContactSolver) -> None:
     """Of a theory, which gives no map: the pressures of its statistics add up to the load at any load, the area grows
     with the load and is no larger than the nominal area, and a map is refused."""

@@ -27,7 +27,7 @@ from chemage.testing.checks import CheckFailed, check_of, options_of, other_valu
 from chemage.testing.replicas import Even, Replica, finished, numbers
 
 
-@check_of("")
+@check_of(Component)
 def _has_kind_and_role(component: Component) -> None:
     """The class has a kind in lower case, a docstring, and is of the class of its role."""
     cls = type(component)
@@ -42,7 +42,7 @@ def _has_kind_and_role(component: Component) -> None:
     require((cls.__doc__ or "").strip(), f"{cls.__name__} has no docstring")
 
 
-@check_of("")
+@check_of(Component)
 def _citations_are_strings(component: Component) -> None:
     """``cite`` is a tuple of strings, and ``bibtex``, if there is one, has an entry or "" for each of them."""
     cite = type(component).cite
@@ -66,7 +66,7 @@ def _citations_are_strings(component: Component) -> None:
         require(not problem, f"bibtex: {entry[:60]!r} {problem}")
 
 
-@check_of("")
+@check_of(Component)
 def _options_are_described(component: Component) -> None:
     """Every option has a description, and a unit that can be read."""
     for name, (_, unit, description) in options_of(component).items():
@@ -77,7 +77,7 @@ def _options_are_described(component: Component) -> None:
             units().parse_units(unit)
 
 
-@check_of("")
+@check_of(Component)
 def _speed_only_names_options(component: Component) -> None:
     """``speed_only`` is a tuple of names of options."""
     named = type(component).speed_only
@@ -86,7 +86,7 @@ def _speed_only_names_options(component: Component) -> None:
     require(not unknown, f"speed_only names {', '.join(sorted(unknown))}, which are not options")
 
 
-@check_of("")
+@check_of(Component)
 def _trade_names_options(component: Component) -> None:
     """``trade`` maps names of options to at least two values each, all of which the option accepts."""
     trade = type(component).trade
@@ -114,7 +114,7 @@ def _accepted(component: Component, name: str, value: Any) -> Any:
     raise AssertionError(f"trade: the option {name!r} does not accept {value!r}: {refusal}")
 
 
-@check_of("")
+@check_of(Component)
 def _approximations_are_declared(component: Component) -> None:
     """``exact`` is True or False, an exact component declares no error (a contact solver may, see its role), and
     ``error_of`` says in words what the declared error is the error of."""
@@ -133,7 +133,7 @@ def _approximations_are_declared(component: Component) -> None:
     )
 
 
-@check_of("")
+@check_of(Component)
 def _digest_tells_options_apart(component: Component) -> None:
     """The digest changes with every option except those of ``speed_only``, so that no stored result is mistaken for
     another's."""
@@ -150,7 +150,7 @@ def _digest_tells_options_apart(component: Component) -> None:
                 )
 
 
-@check_of("")
+@check_of(Component)
 def _options_are_frozen(component: Component) -> None:
     """No option can be set on a finished component."""
     before = component.digest()
@@ -163,7 +163,7 @@ def _options_are_frozen(component: Component) -> None:
     require(component.digest() == before, "the digest changed although no option did")
 
 
-@check_of("")
+@check_of(Component)
 def _options_go_round(component: Component) -> None:
     """Copies by todict, JSON and fromdict, by pickle and by replace are equal and have the same hash and digest."""
     fields = component.todict()
@@ -185,7 +185,7 @@ def _options_go_round(component: Component) -> None:
         require(same_digest, f"{way}: the digest differs")
 
 
-@check_of("")
+@check_of(Component)
 def _wrong_options_are_refused(component: Component) -> None:
     """Unknown options, numbers that are not finite and quantities of another dimension are errors naming the option."""
     message = refuses("an unknown option", lambda: type(component)(no_such_option=1))
@@ -217,7 +217,7 @@ def check_material(name: str) -> None:
         raise CheckFailed("values_can_be_used", f"material {name!r}", "\n".join(problems))
 
 
-@check_of("")
+@check_of(Component)
 def _figures_are_named(component: Component) -> None:
     """Each figure has a caption, and a name that a file can have and that is none of chemage's own figures'."""
     figures = type(component).figures
@@ -232,7 +232,7 @@ def _figures_are_named(component: Component) -> None:
             require(isinstance(caption, str) and caption.strip(), f"figure {name!r} has no caption")
 
 
-@check_of("")
+@check_of(Component)
 def _components_draw_their_figures(component: Component) -> None:
     """A component that is no observable draws each of its figures, of one result and of several, also where a part of
     the result is not known."""
@@ -241,7 +241,7 @@ def _components_draw_their_figures(component: Component) -> None:
             _drawn(component, name, results, f" of {what}", filled="without" not in what)
 
 
-@check_of("observable")
+@check_of(Observable)
 def _figures_are_drawn(component: Observable) -> None:
     """Each of ``figures`` has a caption and is drawn from all replicas, of one result and of several, also where the
     chemistry is not known."""

@@ -30,7 +30,7 @@ _LOWEST, _HIGHEST = 2.0**-53, 1 - 2.0**-53
 _SMALL, _LARGE = 1e-3, 20.0
 
 
-@check_of("barriers")
+@check_of(Barriers)
 def _quantile_is_monotone(component: Barriers) -> None:
     """Barriers are finite doubles that do not fall as the uniform number rises, from 2^-53 to 1 - 2^-53."""
     uniform = np.concatenate([[_LOWEST, 1e-12, 1e-6], np.linspace(1e-4, 1 - 1e-4, 2001), [1 - 1e-6, _HIGHEST]])
@@ -44,7 +44,7 @@ def _quantile_is_monotone(component: Barriers) -> None:
     require(not falls.size, f"the quantile function falls at u = {uniform[falls[:1]]}")
 
 
-@check_of("barriers")
+@check_of(Barriers)
 def _barriers_are_in_ev(component: Barriers) -> None:
     """Barriers are energies in eV of a chemical bond, and lie between options named ``lower`` and ``upper``."""
     middle = float(component.quantile(np.array([0.5]))[0])
@@ -62,7 +62,7 @@ def _barriers_are_in_ev(component: Barriers) -> None:
             require(sign * (end - bound) >= -slack, f"{name} = {bound} eV, but barriers reach {end} eV")
 
 
-@check_of("barriers")
+@check_of(Barriers)
 def _barrier_is_the_pixels_own(component: Barriers) -> None:
     """The barrier of a pixel depends only on its own number, neither on other pixels nor on earlier or concurrent
     calls; the numbers stay as they were."""
@@ -88,7 +88,7 @@ def _barrier_is_the_pixels_own(component: Barriers) -> None:
     require(component.quantile(np.empty(0)).shape == (0,), "no pixels: expected an empty array")
 
 
-@check_of("barriers")
+@check_of(Barriers)
 def _density_agrees_with_quantile(component: Barriers) -> None:
     """∫ density (1/eV) between two quantiles is the probability between them; a point mass has density inf."""
     levels = np.linspace(1e-3, 1 - 1e-3, 1999)
@@ -121,7 +121,7 @@ def _density_agrees_with_quantile(component: Barriers) -> None:
     require(np.allclose(far, 0, atol=1e-6), f"density {far} a thousand eV away")
 
 
-@check_of("barriers")
+@check_of(Barriers)
 def _members_are_other_distributions(component: Barriers) -> None:
     """``members(count)`` returns at most ``count`` distributions that differ from this one, always the same ones, and
     that have no members themselves: a run ages each of them."""
@@ -146,7 +146,7 @@ def _members_are_other_distributions(component: Barriers) -> None:
     )
 
 
-@check_of("barriers")
+@check_of(Barriers)
 def _speed_does_not_change_the_barriers(component: Barriers) -> None:
     """Options in ``speed_only`` do not change a bit of any barrier; ``trade`` changes the median by a tenth at most."""
     uniform = np.linspace(0.01, 0.99, 99)
@@ -187,7 +187,7 @@ def _patches_of_sites(grid: tuple[int, int]) -> Iterator[np.ndarray]:
     yield np.empty(0, np.int64)
 
 
-@check_of("interaction")
+@check_of(Interaction)
 def _graph_is_sound(component: Interaction) -> None:
     """The graph is symmetric, with one energy per pair, no self-loops and no double edges, on all small grids."""
     for grid in _GRIDS:
@@ -229,7 +229,7 @@ def _pairs(component: Interaction, grid: tuple[int, int], sites: np.ndarray, see
     }
 
 
-@check_of("interaction")
+@check_of(Interaction)
 def _calls_do_not_interfere(component: Interaction) -> None:
     """Graph and energies depend on the arguments alone, not on earlier or concurrent calls; the arguments stay as they
     were, and may be read-only."""
@@ -251,7 +251,7 @@ def _calls_do_not_interfere(component: Interaction) -> None:
     calls_are_independent(found, range(3))
 
 
-@check_of("interaction")
+@check_of(Interaction)
 def _graph_is_the_same_everywhere(component: Interaction) -> None:
     """On a full periodic grid that is not square, all sites have the same neighbours around them, across the edges too:
     rows and columns are not mixed up, and nothing is missing at the edges."""
@@ -276,7 +276,7 @@ def _moved(pixel: int, step: tuple[int, int], nx: int, ny: int) -> int:
     return (x + step[0]) % nx * ny + (y + step[1]) % ny
 
 
-@check_of("interaction")
+@check_of(Interaction)
 def _patch_keeps_its_graph(component: Interaction) -> None:
     """A patch has the same graph at the edges of a grid that is not periodic as inside a larger grid: nothing wraps
     where nothing is periodic."""
@@ -300,7 +300,7 @@ def _patch_keeps_its_graph(component: Interaction) -> None:
             )
 
 
-@check_of("interaction")
+@check_of(Interaction)
 def _pair_keeps_its_energy(component: Interaction) -> None:
     """The energy of a pair of pixels does not depend on the other sites of the contact."""
     grid = (13, 11)
@@ -312,7 +312,7 @@ def _pair_keeps_its_energy(component: Interaction) -> None:
     require(some == expected, "pairs or their energies changed when other sites were removed")
 
 
-@check_of("interaction")
+@check_of(Interaction)
 def _energies_are_in_ev(component: Interaction) -> None:
     """Energies are in eV: the largest is between 1e-6 and 10 eV, unless all are zero."""
     energies = np.abs(list(_pairs(component, (13, 11), np.arange(143, dtype=np.int64), 1).values()))
@@ -323,14 +323,14 @@ def _energies_are_in_ev(component: Interaction) -> None:
     )
 
 
-@check_of("interaction")
+@check_of(Interaction)
 def _coupling_follows_its_seed(component: Interaction) -> None:
     """The same seed gives the same energies, other seeds give others or none does."""
     grid, sites = (13, 11), np.arange(143, dtype=np.int64)
     seeds_are_harmless(lambda seed: tuple(_pairs(component, grid, sites, seed).items()), "coupling")
 
 
-@check_of("interaction")
+@check_of(Interaction)
 def _speed_does_not_change_the_energies(component: Interaction) -> None:
     """Options in ``speed_only`` change neither the graph nor a bit of any energy."""
     grid, sites = (13, 11), np.arange(143, dtype=np.int64)

@@ -149,7 +149,7 @@ def _bytes(component: Observable, replica: Replica) -> dict[str, bytes]:
     return {name: value.tobytes() for name, value in numbers(component, replica, "a replica").items()}
 
 
-@check_of("observable")
+@check_of(Observable)
 def _observes_numbers(component: Observable) -> None:
     """Names and shapes are the same for all replicas of a contact, with or without bonds and sites."""
     first = None
@@ -163,7 +163,7 @@ def _observes_numbers(component: Observable) -> None:
             require(not lost, f"{', '.join(lost)}: no finite number, although 17 of 40 sites are bonded")
 
 
-@check_of("observable")
+@check_of(Observable)
 def _names_are_safe(component: Observable) -> None:
     """Names can be those of a variable in a file and of a column in a table: no slash, no control character, no blank
     at either end."""
@@ -174,7 +174,7 @@ def _names_are_safe(component: Observable) -> None:
         require(fits, f"the name {name!r} cannot be that of a variable in a file; rename it")
 
 
-@check_of("observable")
+@check_of(Observable)
 def _measures_what_it_declares(component: Observable) -> None:
     """What is measured are just the ``outputs``, where they are declared: with these dimensions, of which
     ``hold_times`` is as long as the hold times, with safe names, and units that can be read."""
@@ -197,7 +197,7 @@ def _measures_what_it_declares(component: Observable) -> None:
             raise AssertionError(f"{len(times)} hold times: {error}") from error
 
 
-@check_of("observable")
+@check_of(Observable)
 def _grids_need_not_be_square(component: Observable) -> None:
     """Contacts whose grid is not square are measured, with the same names; maps are (nx, ny)."""
     names = set(numbers(component, finished(40, 17), "an 8x8 grid"))
@@ -208,7 +208,7 @@ def _grids_need_not_be_square(component: Observable) -> None:
         require(not swapped, f"a grid of {grid} pixels (nx, ny): {', '.join(swapped)} has the shape {grid[::-1]}")
 
 
-@check_of("observable")
+@check_of(Observable)
 def _measure_disturbs_nothing(component: Observable) -> None:
     """A replica is measured the same way every time, whatever was measured before or at the same time, and stays as it
     was."""
@@ -217,7 +217,7 @@ def _measure_disturbs_nothing(component: Observable) -> None:
     calls_are_independent(lambda replica: _bytes(component, replica), replicas, *kept)
 
 
-@check_of("observable")
+@check_of(Observable)
 def _speed_does_not_change_the_numbers(component: Observable) -> None:
     """Options in ``speed_only`` do not change a bit of what is measured."""
     speed_changes_nothing(component, lambda variant: _bytes(variant, finished(40, 17)), "the numbers")
@@ -256,14 +256,14 @@ def _force(component: Rupture, bonded: Bonded, what: str) -> np.ndarray:
     return force
 
 
-@check_of("rupture")
+@check_of(Rupture)
 def _forces_are_forces(component: Rupture) -> None:
     """There is one force for each hold time, finite and not negative, with or without bonds and sites."""
     for what, replica in usual(TIMES):
         _force(component, _bonded(component, replica), what)
 
 
-@check_of("rupture")
+@check_of(Rupture)
 def _no_bonds_no_force(component: Rupture) -> None:
     """The force is 0 wherever there is no bond."""
     for what, replica in usual(TIMES):
@@ -272,7 +272,7 @@ def _no_bonds_no_force(component: Rupture) -> None:
         require((force == 0).all(), f"{what}: a force of {force.max(initial=0.0):.4g} nN where there is no bond")
 
 
-@check_of("rupture")
+@check_of(Rupture)
 def _forces_are_in_nn(component: Rupture) -> None:
     """Forces are in nN: the mean force per bond is between 1e-4 and 100 nN, unless all are zero."""
     force = float(_force(component, _some(component, 40, 40), "all sites bonded")[-1]) / 40
@@ -282,8 +282,8 @@ def _forces_are_in_nn(component: Rupture) -> None:
     )
 
 
-@check_of("rupture")
-@check_of("observable")
+@check_of(Rupture)
+@check_of(Observable)
 def _parts_may_be_absent(component: Observable | Rupture) -> None:
     """Lattices without breaking barriers or without interaction, contacts that are not square, and any hold times are
     treated too."""
@@ -294,7 +294,7 @@ def _parts_may_be_absent(component: Observable | Rupture) -> None:
             numbers(component, replica, what)
 
 
-@check_of("rupture")
+@check_of(Rupture)
 def _force_disturbs_nothing(component: Rupture) -> None:
     """A replica has the same force every time, whatever was asked before or at the same time, and stays as it was."""
     replicas = [_some(component), _some(component, 40, 40), _some(component, 30, 5)]
@@ -302,7 +302,7 @@ def _force_disturbs_nothing(component: Rupture) -> None:
     calls_are_independent(lambda bonded: _force(component, bonded, "a replica").tobytes(), replicas, *kept)
 
 
-@check_of("rupture")
+@check_of(Rupture)
 def _later_times_do_not_matter(component: Rupture) -> None:
     """The force after a hold time does not depend on what happens later: sliding after 10 s does not know of 1e4 s."""
     bonded = _some(component, 40, 30)
@@ -328,7 +328,7 @@ def _until(bonded: Bonded, number: int) -> Bonded:
     return Bonded(bonded.contact, bonded.chemistry, bonded.lattice, history.model_copy(update=changes))
 
 
-@check_of("rupture")
+@check_of(Rupture)
 def _unbonded_sites_do_not_matter(component: Rupture) -> None:
     """A law that asks for the states does not depend on the barriers of sites that have no bond."""
     if not component.states:
@@ -348,7 +348,7 @@ def _unbonded_sites_do_not_matter(component: Rupture) -> None:
     )
 
 
-@check_of("rupture")
+@check_of(Rupture)
 def _speed_does_not_change_the_force(component: Rupture) -> None:
     """Options in ``speed_only`` do not change a bit of any force."""
     bonded = _some(component)
@@ -441,7 +441,7 @@ def _expected(contact: ContactSolution, chemistry: Chemistry) -> np.ndarray:
     return total * chemistry.hydroxylation
 
 
-@check_of("ageing")
+@check_of(AgeingMethod)
 def _gives_aged_bonds(component: AgeingMethod) -> None:
     """The answer has one row of bonds for each replica, or a single one where the class says so, and one number for
     each hold time; what it says of errors is complete."""
@@ -450,14 +450,18 @@ def _gives_aged_bonds(component: AgeingMethod) -> None:
         require(isinstance(aged, AgedBonds), f"{what}: age() returned {type(aged).__name__}; give an AgedBonds")
         rows = REPLICAS if component.replicates else 1
         shape = np.shape(aged.bonds)
-        require(shape == (rows, METHOD_TIMES.size), f"{what}: bonds have the shape {shape}; expected {(rows, METHOD_TIMES.size)}")
+        expected = (rows, METHOD_TIMES.size)
+        require(shape == expected, f"{what}: bonds have the shape {shape}; expected {expected}")
+            shape == (rows, METHOD_TIMES.size),
+            f"{what}: bonds have the shape {shape}; expected {(rows, METHOD_TIMES.size)}",
+        )
         try:
             _aged(component, _request(contact))
         except Exception as error:
             raise AssertionError(f"{what}: {error}") from error
 
 
-@check_of("ageing")
+@check_of(AgeingMethod)
 def _bonds_are_those_of_the_whole_contact(component: AgeingMethod) -> None:
     """Bonds and sites are those of the whole contact: sites that do not interact have the mean of the closed form,
     within the errors that the method states."""
@@ -478,12 +482,12 @@ def _bonds_are_those_of_the_whole_contact(component: AgeingMethod) -> None:
             at = int(np.argmax(np.abs(bonds - exact) - allowed))
             require(
                 bool(abs(bonds[at] - exact[at]) <= allowed[at]),
-                f"{what}, hydroxylation {hydroxylation:g}: {bonds[at]:.4g} bonds at {METHOD_TIMES[at]:g} s, the closed form "
-                f"has {exact[at]:.4g}; bonds are those of the whole contact",
+                f"{what}, hydroxylation {hydroxylation:g}: {bonds[at]:.4g} bonds at {METHOD_TIMES[at]:g} s, the closed "
+                f"form has {exact[at]:.4g}; bonds are those of the whole contact",
             )
 
 
-@check_of("ageing")
+@check_of(AgeingMethod)
 def _answers_are_repeatable(component: AgeingMethod) -> None:
     """An answer depends on the request alone: not on what was asked before or at the same time, nor on the number of
     threads; and the contact stays as it was."""
@@ -497,7 +501,7 @@ def _answers_are_repeatable(component: AgeingMethod) -> None:
     require(threaded == [bonds(request) for request in requests], "the bonds depend on the number of threads")
 
 
-@check_of("ageing")
+@check_of(AgeingMethod)
 def _fewer_replicas_are_the_first_ones(component: AgeingMethod) -> None:
     """Replica r does not depend on how many replicas there are."""
     if not component.replicates:
@@ -507,7 +511,7 @@ def _fewer_replicas_are_the_first_ones(component: AgeingMethod) -> None:
     require(np.array_equal(many[:2], few), "2 replicas are not the first 2 of 6; the seed belongs to the replica")
 
 
-@check_of("ageing")
+@check_of(AgeingMethod)
 def _speed_does_not_change_the_bonds(component: AgeingMethod) -> None:
     """Options in ``speed_only`` do not change a bit of the bonds."""
     request = _request(next(_contacts())[1])

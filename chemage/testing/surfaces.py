@@ -35,7 +35,7 @@ def _random(component: SurfaceMaker) -> bool:
     return component.make(0).heights.tobytes() != component.make(1).heights.tobytes()
 
 
-@check_of("surface")
+@check_of(SurfaceMaker)
 def _makes_a_surface(component: SurfaceMaker) -> None:
     """``make()`` returns a Surface with finite heights and a record of how it was made, the same as ``make(0)``."""
     surface = component.make(0)
@@ -49,7 +49,7 @@ def _makes_a_surface(component: SurfaceMaker) -> None:
     require(component.make(seed=0) == surface, "make(0) and make(seed=0) differ")
 
 
-@check_of("surface")
+@check_of(SurfaceMaker)
 def _surface_follows_its_seed(component: SurfaceMaker) -> None:
     """The same seed gives the same bytes, other seeds give others or none does, and wrong seeds are InputErrors."""
     seeds_are_harmless(lambda seed: component.make(seed).heights.tobytes(), "make")
@@ -58,7 +58,7 @@ def _surface_follows_its_seed(component: SurfaceMaker) -> None:
             refuses(f"make({seed})", lambda seed=seed: component.make(seed))  # pyright: ignore[reportArgumentType]
 
 
-@check_of("surface")
+@check_of(SurfaceMaker)
 def _surface_has_its_options(component: SurfaceMaker) -> None:
     """Options named ``pixels``, ``pixel_size`` (nm), ``rms_slope``, ``rms_height`` (nm) and ``periodic`` are properties
     of the surface, on grids that are not square too."""
@@ -110,7 +110,7 @@ def _require_roughness(maker: SurfaceMaker, name: str, wanted: float) -> None:
     )
 
 
-@check_of("surface")
+@check_of(SurfaceMaker)
 def _lengths_scale_together(component: SurfaceMaker) -> None:
     """With all lengths among its options doubled, the same surface is twice as large: pixels and nanometres, or two
     units of length, are not mixed up."""
@@ -137,7 +137,7 @@ def _lengths_scale_together(component: SurfaceMaker) -> None:
     )
 
 
-@check_of("surface")
+@check_of(SurfaceMaker)
 def _recorded_radius_is_the_tips(component: SurfaceMaker) -> None:
     """A ``radius`` (nm) in the provenance is that of the apex, which is the highest point, in the middle of the grid,
     on a surface that is not periodic: solvers for a sphere rely on it."""
@@ -162,7 +162,7 @@ def _recorded_radius_is_the_tips(component: SurfaceMaker) -> None:
         require(not surface.periodic, "a single sphere (provenance has a radius) is not periodic; pass periodic=False")
 
 
-@check_of("surface")
+@check_of(SurfaceMaker)
 def _edges_fit_where_periodic(component: SurfaceMaker) -> None:
     """A periodic surface goes on across its edges as it does inside; a random one that does at every seed is marked
     periodic."""
@@ -205,7 +205,7 @@ def _seam(heights: np.ndarray, axis: int) -> tuple[float, float]:
     return kink, step / near
 
 
-@check_of("surface")
+@check_of(SurfaceMaker)
 def _surface_is_as_expected(component: SurfaceMaker) -> None:
     """The properties that ``expected()`` returns are those of the surface: lengths in nm, the slope as a ratio."""
     surface, expected = component.make(0), component.expected()
@@ -233,7 +233,7 @@ def _surface_is_as_expected(component: SurfaceMaker) -> None:
         )
 
 
-@check_of("surface")
+@check_of(SurfaceMaker)
 def _coarser_is_the_same_surface(component: SurfaceMaker) -> None:
     """``coarser(2)`` is None, or makes the same surface of the same size on pixels twice as large."""
     if (coarse := component.coarser(2)) is not None:
@@ -244,7 +244,7 @@ def _coarser_is_the_same_surface(component: SurfaceMaker) -> None:
         _same_shape("coarser(2)", made, [blocks.mean(axis=(1, 3)), blocks[:, 0, :, 0]], 0.5)
 
 
-@check_of("surface")
+@check_of(SurfaceMaker)
 def _sketch_is_the_same_surface(component: SurfaceMaker) -> None:
     """``sketch()`` is None, or makes the same surface of the same size on fewer pixels."""
     if (sketch := component.sketch()) is not None:
@@ -284,7 +284,7 @@ def _same_shape(how: str, made: Surface, candidates: list[np.ndarray], most: flo
     )
 
 
-@check_of("surface")
+@check_of(SurfaceMaker)
 def _speed_does_not_change_the_surface(component: SurfaceMaker) -> None:
     """Options in ``speed_only`` do not change a bit of the heights; ``trade`` keeps the size and the roughness."""
     speed_changes_nothing(component, lambda variant: variant.make(2).heights.tobytes(), "the heights")
@@ -301,7 +301,7 @@ def _speed_does_not_change_the_surface(component: SurfaceMaker) -> None:
             )
 
 
-@check_of("surface")
+@check_of(SurfaceMaker)
 def _scatter_agrees_with_the_seed(component: SurfaceMaker) -> None:
     """``scatter()`` is None or a Scatter, 0 if and only if the seed does not change the surface; it takes the measures
     of any contact."""
@@ -328,7 +328,7 @@ check_reader = whole(
 )
 
 
-@check_of("reader")
+@check_of(Reader)
 def _suffixes_are_named(component: Reader, path: Any = None) -> None:
     """``suffixes`` names the file endings that the reader accepts, in lower case and with the dot."""
     suffixes = type(component).suffixes
@@ -342,7 +342,7 @@ def _suffixes_are_named(component: Reader, path: Any = None) -> None:
         require(ending in suffixes, f"the file ends in {ending!r}, but suffixes = {suffixes}")
 
 
-@check_of("reader")
+@check_of(Reader)
 def _bad_files_are_refused(component: Reader, path: Any = None) -> None:
     """A missing, empty or truncated file, or one of another format, raises a ChemageError that names the file."""
     with TemporaryDirectory() as name:
@@ -362,7 +362,7 @@ def _bad_files_are_refused(component: Reader, path: Any = None) -> None:
             require(file.name in message, f"a {label} file: the message does not name it: {message}")
 
 
-@check_of("reader", needs=("path",))
+@check_of(Reader, needs=("path",))
 def _reads_its_file(component: Reader, path: Any = None) -> None:
     """The file is read into a Surface or another object of chemage, the same each time, and stays as it was."""
     before = Path(path).read_bytes()
@@ -377,7 +377,7 @@ def _reads_its_file(component: Reader, path: Any = None) -> None:
     require(first == component.read(Path(path)), "reading the file twice gave different objects")
 
 
-@check_of("reader", needs=("path",))
+@check_of(Reader, needs=("path",))
 def _file_is_in_nm(component: Reader, path: Any = None) -> None:
     """Heights and pixel size are in nm, as far as it can be told without the surface: slopes are neither below 1e-8 nor
     above 100, and a pixel is between 1e-3 and 1e6 nm."""
@@ -396,7 +396,7 @@ def _file_is_in_nm(component: Reader, path: Any = None) -> None:
     )
 
 
-@check_of("reader", needs=("path", "surface"))
+@check_of(Reader, needs=("path", "surface"))
 def _known_surface_is_read(component: Reader, path: Any = None, surface: Surface | None = None) -> None:
     """The file that holds ``surface`` gives just that: heights in nm with x as the first index, pixel size in nm,
     periodicity."""
@@ -452,7 +452,7 @@ def _difference(found: np.ndarray, wanted: np.ndarray) -> str:
     return f": they differ by up to {np.abs(found - wanted).max():.3g} nm"
 
 
-@check_of("reader", needs=("path",))
+@check_of(Reader, needs=("path",))
 def _stated_pixel_size_counts(component: Reader, path: Any = None) -> None:
     """An option ``pixel_size`` overrides the pixel size in the file; ``speed_only`` options change nothing."""
     stated = component.read(path)

@@ -12,7 +12,7 @@ from plugin_api import recorded
 
 import chemage
 from chemage.plugin import registry
-from chemage.scaffold.new import stubs
+from chemage.scaffold import stubs
 
 #: how many names users may have to look through
 MOST = 55

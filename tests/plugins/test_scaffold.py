@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 import chemage
-from chemage import InputError
+from chemage import InputError, scaffold
 from chemage.plugin import API_VERSION, StoreError, registry
-from chemage.scaffold import new as scaffold
 
 #: one process for the plugins of all roles, because it takes longer to start than most of their tests to run
 PROGRAM = """

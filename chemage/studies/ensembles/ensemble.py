@@ -12,9 +12,9 @@ import numpy as np
 from pydantic import model_validator
 
 from chemage.ageing.fitting import why_not_fitted
-from chemage.foundation import pictures
 from chemage.foundation.codec import dataset, frame
 from chemage.foundation.records import Doubles, Named, Number, Plain, Record, approximations_in_words
+from chemage.foundation.result import draw_result, notebook_html
 from chemage.scene.scene import heading
 from chemage.studies.ensembles.allocation import Spread, half_width, regressed, spread_of
 from chemage.studies.ensembles.quantities import CURVES, Quantities
@@ -287,7 +287,7 @@ class Ensemble(Record):
         InputError
             matplotlib is missing.
         """
-        return pictures.draw(self, ax, singles=singles, color=color, label=label)
+        return draw_result(self, ax, singles=singles, color=color, label=label)
 
     def to_xarray(self) -> xarray.Dataset:
         """The arrays with the names, dimensions and units of the file, and the mean curves of friction with half the
@@ -336,7 +336,7 @@ class Ensemble(Record):
         return columns
 
     def _repr_html_(self) -> str:
-        return pictures.html(self)
+        return notebook_html(self)
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the estimates, their intervals and the parts of their errors; β, the curves and the
