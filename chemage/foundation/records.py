@@ -57,7 +57,12 @@ def _error_in_words(entry: Mapping[str, Any]) -> str:
 
 def content_hash(content: Any) -> str:
     """128 bits as 32 hexadecimal digits; the order of the entries of a dict does not count."""
-    return hashlib.blake2b(json.dumps(content, sort_keys=True).encode(), digest_size=16).hexdigest()
+    return text_hash(json.dumps(content, sort_keys=True))
+
+
+def text_hash(text: str, size: int = 16) -> str:
+    """``size`` bytes as hexadecimal digits."""
+    return hashlib.blake2b(text.encode(), digest_size=size).hexdigest()
 
 
 def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:

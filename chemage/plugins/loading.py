@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import inspect
 import os
@@ -99,7 +98,9 @@ def source_version(cls: type) -> str:
             except (OSError, TypeError):
                 _sources[cls] = "(source unknown)"
             else:
-                _sources[cls] = f"(source {hashlib.blake2b(text.encode(), digest_size=4).hexdigest()})"
+                from chemage.foundation.records import text_hash  # imports numpy: only where it is needed
+
+                _sources[cls] = f"(source {text_hash(text, 4)})"
         return _sources[cls]
 
 

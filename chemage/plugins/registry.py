@@ -15,7 +15,6 @@ ones by name; chemage itself.
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import os
 import threading
@@ -298,7 +297,9 @@ class Registry:
     def state(self) -> str:
         """A hash of all plugins with their versions."""
         text = "\n".join(sorted(f"{record.name} {record.source} {record.error}" for record in self.records))
-        return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+        from chemage.foundation.records import text_hash  # imports numpy, which the command line can do without
+
+        return text_hash(text, 8)
 
     def source(self, name: str) -> str | None:
         """The source of the plugin ``name``, with its version and the options in use; None if it is not in use."""

@@ -452,9 +452,6 @@ def _gives_aged_bonds(component: AgeingMethod) -> None:
         shape = np.shape(aged.bonds)
         expected = (rows, METHOD_TIMES.size)
         require(shape == expected, f"{what}: bonds have the shape {shape}; expected {expected}")
-            shape == (rows, METHOD_TIMES.size),
-            f"{what}: bonds have the shape {shape}; expected {(rows, METHOD_TIMES.size)}",
-        )
         try:
             _aged(component, _request(contact))
         except Exception as error:
