@@ -89,6 +89,12 @@ _reading = threading.Lock()
 _sources: weakref.WeakKeyDictionary[type, str] = weakref.WeakKeyDictionary()
 
 
+def short_hash(text: str, size: int) -> str:
+    from chemage.foundation.records import text_hash  # imports numpy, which the command line can do without
+
+    return text_hash(text, size)
+
+
 def source_version(cls: type) -> str:
     """What stands for the version of a class that is not packaged: a hash of its source, which is read once."""
     with _reading:  # Python 3.11 cannot parse in two threads at once
@@ -98,9 +104,7 @@ def source_version(cls: type) -> str:
             except (OSError, TypeError):
                 _sources[cls] = "(source unknown)"
             else:
-                from chemage.foundation.records import text_hash  # imports numpy: only where it is needed
-
-                _sources[cls] = f"(source {text_hash(text, 4)})"
+                _sources[cls] = f"(source {short_hash(text, 4)})"
         return _sources[cls]
 
 

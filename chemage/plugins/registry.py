@@ -45,6 +45,7 @@ from chemage.plugins.loading import (
     is_stage,
     scene_text,
     selected,
+    short_hash,
     source_version,
     trace_after,
     trace_before,
@@ -284,9 +285,7 @@ class Registry:
 
     def functions(self, hook: str) -> list[tuple[PluginRecord, Any]]:
         """Each plugin that implements ``hook``, with its function, sorted by the name of the plugin."""
-        implementations = {
-            record.plugin_name: record.function for record in getattr(self.manager.hook, hook).get_hookimpls()
-        }
+        implementations = {each.plugin_name: each.function for each in getattr(self.manager.hook, hook).get_hookimpls()}
         records = sorted(self.records, key=lambda record: record.name)
         return [(record, implementations[name]) for record in records if (name := full_name(record)) in implementations]
 
@@ -296,10 +295,7 @@ class Registry:
 
     def state(self) -> str:
         """A hash of all plugins with their versions."""
-        text = "\n".join(sorted(f"{record.name} {record.source} {record.error}" for record in self.records))
-        from chemage.foundation.records import text_hash  # imports numpy, which the command line can do without
-
-        return text_hash(text, 8)
+        return short_hash("\n".join(sorted(f"{each.name} {each.source} {each.error}" for each in self.records)), 8)
 
     def source(self, name: str) -> str | None:
         """The source of the plugin ``name``, with its version and the options in use; None if it is not in use."""
