@@ -39,7 +39,7 @@ from chemage.plugins.hooks import hookimpl as hookimpl
 from chemage.contacts.patches import label_patches as label_patches
 from chemage.plugins.hooks import lazy_attributes as lazy_attributes
 from chemage.foundation import memory as memory
-from chemage.foundation.messages import nearest as nearest
+from chemage.foundation.errors import nearest as nearest
 from chemage.cli import options as options
 from chemage.scene.files import override as override
 from chemage.contacts import patches as patches
@@ -50,8 +50,8 @@ from chemage.surfaces.reading import reader_for as reader_for
 from chemage.plugins import registry as registry
 from chemage.foundation.files import regular_file as regular_file
 from chemage.surfaces import roughness as roughness
-from chemage.kinetics.stage import run_kinetics as run_kinetics
-from chemage.friction.stage import rupture_bonds as rupture_bonds
+from chemage.kinetics.role import run_kinetics as run_kinetics
+from chemage.friction.role import rupture_bonds as rupture_bonds
 from chemage.scene.files import scene_data as scene_data
 from chemage.foundation import statistics as statistics
 from chemage.foundation import tables as tables
@@ -70,7 +70,7 @@ from chemage.foundation.files import fresh_file as fresh_file
 from chemage.foundation.files import preflight as preflight
 from chemage.foundation.files import regular_file as regular_file
 from chemage.foundation.machine import cache_folder as cache_folder
-from chemage.foundation.messages import nearest as nearest
+from chemage.foundation.errors import nearest as nearest
 from chemage.foundation.records import content_hash as content_hash
 from chemage.foundation.result import Panel as Panel
 from chemage.foundation.result import Picture as Picture
@@ -92,12 +92,12 @@ from chemage.foundation.units import convert as convert
 from chemage.friction.role import Bonded as Bonded
 from chemage.friction.role import Rupture as Rupture
 from chemage.friction.role import RuptureForce as RuptureForce
-from chemage.friction.stage import rupture_bonds as rupture_bonds
+from chemage.friction.role import rupture_bonds as rupture_bonds
 from chemage.inference.forecast import Forecast as Forecast
 from chemage.inference.result import UnexplainedError as UnexplainedError
 from chemage.kinetics.history import BondHistory as BondHistory
 from chemage.kinetics.role import Engine as Engine
-from chemage.kinetics.stage import run_kinetics as run_kinetics
+from chemage.kinetics.role import run_kinetics as run_kinetics
 from chemage.lattices.chemistry import contact_statistics as contact_statistics
 from chemage.lattices.chemistry import coordination as coordination
 from chemage.lattices.independent import TwoState as TwoState
@@ -105,7 +105,7 @@ from chemage.lattices.role import Barriers as Barriers
 from chemage.lattices.role import Interaction as Interaction
 from chemage.lattices.site_grid import ContactSites as ContactSites
 from chemage.lattices.site_grid import contact_sites as contact_sites
-from chemage.lattices.stage import build_lattice as build_lattice
+from chemage.lattices.chemistry import build_lattice as build_lattice
 from chemage.plugins import registry as registry
 from chemage.plugins.hooks import API_VERSION as API_VERSION
 from chemage.plugins.hooks import hookimpl as hookimpl

@@ -19,7 +19,6 @@ from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 
-from chemage.ageing.hold_times import within
 from chemage.ageing.models import (
     UNKNOWN,
     Bootstrap,
@@ -33,6 +32,7 @@ from chemage.ageing.models import (
     solve,
     student,
 )
+from chemage.foundation.checks import within
 from chemage.foundation.errors import InputError
 from chemage.foundation.statistics import jackknife_error, student_limit
 from chemage.foundation.text import jsonable, power_text, with_error, with_interval

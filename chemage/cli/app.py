@@ -67,7 +67,7 @@ app = typer.Typer(
 
 def _print_version(requested: bool) -> None:
     if requested:
-        from chemage.foundation.version import __version__
+        from chemage.foundation.names import __version__
 
         print(f"chemage {__version__}")
         raise typer.Exit

@@ -149,7 +149,7 @@ def _run_one(
     as_json: bool,
     force: bool,
 ) -> None:
-    from chemage.ageing.kinetics import EVERY_SITE
+    from chemage.ageing.methods import EVERY_SITE
     from chemage.foundation.files import preflight
     from chemage.foundation.result import result_of
     from chemage.results.files import write
@@ -335,8 +335,8 @@ def init(
 
     The file is a copy of an installed scene, with comments, and NAME as its name.
     """
+    from chemage.foundation.errors import nearest
     from chemage.foundation.files import fresh_file
-    from chemage.foundation.messages import nearest
     from chemage.plugins import registry
     from chemage.scene.files import installed_text, named
     from chemage.scene.scene import file_name

@@ -174,7 +174,7 @@ def _from_file(path: Path) -> list[dict[str, Any]]:
 
 def _pairs(option: str, text: str, examples: Mapping[str, str]) -> dict[str, str]:
     """Read ``name=value, name=value``."""
-    from chemage.foundation.messages import nearest
+    from chemage.foundation.errors import nearest
 
     example = ", ".join(f"{name}={value}" for name, value in list(examples.items())[:2])
     words: dict[str, str] = {}
@@ -224,7 +224,7 @@ def _number(value: str) -> float | str:
 
 
 def _times(option: str, value: str, per_decade: int) -> list[float]:
-    from chemage.ageing.hold_times import hold_times
+    from chemage.foundation.checks import hold_times
     from chemage.foundation.errors import ChemageError
 
     low, to, high = (part.strip() for part in value.partition(" to "))

@@ -150,7 +150,7 @@ def _describe(handler: logging.Handler) -> None:
     from importlib import metadata
 
     from chemage.foundation import machine
-    from chemage.foundation.version import __version__
+    from chemage.foundation.names import __version__
     from chemage.plugins import registry
 
     libraries = {}
@@ -349,11 +349,11 @@ def drawn(result: Result, path: Path) -> list[Path]:
 def save_picture(result: Result, file: Path, *, force: bool) -> None:
     """Draw the first picture of a result into a file, in the format of its ending."""
     from chemage.foundation.files import fresh_file
-    from chemage.foundation.pictures import figure
+    from chemage.foundation.result import drawn_picture
 
     (picture, *_) = result.pictures().values()
     with fresh_file(file, force=force) as part:
-        figure(picture).savefig(part, format=file.suffix.removeprefix(".").lower() or "png")
+        drawn_picture(picture).savefig(part, format=file.suffix.removeprefix(".").lower() or "png")
 
 
 def protect_inputs(path: Path, source: str, one: Scene) -> None:

@@ -98,7 +98,7 @@ def plugins_show(
     Prints what a component computes, its options with units and defaults, and its references; of a plugin, its hooks
     and the options that a scene sets in [plugins.NAME].
     """
-    from chemage.foundation.messages import nearest
+    from chemage.foundation.errors import nearest
     from chemage.plugins import registry
     from chemage.scene.schema import options_of
 
@@ -182,7 +182,7 @@ def plugins_new(
 
     It contains a small working component of the role, its entry point, and tests.
     """
-    from chemage.scaffold.new import new
+    from chemage.scaffold import new
 
     files = new(name, role, folder)
     for path in files:
@@ -202,7 +202,7 @@ def plugins_stubs(
     With them, an editor knows the options of every installed component.
     """
     from chemage.foundation.files import fresh_file
-    from chemage.scaffold.stubs import stubs
+    from chemage.scaffold import stubs
 
     (folder / "chemage").mkdir(parents=True, exist_ok=True)
     for name, text in stubs().items():

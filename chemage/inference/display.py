@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from chemage.foundation.names import __version__
 from chemage.foundation.result import NONE, OfRecord, Panel, Picture, Result, Rows, Table, displays
-from chemage.foundation.version import __version__
 from chemage.inference import figures, words
 from chemage.inference.forecast import Forecast
 from chemage.inference.result import Inference, InferenceResult

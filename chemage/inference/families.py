@@ -10,10 +10,9 @@ import numpy as np
 
 from chemage.foundation.progress import Report
 from chemage.inference.energies import EnergyGrid
+from chemage.inference.families import short
 from chemage.inference.forward import Model
-from chemage.inference.hidden import REACH
-from chemage.inference.problem import Linear, Problem
-from chemage.inference.rounds import short
+from chemage.inference.problem import REACH, Linear, Problem
 from chemage.inference.sampling import Samples
 
 #: contiguous blocks of hold times, of which one after the other is left out

@@ -11,10 +11,10 @@ import numpy as np
 from chemage.foundation.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, legend, plain
 from chemage.foundation.result import Medium
 from chemage.foundation.statistics import NORMAL_LIMIT
+from chemage.inference.display import UNITS, density_text, unseen_text
 from chemage.inference.forecast import Forecast, band
 from chemage.inference.result import Inference
 from chemage.inference.shape import peaks, unresolved
-from chemage.inference.words import UNITS, density_text, unseen_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

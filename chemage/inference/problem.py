@@ -8,8 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from chemage.foundation.errors import InputError
-from chemage.foundation.messages import nearest
+from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.units import QuantityLike, convert
 from chemage.inference.energies import EnergyGrid
 from chemage.lattices.chemistry import Chemistry

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from chemage.plugins.hooks import hookimpl, hookspec
-from chemage.plugins.stages import Doubt, Parts, Stage, Stated
+from chemage.plugins.hooks import Doubt, Parts, Stage, Stated, hookimpl, hookspec
 
 if TYPE_CHECKING:
     import numpy as np
@@ -100,7 +99,7 @@ class _Engine(Stage):
 
         from chemage.contacts.role import ContactTheory
         from chemage.contacts.solution import ContactSolution
-        from chemage.lattices.stage import build_lattice
+        from chemage.lattices.chemistry import build_lattice
 
         solver = parts["contact"]
         if self.section not in parts or isinstance(solver, ContactTheory):

@@ -12,7 +12,6 @@ name; chemage itself.
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import os
 import threading
@@ -27,6 +26,7 @@ from typing import Any, TypeVar
 from chemage.foundation.errors import InputError, PluginError, UnknownKindError
 from chemage.plugins import context, hooks
 from chemage.plugins.context import Plugins, record_participation, taking_part
+from chemage.plugins.hooks import Stage, in_order
 from chemage.plugins.loading import (
     Hooks,
     PluginRecord,
@@ -42,12 +42,12 @@ from chemage.plugins.loading import (
     is_stage,
     scene_text,
     selected,
+    short_hash,
     source_version,
     trace_after,
     trace_before,
     versions,
 )
-from chemage.plugins.stages import Stage, in_order
 
 __all__ = ["PluginRecord", "PluginWarning", "Registry", "scene_text", "source_version"]
 
@@ -241,7 +241,7 @@ class Registry:
         """Raise an InputError if one of these plugins, named in ``where``, is not in use."""
         in_use = [record.name for record in self.records if not record.error]
         if unknown := [name for name in names if name not in in_use]:
-            from chemage.foundation.messages import nearest
+            from chemage.foundation.errors import nearest
 
             hint = nearest(unknown[0], in_use) if len(unknown) == 1 else ""
             raise InputError(
@@ -282,9 +282,7 @@ class Registry:
 
     def functions(self, hook: str) -> list[tuple[PluginRecord, Any]]:
         """Each plugin that implements ``hook``, with its function, sorted by the name of the plugin."""
-        implementations = {
-            record.plugin_name: record.function for record in getattr(self.manager.hook, hook).get_hookimpls()
-        }
+        implementations = {each.plugin_name: each.function for each in getattr(self.manager.hook, hook).get_hookimpls()}
         records = sorted(self.records, key=lambda record: record.name)
         return [(record, implementations[name]) for record in records if (name := full_name(record)) in implementations]
 
@@ -294,8 +292,7 @@ class Registry:
 
     def state(self) -> str:
         """A hash of all plugins with their versions."""
-        text = "\n".join(sorted(f"{record.name} {record.source} {record.error}" for record in self.records))
-        return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+        return short_hash("\n".join(sorted(f"{each.name} {each.source} {each.error}" for each in self.records)), 8)
 
     def source(self, name: str) -> str | None:
         """The source of the plugin ``name``, with its version and the options in use; None if it is not in use."""
@@ -324,7 +321,7 @@ class Registry:
         """
         record = next((each for each in self.records if each.name == name), None)
         if record is None or record.error or not record.options:
-            from chemage.foundation.messages import nearest
+            from chemage.foundation.errors import nearest
 
             with_options = [each.name for each in self.records if each.options]
             hint = f"; plugins with options: {', '.join(with_options) or 'none'}"
@@ -395,7 +392,7 @@ class Registry:
         self.role(role)
         offers = self.offers(role, kind)
         if not offers:
-            from chemage.foundation.messages import nearest
+            from chemage.foundation.errors import nearest
 
             installed = self.kinds(role)
             broken = [record.name for record in self.records if record.error]

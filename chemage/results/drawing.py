@@ -37,8 +37,7 @@ from chemage.foundation.figures import (
     plain,
     pooled,
 )
-from chemage.foundation.pictures import figure
-from chemage.foundation.result import Curve, result_of
+from chemage.foundation.result import Curve, drawn_picture, result_of
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.units import convert
 from chemage.lattices.chemistry import Chemistry
@@ -257,7 +256,7 @@ def figures(thing: Any, **choice: Any) -> dict[str, Figure]:
     ``choice``: what of a sweep is drawn, see :meth:`chemage.studies.sweeps.display.SweepDisplay.pictures`.
     """
     result = result_of(thing)
-    drawn = {name: figure(picture) for name, picture in result.pictures(**choice).items()}
+    drawn = {name: drawn_picture(picture) for name, picture in result.pictures(**choice).items()}
     return {**drawn, **{name: entry.figure for name, entry in brought_figures([Entry.of(result)], (5.4, 4.0)).items()}}
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from chemage.foundation.components import Component
-from chemage.foundation.version import __version__
+from chemage.foundation.names import __version__
 
 #: the paper that describes the model
 PAPER = "Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)"

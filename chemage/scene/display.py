@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 from chemage.ageing.aging import Aging
 from chemage.ageing.display import AgingDisplay
 from chemage.contacts.display import OfContact
+from chemage.foundation.names import __version__
 from chemage.foundation.result import NONE, Compared, Picture, Result, Rows, Table, displays, result_of
-from chemage.foundation.version import __version__
+from chemage.scene.display import draw_published
 from chemage.scene.provenance import scatter_of
-from chemage.scene.published import draw_published
 from chemage.scene.run import Run
 from chemage.scene.scene import heading
 from chemage.surfaces.role import Scatter

@@ -11,12 +11,11 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any, get_args
 
-from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, StoreError, shortened
+from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, StoreError, nearest, shortened
 from chemage.foundation.files import check_data, described
-from chemage.foundation.messages import nearest
 from chemage.foundation.units import is_file_path
 from chemage.plugins import registry
-from chemage.scene.parsing import parse_scene
+from chemage.scene.files import parse_scene
 from chemage.scene.scene import Scene
 
 #: fields and sections that no title is about

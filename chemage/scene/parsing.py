@@ -10,13 +10,21 @@ from typing import Any
 from pydantic import ValidationError
 
 from chemage.foundation.components import Component
-from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, UnknownKindError, shown
+from chemage.foundation.errors import (
+    ChemageError,
+    InputError,
+    PluginError,
+    SceneError,
+    UnknownKindError,
+    explain,
+    nearest,
+    shown,
+)
 from chemage.foundation.files import check_data
-from chemage.foundation.messages import explain, nearest
 from chemage.foundation.units import in_words
 from chemage.plugins import registry
+from chemage.plugins.hooks import Stage
 from chemage.plugins.options import PluginOptions, options_for
-from chemage.plugins.stages import Stage
 from chemage.scene.materials import MaterialValue, filled
 from chemage.scene.scene import Scene
 
@@ -52,7 +60,7 @@ class _Parser:
     def __init__(self, data: Mapping[str, Any], source: str) -> None:
         self.source = source
         self.problems: list[tuple[str, str]] = []
-        #: what stages are given, see chemage.plugins.stages
+        #: what stages are given, see chemage.plugins.hooks
         self.parts: dict[str, Any] = {}
         if not isinstance(data, Mapping) or not all(isinstance(name, str) for name in data):
             raise SceneError(source, [("", f"{shown(data)} is not a table of sections")])

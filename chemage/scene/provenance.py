@@ -12,8 +12,8 @@ from chemage.ageing.aging import Aging
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError
 from chemage.foundation.machine import processor
+from chemage.foundation.names import __version__
 from chemage.foundation.records import Record
-from chemage.foundation.version import __version__
 from chemage.plugins import registry
 from chemage.plugins.sources import providers
 from chemage.scene.scene import Scene

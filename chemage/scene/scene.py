@@ -25,11 +25,11 @@ from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.site_grid import site_rule, site_shape
 from chemage.plugins import context, registry
+from chemage.plugins.hooks import KEYS
 from chemage.plugins.options import PluginOptions, joined
 from chemage.plugins.sources import implementing, providers, stage_hooks
-from chemage.plugins.stages import KEYS
 from chemage.scene.materials import MaterialValue
-from chemage.scene.sections import EnsembleOptions, FitWindow, Hold, Section
+from chemage.scene.scene import EnsembleOptions, FitWindow, Hold, Section
 from chemage.surfaces.role import SurfaceMaker
 
 
@@ -88,7 +88,7 @@ class Scene(Section):
 
     @property
     def parts(self) -> dict[str, Any]:
-        """What it says to each stage, as :mod:`chemage.plugins.stages` has it: ``parts["forming"]`` is a component,
+        """What it says to each stage, as :mod:`chemage.plugins.hooks` has it: ``parts["forming"]`` is a component,
         ``parts["contact.load"]`` a number; what it does not model is not there."""
         parts: dict[str, Any] = {}
         for stage in registry.current().stages():

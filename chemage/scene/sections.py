@@ -15,9 +15,8 @@ from pydantic import (
 )
 
 from chemage.ageing.fitting import FIT_WINDOW
-from chemage.ageing.hold_times import hold_times
-from chemage.ageing.seeds import Common
-from chemage.foundation.checks import Frozen, check_times
+from chemage.ageing.replicas import Common
+from chemage.foundation.checks import Frozen, check_times, hold_times
 from chemage.foundation.errors import ChemageError, InputError, shown
 from chemage.foundation.units import FilePath, Temperature, Time, convert, has_unit
 

@@ -23,8 +23,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from chemage.foundation import threads as thread_budget
-from chemage.foundation.errors import ExecutorError, InputError, WorkerLost
-from chemage.foundation.messages import nearest
+from chemage.foundation.errors import ExecutorError, InputError, WorkerLost, nearest
 from chemage.studies.clusters import open_cluster, seconds
 
 NAMES = ("serial", "threads", "processes", "dask")

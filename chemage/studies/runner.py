@@ -12,10 +12,9 @@ from itertools import pairwise
 
 from chemage.foundation.errors import ExecutorError, WorkerLost
 from chemage.foundation.memory import capacity
-from chemage.studies.executors import Pool
 from chemage.studies.folder import RESUME, Folder
-from chemage.studies.tasks import RETRIES, Answer, Outcome, Place, Task, compute, failure
-from chemage.studies.workers import Known
+from chemage.studies.runner import Pool
+from chemage.studies.tasks import RETRIES, Answer, Known, Outcome, Place, Task, compute, failure
 
 #: called in this thread with each task as it ends
 Told = Callable[[Task, Outcome], None]

@@ -23,11 +23,9 @@ from chemage.scene.provenance import versions
 from chemage.scene.run import Run
 from chemage.scene.scene import Scene
 from chemage.studies.clusters import seconds
-from chemage.studies.executors import Pool, open_pool
 from chemage.studies.folder import RESUME, Folder
-from chemage.studies.runner import Runner
-from chemage.studies.tasks import Outcome, Place, Task, forget
-from chemage.studies.workers import for_workers
+from chemage.studies.runner import Pool, Runner, open_pool
+from chemage.studies.tasks import Outcome, Place, Task, for_workers, forget
 
 #: seconds between two looks for what other processes have computed
 LOOK = 0.5
@@ -99,9 +97,9 @@ class Study:
     Parameters
     ----------
     executor, workers, threads, patience
-        Where to compute, see :func:`chemage.studies.executors.open_pool`.
+        Where to compute, see :func:`chemage.studies.runner.open_pool`.
     components
-        What workers in other processes must be able to import, see :func:`chemage.studies.workers.for_workers`.
+        What workers in other processes must be able to import, see :func:`chemage.studies.tasks.for_workers`.
 
     Raises
     ------

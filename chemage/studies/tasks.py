@@ -16,20 +16,19 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
-from chemage.ageing.elasticity import compared_again
-from chemage.contacts.role import ContactTheory
+from chemage.ageing.aging import with_limits_of
+from chemage.contacts.role import ContactTheory, solve_contact
 from chemage.contacts.solution import ContactSolution
-from chemage.contacts.stage import solve_contact
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.codec import to_json
 from chemage.foundation.errors import ChemageError, ExecutorError, StoreError
-from chemage.foundation.version import __version__
+from chemage.foundation.names import __version__
 from chemage.plugins import registry
 from chemage.scene.run import Run, run, run_keys
 from chemage.scene.scene import Scene
 from chemage.studies.folder import CannotWrite, Folder, process_name
-from chemage.studies.workers import Known, learn
-from chemage.surfaces.stage import make_surface
+from chemage.studies.tasks import Known, learn
+from chemage.surfaces.role import make_surface
 from chemage.surfaces.surface import Surface
 
 T = TypeVar("T")
@@ -293,7 +292,7 @@ def _fitted_again(before: Run, scene: Scene) -> Run:
     """The run of a scene that differs from that of ``made`` in its fit and in the limits of its material only."""
     before = replace(before, scene=scene.todict(), keys=run_keys(scene, before.contact, before.aging))
     if before.aging is not None and scene.chemistry is not None:
-        before = replace(before, aging=compared_again(before.aging, before.contact, scene.chemistry))
+        before = replace(before, aging=with_limits_of(before.aging, before.contact, scene.chemistry))
     return before
 
 

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import chemage as ca
-from chemage.ageing.members import beta_errors
+from chemage.ageing.age import beta_errors
 from chemage.plugin import random
 from chemage_ageing._table import bonded_share
 

@@ -10,10 +10,6 @@ import tomli_w
 from scene_files import checked
 
 import chemage as ca
-from chemage.cli.studies import check_sweep
-from chemage.contacts.options import modulus_in, nominal_pressure, pressure_text
-from chemage.scene.plan import plan
-from chemage.studies.sweeps.grid import Grid, survey
 from chemage.testing import rough_surface
 
 SOLVER = ca.contact("fft-bem", modulus="35.3 GPa", threads=1)

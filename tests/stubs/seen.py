@@ -16,12 +16,11 @@ from chemage.foundation.result import Compared, Table, result_of
 from chemage.results.comparison import Comparison, Entry
 from chemage.results.drawing import comparison_figures, figures, window_figure
 from chemage.results.page import scene_toml
+from chemage.scene.display import published
 from chemage.scene.plan import plan
-from chemage.scene.published import published
 from chemage.scene.scene import heading
 from chemage.scene.schema import options_of, scene_schema
-from chemage.studies.sweeps.progress import show_progress
-from chemage.studies.sweeps.running import read_grid, survey_of
+from chemage.studies.sweeps.running import read_grid, show_progress, survey_of
 from chemage.studies.sweeps.views import HOLD_TIME, SweepData, swept_rows
 from chemage.studies.trade.choices import choices
 from chemage.studies.trade.mapping import planned, tradeoff

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 
 import chemage as ca
-from chemage.plugins.stages import Doubt, Parts, Stage, Stated
+from chemage.plugins.hooks import Doubt, Parts, Stage, Stated
 
 
 class Wear(ca.plugin.Component, ABC):

@@ -11,16 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.members import BARRIERS
+from chemage.ageing.age import BARRIERS
 from chemage.contacts.role import ContactTheory
 from chemage.foundation.memory import capacity
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.scene import plan as estimate
-from chemage.scene.files import override
-from chemage.scene.parsing import parse_scene
+from chemage.scene.files import override, parse_scene
 from chemage.scene.run import run
-from chemage.scene.scene import Scene
-from chemage.scene.variants import coarser
+from chemage.scene.scene import Scene, coarser
 from chemage.studies.ensembles.quantities import Quantities, Sample
 from chemage.studies.runner import PROGRAM
 from chemage.studies.tasks import Outcome

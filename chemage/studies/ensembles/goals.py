@@ -18,10 +18,8 @@ from chemage.foundation.threads import available
 from chemage.foundation.units import convert
 from chemage.scene import sections as asked
 from chemage.scene.plan import cost
-from chemage.scene.scene import Scene
-from chemage.scene.variants import is_random
+from chemage.scene.scene import Scene, is_random
 from chemage.studies.ensembles import stages
-from chemage.studies.ensembles.allocation import limit
 from chemage.studies.ensembles.computations import (
     DIFFERENCE,
     Computation,
@@ -30,7 +28,7 @@ from chemage.studies.ensembles.computations import (
     mapped_computations,
     replicas_of_difference,
 )
-from chemage.studies.ensembles.quantities import Quantities
+from chemage.studies.ensembles.quantities import Quantities, limit
 from chemage.studies.trade.trade_map import TradeMap
 
 #: scatter of a quantity between surfaces that is expected where nothing is known, over the mean

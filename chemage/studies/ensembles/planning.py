@@ -13,11 +13,11 @@ from chemage.scene import plan as estimate
 from chemage.scene.plan import Plan, in_hours
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages
-from chemage.studies.ensembles.allocation import limit
 from chemage.studies.ensembles.computations import PROGRAM, Computation, fitting, replicas_of_difference, sketched
 from chemage.studies.ensembles.goals import Request
+from chemage.studies.ensembles.planning import Expectation, Scatters, expected_of, is_about_zero, scatters
+from chemage.studies.ensembles.quantities import limit
 from chemage.studies.ensembles.running import Sampler, needing
-from chemage.studies.ensembles.trials import Expectation, Scatters, expected_of, is_about_zero, scatters
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,10 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import few_hold_times, line_slopes
-from chemage.ageing.hold_times import within
-from chemage.foundation.approximations import merged
+from chemage.foundation.checks import within
 from chemage.foundation.codec import from_json
-from chemage.foundation.errors import InputError
-from chemage.foundation.messages import nearest
+from chemage.foundation.errors import InputError, nearest
+from chemage.foundation.records import merged_approximations
 from chemage.scene.scene import Scene
 from chemage.studies.tasks import Outcome
 
@@ -35,7 +34,7 @@ class Sample:
     measures: Mapping[str, float]
     #: plugins that answered or changed a stage: name -> source
     plugins: Mapping[str, str] = field(default_factory=dict)
-    #: as in :mod:`chemage.foundation.approximations`
+    #: as in :mod:`chemage.foundation.records`
     approximate: Sequence[Mapping[str, Any]] = ()
 
     @classmethod
@@ -50,7 +49,7 @@ class Sample:
         if outcome.run is not None:
             contact, aging = outcome.run.contact, outcome.run.aging
             measures, plugins = contact.summary(), outcome.run.plugins
-            approximate = merged(contact.approximate, aging.approximate if aging is not None else ())
+            approximate = merged_approximations(contact.approximate, aging.approximate if aging is not None else ())
         else:
             assert outcome.content is not None
             content = outcome.content

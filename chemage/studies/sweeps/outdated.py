@@ -18,7 +18,7 @@ from chemage.scene.run import aged
 from chemage.scene.scene import Scene
 from chemage.studies.folder import Folder
 from chemage.studies.sweeps.grid import Survey, order_of
-from chemage.surfaces.stage import make_surface
+from chemage.surfaces.role import make_surface
 from chemage.surfaces.surface import Surface
 
 _CONTACT_HOOKS = ("chemage_make_surface", "chemage_solve_contact")

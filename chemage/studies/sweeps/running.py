@@ -24,21 +24,19 @@ from chemage.foundation.errors import (
     StoreError,
 )
 from chemage.foundation.memory import readable
+from chemage.foundation.names import __version__
 from chemage.foundation.units import in_words
-from chemage.foundation.version import __version__
 from chemage.plugins.options import completed
 from chemage.scene.files import located, override, scene_data
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 from chemage.studies.folder import FORMAT, Folder, SweepWarning, refuse_links
 from chemage.studies.runner import Runner
-from chemage.studies.selection import Selection
-from chemage.studies.study import Part, Study
+from chemage.studies.study import Part, Selection, Study
 from chemage.studies.sweeps.grid import Grid, Survey, check_base, survey
-from chemage.studies.sweeps.outdated import Outdated, outdated
-from chemage.studies.sweeps.points import SAMPLES, Means, Points
-from chemage.studies.sweeps.progress import Report, SweepProgress, reporting
+from chemage.studies.sweeps.points import SAMPLES, Means, Outdated, Points, outdated
 from chemage.studies.sweeps.result import SweepResult
+from chemage.studies.sweeps.running import Report, SweepProgress, reporting
 from chemage.studies.sweeps.shares import PLACE, agree, points_of
 
 #: sweeps of more points need confirmation before they are validated
@@ -291,7 +289,7 @@ def sweep(
         :func:`chemage.ensemble`; in place of ``[accuracy]`` of the scene.
     executor, workers, threads, patience
         Where to compute, the number of concurrent points, the threads of each, and how long to wait where no worker of
-        Dask runs, or for other shares; see :func:`chemage.studies.executors.open_pool`. Default: ``serial``,
+        Dask runs, or for other shares; see :func:`chemage.studies.runner.open_pool`. Default: ``serial``,
         and for means ``threads``. Results do not depend on them.
     changes
         Dotted path -> value: changes to the scene before it is swept.

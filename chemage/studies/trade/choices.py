@@ -21,8 +21,7 @@ from chemage.foundation.errors import ChemageError
 from chemage.plugins import registry
 from chemage.scene.plan import cost
 from chemage.scene.provenance import nested
-from chemage.scene.scene import Scene
-from chemage.scene.variants import coarser
+from chemage.scene.scene import Scene, coarser
 
 #: names of what is chosen, besides the options of components
 GRID, SOLVER, ENGINE, AGEING = "grid of the contact", "contact", "engine", "ageing"

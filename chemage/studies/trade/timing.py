@@ -15,8 +15,8 @@ from typing import Any, Self, TypeVar
 import numpy as np
 
 from chemage.ageing.aging import Aging
+from chemage.contacts.role import solve_contact
 from chemage.contacts.solution import ContactSolution
-from chemage.contacts.stage import solve_contact
 from chemage.foundation.records import content_hash
 from chemage.foundation.text import jsonable
 from chemage.scene.plan import cost
@@ -25,7 +25,7 @@ from chemage.scene.run import aged
 from chemage.scene.scene import Scene
 from chemage.scene.warm_up import form, warm_up
 from chemage.studies.tasks import Outcome, Recent, Task, Worker
-from chemage.surfaces.stage import make_surface
+from chemage.surfaces.role import make_surface
 
 T = TypeVar("T")
 

@@ -13,7 +13,7 @@ from seen import result_of
 import chemage as ca
 from chemage import Ensemble, ensemble
 from chemage.studies.ensembles import sampling
-from chemage.studies.ensembles.allocation import Spread, allocated, half_width, regressed, spread_of
+from chemage.studies.ensembles.quantities import Spread, allocated, half_width, regressed, spread_of
 from chemage.studies.ensembles.stages import CONTROLLED, FIRST, Clock, Route, State, Unreachable, run_stages
 
 # -- how many samples an accuracy needs: against closed forms and against a search of all numbers ---------------------

@@ -21,7 +21,7 @@ from chemage.foundation.codec import from_json, to_json
 from chemage.kinetics.hooks import REPLICA_SECONDS
 from chemage.plugin import SceneError, StoreError, override
 from chemage.studies.sweeps.grid import Grid, order_of
-from chemage.studies.sweeps.progress import SweepProgress
+from chemage.studies.sweeps.running import SweepProgress
 from chemage.studies.sweeps.table import short_names
 
 AXES = """

@@ -14,8 +14,7 @@ from seen import Point, TradeMap, figures, tradeoff
 import chemage as ca
 from chemage import ContactSolution, InputError
 from chemage.plugin import ContactSolver, DamagedError, Pressure, StoreError, options, override
-from chemage.studies.trade.choices import changes, choices, go_together, pasted
-from chemage.studies.trade.timing import Timed
+from chemage.studies.trade.choices import Timed, changes, choices, go_together, pasted
 from chemage.studies.trade.trade_map import Deviation, pareto, words
 
 ROUNDS = 3
