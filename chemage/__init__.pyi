@@ -35,7 +35,7 @@ from chemage.studies.sweeps.result import load_sweep as load_sweep
 from chemage.surfaces.stage import make_surface as make_surface
 from chemage.scene.materials import material as material
 from chemage.results.files import open_maps as open_maps
-from chemage.scene.parsing import parse_scene as parse_scene
+from chemage.scene.files import parse_scene as parse_scene
 from chemage import plugin as plugin
 from chemage.plugins.options import plugin_options as plugin_options
 from chemage.plugins.options import prefer_plugins as prefer_plugins

@@ -29,7 +29,7 @@ from chemage.foundation.progress import progress_bars, reported
 if TYPE_CHECKING:
     from chemage.foundation.result import Result
     from chemage.results.comparison import Comparison
-    from chemage.scene.citations import Reference
+    from chemage.scene.provenance import Reference
 
 
 def show(file: ResultArg, as_json: JsonOpt = False, as_csv: CsvOpt = False) -> None:
@@ -319,7 +319,7 @@ def cite(
 
     These are chemage, the paper of its model, and the publications of the components that were used.
     """
-    from chemage.scene.citations import bibtex, text
+    from chemage.scene.provenance import bibtex, text
 
     if fmt not in ("bibtex", "text"):
         raise user_error(f"--format {fmt}: choose bibtex or text")
@@ -330,9 +330,8 @@ def cite(
 def _references(what: str) -> list[Reference]:
     from chemage.plugins import registry
     from chemage.results.kinds import components, load
-    from chemage.scene.citations import references
-    from chemage.scene.files import scene_data
-    from chemage.scene.parsing import parse_scene
+    from chemage.scene.files import parse_scene, scene_data
+    from chemage.scene.provenance import references
     from chemage.studies.sweeps.display import components_of_grid
     from chemage.studies.sweeps.grid import Grid
 

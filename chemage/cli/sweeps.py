@@ -17,12 +17,11 @@ from chemage.foundation.errors import ChemageError, printable
 from chemage.foundation.progress import LOGGER
 from chemage.foundation.result import result_of
 from chemage.foundation.text import jsonable
-from chemage.studies.selection import Selection, in_ranges
+from chemage.studies.study import Selection, in_ranges
 from chemage.studies.sweeps.grid import Survey, shown
 from chemage.studies.sweeps.points import expected_seconds
-from chemage.studies.sweeps.progress import Report, SweepProgress, show_progress
 from chemage.studies.sweeps.result import SweepResult, collect_sweep, load_sweep
-from chemage.studies.sweeps.running import read_grid, room_for, survey_of, sweep
+from chemage.studies.sweeps.running import Report, SweepProgress, read_grid, room_for, show_progress, survey_of, sweep
 from chemage.studies.sweeps.shares import ShareCost, agreed_points, shares_cost
 from chemage.studies.sweeps.views import swept_rows
 

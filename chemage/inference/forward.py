@@ -1,7 +1,7 @@
 """The forward model: what a density of barriers makes of the hold times of all curves, on the contacts of a scene.
 
 ΔF(t) = ⟨f⟩ × front factor × sites × ∫ p(E) S(t; E) dE. S is averaged over pressure, breaking barriers and rim of the
-contact: exactly where sites do not interact, and through the mean field of :mod:`chemage.inference.neighbours` where
+contact: exactly where sites do not interact, and through the mean field of :mod:`chemage.inference.energies` where
 they do. What the mean field leaves out is measured by the kinetics of the sites themselves
 (:meth:`Condition.calibrate`).
 """
@@ -25,8 +25,16 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.threads import available, in_order
 from chemage.foundation.units import EV_PER_GPA_NM3
 from chemage.inference.curves import MeasuredCurve
-from chemage.inference.energies import EnergyGrid, Kernel, energy_grid, make_kernel
-from chemage.inference.neighbours import GROUPS, Environments, MeanField, Solved
+from chemage.inference.energies import (
+    GROUPS,
+    EnergyGrid,
+    Environments,
+    Kernel,
+    MeanField,
+    Solved,
+    energy_grid,
+    make_kernel,
+)
 from chemage.inference.problem import Unknowns
 from chemage.kinetics.stage import run_kinetics
 from chemage.lattices.chemistry import Chemistry, contact_statistics

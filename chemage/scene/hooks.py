@@ -21,14 +21,14 @@ def chemage_materials() -> Mapping[str, str]:  # pyright: ignore[reportReturnTyp
 
 class _Hold(Stage):
     def model(self) -> Any:
-        from chemage.scene.sections import Hold
+        from chemage.scene.scene import Hold
 
         return Hold
 
 
 class _Fit(Stage):
     def model(self) -> Any:
-        from chemage.scene.sections import FitWindow
+        from chemage.scene.scene import FitWindow
 
         return FitWindow
 
@@ -49,14 +49,14 @@ class _Fit(Stage):
 
 class _Ensemble(Stage):
     def model(self) -> Any:
-        from chemage.scene.sections import EnsembleOptions
+        from chemage.scene.scene import EnsembleOptions
 
         return EnsembleOptions
 
 
 class _Accuracy(Stage):
     def make(self, options: Mapping[str, Any]) -> Any:
-        from chemage.scene.sections import accuracies
+        from chemage.scene.scene import accuracies
 
         return accuracies(options)
 

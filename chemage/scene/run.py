@@ -29,8 +29,7 @@ from chemage.foundation.progress import progress_bars
 from chemage.foundation.records import Record, content_hash
 from chemage.foundation.text import jsonable
 from chemage.plugins import registry
-from chemage.scene.files import load_scene
-from chemage.scene.parsing import parse_scene
+from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.plan import LongRunWarning, cost
 from chemage.scene.provenance import scatter_of, versions
 from chemage.scene.scene import Scene

@@ -141,7 +141,7 @@ def open_cluster(detail: str, workers: int | None, threads: int, patience: float
     """Connect to the Dask cluster that ``detail`` names, or start it, for the duration of a block.
 
     ``detail`` is what follows ``dask:``; the arguments and errors are those of
-    :func:`chemage.studies.executors.open_pool`.
+    :func:`chemage.studies.runner.open_pool`.
     """
     try:
         import dask.config as dask_config

@@ -80,7 +80,7 @@ class SurfaceMaker(Component, ABC):
     def sketch(self) -> Self | None:
         """A maker of the same surface at the same size on hardly more pixels than its waves need; None where there is
         none. The area of its contact tells surfaces with larger contacts from others, and need not be right: it is the
-        control of an ensemble (:mod:`chemage.studies.ensembles.allocation`)."""
+        control of an ensemble (:mod:`chemage.studies.ensembles.quantities`)."""
         return None
 
     def coarser_errors(self, factor: int, contact: Mapping[str, float]) -> Mapping[str, float]:

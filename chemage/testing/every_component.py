@@ -12,8 +12,8 @@ from typing import Any
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.plugins import registry
-from chemage.scene.citations import bibtex_problem
 from chemage.scene.materials import material_problems
+from chemage.scene.provenance import bibtex_problem
 from chemage.testing.checks import CheckFailed, check_of, options_of, other_values, refuses, require, require_plain
 
 

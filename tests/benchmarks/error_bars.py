@@ -29,9 +29,9 @@ from chemage.ageing.fitting import paired_difference
 from chemage.ageing.models import Interval
 from chemage.ageing.outputs import Measured
 from chemage.plugin import KB, Output, statistics
-from chemage.scene.variants import vanishing_pixels
+from chemage.scene.scene import vanishing_pixels
 from chemage.studies.arrhenius import activation_energies
-from chemage.studies.ensembles.allocation import Spread, half_width, regressed, spread_of
+from chemage.studies.ensembles.quantities import Spread, half_width, regressed, spread_of
 from chemage.studies.trade.mapping import NORMAL_LIMIT
 from chemage_ageing import _table
 from chemage_ageing._independent import bonded_share

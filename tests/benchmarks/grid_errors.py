@@ -14,7 +14,7 @@ import sys
 import numpy as np
 
 import chemage as ca
-from chemage.scene.variants import vanishing_pixels
+from chemage.scene.scene import vanishing_pixels
 
 MODULUS, SLOPE, SIDE = 35.3, 0.1, 128.0
 GRIDS = (64, 128, 256, 512, 1024, 2048)

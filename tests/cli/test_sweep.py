@@ -234,7 +234,7 @@ def test_ctrl_c_keeps_what_is_finished(scene, tiny, executor, command):
 
 
 def test_without_a_terminal_a_line_tells_how_far_it_is(scene, monkeypatch, capsys):
-    from chemage.studies.sweeps.progress import show_progress
+    from chemage.studies.sweeps.running import show_progress
 
     slow(scene, 0.15)
     with show_progress(seconds=0.1) as tell:

@@ -14,7 +14,7 @@ import pytest
 from chemage import parse_scene
 from chemage.cli import app as command_line
 from chemage.plugin import scene_data
-from chemage.scene.parsing import section_names
+from chemage.scene.files import section_names
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -190,12 +190,12 @@ def test_interrupted_leaves_nothing(command, folder, monkeypatch):
 
 
 def test_interrupted_drawing_keeps_the_result(command, folder, made_up, monkeypatch):
-    from chemage.inference import figures
+    from chemage.inference import display
 
     def draw(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(figures, "draw_data", draw)
+    monkeypatch.setattr(display, "draw_data", draw)
     done = command("infer", "tip.csv", "--scene", "tip.toml")
     assert done.status == 130
     assert "the result is in tip-inferred.h5" in done.err

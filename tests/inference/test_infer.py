@@ -18,7 +18,7 @@ def fewer_samples(monkeypatch):
     """Means and bands need fewer effective samples than users get."""
     monkeypatch.setattr("chemage.inference.sampling.ENOUGH", 60)
     monkeypatch.setattr("chemage.inference.sampling.AGREED", 1.1)
-    monkeypatch.setattr("chemage.inference.rounds.SHORT_SWEEPS", 40)
+    monkeypatch.setattr("chemage.inference.families.SHORT_SWEEPS", 40)
 
 
 def scene(strength=0.0, **changes):

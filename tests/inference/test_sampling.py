@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from chemage.inference.energies import EnergyGrid
-from chemage.inference.hidden import Data, Hidden, redrawn_outside
 from chemage.inference.kernels import (
     drawn,
     edge_integral,
@@ -19,7 +18,7 @@ from chemage.inference.kernels import (
     solved,
     solved_twice,
 )
-from chemage.inference.problem import LEVEL, Prior, Problem, Unknowns
+from chemage.inference.problem import LEVEL, Data, Hidden, Prior, Problem, Unknowns, redrawn_outside
 from chemage.inference.sampling import Chain, convergence, sample
 
 NODES = 0.7 + 0.02 * np.arange(12)
@@ -188,7 +187,7 @@ def test_all_sites_are_somewhere_and_those_seen_stay():
 
 def test_an_upper_end_of_90_percent_is_held_by_all_sites_in_one_narrow_peak(monkeypatch):
     """No density that ages linearly first gives more later: 5 % of the samples must be such peaks, 10 % to be sure."""
-    monkeypatch.setattr("chemage.inference.hidden.MOVES", 300)
+    monkeypatch.setattr("chemage.inference.problem.MOVES", 300)
     kt, count = 0.04, 1000
     rates = np.exp(-(GRID.nodes - 0.9) / kt) * GRID.areas
     data = Data(
@@ -209,7 +208,7 @@ def test_an_upper_end_of_90_percent_is_held_by_all_sites_in_one_narrow_peak(monk
 @pytest.mark.long
 def test_peaks_have_the_posterior_of_importance_sampling(monkeypatch):
     """One measurement of the sum of share × exp(−E/k_BT), as linear ageing gives it; 100,000 draws of the prior."""
-    monkeypatch.setattr("chemage.inference.hidden.MOVES", 400)
+    monkeypatch.setattr("chemage.inference.problem.MOVES", 400)
     kt = 0.04
     rates = np.exp(-(GRID.nodes - 0.9) / kt) * GRID.areas
     hidden, count = Hidden(GRID, FIRST, GRID.count), 1500

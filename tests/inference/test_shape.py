@@ -7,7 +7,7 @@ import pytest
 from made_inference import made_forecast, made_inference
 
 from chemage.foundation.result import result_of
-from chemage.inference import words
+from chemage.inference import display
 from chemage.inference.result import InferenceResult
 from chemage.inference.shape import peaks, shares, three_shares
 from chemage.results.drawing import figures as inference_figures
@@ -19,8 +19,8 @@ def test_one_two_and_no_peak_are_told_apart():
     assert peak.band[0] <= peak.energy <= peak.band[1]
     assert [round(one.energy, 1) for one in peaks(made_inference((0.85, 1.1)))] == [0.8, 1.1]
     assert peaks(made_inference(())) == []
-    assert "flat" in words.density_text(made_inference(()))
-    assert words.density_text(made_inference((1.3,))).startswith("no peak inside; rises")
+    assert "flat" in display.density_text(made_inference(()))
+    assert display.density_text(made_inference((1.3,))).startswith("no peak inside; rises")
 
 
 def test_no_barriers_inside_are_neither_flat_nor_falling():
@@ -29,8 +29,8 @@ def test_no_barriers_inside_are_neither_flat_nor_falling():
     text = "hardly any inside (at most 0.1 % of the sites); barriers lie above"
     zero = np.where(empty.visible, 0.0, empty.samples)
     for one in (empty, empty.model_copy(update={"samples": zero})):
-        assert words.density_text(one) == text
-        assert "less than 0.1 % of the sites" in dict(words.shape_rows(one)).values()
+        assert display.density_text(one) == text
+        assert "less than 0.1 % of the sites" in dict(display.shape_rows(one)).values()
         assert text in inference_figures(InferenceResult(one))["density"].axes[0].get_title().replace("\n", " ")
 
 
@@ -43,8 +43,8 @@ def test_a_maximum_of_the_curve_that_is_no_peak_is_named_and_marked():
     one = one.model_copy(update={"samples": samples})
     high = one.energies[np.argmax(one.density)]
     assert peaks(one) == []
-    assert f"the maximum at {high:.3f} eV is not resolved" in words.density_text(one)
-    assert "no peak inside" not in words.density_text(one)
+    assert f"the maximum at {high:.3f} eV is not resolved" in display.density_text(one)
+    assert "no peak inside" not in display.density_text(one)
     axes = inference_figures(InferenceResult(one))["density"].axes[0]
     (marks,) = [line for line in axes.get_lines() if line.get_label() == "maximum, not resolved"]
     assert high in marks.get_xdata()
@@ -62,7 +62,7 @@ def test_a_forecast_is_shown_by_its_median_which_lies_in_its_bands():
     low, high = one.band(0.68)
     assert one.friction_drop[0] < low[0] < one.median[0] < high[0]
     median = f"{one.median[0]:.4g} nN"
-    assert words.forecast_row("a", one)[1] == median
+    assert display.forecast_row("a", one)[1] == median
     assert median in repr(one)
     made = InferenceResult(made_inference(), {"a": one})
     (summary,) = made.summary()["forecasts"]
@@ -74,7 +74,7 @@ def test_a_forecast_is_shown_by_its_median_which_lies_in_its_bands():
 
 def test_where_nearly_all_is_unseen_only_bounds_are_shown():
     one = skew_forecast(unseen=0.97)
-    name, value, inner, outer = words.forecast_row("a", one)
+    name, value, inner, outer = display.forecast_row("a", one)
     assert "97 % unseen: bounds only" in name
     assert (value, inner) == ("-", "-")
     assert f"{one.median[0]:.4g}" not in outer + repr(one)
@@ -85,7 +85,7 @@ def test_where_nearly_all_is_unseen_only_bounds_are_shown():
 
 
 def test_a_rise_towards_an_end_is_named():
-    assert words.density_text(made_inference((0.9, 1.25))).endswith("; rises again towards the upper end")
+    assert display.density_text(made_inference((0.9, 1.25))).endswith("; rises again towards the upper end")
 
 
 def test_a_peak_that_only_some_samples_have_is_none():
@@ -115,18 +115,20 @@ def test_data_that_tell_nothing_are_shown_as_such():
     made = InferenceResult(one)
     assert peaks(one) == []
     assert shares(one) == []
-    rows = dict(words.rows(made.inference))
+    rows = dict(display.rows(made.inference))
     assert rows["visible energies"].startswith("none")
     assert "density" in inference_figures(made)
 
 
 def test_scores_name_the_best_and_those_as_good():
     one = made_inference()
-    assert words.family_rows(one)[0][:2] == ("gaussian", "best")
-    assert words.family_verdict(one) == ("the data do not tell apart the smooth density and gaussian: scores within 2")
+    assert display.family_rows(one)[0][:2] == ("gaussian", "best")
+    assert display.family_verdict(one) == (
+        "the data do not tell apart the smooth density and gaussian: scores within 2"
+    )
     alone = made_inference(scores={"density": 10.0, "uniform": 1.0})
-    assert words.family_verdict(alone).endswith("best by the smooth density")
-    assert words.family_rows(made_inference(scores={})) == []
+    assert display.family_verdict(alone).endswith("best by the smooth density")
+    assert display.family_rows(made_inference(scores={})) == []
 
 
 def test_every_figure_has_a_caption_and_what_it_should_show():

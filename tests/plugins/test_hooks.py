@@ -228,7 +228,7 @@ def test_figures(installed, tmp_path):
 
 
 def test_published(installed):
-    from chemage.scene.published import published
+    from chemage.scene.display import published
 
     scene = {"surface": {"kind": "sphere"}, "contact": {"load": 50.0}}
     assert published(scene) == []

@@ -17,7 +17,7 @@ from chemage.plugin import figures as plots
 from chemage.plugin import text as wording
 from chemage.results.drawing import figures
 from chemage.results.page import html
-from chemage.scene.published import published
+from chemage.scene.display import published
 
 pytestmark = pytest.mark.drawn
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage.scene.variants import vanishing_pixels
+from chemage.scene.scene import vanishing_pixels
 
 
 def disc(pixels: int, radius: float, shift: tuple[float, float] = (0.0, 0.0)) -> ca.ContactSolution:

@@ -17,8 +17,7 @@ from chemage.foundation.approximations import in_words
 from chemage.foundation.datasets import dataset, frame
 from chemage.foundation.records import Doubles, Named, Number, Plain, Record
 from chemage.scene.scene import heading
-from chemage.studies.ensembles.allocation import Spread, half_width, regressed, spread_of
-from chemage.studies.ensembles.quantities import CURVES, Quantities
+from chemage.studies.ensembles.quantities import CURVES, Quantities, Spread, half_width, regressed, spread_of
 
 if TYPE_CHECKING:
     import pandas
@@ -72,7 +71,7 @@ class Ensemble(Record):
 
     The mean is a sum over levels: of the cheapest computation over many surfaces, and of the difference between a
     better and a cheaper one over few. Where a control was used, the first level is regressed on it
-    (:mod:`chemage.studies.ensembles.allocation`).
+    (:mod:`chemage.studies.ensembles.quantities`).
     """
 
     arrays = {"hold_times": (("hold_time",), "s", "time since the contact was made")}

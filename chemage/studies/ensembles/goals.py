@@ -16,12 +16,9 @@ from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.threads import available
 from chemage.foundation.units import convert
-from chemage.scene import sections as asked
 from chemage.scene.plan import cost
-from chemage.scene.scene import Scene
-from chemage.scene.variants import is_random
+from chemage.scene.scene import LEAST, EnsembleOptions, Scene, accuracies, budget_seconds, is_random
 from chemage.studies.ensembles import stages
-from chemage.studies.ensembles.allocation import limit
 from chemage.studies.ensembles.computations import (
     DIFFERENCE,
     Computation,
@@ -30,7 +27,7 @@ from chemage.studies.ensembles.computations import (
     mapped_computations,
     replicas_of_difference,
 )
-from chemage.studies.ensembles.quantities import Quantities
+from chemage.studies.ensembles.quantities import Quantities, limit
 from chemage.studies.trade.trade_map import TradeMap
 
 #: scatter of a quantity between surfaces that is expected where nothing is known, over the mean
@@ -76,7 +73,7 @@ class Request:
         InputError
             The request contradicts itself or the scene.
         """
-        options = scene.ensemble or asked.EnsembleOptions()
+        options = scene.ensemble or EnsembleOptions()
         surfaces = None if options.surfaces is None else checked_count("surfaces", options.surfaces, least=2)
         if surfaces is not None and (scene.accuracy or options.budget is not None):
             raise InputError(
@@ -180,7 +177,7 @@ def with_request(
     InputError
         A value is not valid, or they contradict each other.
     """
-    options: dict[str, Any] = (scene.ensemble or asked.EnsembleOptions()).model_dump()
+    options: dict[str, Any] = (scene.ensemble or EnsembleOptions()).model_dump()
     goals = dict(scene.accuracy)
     if surfaces is not None:
         if accuracy or budget is not None:
@@ -190,15 +187,15 @@ def with_request(
         none: dict[str, Any] = {"budget": None, "map": None}
         options, goals = options | none | {"surfaces": checked_count("surfaces", surfaces, least=2)}, {}
     if accuracy:
-        options["surfaces"], goals = None, asked.accuracies(accuracy)
+        options["surfaces"], goals = None, accuracies(accuracy)
     if budget is not None:
-        options |= {"surfaces": None, "budget": asked.budget(budget)}
+        options |= {"surfaces": None, "budget": budget_seconds(budget)}
     if map is not None:
         options["map"] = str(map)
     if most is not None:
-        options["most"] = checked_count("most", most, least=asked.LEAST)
-    wish = asked.EnsembleOptions(**options)
-    nothing = scene.ensemble is None and wish == asked.EnsembleOptions()
+        options["most"] = checked_count("most", most, least=LEAST)
+    wish = EnsembleOptions(**options)
+    nothing = scene.ensemble is None and wish == EnsembleOptions()
     return scene.model_copy(update={"ensemble": None if nothing else wish, "accuracy": goals})
 
 
@@ -210,7 +207,7 @@ def goals(accuracy: Mapping[str, Any], quantities: Quantities) -> list[Goal]:
     InputError
         A quantity that the scene does not have, an accuracy that is none, or a time that is no hold time.
     """
-    return [Goal(name, column_of(name, quantities), value) for name, value in asked.accuracies(accuracy).items()]
+    return [Goal(name, column_of(name, quantities), value) for name, value in accuracies(accuracy).items()]
 
 
 def column_of(text: str, quantities: Quantities) -> int:

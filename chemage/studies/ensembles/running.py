@@ -18,30 +18,32 @@ from chemage.foundation.errors import InputError, PlanWarning
 from chemage.foundation.progress import Report
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
-from chemage.scene.files import load_scene
-from chemage.scene.parsing import parse_scene
+from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.plan import cost, in_hours
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages
-from chemage.studies.ensembles.allocation import MOST
 from chemage.studies.ensembles.computations import (
     Computation,
+    Control,
+    Difference,
+    Parts,
+    Samples,
+    Single,
+    Taken,
     barriers_error,
     fitting,
     own_error,
     replicas_of_difference,
     sketched,
+    within,
 )
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.goals import Goal, Request, with_request
-from chemage.studies.ensembles.quantities import Quantities, Sample
-from chemage.studies.ensembles.sampling import Control, Difference, Parts, Samples, Single, Taken, within
-from chemage.studies.selection import Selection
-from chemage.studies.study import Archive, Part, Study
-from chemage.studies.tasks import Outcome, Task
+from chemage.studies.ensembles.quantities import MOST, Quantities, Sample
+from chemage.studies.study import Archive, Part, Selection, Study
+from chemage.studies.tasks import Outcome, Task, registered_classes
 from chemage.studies.trade.trade_map import TradeMap
-from chemage.studies.workers import registered_classes
 
 #: seconds between two intervals that are shown
 PERIOD = 0.25

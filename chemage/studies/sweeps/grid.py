@@ -23,13 +23,11 @@ from chemage.foundation.errors import ChemageError, InputError, PluginError, Sce
 from chemage.foundation.messages import nearest
 from chemage.foundation.records import content_hash
 from chemage.plugins.sources import implementing, stage_hooks
-from chemage.scene.files import override
+from chemage.scene.files import override, parse_scene, required_sections, section_names
 from chemage.scene.materials import filled_sections
-from chemage.scene.parsing import parse_scene, required_sections, section_names
 from chemage.scene.plan import cost
 from chemage.scene.scene import Scene
-from chemage.studies.tasks import Task
-from chemage.studies.workers import registered_classes
+from chemage.studies.tasks import Task, registered_classes
 
 
 @dataclass(frozen=True)

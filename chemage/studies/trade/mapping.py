@@ -29,24 +29,23 @@ from chemage.foundation.errors import ChemageError, InputError
 from chemage.plugins.sources import approximations
 from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
-from chemage.scene.scene import Scene
-from chemage.scene.variants import is_random, question
+from chemage.scene.scene import Scene, is_random, question
 from chemage.studies.ensembles.quantities import Quantities
 from chemage.studies.study import Archive, Study
-from chemage.studies.tasks import Outcome, Task
+from chemage.studies.tasks import Outcome, Task, registered_classes
 from chemage.studies.trade.choices import (
     ENGINE,
     Choice,
     Combination,
+    Timed,
+    Timing,
     applied,
     changes,
     choices,
     go_together,
     most_accurate,
 )
-from chemage.studies.trade.timing import Timed, Timing
 from chemage.studies.trade.trade_map import BETA, DISTRIBUTION, DROP, SHOWN_MEASURES, Point, TradeMap, machine, pareto
-from chemage.studies.workers import registered_classes
 
 #: called with what was measured
 Report = Callable[[str], None]

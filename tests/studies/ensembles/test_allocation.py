@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from chemage.studies.ensembles.allocation import Spread, allocated, half_width
+from chemage.studies.ensembles.quantities import Spread, allocated, half_width
 
 
 def one(variance: float, freedom: int) -> Spread:

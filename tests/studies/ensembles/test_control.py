@@ -9,8 +9,8 @@ from drawn_levels import Drawn, Timer, nothing
 import chemage as ca
 from chemage import Ensemble, ensemble
 from chemage.foundation.result import result_of
-from chemage.studies.ensembles import sampling
-from chemage.studies.ensembles.allocation import half_width, regressed, spread_of
+from chemage.studies.ensembles import computations
+from chemage.studies.ensembles.quantities import half_width, regressed, spread_of
 from chemage.studies.ensembles.stages import CONTROLLED, Clock, Route, State, run_stages
 
 ROUGH = {
@@ -173,7 +173,7 @@ def scene() -> ca.Scene:
 def made(scene) -> Ensemble:
     # on so small a contact a sketch costs half of it; as cheap as on large ones, it is taken
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sampling.Control, "cost", 0.001)
+        patch.setattr(computations.Control, "cost", 0.001)
         return ensemble(scene, accuracy={"beta": "3 %"}, threads=1)
 
 

@@ -17,7 +17,7 @@ import chemage
 from chemage import InputError
 from chemage.plugin import ExecutorError, StoreError, WorkerLost, threads
 from chemage.studies.clusters import Dask
-from chemage.studies.executors import Processes, Serial, open_pool
+from chemage.studies.runner import Processes, Serial, open_pool
 
 WORK = """
 import os, signal, sys, time
@@ -151,7 +151,7 @@ def test_processes_end_when_their_parent_is_killed(work, tmp_path):
         import sys
         sys.path.insert(0, {str(tmp_path)!r})
         import chemage_work
-        from chemage.studies.executors import Processes
+        from chemage.studies.runner import Processes
         made = Processes(2)
         print(*made.map(chemage_work.whoami, range(8)), flush=True)
         [made.submit(chemage_work.slowly, 1, 600) for _ in range(2)]
@@ -184,7 +184,7 @@ def test_a_process_knows_its_share_of_threads(work):
 
 
 def test_no_process_no_answer(work, monkeypatch, capfd):
-    monkeypatch.setattr("chemage.studies.executors._begin", work.refuse)
+    monkeypatch.setattr("chemage.studies.runner._begin", work.refuse)
     with Processes(1) as processes, pytest.raises(ExecutorError, match="a worker process could not start"):
         processes.submit(work.double, 1).result()
     assert "no such interpreter" in capfd.readouterr().err

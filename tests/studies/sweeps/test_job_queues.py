@@ -17,7 +17,7 @@ from chemage import InputError
 from chemage.plugin import ExecutorError
 from chemage.studies import clusters
 from chemage.studies.clusters import Dask, seconds
-from chemage.studies.executors import open_pool
+from chemage.studies.runner import open_pool
 
 STUBS = Path(__file__).parents[2] / "stubs"
 WORDS = "Batch job submission failed: Invalid account or account/partition combination specified"

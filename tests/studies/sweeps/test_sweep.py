@@ -21,8 +21,7 @@ from chemage.kinetics.hooks import REPLICA_SECONDS
 from chemage.plugin import SceneError, StoreError, override
 from chemage.scene.schema import scene_schema
 from chemage.studies.sweeps.grid import Grid, order_of
-from chemage.studies.sweeps.progress import SweepProgress
-from chemage.studies.sweeps.running import read_grid, survey_of
+from chemage.studies.sweeps.running import SweepProgress, read_grid, survey_of
 from chemage.studies.sweeps.table import short_names
 
 AXES = """
