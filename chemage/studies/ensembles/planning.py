@@ -14,7 +14,6 @@ import numpy as np
 
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
-from chemage.lattices.independent import expected_kinetics, rough_pressures, smooth_pressures
 from chemage.scene import plan as estimate
 from chemage.scene.plan import Plan, in_hours
 from chemage.scene.scene import Scene
@@ -29,7 +28,7 @@ from chemage.studies.ensembles.computations import (
     replicas_of_difference,
     sketched,
 )
-from chemage.studies.ensembles.goals import Request
+from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, scatters
 from chemage.studies.ensembles.quantities import limit
 from chemage.studies.ensembles.running import Sampler, needing
 
@@ -39,79 +38,6 @@ TRIALS = 31
 TAIL = 0.1
 #: correlation of the area of a sketch with what β has in common on a surface (``tests/benchmarks/sketches.py``)
 CORRELATION = 0.95
-
-
-@dataclass(frozen=True)
-class Scatters:
-    """Standard deviations over the mean that are expected, of each quantity; nan: not known."""
-
-    #: (quantities,) between surfaces
-    surfaces: np.ndarray
-    #: (quantities,) between replicas on one surface
-    replicas: np.ndarray
-    #: how that between surfaces is known, in words
-    source: str
-
-    def sample(self, replicas: int) -> np.ndarray:
-        """(quantities,) between samples of ``replicas`` on each surface."""
-        return np.sqrt(self.surfaces**2 + self.replicas**2 / replicas)
-
-
-def is_about_zero(scatter: np.ndarray | float) -> np.ndarray | bool:
-    """Whether a mean of this relative scatter is that of too few bonds for one in each of the first samples."""
-    return scatter**2 > stages.FIRST
-
-
-def scatters(request: Request, costs: Plan, contact: Mapping[str, float]) -> Scatters:
-    """The scatter of what ``request`` averages, of which ``known`` are the estimates and ``contact`` the expected
-    measures of the contact."""
-    quantities, scene = request.quantities, request.scene
-    first, times = int(quantities.has_beta), quantities.hold_times.size
-    surfaces, source = np.full(quantities.count, np.nan), ""
-    if not request.random:
-        surfaces[:] = 0.0
-    elif (scatter := scene.surface.scatter(contact)) is not None:
-        source = scatter.source
-        if scatter.relative is not None:
-            # the friction drop scatters as much as β does
-            surfaces[: first + times] = scatter.relative
-    replicas = np.zeros(quantities.count)
-    replicas[: first + times] = _replicas(scene, costs, request)
-    return Scatters(surfaces, replicas, source)
-
-
-def _replicas(scene: Scene, costs: Plan, request: Request) -> np.ndarray:
-    """(β and hold times,) standard deviation between replicas over the mean: that of sites which react independently.
-
-    Of N sites that are bonded with the probability p(t), the bonds at t ≤ u have the covariance N p(t) (1 − p(u)).
-    """
-    quantities, chemistry, hold = request.quantities, scene.chemistry, scene.hold
-    first, times = int(quantities.has_beta), quantities.hold_times.size
-    scatter = np.full(first + times, np.nan)
-    if chemistry is None or hold is None or costs.mean_pressure is None or not costs.sites:
-        return scatter
-    if scene.ageing is not None and not scene.ageing.replicates:
-        return np.zeros(first + times)
-    spread = smooth_pressures if "radius" in costs.surface else rough_pressures
-    pressures = spread(costs.mean_pressure)
-    needed = {goal.column - first for goal in request.goals} | set(np.flatnonzero(quantities.fitted) if first else ())
-    bonded = np.full(times, np.nan)
-    for number in needed:
-        if 0 <= number < times:
-            time = float(quantities.hold_times[number])
-            bonded[number] = expected_kinetics(chemistry, pressures, time, hold.temperature).bonded
-    with np.errstate(divide="ignore", invalid="ignore"):
-        scatter[first:] = np.sqrt((1 - bonded) / (costs.sites * bonded))
-    if first:
-        share = bonded[quantities.fitted]
-        x = np.log10(quantities.hold_times[quantities.fitted])
-        x = x - x.mean()
-        earlier, later = np.minimum.outer(share, share), np.maximum.outer(share, share)
-        variance, slope = float(x @ (earlier * (1 - later)) @ x) / costs.sites, float(x @ share)
-        # the quadrature of shares that are all 0 or all 1 rounds
-        rises = slope > 1e-12 * float(np.abs(x).sum())
-        scatter[0] = math.sqrt(max(variance, 0.0)) / slope if rises else math.inf if slope == slope else math.nan
-    return scatter
 
 
 @dataclass
