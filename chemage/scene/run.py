@@ -18,7 +18,6 @@ from chemage.ageing.checkpoints import keep, resumed
 from chemage.ageing.elasticity import elastic_measures, elastic_notes
 from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.ageing.members import BARRIERS, barriers_error, beta_errors, with_members
-from chemage.contacts.role import ContactTheory
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.contacts.stage import solve_contact
 from chemage.foundation import pictures
@@ -201,8 +200,7 @@ class Run:
 
     def parts(self) -> dict[str, Record]:
         """The objects to store, by group name."""
-        statistics = isinstance(self.contact, ContactStatistics)
-        contact = {"statistics" if statistics else "contact": self.contact}
+        contact = {"contact" if self.contact.has_map else "statistics": self.contact}
         records = {"surface": self.surface, **contact, "aging": self.aging}
         return {name: part for name, part in records.items() if part is not None}
 
@@ -330,9 +328,9 @@ def _run(
 ) -> Run:
     report = progress or (lambda stage, done, total: None)
     timings: dict[str, float] = {}
-    if contact is None and isinstance(scene.contact, ContactTheory):
+    if contact is None and (theory := scene.theory) is not None:
         with _timed("contact", scene, timings, report):
-            contact = scene.contact.statistics(surface or scene.surface, scene.load, scene.surface_seed)
+            contact = theory.statistics(surface or scene.surface, scene.load, scene.surface_seed)
     if contact is None:
         if surface is None:
             with _timed("surface", scene, timings, report):

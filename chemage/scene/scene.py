@@ -15,7 +15,6 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -34,7 +33,6 @@ from chemage.ageing.observables import Observable
 from chemage.ageing.seeds import Common
 from chemage.contacts.options import force_text
 from chemage.contacts.role import ContactSolver, ContactTheory
-from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Frozen, check_times
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, shown
@@ -328,7 +326,7 @@ class Scene(Section):
     @property
     def site_grids(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
         """Pixels and sites along the sides of the surface; None without ageing, and where they are not known before."""
-        if self.chemistry is None or not self.ages or isinstance(self.contact, ContactTheory):
+        if self.chemistry is None or not self.ages or not self.contact.gives_map:
             return None
         try:
             expected = self.surface.expected()
@@ -336,6 +334,11 @@ class Scene(Section):
             return pixels, site_shape(pixels, expected["pixel_size"], self.chemistry.site_density)
         except (ChemageError, KeyError):  # reported where the scene is checked
             return None
+
+    @property
+    def theory(self) -> ContactTheory | None:
+        """The contact, where it is a theory that gives no map."""
+        return self.contact if isinstance(self.contact, ContactTheory) else None
 
     @property
     def solver(self) -> ContactSolver:
@@ -453,11 +456,6 @@ def _without_none(data: Any) -> Any:
     return data
 
 
-#: Order in the pixel size of the error of the corrected area: what the correction leaves of the excess at the contour,
-#: whose pixels are a fixed part of all pixels. ``tests/benchmarks/grid_errors.py`` measures it.
-ORDER = 1
-
-
 def is_random(scene: Scene) -> bool:
     """Whether another seed gives another surface, as far as its maker says."""
     scatter = scene.surface.scatter({})
@@ -467,7 +465,7 @@ def is_random(scene: Scene) -> bool:
 def coarser(scene: Scene, factor: int) -> Scene | None:
     """``scene`` with the contact on pixels ``factor`` times larger and the sites where they are; None where its surface
     has no coarser grid. Sites that are pixels get the density of the scene's own pixels."""
-    if isinstance(scene.contact, ContactTheory):
+    if not scene.contact.gives_map:
         return None
     expected = scene.surface.expected()
     maker = scene.surface.coarser(factor)
@@ -486,35 +484,3 @@ def question(scene: Scene) -> str:
     if scene.hold is not None:
         update["hold"] = scene.hold.model_copy(update={"replicas": 1, "seed": 0, "common": "all"})
     return content_hash(scene.model_copy(update=update).keys()["result"])
-
-
-@dataclass(frozen=True)
-class Limit:
-    """The corrected area in the limit of vanishing pixels."""
-
-    #: nm²
-    area: float
-    #: standard error, nm²
-    area_stderr: float
-
-
-def vanishing_pixels(contacts: Sequence[ContactSolution]) -> Limit | None:
-    """Extrapolate the corrected area of contacts of one surface on two or more grids to vanishing pixels (Richardson).
-
-    The line through area against pixel size (order 1) is fitted by least squares. The area on each grid is uncertain by
-    the pixels along the contour, of length C, each of which is in contact or not: their share that belongs to the
-    contact is uniformly distributed, with variance 1/12, and there are C/a of them, so that the standard error is
-    a² √(C/12a). From this follow the weights and the standard error of the limit. None where the grids do not
-    determine it: one grid, or a contact without a contour.
-    """
-    sizes = np.array([contact.pixel_size for contact in contacts])
-    contours = np.array([contact.perimeter for contact in contacts])
-    if np.unique(sizes).size < 2 or not contours.all():
-        return None
-    areas = np.array([contact.corrected_area for contact in contacts])
-    sigma = sizes**2 * np.sqrt(contours / (12.0 * sizes))
-    # in units of the coarsest pixels and of the largest error, for any units of length
-    design = np.stack([np.ones_like(sizes), (sizes / sizes.max()) ** ORDER], axis=1) * (sigma.max() / sigma)[:, None]
-    inverse = np.linalg.inv(design.T @ design)
-    limit = float((inverse @ design.T @ (areas * sigma.max() / sigma))[0])
-    return Limit(limit, math.sqrt(float(inverse[0, 0])) * float(sigma.max()))

@@ -24,7 +24,6 @@ from chemage.foundation.errors import ExecutorError, InputError, StoreError
 from chemage.foundation.threads import restored
 from chemage.plugins.sources import changed
 from chemage.scene.provenance import versions
-from chemage.scene.run import Run
 from chemage.scene.scene import Scene
 from chemage.studies.clusters import seconds
 from chemage.studies.folder import RESUME, Folder
@@ -360,41 +359,3 @@ class Archive:
         """Remove what is needed while results are written."""
         if self.place is not None:
             shutil.rmtree(self.place.folder.path / ".parts", ignore_errors=True)
-
-
-class _Scenes:
-    """Scenes as a design: all of them are asked for at once."""
-
-    def __init__(self, scenes: Sequence[Scene]) -> None:
-        self._tasks = [Task.of(scene, number=number) for number, scene in enumerate(scenes)]
-        self._left = {task.key: task for task in self._tasks}
-        self._outcomes: dict[str, Outcome] = {}
-
-    def ask(self) -> list[Task]:
-        left, self._left = list(self._left.values()), {}
-        return left
-
-    def tell(self, task: Task, outcome: Outcome) -> None:
-        if outcome.error is not None:
-            raise outcome.error
-        self._outcomes[task.key] = outcome
-
-    @property
-    def runs(self) -> list[Run]:
-        return [run for task in self._tasks if (run := self._outcomes[task.key].run) is not None]
-
-
-def run_scenes(scenes: Sequence[Scene], *, threads: int | None = None, workers: int | None = None) -> list[Run]:
-    """Runs of several scenes, without their surfaces, in this process; those of one contact solve it once.
-
-    Parameters
-    ----------
-    threads
-        Threads for each, where ``workers`` is not given.
-    workers
-        Scenes at the same time, in one thread each.
-    """
-    design = _Scenes(scenes)
-    with Study("threads" if workers else "serial", workers, threads) as study:
-        study.carry_out(design, None)
-    return design.runs

@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from chemage.ageing.elasticity import compared_again
-from chemage.contacts.role import ContactTheory
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
 from chemage.foundation import threads as thread_budget
@@ -355,7 +354,7 @@ class Worker:
         self._ageing, self._run, self._error = task.ageing, None, None
         try:
             self.stage = "contact"
-            theory = isinstance(task.scene.contact, ContactTheory)
+            theory = not task.scene.contact.gives_map
             contact = None if theory else _contacts.get(f"{self.owner} {task.contact}", lambda: self._contact(task))
             self.stage = "ageing"
             self._run = run(task.scene, contact=contact, threads=self._threads, warn=False, members=task.members)

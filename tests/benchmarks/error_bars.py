@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from grid_errors import vanishing_pixels
 from scipy import stats
 
 import chemage as ca
@@ -29,7 +30,6 @@ from chemage.ageing.fitting import paired_difference
 from chemage.ageing.models import Interval
 from chemage.ageing.outputs import Measured
 from chemage.plugin import KB, Output, statistics
-from chemage.scene.scene import vanishing_pixels
 from chemage.studies.arrhenius import activation_energies
 from chemage.studies.ensembles.quantities import Spread, half_width, regressed, spread_of
 from chemage.studies.trade.mapping import NORMAL_LIMIT

@@ -6,7 +6,33 @@ import pytest
 
 import chemage as ca
 from chemage import ChemageError
-from chemage.studies.study import run_scenes
+from chemage.studies.study import Study
+from chemage.studies.tasks import Outcome, Task
+
+
+class Scenes:
+    """Scenes as a design: all of them are asked for at once."""
+
+    def __init__(self, scenes: list[ca.Scene]) -> None:
+        self.tasks = [Task.of(scene, number=number) for number, scene in enumerate(scenes)]
+        self.left = {task.key: task for task in self.tasks}
+        self.outcomes: dict[str, Outcome] = {}
+
+    def ask(self) -> list[Task]:
+        left, self.left = list(self.left.values()), {}
+        return left
+
+    def tell(self, task: Task, outcome: Outcome) -> None:
+        if outcome.error is not None:
+            raise outcome.error
+        self.outcomes[task.key] = outcome
+
+
+def run_scenes(scenes: list[ca.Scene], workers: int | None = None):
+    design = Scenes(scenes)
+    with Study("threads" if workers else "serial", workers) as study:
+        study.carry_out(design, None)
+    return [design.outcomes[task.key].run for task in design.tasks]
 
 
 @pytest.mark.parametrize("workers", [None, 2])

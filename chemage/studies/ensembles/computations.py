@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.members import BARRIERS
-from chemage.contacts.role import ContactTheory
 from chemage.foundation.memory import capacity
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.scene import plan as estimate
@@ -152,7 +151,7 @@ def sketched(cheapest: Computation) -> Computation | None:
     """The contact of a sketch of the surface, whose area explains most of the scatter between surfaces; None where the
     surface has no sketch, or it would cost too much."""
     scene = cheapest.scene
-    maker = None if isinstance(scene.contact, ContactTheory) else scene.surface.sketch()
+    maker = scene.surface.sketch() if scene.contact.gives_map else None
     if maker is None:
         return None
     sketch = estimated(scene.model_copy(update={"surface": maker, "hold": None}), cheapest.factor)

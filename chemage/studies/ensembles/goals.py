@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from chemage.contacts.role import ContactTheory
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import ChemageError, InputError
@@ -82,7 +81,7 @@ class Request:
             )
         if surfaces is None and not scene.accuracy and options.budget is None:
             raise InputError("surfaces: give how many, or an accuracy, or a budget")
-        if isinstance(scene.contact, ContactTheory):
+        if not scene.contact.gives_map:
             raise InputError(
                 f"contact {scene.contact.kind!r} is a theory of the mean; it has no surfaces to average over"
             )

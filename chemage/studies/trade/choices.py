@@ -25,7 +25,6 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.methods import check_method
-from chemage.contacts.role import ContactTheory
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.stage import solve_contact
 from chemage.foundation.components import Component, call_with
@@ -180,7 +179,7 @@ def _solvers(scene: Scene, notes: list[str]) -> Iterator[Choice]:
             cls = registry.current().component("contact", kind)
             shared = {name: getattr(own, name) for name in own.model_fields_set if name in cls.model_fields}
             other = registry.current().make("contact", kind, shared)
-            if isinstance(other, ContactTheory):
+            if not other.gives_map:
                 continue  # it has no map
             other.check(scene.surface.expected(), scene.load)
         except ChemageError as error:
