@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.replicas import replica_seeds
-from chemage.contacts.role import ContactTheory, solve_contact
+from chemage.contacts.role import solve_contact
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation import random
 from chemage.foundation.errors import InputError
@@ -203,8 +203,8 @@ class Contacts:
         if load not in self._by_load:
             scene = self.scene
             with scene.in_use():
-                if isinstance(scene.contact, ContactTheory):
-                    self._by_load[load] = scene.contact.statistics(scene.surface, load, scene.surface_seed)
+                if (theory := scene.theory) is not None:
+                    self._by_load[load] = theory.statistics(scene.surface, load, scene.surface_seed)
                 else:
                     self._by_load[load] = solve_contact(scene.solver, self._surface, load)
         return self._by_load[load]
@@ -228,7 +228,7 @@ def check_scene(scene: Scene) -> Chemistry:
             f"scene {scene.name!r}: [rupture] makes the friction depend on which sites are bonded, which measured "
             "curves do not tell; leave it out, and give bond_force and front_factor of [chemistry]"
         )
-    if scene.chemistry.interaction is not None and isinstance(scene.contact, ContactTheory):
+    if scene.chemistry.interaction is not None and not scene.contact.gives_map:
         raise InputError(
             f"scene {scene.name!r}: contact {scene.contact.kind!r} has no map of the pressure, and the neighbours of "
             "sites that interact are not known; solve the contact, or leave out [interaction]"
@@ -256,7 +256,7 @@ def make_condition(
 ) -> Condition:
     """The forward model of one contact at one temperature, for a density on ``grid``."""
     times = np.unique(hold_times)
-    statistics = contact if isinstance(contact, ContactStatistics) else contact_statistics(contact, chemistry)
+    statistics = contact_statistics(contact, chemistry)
     if isinstance(contact, ContactSolution):
         sites = float(chemistry.sites_of(contact).sites.size)
     else:

@@ -16,7 +16,7 @@ from chemage.ageing.age import BARRIERS, age, barriers_error, beta_errors, with_
 from chemage.ageing.aging import CURVES, FIT, Aging, curves, elastic_measures, elastic_notes, fit_numbers, fit_or_reason
 from chemage.ageing.fitting import FIT_WINDOW, Fit
 from chemage.ageing.replicas import keep, resumed
-from chemage.contacts.role import ContactTheory, solve_contact
+from chemage.contacts.role import solve_contact
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.codec import EXTRA
 from chemage.foundation.errors import ChemageError, InputError, PlanWarning, StoreError, optional_module
@@ -198,8 +198,7 @@ class Run:
 
     def parts(self) -> dict[str, Record]:
         """The objects to store, by group name."""
-        statistics = isinstance(self.contact, ContactStatistics)
-        contact = {"statistics" if statistics else "contact": self.contact}
+        contact = {"contact" if self.contact.has_map else "statistics": self.contact}
         records = {"surface": self.surface, **contact, "aging": self.aging}
         return {name: part for name, part in records.items() if part is not None}
 
@@ -327,9 +326,9 @@ def _run(
 ) -> Run:
     report = progress or (lambda stage, done, total: None)
     timings: dict[str, float] = {}
-    if contact is None and isinstance(scene.contact, ContactTheory):
+    if contact is None and (theory := scene.theory) is not None:
         with _timed("contact", scene, timings, report):
-            contact = scene.contact.statistics(surface or scene.surface, scene.load, scene.surface_seed)
+            contact = theory.statistics(surface or scene.surface, scene.load, scene.surface_seed)
     if contact is None:
         if surface is None:
             with _timed("surface", scene, timings, report):

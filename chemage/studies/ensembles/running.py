@@ -112,8 +112,8 @@ def ensemble(
     if not isinstance(scene, Scene):
         scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
     request: dict[str, Any] = {"surfaces": surfaces, "accuracy": accuracy, "budget": budget, "most": most}
-    map = measured if isinstance(measured, TradeMap) else None
-    asked = with_request(scene.completed(), **request, map=None if isinstance(measured, TradeMap) else measured)
+    map, file = (measured, None) if isinstance(measured, TradeMap) else (None, measured)
+    asked = with_request(scene.completed(), **request, map=file)
     where: dict[str, Any] = {"executor": executor, "workers": workers, "threads": threads, "patience": patience}
     where["points"] = points
     return Sampler(asked, samples=samples, measured=map, **where).run(progress)

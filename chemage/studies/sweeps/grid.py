@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from chemage.contacts.options import nominal_pressure
-from chemage.contacts.role import ContactTheory, no_map
+from chemage.contacts.role import no_map
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, nearest
 from chemage.foundation.records import content_hash
 from chemage.plugins.sources import implementing, stage_hooks
@@ -367,7 +367,7 @@ def shown(value: Any) -> str:
 
 
 def _add(result: Survey, point: int, scene: Scene, numbers: dict[str, int]) -> None:
-    if isinstance(scene.contact, ContactTheory):
+    if not scene.contact.gives_map:
         raise InputError(no_map(scene.contact, "a sweep has no contact to store; run each scene by itself"))
     keys, costs = scene.task_keys(), cost(scene)
     if point and scene.is_ensemble != result.means:

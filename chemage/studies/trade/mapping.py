@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.methods import EVERY_SITE
-from chemage.contacts.role import ContactTheory, no_map
+from chemage.contacts.role import no_map
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.records import approximations_in_words
@@ -95,7 +95,7 @@ def tradeoff(
         checked_count("rounds", rounds)
     if executor == "threads":
         raise InputError.of("executor", executor, "CPU times of threads cannot be told apart", "choose processes")
-    if isinstance(scene.contact, ContactTheory):
+    if not scene.contact.gives_map:
         raise InputError(no_map(scene.contact, "there is no pressure whose error could be measured"))
     with scene.in_use():
         archive = Archive(folder, scene, processor=True)
