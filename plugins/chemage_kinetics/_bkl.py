@@ -102,7 +102,7 @@ class Run(NamedTuple):
     near: np.ndarray
     """(k + 1, 2) int64 scratch: sites that change their class, and the class"""
     rng: np.ndarray
-    """(5,) uint64 scratch, see `_chain`"""
+    """(5,) uint64 scratch, see `_common`"""
     clock: np.ndarray
     """(2,) float64: HIGH and LOW of the present instant"""
     counters: np.ndarray

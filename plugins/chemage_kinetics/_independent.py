@@ -122,7 +122,7 @@ def _follow_site(sites: Sites, holds: Holds, rng: np.ndarray, i: Int) -> None:
 
 @jit
 def follow(sites: Sites, holds: Holds, rng: np.ndarray, first: Int, last: Int) -> None:
-    """Follow the sites ``first`` to ``last`` - 1 to the last hold time. rng: (5,) uint64 scratch, see `_chain`."""
+    """Follow the sites ``first`` to ``last`` - 1 to the last hold time. rng: (5,) uint64 scratch, see `_common`."""
     sites = borrowed(sites)
     holds = borrowed(holds)
     rng = borrowed(rng)

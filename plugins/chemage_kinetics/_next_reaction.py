@@ -84,7 +84,7 @@ class Run(NamedTuple):
     sooner: np.ndarray
     """(k,) int64 scratch: neighbours that the queue must know of"""
     rng: np.ndarray
-    """(5,) uint64 scratch, see `_chain`"""
+    """(5,) uint64 scratch, see `_common`"""
 
 
 class Chain(NamedTuple):

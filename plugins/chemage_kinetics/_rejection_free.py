@@ -361,7 +361,7 @@ class Run(NamedTuple):
     system: System
     ahead: Ahead
     rng: np.ndarray
-    """(5,) uint64 scratch, see `_chain`"""
+    """(5,) uint64 scratch, see `_common`"""
     clock: np.ndarray
     """(2,) float64: HIGH and LOW of the present instant"""
     counters: np.ndarray

@@ -9,7 +9,7 @@ from seen import figures as inference_figures
 from seen import result_of
 
 import chemage as ca
-from chemage.inference import words
+from chemage.inference import display as words
 from chemage.inference.energies import EnergyGrid, bonded_probability, energy_grid
 from chemage.inference.forward import check_scene, largest_lowering, make_condition
 from chemage.inference.kernels import (

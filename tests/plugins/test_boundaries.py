@@ -182,7 +182,11 @@ def test_every_plugin_package_is_an_entry_point():
 def test_every_package_is_installed_and_found_by_editors():
     with open(ROOT / "pyproject.toml", "rb") as file:
         build = tomllib.load(file)["tool"]["hatch"]["build"]
-    assert build["targets"]["wheel"] == {"only-include": ["chemage", "plugins"], "sources": ["plugins"]}
+    assert build["targets"]["wheel"] == {
+        "only-include": ["chemage", "plugins"],
+        "exclude": ["plugins/*/docs"],
+        "sources": ["plugins"],
+    }
     # an editable install adds them in a .pth file, which type checkers read
     assert build["dev-mode-dirs"] == [".", "plugins"]
     for name, path in MODULES.items():
@@ -468,7 +472,7 @@ EXPM1 = {
     "plugins/chemage_kinetics/_independent.py": "two-state sites, for kernels",
     "chemage/contacts/theory.py": "a difference of two Gaussians",
     "chemage/results/arrhenius.py": "an interval of a logarithm",
-    "plugins/chemage_barriers/analytic.py": "a difference of two probabilities",
+    "plugins/chemage_barriers/distributions.py": "a difference of two probabilities",
 }
 
 

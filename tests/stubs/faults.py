@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import pytest
 
+from chemage.inference import families, sampling
 from chemage.inference import infer as inference
-from chemage.inference import rounds, sampling
 from chemage.results import comparison, drawing
 from chemage.scene import plan
 from chemage.scene import run as experiment
@@ -74,7 +74,7 @@ def fewer_samples(patch: pytest.MonkeyPatch) -> None:
     """Means and bands of an inference need fewer effective samples than users get."""
     patch.setattr(sampling, "ENOUGH", 60)
     patch.setattr(sampling, "AGREED", 1.1)
-    patch.setattr(rounds, "SHORT_SWEEPS", 40)
+    patch.setattr(families, "SHORT_SWEEPS", 40)
 
 
 def most_compared(patch: pytest.MonkeyPatch, count: int) -> None:

@@ -12,7 +12,7 @@ from seen import result_of
 
 import chemage as ca
 from chemage import Ensemble, ensemble
-from chemage.studies.ensembles import sampling
+from chemage.studies.ensembles import computations
 from chemage.studies.ensembles.quantities import Spread, allocated, half_width, regressed, spread_of
 from chemage.studies.ensembles.stages import CONTROLLED, FIRST, Clock, Route, State, Unreachable, run_stages
 
@@ -404,7 +404,7 @@ def scene() -> ca.Scene:
 def made(scene) -> Ensemble:
     # on so small a contact a sketch costs half of it; as cheap as on large ones, it is taken
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sampling.Control, "cost", 0.001)
+        patch.setattr(computations.Control, "cost", 0.001)
         return ensemble(scene, accuracy={"beta": "3 %"}, threads=1)
 
 
