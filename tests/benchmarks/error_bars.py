@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from chemage_ageing._independent import bonded_share
 from grid_errors import vanishing_pixels
 from scipy import stats
 
@@ -33,8 +32,8 @@ from chemage.ageing.outputs import Measured
 from chemage.plugin import KB, Output, statistics
 from chemage.studies.arrhenius import activation_energies
 from chemage.studies.ensembles.quantities import Spread, half_width, regressed, spread_of
-from chemage.studies.trade.mapping import NORMAL_LIMIT
 from chemage_ageing import _table
+from chemage_ageing._table import bonded_share
 from chemage_li2018.density_fit import EQUAL, METHOD, PUBLISHED, ROUNDING, Errors
 from chemage_li2018.sweeps import mean
 from chemage_surfaces import fit_roughness
@@ -392,7 +391,7 @@ def grids(rng: np.random.Generator, trials: int) -> Iterable[Held]:
         limit = vanishing_pixels(found)
         assert limit is not None
         off = abs(limit.area - math.pi * radius**2)
-        yield Held("error of the contact grid, discs", bool(off <= NORMAL_LIMIT * limit.area_stderr))
+        yield Held("error of the contact grid, discs", bool(off <= statistics.NORMAL_LIMIT * limit.area_stderr))
 
 
 @case
