@@ -47,10 +47,11 @@ def slow_bytes(path, data):
         say("halfway")
         file.write(data[len(data) // 2 :])
 
-def slow_place(*args):
+def slow_place(*args, **options):
     say("placing")
-    place(*args)
+    there = place(*args, **options)
     say("placed")
+    return there
 
 codec._write_array, files.put, Path.write_bytes = slow_array, slow_place, slow_bytes
 """

@@ -143,7 +143,7 @@ def test_a_figure_that_fails_costs_nothing_else(tiny, parts, tmp_path):
         made = figures(run)
     assert list(made) == ["surface", "pressure", "friction", "right"]
     first, second = (str(one.message) for one in warned)
-    assert "'broken' of barriers 'mine' (plugin tests.reports.test_plugin_figures.Mine" in first
+    assert "'broken' of barriers 'mine' (plugin tests.results.test_plugin_figures.Mine" in first
     assert "ValueError: no such thing" in first
     assert "'formula' of barriers 'mine'" in second
     plots.save_figures(made, tmp_path / "figures")
