@@ -97,12 +97,11 @@ class _Engine(Stage):
         """Compile what lattice and kinetics need, on a contact of a few pixels under 1 GPa."""
         import numpy as np
 
-        from chemage.contacts.role import ContactTheory
         from chemage.contacts.solution import ContactSolution
         from chemage.lattices.chemistry import build_lattice
 
         solver = parts["contact"]
-        if self.section not in parts or isinstance(solver, ContactTheory):
+        if self.section not in parts or not solver.gives_map:
             return
         surface, density = parts["surface"].expected(), parts["chemistry"].site_density
         pixel = surface.get("pixel_size", PIXEL_SIZE)

@@ -26,7 +26,6 @@ from scipy import stats
 
 import chemage as ca
 from chemage import ensemble
-from chemage.ageing.fitting import paired_difference
 from chemage.ageing.models import Interval
 from chemage.ageing.outputs import Measured
 from chemage.plugin import KB, Output, statistics
@@ -152,27 +151,6 @@ def skewed_replicas(rng: np.random.Generator, trials: int) -> Iterable[Held]:
             fit = ca.fit_aging(with_bonds(like, factor * curve), window=WINDOW)
             truth = 1e6 * like.bond_force * like.front_factor / like.load
             yield Held(f"β, replicas very skewed, {count} replicas", within(fit.beta_interval, truth))
-
-
-@case
-def paired(rng: np.random.Generator, trials: int) -> Iterable[Held]:
-    """The same tip at 300 and 310 K with common disorder, and with common noise as well."""
-    contact = tip(50.0)
-    truths = [with_bonds(aged(contact, 1, 0, kelvin), expected_bonds(contact, kelvin)[None]) for kelvin in (300.0, 310)]
-    truth = truths[1].fit().beta - truths[0].fit().beta
-    for common in ("disorder", "all"):
-        seed = int(rng.integers(2**40))
-        cold, warm = (aged(contact, sum(COUNTS) * trials, seed, kelvin, common=common) for kelvin in (300.0, 310.0))
-        first = 0
-        for count in COUNTS:
-            for _ in range(trials):
-                rows = slice(first, first + count)
-                first += count
-                found = paired_difference(
-                    with_bonds(warm, warm.bonds[rows]), with_bonds(cold, cold.bonds[rows]), window=WINDOW
-                )
-                bar = f"paired difference of β, common {common}, {count} replicas"
-                yield Held(bar, bool(abs(found.value - truth) <= found.half_width))
 
 
 # -- fits to measurements, and the bootstrap --------------------------------------------------------------------------

@@ -7,7 +7,6 @@ whole section given as an inline table, or ``false`` for a section to be left ou
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping
@@ -20,7 +19,7 @@ import numpy as np
 from chemage.contacts.options import nominal_pressure
 from chemage.contacts.role import no_map
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, nearest
-from chemage.foundation.records import content_hash
+from chemage.foundation.records import content_hash, text_hash
 from chemage.plugins.sources import implementing, stage_hooks
 from chemage.scene.files import override, parse_scene, required_sections, section_names
 from chemage.scene.materials import filled_sections
@@ -326,10 +325,7 @@ def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Su
                 _resolve(result, axis, place, scene)
     if wrong:
         raise SceneError(grid.source, [_located(grid, problem, *where) for problem, where in wrong.items()])
-    digest = hashlib.blake2b(json.dumps([[axis.paths for axis in grid.axes], []]).encode(), digest_size=16)
-    for key in result.keys:
-        digest.update(key.encode())
-    result.digest = digest.hexdigest()
+    result.digest = text_hash("".join([json.dumps([[axis.paths for axis in grid.axes], []]), *result.keys]))
     return result
 
 
