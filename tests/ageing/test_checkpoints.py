@@ -157,10 +157,10 @@ def test_what_other_plugins_made_is_computed_again_and_said(small: ca.Scene, tmp
 STOPS = """
 import sys, time
 from pathlib import Path
-from chemage.ageing import checkpoints
+from chemage.ageing import replicas
 from chemage.cli.app import main
 
-keep = checkpoints.keep
+keep = replicas.keep
 
 def stop(*arguments, **options):
     keep(*arguments, **options)
@@ -168,7 +168,7 @@ def stop(*arguments, **options):
         print("enough", file=sys.stderr, flush=True)
         time.sleep(600)
 
-checkpoints.keep = stop
+replicas.keep = stop
 main()
 """
 

@@ -315,9 +315,9 @@ def test_compare_has_rows_of_them(two):
 
 @pytest.mark.long
 def test_a_report_has_rows_of_them(two):
-    ca.write_report("a.html", ["a.h5"])
+    ca.write_report(["a.h5"], "a.html")
     text = Path("a.html").read_text(encoding="utf-8")
-    assert "bond_energy at the last hold time" in text
+    assert "bond_energy at 10000 s" in text
     assert "bond_share" in text
 
 
