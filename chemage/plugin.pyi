@@ -15,7 +15,7 @@ from chemage.contacts.options import ContactModulus as ContactModulus
 from chemage.lattices.site_grid import ContactSites as ContactSites
 from chemage.contacts.role import ContactSolver as ContactSolver
 from chemage.contacts.solution import ContactStatistics as ContactStatistics
-from chemage.contacts.role import ContactTheory as ContactTheory
+from chemage.contacts.theory import ContactTheory as ContactTheory
 from chemage.foundation.errors import ConvergenceError as ConvergenceError
 from chemage.foundation.errors import DamagedError as DamagedError
 from chemage.foundation.units import EV_PER_GPA_NM3 as EV_PER_GPA_NM3

@@ -31,7 +31,8 @@ from chemage.ageing.methods import AgeingMethod
 from chemage.ageing.observables import Observable
 from chemage.ageing.replicas import Common
 from chemage.contacts.options import force_text
-from chemage.contacts.role import ContactSolver, ContactTheory
+from chemage.contacts.role import ContactSolver
+from chemage.contacts.theory import ContactTheory
 from chemage.foundation.checks import Frozen, check_times, hold_times
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, shown

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from chemage.plugin import Barriers
-from chemage_barriers import PiecewiseLinearDensity, parse_columns
+from chemage_bonds import PiecewiseLinearDensity, parse_columns
 
 #: members of the set in ``md_silica_barriers.csv`` beside the best density, which is member 0
 _MEMBERS = 16

@@ -234,7 +234,7 @@ def test_the_kernels_were_found():
         "chemage.foundation.random",
         "chemage.lattices.kernels",
         "chemage_contact._kernels",
-        "chemage_interactions._kernels",
+        "chemage_bonds._kernels",
         "chemage_kinetics._common",
         "chemage_kinetics._bkl",
         "chemage_kinetics._independent",
@@ -471,7 +471,7 @@ EXPM1 = {
     "plugins/chemage_kinetics/_independent.py": "two-state sites, for kernels",
     "chemage/contacts/theory.py": "a difference of two Gaussians",
     "chemage/results/arrhenius.py": "an interval of a logarithm",
-    "plugins/chemage_barriers/distributions.py": "a difference of two probabilities",
+    "plugins/chemage_bonds/distributions.py": "a difference of two probabilities",
 }
 
 

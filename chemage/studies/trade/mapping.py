@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.methods import EVERY_SITE
-from chemage.contacts.role import no_map
+from chemage.contacts.theory import no_map
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.records import approximations_in_words
