@@ -43,12 +43,12 @@ NAMES = {
     "scene.scene": "Scene",
     "scene.files": "load_scene override parse_scene scene_data",
     "foundation.machine": "cache_folder",
-    "foundation.records": "content_hash",
+    "foundation.records": "content_hash file_hash",
     "foundation.components": "Component",
     "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PlanWarning PluginError "
     "SceneError StoreError UnitError UnknownKindError WorkerLost nearest",
-    "foundation.files": "fresh_file preflight regular_file",
-    "foundation.result": "Panel Picture Result displays",
+    "foundation.files": "FileStamp file_stamp fresh_file preflight regular_file",
+    "foundation.result": "Panel Picture Result Table displays",
     "foundation.units": "EV_PER_GPA_NM3 Energy FilePath Force Frequency KB Length Pressure Temperature Time Unit "
     "Volume convert",
     "friction.role": "Bonded Rupture RuptureForce rupture rupture_bonds",
