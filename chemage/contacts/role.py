@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
 from chemage.contacts.options import normal_force
-from chemage.contacts.solution import ContactSolution
+from chemage.contacts.solution import Contact, ContactSolution
 from chemage.foundation.checks import expect
 from chemage.foundation.components import Component
 from chemage.foundation.progress import logged, of_plugins
@@ -125,6 +125,11 @@ class ContactSolver(Component, ABC):
 def contact(kind: str, **options: Any) -> Any:
     """A contact solver: ``chemage.contact("fft-bem", modulus="35.3 GPa").solve(surface, load="20 uN")``."""
     return registry.current().make("contact", kind, options)
+
+
+def expect_contact(value: Any, cls: type[Contact] = ContactSolution) -> None:
+    """Raise an InputError if ``value`` is no contact, or none with a map where ``cls`` is as by default."""
+    expect("contact", value, cls, "make one with chemage.contact(...).solve(surface, load)")
 
 
 def solve_contact(

@@ -500,15 +500,15 @@ def test_one_limit_of_a_95_percent_interval():
 
 #: a section -> how many files say its word, and what else it means; never more
 SPOKEN = {
-    "surface": (24, "a part of results, a phase of progress, an argument"),
-    "contact": (34, "a part of results, a phase of progress, an argument, the group of files"),
-    "chemistry": (21, "an entry of the provenance that every file since 0.1 has, an argument"),
-    "engine": (16, "an entry of that provenance and a row of summaries, an argument"),
-    "ageing": (18, "a phase of progress and of costs"),
-    "hold": (11, "a table of options without a component: its values are changed by name"),
-    "observe": (8, "an argument of age() that designs of studies empty"),
-    "ensemble": (14, "a kind of result and its files"),
-    "accuracy": (9, "an option of commands and the goals of means"),
+    "surface": (22, "a part of results, a phase of progress, an argument"),
+    "contact": (32, "a part of results, a phase of progress, an argument, the group of files"),
+    "chemistry": (20, "an entry of the provenance that every file since 0.1 has, an argument"),
+    "engine": (15, "an entry of that provenance and a row of summaries, an argument"),
+    "ageing": (17, "a phase of progress and of costs"),
+    "hold": (10, "a table of options without a component: its values are changed by name"),
+    "observe": (6, "an argument of age()"),
+    "ensemble": (13, "a kind of result and its files"),
+    "accuracy": (8, "an option of commands and the goals of means"),
 }
 #: files that may say the word of any other section: its hooks, its role, and one more
 MOST_SPOKEN = 3
