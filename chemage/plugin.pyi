@@ -15,7 +15,7 @@ from chemage.contacts.options import ContactModulus as ContactModulus
 from chemage.lattices.site_grid import ContactSites as ContactSites
 from chemage.contacts.role import ContactSolver as ContactSolver
 from chemage.contacts.solution import ContactStatistics as ContactStatistics
-from chemage.contacts.role import ContactTheory as ContactTheory
+from chemage.contacts.theory import ContactTheory as ContactTheory
 from chemage.foundation.errors import ConvergenceError as ConvergenceError
 from chemage.foundation.errors import DamagedError as DamagedError
 from chemage.foundation.units import EV_PER_GPA_NM3 as EV_PER_GPA_NM3
@@ -26,6 +26,7 @@ from chemage.studies.ensembles.ensemble import Estimate as Estimate
 from chemage.foundation.errors import ExecutorError as ExecutorError
 from chemage.ageing.fitting import FIT_WINDOW as FIT_WINDOW
 from chemage.foundation.units import FilePath as FilePath
+from chemage.foundation.files import FileStamp as FileStamp
 from chemage.ageing.fitting import Fit as Fit
 from chemage.foundation.units import Force as Force
 from chemage.inference.forecast import Forecast as Forecast
@@ -57,6 +58,7 @@ from chemage.foundation.errors import SceneError as SceneError
 from chemage.foundation.checks import Seed as Seed
 from chemage.foundation.errors import StoreError as StoreError
 from chemage.surfaces.role import SurfaceMaker as SurfaceMaker
+from chemage.foundation.result import Table as Table
 from chemage.foundation.units import Temperature as Temperature
 from chemage.foundation.units import Time as Time
 from chemage.lattices.independent import TwoState as TwoState
@@ -80,6 +82,8 @@ from chemage.foundation.units import convert as convert
 from chemage.lattices.chemistry import coordination as coordination
 from chemage.foundation.result import displays as displays
 from chemage.foundation import figures as figures
+from chemage.foundation.records import file_hash as file_hash
+from chemage.foundation.files import file_stamp as file_stamp
 from chemage.foundation.checks import force as force
 from chemage.foundation.files import fresh_file as fresh_file
 from chemage.plugins.registry import fromdict as fromdict

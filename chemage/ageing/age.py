@@ -21,6 +21,7 @@ from chemage.ageing.methods import (
 )
 from chemage.ageing.observables import Observable, check_outputs
 from chemage.ageing.replicas import Common, check_common
+from chemage.contacts.role import expect_contact
 from chemage.contacts.solution import Contact, ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed, check_times, checked_count, checked_seed, expect, temperature_value
 from chemage.foundation.errors import InputError, PluginError
@@ -176,7 +177,7 @@ def _check(
     seed: Any,
     threads: Any,
 ) -> None:
-    expect("contact", contact, Contact, "make one with chemage.contact(...).solve(surface, load)")
+    expect_contact(contact, Contact)
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
     expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
     if rupture is not None:

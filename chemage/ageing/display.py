@@ -15,7 +15,7 @@ from chemage.ageing.fitting import FIT_WINDOW, SYMBOL, UNIT, Fit, Quantity, fit_
 from chemage.contacts.display import compared_measures, main_measures
 from chemage.contacts.options import force_text
 from chemage.foundation.errors import InputError
-from chemage.foundation.figures import BLUE, GREY, ORANGE, decades_only, legend, plain
+from chemage.foundation.figures import BLUE, GREY, ORANGE, decades_only, from_zero, legend, plain
 from chemage.foundation.result import (
     FILE,
     NONE,
@@ -481,7 +481,7 @@ def draw_friction(axes: Axes, aging: Aging, quantity: Quantity, colour: str = BL
         _errorbars(axes, aging.hold_times[drawn], mean[drawn], half[drawn], colour, label)
     axes.set_ylabel("friction coefficient drop Δμ" if coefficient else "friction drop ΔF (nN)")
     axes.set(xscale="log", xlabel="hold time (s)")
-    axes.set_ylim(bottom=0)
+    from_zero(axes)
 
 
 def draw_local_slope(axes: Axes, aging: Aging, quantity: Quantity, colour: str = BLUE, label: str = "") -> None:

@@ -1,14 +1,18 @@
-"""What can be plugged into this stage: observables, methods of ageing, and the hook that measures on a replica."""
+"""What can be plugged into this stage: observables, methods of ageing, the hook that measures on a replica, and what
+reports show beside its curves."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from chemage.plugins.hooks import Doubt, Parts, Stage, Stated, hookspec
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from chemage.ageing.observables import PlottedResult
     from chemage.contacts.solution import ContactSolution
     from chemage.kinetics.history import BondHistory
     from chemage.lattices.lattice import ReactionLattice
@@ -22,6 +26,17 @@ ROLES = {
 @hookspec
 def chemage_observe(contact: ContactSolution, lattice: ReactionLattice, history: BondHistory) -> Mapping[str, Any]:  # pyright: ignore[reportReturnType]
     """Measure named numbers or arrays on a finished replica; they are kept in ``Aging.observables``."""
+
+
+@hookspec
+def chemage_figures() -> Mapping[str, tuple[str, Callable[[Axes, Sequence[PlottedResult]], None]]]:  # pyright: ignore[reportReturnType]
+    """Bring figures: ``{name: (caption, function that draws the results into the axes)}``."""
+
+
+@hookspec
+def chemage_published() -> Sequence[tuple[Mapping[str, object], float, str]]:  # pyright: ignore[reportReturnType]
+    """Say what was published: ``[(where, beta, source), ...]``, β per decade of the scenes whose fields are ``where``
+    (dotted path -> value, internal units); drawn beside the fitted line of such a result."""
 
 
 class _Ageing(Stage):

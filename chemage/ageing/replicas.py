@@ -186,6 +186,10 @@ def _listed(plugins: Plugins) -> str:
     return ", ".join(f"{name} ({source})" for name, source in plugins.items()) or "no plugin"
 
 
+#: s between two checkpoints of a replica
+KEPT_EVERY = 60.0
+
+
 def run_with_checkpoints(
     engine: Engine,
     lattice: ReactionLattice,
@@ -196,12 +200,11 @@ def run_with_checkpoints(
     path: Path,
     run: str = "",
     before: Plugins | None = None,
-    every: float = 60.0,
     states: bool = False,
     contact: ContactSolution | None = None,
     chemistry: Chemistry | None = None,
 ) -> BondHistory:
-    """One replica, written to ``path`` about every ``every`` seconds and at its end, and resumed if it is there.
+    """One replica, written to ``path`` about every minute and at its end, and resumed if it is there.
 
     ``run`` is a key of the options of the whole run, ``before`` the plugins that took part in the stages before;
     ``contact`` and ``chemistry`` are for plugins. With ``states`` the history has the state of every site at every hold
@@ -241,8 +244,8 @@ def run_with_checkpoints(
         at += piece
         now = time.monotonic()
         # short pieces are joined, so that restarting the engine stays a small part of the work
-        piece = piece * 2 if now - begin < every / 8 else max(1, piece // 2)
-        if now - written > every or at >= times.size:
+        piece = piece * 2 if now - begin < KEPT_EVERY / 8 else max(1, piece // 2)
+        if now - written > KEPT_EVERY or at >= times.size:
             keep(path, "history", done, key, run=run, before=plugins, hooks=_HOOKS)
             written = time.monotonic()
     assert done is not None

@@ -385,6 +385,16 @@ def tradeoff(
             "3 to 6, by the cost of the scene",
         ),
     ] = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="keep what is computed in this folder, from which a later call goes on; default: none",
+        ),
+    ] = None,
+    executor: ExecutorOpt = None,
+    workers: WorkersOpt = None,
+    patience: PatienceOpt = None,
     as_json: JsonOpt = False,
     force: ForceOpt = False,
 ) -> None:
@@ -416,7 +426,10 @@ def tradeoff(
             done += 1
             report(_STAGE, done, 0, what)
 
-        measured = measure(loaded, rounds=rounds, report=shown)
+        where = executor or ("processes" if (workers or 1) > 1 else "serial")
+        measured = measure(
+            loaded, rounds=rounds, report=shown, folder=folder, executor=where, workers=workers, patience=patience
+        )
         report(_STAGE, 1, 1)
     result = result_of(measured)
     for file in files:

@@ -137,14 +137,14 @@ ExecutorOpt = Annotated[
     typer.Option(
         metavar="NAME",
         autocompletion=completion.one_of("serial", "processes", "dask"),
-        help="sweeps: where points are computed: serial, processes, dask, dask:ADDRESS, dask:CLASS or dask:FILE.toml; "
+        help="many runs: where they are computed: serial, processes, dask, dask:ADDRESS, dask:CLASS or dask:FILE.toml; "
         "default: serial, or processes if --workers is above 1",
     ),
 ]
 WorkersOpt = Annotated[
     int | None,
     typer.Option(
-        min=1, metavar="N", help="sweeps: number of points computed at the same time; default: from the processors"
+        min=1, metavar="N", help="many runs: how many are computed at the same time; default: from the processors"
     ),
 ]
 ThreadsOpt = Annotated[

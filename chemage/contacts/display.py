@@ -11,7 +11,7 @@ import numpy as np
 
 from chemage.contacts.options import force_text, pressure_text
 from chemage.contacts.solution import ContactSolution, ContactStatistics
-from chemage.foundation.figures import BLUE, GREEN, draw_map, pooled
+from chemage.foundation.figures import BLUE, GREEN, draw_map, from_zero, pooled
 from chemage.foundation.result import NONE, Compared, Curve, Medium, OfRecord, Panel, Picture, Rows, displays
 
 if TYPE_CHECKING:
@@ -203,7 +203,7 @@ class StatisticsDisplay(OfContact[ContactStatistics]):
         axes.set(xlabel="pressure (GPa)", ylabel="contact area above it (nm$^2$)")
         axes.set_title(f"A/A$_0$ = {contact.area_fraction:.3g}")
         axes.set_xlim(left=0)
-        axes.set_ylim(bottom=0)
+        from_zero(axes)
 
 
 # -- maps -------------------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from chemage.contacts import patches, theory
+from chemage.contacts import patches
 from chemage.contacts.patches import Above
 from chemage.foundation.checks import MOST_BINS, checked_count
 from chemage.foundation.codec import dataset, frame, map_frame
@@ -93,7 +93,7 @@ class Contact(Record):
     @property
     def kappa(self) -> float:
         """κ = A h'_rms E* / F_N; nan without load."""
-        return theory.kappa(self.contact_area, self.rms_slope, self.modulus, self.load)
+        return self.contact_area * self.rms_slope * self.modulus / self.load if self.load > 0 else math.nan
 
     def above(self, hardness: QuantityLike) -> Above:
         """Which shares of contact area and load lie above a ``hardness`` (GPa, or a string with its unit).

@@ -66,6 +66,12 @@ def pooled(values: np.ndarray, pool: Callable[..., np.ndarray], most: int = MAP_
     return pool(rows.reshape(nx // step, ny // step, step), axis=2)
 
 
+def from_zero(axes: Axes) -> None:
+    """Let the vertical axis begin at 0 and end above all that is drawn, what was drawn before an earlier call too."""
+    axes.autoscale(axis="y")
+    axes.set_ylim(bottom=0)
+
+
 def decades_only(*axes: Axis) -> None:
     """Leave out the ticks between the decades of logarithmic axes, which are half of the work of drawing a plot."""
     from matplotlib.ticker import NullLocator

@@ -23,6 +23,8 @@ from typing import Any
 from chemage.foundation.errors import InputError, StoreError, shortened
 from chemage.foundation.memory import capacity, readable
 
+#: identifies the content of a file without reading it: size, modification time (ns), inode, device
+FileStamp = tuple[int, int, int, int]
 #: tables inside tables, lists inside lists
 DEEPEST = 32
 #: characters of one text, and of a number written out
@@ -201,6 +203,12 @@ def regular_file(path: str | os.PathLike[str], most: float | None = None) -> os.
     if limit is not None and status.st_size > limit:
         raise StoreError(f"{shown} has {readable(status.st_size)}, more than the {readable(limit)} that can be read")
     return status
+
+
+def file_stamp(path: str | os.PathLike[str]) -> FileStamp:
+    """What changes when a file is written to; errors as of :func:`regular_file`."""
+    status = regular_file(path)
+    return status.st_size, status.st_mtime_ns, status.st_ino, status.st_dev
 
 
 def read_text(path: str | os.PathLike[str], most: float | None = None) -> str:

@@ -9,14 +9,15 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError
 
 from chemage.foundation.checks import Frozen, is_boolean
-from chemage.foundation.errors import InputError, UnitError, explain, in_lines, shortened
+from chemage.foundation.errors import InputError, StoreError, UnitError, explain, in_lines, shortened
+from chemage.foundation.files import FileStamp
 from chemage.foundation.text import html_table
 from chemage.foundation.units import has_unit, in_range, magnitudes
 
@@ -63,6 +64,22 @@ def content_hash(content: Any) -> str:
 def text_hash(text: str, size: int = 16) -> str:
     """``size`` bytes as hexadecimal digits."""
     return hashlib.blake2b(text.encode(), digest_size=size).hexdigest()
+
+
+@lru_cache(maxsize=64)
+def file_hash(path: str, stamp: FileStamp) -> str:
+    """128 bits of the content of a file as hexadecimal digits; it is read once as long as its ``stamp`` stays.
+
+    Raises
+    ------
+    StoreError
+        The file cannot be read.
+    """
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
+    except OSError as error:
+        raise StoreError(f"{path}: {error.strerror or error}") from None
 
 
 def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:

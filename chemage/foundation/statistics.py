@@ -70,8 +70,8 @@ def half_width(values: np.ndarray, confidence: float = 0.95) -> np.ndarray:
     return np.where((values == values[0]).all(axis=0), np.nan, width)[()]
 
 
-def crossed_half_width(values: np.ndarray, factors: int, confidence: float = 0.95) -> np.ndarray:
-    """Half the width of the confidence interval of the mean over the first ``factors`` axes, each of which is random.
+def crossed_half_width(values: np.ndarray, factors: int) -> np.ndarray:
+    """Half the width of the 95 % interval of the mean over the first ``factors`` axes, each of which is random.
 
     Values that share a place along one of these axes (the seed of a surface, say) share its scatter, so that they are
     not independent. The variance of the mean is the sum of those of the means along each axis, and its degrees of
@@ -106,6 +106,4 @@ def crossed_half_width(values: np.ndarray, factors: int, confidence: float = 0.9
     if not parts:
         return np.full(values.shape[factors:], np.nan)
     largest = np.argmax(parts, axis=0)[None]
-    return np.sqrt(np.sum(parts, axis=0)) * student_limits(
-        np.take_along_axis(np.array(freedoms), largest, axis=0)[0], confidence
-    )
+    return np.sqrt(np.sum(parts, axis=0)) * student_limits(np.take_along_axis(np.array(freedoms), largest, axis=0)[0])

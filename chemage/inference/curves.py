@@ -11,7 +11,6 @@ from typing import Any, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import UNIT, Quantity
 from chemage.ageing.measurements import Measurements
 from chemage.foundation.checks import check_times, force, temperature_value
@@ -118,30 +117,6 @@ class MeasuredCurve(Record):
             hold_times=measurements.hold_times[kept],
             values=measurements.values[kept],
             errors=errors[kept],
-        )
-
-    @classmethod
-    def of_aging(cls, aging: Aging, *, name: str = "simulated", relative_error: float = 0.0) -> MeasuredCurve:
-        """The mean ΔF of a simulated result as if it had been measured, with the chemistry of the simulation.
-
-        Errors are the standard error of the replicas, and ``relative_error`` (0.03: 3 %) of the value beside it.
-
-        Raises
-        ------
-        InputError
-            Some errors would be zero: a single replica without ``relative_error``, or hold times without any bond.
-        """
-        kept = aging.hold_times > 0
-        values = aging.mean_friction_drop[kept]
-        chemistry = aging.provenance.get("chemistry", {})
-        return cls(
-            name=name,
-            load=aging.load,
-            temperature=aging.temperature,
-            hold_times=aging.hold_times[kept],
-            values=values,
-            errors=np.hypot(np.nan_to_num(aging.friction_drop_stderr[kept]), relative_error * values),
-            chemistry={name: value for name, value in chemistry.items() if name != "forming"},
         )
 
     def __repr__(self) -> str:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.foundation.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, legend, plain
+from chemage.foundation.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, from_zero, legend, plain
 from chemage.foundation.names import __version__
 from chemage.foundation.result import NONE, Medium, OfRecord, Panel, Picture, Result, Rows, Table, displays
 from chemage.foundation.statistics import NORMAL_LIMIT
@@ -343,7 +343,7 @@ def draw_forecasts(axes: Axes, medium: Medium, one: Inference, forecasts: Mappin
         if single:
             axes.vlines(times, low, high, color=colour, lw=1.2)
     axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
-    axes.set_ylim(bottom=0)
+    from_zero(axes)
     legend(axes, fontsize=medium.font, title="bands: 68 and 95 %", title_fontsize=medium.font, alignment="left")
 
 

@@ -10,7 +10,7 @@ from pydantic import model_validator
 from chemage.foundation.checks import check_times
 from chemage.foundation.codec import dataset, frame
 from chemage.foundation.errors import InputError
-from chemage.foundation.figures import BLUE
+from chemage.foundation.figures import BLUE, from_zero
 from chemage.foundation.records import Doubles, Flags, Indices, Named, Number, Plain, PositiveNumber, Record
 from chemage.foundation.result import Medium, OfRecord, Panel, Picture, Rows, displays, draw_result, notebook_html
 
@@ -167,4 +167,4 @@ class HistoryDisplay(OfRecord[BondHistory]):
         drawn = history.hold_times > 0
         axes.plot(history.hold_times[drawn], history.bonds[drawn], color=BLUE, marker="o", ms=3.5, lw=1)
         axes.set(xscale="log", xlabel="hold time (s)", ylabel="bonds")
-        axes.set_ylim(bottom=0)
+        from_zero(axes)

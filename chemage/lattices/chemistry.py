@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar, cast
 import numpy as np
 from pydantic import Field
 
+from chemage.contacts.role import expect_contact
 from chemage.contacts.solution import Contact, ContactSolution, ContactStatistics
 from chemage.foundation import random
 from chemage.foundation.checks import Seed, checked_seed, expect
@@ -96,7 +97,7 @@ class Chemistry(Component):
 
     def sites_of(self, contact: ContactSolution) -> ContactSites:
         """The sites of ``contact`` in contact, and their pressures; see :func:`chemage.plugin.contact_sites`."""
-        expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
+        expect_contact(contact)
         return contact_sites(contact, self.site_density)
 
     def sites_per_area(self, contact: Contact) -> float:
@@ -132,7 +133,7 @@ class Chemistry(Component):
         seed a site keeps its barriers, its couplings and its hydroxylation when load, temperature, activation volume or
         the pixels of the contact change, or when other sites are left out.
         """
-        expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
+        expect_contact(contact)
         if not isinstance(seed, np.random.SeedSequence):
             seed = checked_seed(seed)
         touching = self.sites_of(contact)
@@ -223,7 +224,7 @@ def contact_statistics(contact: ContactSolution | ContactStatistics, chemistry: 
     if not contact.has_map:
         return cast("ContactStatistics", contact)
     contact = cast("ContactSolution", contact)
-    expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
+    expect_contact(contact)
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
     sites = chemistry.sites_of(contact)
     pressure = sites.pressure.astype(np.float64)
@@ -283,7 +284,7 @@ def build_lattice(
         ``sites`` are given, and a plugin answers with others.
     """
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
-    expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
+    expect_contact(contact)
     lattice, plugins = registry.current().answer(
         "chemage_build_lattice", ReactionLattice, chemistry=chemistry, contact=contact, seed=seed, sites=sites
     )

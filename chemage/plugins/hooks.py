@@ -1,4 +1,5 @@
-"""The markers of hooks, the hook by which a plugin offers components, and what a room declares of a stage.
+"""The markers of hooks, the hooks by which a plugin offers components and commands, and what a room declares of a
+stage.
 
 A plugin is a module (or package) named by an entry point in the group ``chemage``; its functions marked with
 ``chemage.plugin.hookimpl`` implement hooks. A plugin may leave out arguments that it does not need. Arguments are only
@@ -13,7 +14,7 @@ before anything is computed: by section the numbers that its :meth:`Stage.estima
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, NamedTuple, TypeAlias
@@ -52,6 +53,11 @@ def chemage_register() -> Mapping[str, Mapping[str, str]]:  # pyright: ignore[re
 
     Strings, so that discovery imports nothing heavy; the class is imported when the kind is first used.
     """
+
+
+@hookspec
+def chemage_cli() -> Sequence[tuple[str, Any]]:  # pyright: ignore[reportReturnType]
+    """Add commands: ``[(name, function), ...]``; typer makes the command line from the signature of the function."""
 
 
 Parts: TypeAlias = Mapping[str, Any]

@@ -63,8 +63,6 @@ ROOMS = (
     "chemage.friction.hooks",
     "chemage.ageing.hooks",
     "chemage.scene.hooks",
-    "chemage.results.hooks",
-    "chemage.cli.hooks",
 )
 #: time of import from which a module is called slow, s
 SLOW = 0.5

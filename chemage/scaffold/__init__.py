@@ -110,14 +110,13 @@ from chemage.foundation.names import __version__ as __version__
 """
 
 
-def stubs(distribution: str | None = None) -> dict[str, str]:
+def stubs() -> dict[str, str]:
     """File -> text of the stubs of ``chemage``: every public name, and of the factories an overload for each kind.
 
-    Only plugins of ``distribution`` are included, if it is given. A kind that the stub does not know is an error to a
-    type checker; use its class, or make a stub of your own.
+    A kind that the stub does not know is an error to a type checker; use its class, or make a stub of your own.
     """
     authors = {*HOME, *MODULES} - USERS
-    return {"__init__.pyi": _users_stub(distribution), "plugin.pyi": "".join([_MADE, *_imports(authors)])}
+    return {"__init__.pyi": _users_stub(), "plugin.pyi": "".join([_MADE, *_imports(authors)])}
 
 
 def _imports(names: Iterable[str]) -> Iterable[str]:
@@ -126,7 +125,7 @@ def _imports(names: Iterable[str]) -> Iterable[str]:
         yield f"from {module} import {last} as {name}\n"
 
 
-def _users_stub(distribution: str | None) -> str:
+def _users_stub() -> str:
     plugins = registry.current()
     factories = {role: name for role in plugins.roles if (name := FACTORIES.get(role, role)) in HOME}
     returned = {plugins.role(role).__name__ for role in factories}
@@ -134,7 +133,7 @@ def _users_stub(distribution: str | None) -> str:
     lines += [f"from chemage.{HOME[name]} import {name}\n" for name in sorted(returned)]
     for role, factory in factories.items():
         base = plugins.role(role).__name__
-        kinds = [kind for kind in plugins.kinds(role) if _is_of(distribution, role, kind)]
+        kinds = plugins.kinds(role)
         for kind in kinds:
             try:
                 options = list(_options(plugins.component(role, kind)))
@@ -147,12 +146,6 @@ def _users_stub(distribution: str | None) -> str:
             lines[-1] = lines[-1].replace("@overload\n", "")
         lines.append("\n")
     return "".join(lines)
-
-
-def _is_of(distribution: str | None, role: str, kind: str) -> bool:
-    return distribution is None or any(
-        record.distribution == distribution for record in registry.current().offers(role, kind)
-    )
 
 
 def _options(cls: Any) -> Iterable[str]:

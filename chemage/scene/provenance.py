@@ -74,17 +74,12 @@ def components_of(
     ]
 
 
-def scatter_of(
-    scene: Mapping[str, Any],
-    aging: Aging | None,
-    contact: Mapping[str, float],
-    recorded: Mapping[str, Any] | None = None,
-) -> Scatter | None:
+def scatter_of(scene: Mapping[str, Any], aging: Aging | None, contact: Mapping[str, float]) -> Scatter | None:
     """What the maker of a result's surface knows of the scatter between surfaces (:meth:`SurfaceMaker.scatter`).
 
     ``contact`` are the measures of the contact; the other arguments are those of :func:`components_of`.
     """
-    for _, role, options in _recorded(scene, aging, recorded):
+    for _, role, options in _recorded(scene, aging, None):
         if role == SurfaceMaker.role:  # the other components need not be imported
             maker = _installed(role, options)
             return maker.scatter(contact) if isinstance(maker, SurfaceMaker) else None

@@ -104,11 +104,6 @@ class Run:
         return self._fitted()[0]
 
     @property
-    def fit_reason(self) -> str:
-        """Why there is no fit, in words; "" where there is one, and without ageing."""
-        return self._fitted()[1]
-
-    @property
     def barriers_error(self) -> float | None:
         """Relative standard error of β that is due to the barriers, where members of their distribution were aged."""
         return barriers_error(self.aging, self.window)

@@ -31,7 +31,8 @@ from chemage.ageing.methods import AgeingMethod
 from chemage.ageing.observables import Observable
 from chemage.ageing.replicas import Common
 from chemage.contacts.options import force_text
-from chemage.contacts.role import ContactSolver, ContactTheory
+from chemage.contacts.role import ContactSolver
+from chemage.contacts.theory import ContactTheory
 from chemage.foundation.checks import Frozen, check_times, hold_times
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, shown
@@ -374,6 +375,15 @@ class Scene(Section):
         """
         return self._keys({})
 
+    def with_hold(self, **values: Any) -> Self:
+        """The scene with these values in its hold, if it has one."""
+        return self if self.hold is None else self.model_copy(update={"hold": self.hold.model_copy(update=values)})
+
+    def bare(self, **hold: Any) -> Self:
+        """The scene with one replica, without what the numbers do not need; ``hold``: further values of its hold."""
+        update: dict[str, Any] = {"observe": (), "ensemble": None, "accuracy": {}}
+        return self.with_hold(**{"replicas": 1, "common": "all", **hold}).model_copy(update=update)
+
     def task_keys(self) -> dict[str, str]:
         """Like :meth:`keys`, and also of what the scene sets for plugins that may take part in the stage.
 
@@ -479,7 +489,4 @@ def coarser(scene: Scene, factor: int) -> Scene | None:
 def question(scene: Scene) -> str:
     """Content hash of what a scene asks but for seeds, replicas, goals and observables, which change neither costs per
     replica nor errors of its settings."""
-    update: dict[str, Any] = {"surface_seed": 0, "observe": (), "ensemble": None, "accuracy": {}}
-    if scene.hold is not None:
-        update["hold"] = scene.hold.model_copy(update={"replicas": 1, "seed": 0, "common": "all"})
-    return content_hash(scene.model_copy(update=update).keys()["result"])
+    return content_hash(scene.bare(seed=0).model_copy(update={"surface_seed": 0}).keys()["result"])

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from chemage.contacts.role import ContactSolver, ContactTheory
+from chemage.contacts.role import ContactSolver
 from chemage.contacts.solution import ContactSolution
+from chemage.contacts.theory import ContactTheory
 from chemage.foundation.errors import InputError
 from chemage.surfaces.surface import Roughness, Surface
 from chemage.testing.checks import (

@@ -114,7 +114,7 @@ def _history_adds_up(component: Engine) -> None:
         f"wrong time or temperature: {history.time} s at {history.temperature} K; expected {times[-1]} s at 300 K",
     )
     # an engine that selects another one records which
-    kinds = {component.kind, *registry.current().kinds("engine")}
+    kinds = {component.kind, *registry.current().kinds(component.role)}
     require(history.engine in kinds, f"engine is {history.engine!r}, neither {component.kind!r} nor an installed one")
 
 

@@ -14,14 +14,17 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.observables import Maps, Observable, Observed, PlottedResult
+from chemage.contacts.role import ContactSolver
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import CORE
+from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.plugins import registry
 from chemage.scene.materials import material_problems
 from chemage.scene.provenance import bibtex_problem
+from chemage.surfaces.role import SurfaceMaker
 from chemage.surfaces.surface import Surface
 from chemage.testing.checks import CheckFailed, check_of, options_of, other_values, refuses, require, require_plain
 from chemage.testing.replicas import Even, Replica, finished, numbers
@@ -123,7 +126,7 @@ def _approximations_are_declared(component: Component) -> None:
         isinstance(component.error_of, str) and component.error_of.strip(),
         f"error_of = {component.error_of!r}; say what the declared error is the error of, such as 'the pressure'",
     )
-    if component.role in ("engine", "contact") or component.declared_error is None:
+    if isinstance(component, Engine | ContactSolver) or component.declared_error is None:
         return  # these roles have checks of their own
     error = component.declared_error
     require(not component.exact, f"declared_error = {error!r}, but exact is True; set exact = False")
@@ -316,6 +319,6 @@ def _results(component: Component) -> dict[str, Sequence[PlottedResult]]:
         "two results": [result("one", 20, "C0"), result("two", 12, "C1")],
         "a result without maps and chemistry": [result("one", 20, "C0", chemistry=None, load_maps=Maps)],
     }
-    if component.role in ("surface", "contact"):
+    if isinstance(component, SurfaceMaker | ContactSolver):
         results["a result without ageing"] = [result("one", 20, "C0", aging=None, chemistry=None)]
     return results

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from functools import lru_cache
 from importlib import resources
 from typing import ClassVar
@@ -10,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from chemage.plugin import Barriers
-from chemage_barriers import PiecewiseLinearDensity, parse_columns
+from chemage.plugin import Barriers, content_hash
+from chemage_bonds import PiecewiseLinearDensity, parse_columns
 
 #: members of the set in ``md_silica_barriers.csv`` beside the best density, which is member 0
 _MEMBERS = 16
@@ -63,7 +62,7 @@ class MDSilica(Barriers):
         """A hash of the density, so that results of another table are not taken for those of this one."""
         table = _table()[self.member]
         text = np.concatenate([table.energies, table.density_values]).round(9).tolist()
-        return {"density_blake2b": hashlib.blake2b(repr(text).encode(), digest_size=16).hexdigest()}
+        return {"density_blake2b": content_hash(text)}
 
     def quantile(self, uniform: np.ndarray) -> np.ndarray:
         """Barriers (eV) at the probabilities ``uniform``, same shape."""

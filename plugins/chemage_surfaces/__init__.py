@@ -1,5 +1,5 @@
 """Surfaces (``self-affine``, ``sphere``, ``from-file``, ``measured``, ``roughened``), and readers of height maps
-(``npy``, ``text``, ``hdf5``)."""
+(``npy``, ``text``, ``hdf5``, and ``topography`` for files of instruments, with the library SurfaceTopography)."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from chemage_surfaces.roughened import Roughened as Roughened
     from chemage_surfaces.roughness_fit import RoughnessFit as RoughnessFit
     from chemage_surfaces.roughness_fit import fit_roughness as fit_roughness
+    from chemage_surfaces.topographies import Topography as Topography
 
 KINDS = {
     "surface": {
@@ -33,6 +34,7 @@ KINDS = {
         "npy": "chemage_surfaces.readers:Npy",
         "text": "chemage_surfaces.readers:Text",
         "hdf5": "chemage_surfaces.readers:Hdf5",
+        "topography": "chemage_surfaces.topographies:Topography",
     },
 }
 __getattr__ = lazy_attributes(

@@ -3,10 +3,8 @@ surface was made, and the way from the image in a file to a surface, where no st
 
 from __future__ import annotations
 
-import hashlib
 import operator
 from collections.abc import Mapping
-from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
@@ -23,10 +21,10 @@ from chemage.plugin import (
     Reader,
     Scatter,
     Seed,
-    StoreError,
     SurfaceMaker,
     Unit,
-    regular_file,
+    file_hash,
+    file_stamp,
 )
 
 #: heights, or numbers of wave vectors
@@ -106,25 +104,6 @@ PixelSides = Annotated[
     tuple[Length, Length], BeforeValidator(_sides, json_schema_input_type=Length | tuple[Length, Length])
 ]
 
-#: identifies the content of a file without reading it: size, modification time (ns), inode, device
-Stamp = tuple[int, int, int, int]
-
-
-def stamp(path: str) -> Stamp:
-    """What changes when the file is written to."""
-    stat = regular_file(path)
-    return stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_dev
-
-
-@lru_cache(maxsize=64)
-def content_hash(path: str, stamp: Stamp) -> str:
-    """The hash of the content of a file, which is read once as long as its stamp stays."""
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
-    except OSError as error:
-        raise StoreError(f"{path}: {error.strerror or error}") from None
-
 
 class ImageMaker(SurfaceMaker):
     """A surface in a file, which no seed changes."""
@@ -145,7 +124,7 @@ class ImageMaker(SurfaceMaker):
         StoreError
             The file cannot be read.
         """
-        return {"file_blake2b": content_hash(self.path, stamp(self.path))}
+        return {"file_blake2b": file_hash(self.path, file_stamp(self.path))}
 
     def expected(self) -> dict[str, float]:
         """Grid and rms slope of the surface, which is made once as long as the file does not change."""

@@ -14,18 +14,15 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from chemage import InputError, Surface
-from chemage.plugin import Length, Reader, Seed, Unit, memory, reader_for
+from chemage.plugin import FileStamp, Length, Reader, Seed, Unit, file_hash, file_stamp, memory, reader_for
 from chemage_surfaces._maps import (
     SQUARE,
     Floats,
     HeightUnit,
     ImageMaker,
     PixelSides,
-    Stamp,
-    content_hash,
     in_nm,
     provenance,
-    stamp,
     stated,
 )
 
@@ -240,13 +237,13 @@ class FromFile(ImageMaker):
         reader = self.reader or reader_for(self.path)
         if self.pixel_size is not None and "pixel_size" in type(reader).model_fields:
             reader = reader.replace(pixel_size=self.pixel_size)
-        return _read(self, reader, stamp(self.path))  # pyright: ignore[reportArgumentType]
+        return _read(self, reader, file_stamp(self.path))  # pyright: ignore[reportArgumentType]
 
 
 @lru_cache(maxsize=1)
-def _read(maker: FromFile, reader: Reader, stamp: Stamp) -> Surface:
+def _read(maker: FromFile, reader: Reader, stamp: FileStamp) -> Surface:
     """The surface that was read last is kept: for the estimate of a scene, and for every contact of a sweep."""
-    content = content_hash(maker.path, stamp)
+    content = file_hash(maker.path, stamp)
     surface = reader.read(maker.path)
     if not isinstance(surface, Surface):
         raise InputError(f"{maker.path}: reader {reader.kind!r} gives a {type(surface).__name__}, not a surface")
@@ -343,13 +340,13 @@ class Measured(ImageMaker):
             The image needs a step that was not asked for, or units that are not stated; or an option does not fit it.
         """
         reader = self.reader or reader_for(self.path)
-        return _made(self, reader, stamp(self.path))  # pyright: ignore[reportArgumentType]
+        return _made(self, reader, file_stamp(self.path))  # pyright: ignore[reportArgumentType]
 
 
 @lru_cache(maxsize=2)
-def _made(maker: Measured, reader: Reader, stamp: Stamp) -> Surface:
+def _made(maker: Measured, reader: Reader, stamp: FileStamp) -> Surface:
     """The surfaces that were made last are kept: for the estimate of a scene, and for every contact of a sweep."""
-    content = content_hash(maker.path, stamp)
+    content = file_hash(maker.path, stamp)
     image = reader.height_map(maker.path)
     unit, sides = stated(image, maker.height_unit or image.height_unit, maker.pixel_size or image.pixel_size)
     _check_shape(image.heights.shape, image.source)

@@ -35,16 +35,13 @@ EQUIVALENT: dict[tuple[str, str], str] = {}
 
 #: room or plugin -> folders of tests that see it, besides the one of its own name
 NEAR = {
-    "barriers": ("lattices",),
+    "bonds": ("lattices", "friction"),
     "contact": ("contacts", "physics/test_contact.py"),
     "foundation": ("plugins",),
-    "interactions": ("lattices",),
     "li2018": ("physics",),
-    "observables": ("ageing",),
     "scaffold": ("plugins",),
     "silica": ("scene", "experiments"),
     "testing": ("plugins/kit",),
-    "topographies": ("surfaces",),
 }
 #: CPU seconds beyond three times those of a run without a fault
 SLACK = 180

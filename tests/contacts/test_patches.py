@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from chemage.plugin import label_patches, patches, roughness, theory
+import chemage as ca
+from chemage.plugin import label_patches, patches, roughness
 
 maps = hnp.arrays(np.bool_, st.tuples(st.integers(1, 7), st.integers(1, 7)))
 contacts = given(maps, st.booleans())
@@ -123,8 +124,13 @@ def test_full_and_empty_contact(shape):
 
 
 def test_kappa():
-    assert theory.kappa(2.0, 0.1, 35.0, 3.5) == pytest.approx(2.0)
-    assert math.isnan(theory.kappa(0.0, 0.1, 35.0, 0.0))
+    def contact(load, area):
+        return ca.plugin.ContactStatistics(
+            pressure=np.array([2.0]), area=np.array([area]), load=load, nominal_area=9.0, modulus=35.0, rms_slope=0.1
+        )
+
+    assert contact(3.5, 2.0).kappa == pytest.approx(2.0)
+    assert math.isnan(contact(0.0, 0.0).kappa)
 
 
 def test_measures_leave_their_input_alone():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage_barriers import parse_columns
+from chemage_bonds import parse_columns
 from chemage_li2018 import density_fit as fit
 from chemage_li2018 import density_page
 from chemage_li2018.density import OTHER, QUICK, TRIANGLE

@@ -234,7 +234,7 @@ def test_the_kernels_were_found():
         "chemage.foundation.random",
         "chemage.lattices.kernels",
         "chemage_contact._kernels",
-        "chemage_interactions._kernels",
+        "chemage_bonds._kernels",
         "chemage_kinetics._common",
         "chemage_kinetics._bkl",
         "chemage_kinetics._independent",
@@ -471,7 +471,7 @@ EXPM1 = {
     "plugins/chemage_kinetics/_independent.py": "two-state sites, for kernels",
     "chemage/contacts/theory.py": "a difference of two Gaussians",
     "chemage/results/arrhenius.py": "an interval of a logarithm",
-    "plugins/chemage_barriers/distributions.py": "a difference of two probabilities",
+    "plugins/chemage_bonds/distributions.py": "a difference of two probabilities",
 }
 
 
@@ -500,15 +500,15 @@ def test_one_limit_of_a_95_percent_interval():
 
 #: a section -> how many files say its word, and what else it means; never more
 SPOKEN = {
-    "surface": (24, "a part of results, a phase of progress, an argument"),
-    "contact": (34, "a part of results, a phase of progress, an argument, the group of files"),
-    "chemistry": (21, "an entry of the provenance that every file since 0.1 has, an argument"),
-    "engine": (16, "an entry of that provenance and a row of summaries, an argument"),
-    "ageing": (18, "a phase of progress and of costs"),
-    "hold": (11, "a table of options without a component: its values are changed by name"),
-    "observe": (8, "an argument of age() that designs of studies empty"),
-    "ensemble": (14, "a kind of result and its files"),
-    "accuracy": (9, "an option of commands and the goals of means"),
+    "surface": (22, "a part of results, a phase of progress, an argument"),
+    "contact": (32, "a part of results, a phase of progress, an argument, the group of files"),
+    "chemistry": (20, "an entry of the provenance that every file since 0.1 has, an argument"),
+    "engine": (15, "an entry of that provenance and a row of summaries, an argument"),
+    "ageing": (17, "a phase of progress and of costs"),
+    "hold": (10, "a table of options without a component: its values are changed by name"),
+    "observe": (6, "an argument of age()"),
+    "ensemble": (13, "a kind of result and its files"),
+    "accuracy": (8, "an option of commands and the goals of means"),
 }
 #: files that may say the word of any other section: its hooks, its role, and one more
 MOST_SPOKEN = 3

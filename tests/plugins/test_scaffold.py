@@ -94,7 +94,7 @@ def test_a_kind_or_a_name_that_is_taken_is_reported(command, tmp_path: Path, sit
     def reported(name: str) -> str:
         return " ".join(command("plugins", "new", name, "--role", "barriers", "--in", tmp_path).err.split())
 
-    assert re.search(r"barriers 'gaussian' comes with 'barriers' \(chemage .*choose anoth", reported("gaussian"))
+    assert re.search(r"barriers 'gaussian' comes with 'bonds' \(chemage .*choose anoth", reported("gaussian"))
     source = "import chemage\n@chemage.plugin.hookimpl\ndef chemage_register():\n    return {}"
     site.install("chemage-mine", {"chemage_mine.py": source}, {"chemage_mine": "chemage_mine"})
     with registry.using(registry.Registry()):

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from seen import figures, published, report, result_of
 
 import chemage
-import chemage_observables
+import chemage_ageing
 from chemage import Aging, ContactSolution, compare_files, load_scene
 from chemage.plugin import StoreError, statistics
 from chemage.plugin import figures as plots
@@ -157,7 +157,7 @@ def test_figures_of_plugins_that_are_gone_are_left_out(result, isolated_registry
 
 
 def test_figures_of_barriers_that_are_gone_lack_only_their_density(result, isolated_registry):
-    isolated_registry.register(chemage_observables, "observables")
+    isolated_registry.register(chemage_ageing, "ageing")
     axes = figures(result)["barriers"].axes[0]
     assert not axes.lines
     assert len(axes.patches) >= 3

@@ -66,6 +66,14 @@ def test_a_run_is_drawn_side_by_side_or_in_part(run):
         run.plot("gap")
 
 
+def test_curves_in_one_plot_are_not_cut(examples):
+    aging = examples.aging()
+    higher = aging.model_copy(update={"rupture_force": 10 * aging.friction_drop})
+    axes = higher.plot(aging.plot(fit=False), fit=False)
+    assert axes.get_ylim()[0] == 0
+    assert axes.get_ylim()[1] > higher.mean_friction_coefficient_drop.max()
+
+
 def test_aging_without_load_shows_the_force(examples):
     aging = examples.aging(load=0.0)
     assert aging.plot().get_ylabel() == "friction drop ΔF (nN)"

@@ -31,12 +31,11 @@ def from_file(path, **options):
 
 def test_packages_import_nothing_heavy():
     code = (
-        "import sys, chemage_surfaces, chemage_barriers, chemage_interactions, chemage_silica\n"
+        "import sys, chemage_ageing, chemage_bonds, chemage_surfaces, chemage_silica\n"
         "heavy = {'numpy', 'scipy', 'numba', 'pydantic', 'h5py'} & set(sys.modules)\n"
         "assert not heavy, heavy\n"
-        "from chemage_surfaces import FromFile, Hdf5, Npy, SelfAffine, Sphere, Text\n"
-        "from chemage_barriers import Gaussian, Tabulated, Uniform\n"
-        "from chemage_interactions import ElasticPairs\n"
+        "from chemage_surfaces import FromFile, Hdf5, Npy, SelfAffine, Sphere, Text, Topography\n"
+        "from chemage_bonds import ElasticPairs, Gaussian, Tabulated, Uniform\n"
         "from chemage_silica import MDSilica\n"
         "assert (Sphere.kind, Gaussian.kind, MDSilica.kind) == ('sphere', 'gaussian', 'md-silica')\n"
     )

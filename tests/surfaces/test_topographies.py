@@ -11,7 +11,7 @@ import pytest
 import chemage as ca
 from chemage import InputError
 from chemage.plugin import PluginError, StoreError
-from chemage_topographies import Topography
+from chemage_surfaces import Topography
 
 NX, NY = 12, 8
 #: µm, without symmetry; pixels of 0.5 x 0.25 µm

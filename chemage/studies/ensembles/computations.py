@@ -10,7 +10,6 @@ import math
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -106,15 +105,11 @@ class Computation:
         hold = self.scene.hold
         if hold is None or hold.replicas == replicas:
             return self
-        changed = self.scene.model_copy(update={"hold": hold.model_copy(update={"replicas": replicas})})
-        return replace(self, scene=changed)
+        return replace(self, scene=self.scene.with_hold(replicas=replicas))
 
     def seeded(self, surface_seed: int, hold_seed: int) -> Scene:
         """The scene on one surface with its own disorder."""
-        update: dict[str, Any] = {"surface_seed": surface_seed}
-        if self.scene.hold is not None:
-            update["hold"] = self.scene.hold.model_copy(update={"seed": hold_seed})
-        return self.scene.model_copy(update=update)
+        return self.scene.with_hold(seed=hold_seed).model_copy(update={"surface_seed": surface_seed})
 
     def compute(self, surface_seed: int, hold_seed: int) -> Sample:
         """Compute one sample in this thread."""
@@ -127,7 +122,7 @@ def computations(scene: Scene) -> list[Computation]:
     On coarser pixels the sites stay where they are; that of pixels which are sites gets the density of the scene's own
     pixels. All of them have one replica, whose random numbers they have in common.
     """
-    base = bare(scene)
+    base = scene.bare()
     own = estimated(base, 1)
     ways = [own]
     for factor in reversed(COARSER):
@@ -137,14 +132,6 @@ def computations(scene: Scene) -> list[Computation]:
             if way.seconds <= PAYS * ways[-1].seconds:
                 ways.append(way)
     return ways[::-1]
-
-
-def bare(scene: Scene) -> Scene:
-    """``scene`` with one replica, without what the numbers do not need."""
-    update: dict[str, Any] = {"observe": (), "ensemble": None, "accuracy": {}}
-    if scene.hold is not None:
-        update["hold"] = scene.hold.model_copy(update={"replicas": 1, "common": "all"})
-    return scene.model_copy(update=update)
 
 
 def sketched(cheapest: Computation) -> Computation | None:
@@ -205,7 +192,7 @@ class Wanted:
 def mapped_computations(map: TradeMap, scene: Scene, quantities: Quantities, wanted: Wanted) -> list[Computation]:
     """The settings of the map with which ``scene`` is expected to reach what is ``wanted`` at the least cost, and those
     of the scene itself last; only these where no other pay."""
-    base, own = bare(scene), map.own
+    base, own = scene.bare(), map.own
     if own is None:
         return []
     whole = _mapped(base, own, map, quantities, errors=False)
@@ -323,8 +310,7 @@ def barriers_error(
     errors, scene = np.zeros(quantities.count), computation.scene
     if scene.chemistry is None or scene.hold is None or not scene.ages or not scene.chemistry.forming.members(1):
         return errors, ""
-    hold = scene.hold.model_copy(update={"seed": seeds[1]})
-    scene = scene.model_copy(update={"surface_seed": seeds[0], "hold": hold})
+    scene = computation.seeded(*seeds)
 
     def report(stage: str, done: int, total: int, note: str = "") -> None:
         if stage == BARRIERS and progress is not None and total:

@@ -12,7 +12,7 @@ from chemage.ageing.display import FIGURES, ON_ONE_SURFACE, TIMES
 from chemage.ageing.fitting import short_doubt, span_text
 from chemage.contacts.display import COMPARED, compared_measures
 from chemage.contacts.options import force_text
-from chemage.foundation.figures import BLUE, GREY, ORANGE, legend, plain
+from chemage.foundation.figures import BLUE, GREY, ORANGE, from_zero, legend, plain
 from chemage.foundation.names import __version__
 from chemage.foundation.result import (
     FILE,
@@ -420,7 +420,7 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             axes.plot(times[fitted], line, color=ORANGE, lw=1.2, zorder=3, label=plain(text))
         axes.set(xscale="log", xlabel="hold time (s)")
         axes.set_ylabel("friction coefficient drop Δμ" if ensemble.load > 0 else "friction drop ΔF (nN)")
-        axes.set_ylim(bottom=0)
+        from_zero(axes)
         legend(axes, fontsize=min(medium.font, 7.5))
 
     def _draw_parts(self, axes: Axes, medium: Medium) -> None:

@@ -269,7 +269,6 @@ def steps(
     most: int,
     clock: Clock | None = None,
     watch: Watch | None = None,
-    first: int = FIRST,
 ) -> Generator[Need, None, State]:
     """Sample until the half width of the interval is at most ``accuracy`` times the mean, in every quantity, or until
     the time of ``clock`` is over; stop wherever samples have to be taken, which are there when the rule goes on.
@@ -285,8 +284,6 @@ def steps(
         Samples of one level that are allowed.
     watch
         Called after each stage.
-    first
-        Samples of the first level in the first stage.
 
     Raises
     ------
@@ -296,7 +293,7 @@ def steps(
     """
     clock = clock or Clock()
     beginning = Sampled(routes[0].levels[0], looks=LOOKS)
-    yield from clock.upto(beginning, first)
+    yield from clock.upto(beginning, FIRST)
     state = State(routes[0], [beginning], np.isfinite(accuracy))
     search = _Search(routes, accuracy, most, clock)
     state, counts = yield from search.chosen(state)

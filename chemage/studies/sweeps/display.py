@@ -13,7 +13,7 @@ import numpy as np
 
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.foundation.figures import BLUE, PALETTE, plain
+from chemage.foundation.figures import BLUE, PALETTE, from_zero, plain
 from chemage.foundation.names import __version__
 from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Table, displays, result_of
 from chemage.foundation.text import jsonable
@@ -272,7 +272,7 @@ def _draw_lines(axes: Axes, medium: Medium, data: SweepData, view: View, quantit
     if is_logarithmic(np.concatenate([quantity.mean, quantity.low, quantity.high])) and not _reaches_zero(quantity):
         axes.set_yscale("log")
     elif np.nanmin(quantity.mean, initial=0.0) >= 0:
-        axes.set_ylim(bottom=0)
+        from_zero(axes)
     axes.set(xlabel=_axis_label(data, view.x), ylabel=_label(data, quantity))
     axes.grid(alpha=0.25, lw=0.6)
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from chemage.contacts.options import nominal_pressure
-from chemage.contacts.role import no_map
+from chemage.contacts.theory import no_map
 from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, nearest
 from chemage.foundation.records import content_hash, text_hash
 from chemage.plugins.sources import implementing, stage_hooks

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from chemage.ageing.methods import EVERY_SITE
-from chemage.contacts.role import no_map
+from chemage.contacts.theory import no_map
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.records import approximations_in_words
@@ -257,9 +257,7 @@ class Mapper:
 
         def of(scene: Scene) -> Timed:
             assert scene.hold is not None
-            return self._task(
-                scene.model_copy(update={"hold": scene.hold.model_copy(update={"replicas": 1})}), 0, False
-            )
+            return self._task(scene.with_hold(replicas=1), 0, False)
 
         def seconds(scene: Scene) -> float:
             assert scene.hold is not None
@@ -307,10 +305,9 @@ class Mapper:
         return Timed.of(self._in_round(scene, number), number=number, reference=reference)
 
     def _in_round(self, scene: Scene, number: int) -> Scene:
-        update: dict[str, Any] = {"observe": (), "surface_seed": scene.surface_seed + (number if self.random else 0)}
         if scene.hold is not None:
-            update["hold"] = scene.hold.model_copy(update={"seed": scene.hold.seed + number, "common": "all"})
-        return scene.model_copy(update=update)
+            scene = scene.bare(replicas=scene.hold.replicas, seed=scene.hold.seed + number)
+        return scene.model_copy(update={"surface_seed": scene.surface_seed + (number if self.random else 0)})
 
     def _compared(self, combination: Combination, scene: Scene, number: int) -> Timed:
         """The reference that a combination is compared with: with the noise of its engine, if that is exact."""

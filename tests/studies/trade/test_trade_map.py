@@ -423,6 +423,17 @@ def test_the_command_prints_tables_of_80_columns_and_writes_the_map(scene, tmp_p
     assert TradeMap.read("map.json").rounds == 2
 
 
+def test_the_command_goes_on_from_its_folder(scene, tmp_path, command, monkeypatch, tiny):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "part.toml").write_text(toml(scene))
+    words = ("tradeoff", "part.toml", "--rounds", 2, "--folder", "kept", "--json")
+    first = command(*words)
+    tiny.forget()
+    assert command(*words).out == first.out
+    assert tiny.computed("kinetics") == []
+    assert "choose processes" in command(*words, "--executor", "threads").err
+
+
 def test_the_keys_of_json(scene, tmp_path, command, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "part.toml").write_text(toml(scene))

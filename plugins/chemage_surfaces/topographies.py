@@ -11,7 +11,7 @@ import numpy as np
 
 from chemage import ChemageError, InputError, Surface, errors
 from chemage.plugin import HeightMap, Length, PluginError, Reader, StoreError, regular_file
-from chemage_surfaces import HeightUnit, surface_of
+from chemage_surfaces._maps import HeightUnit, surface_of
 
 #: formats without a mark, which the library finds in any file of a certain size
 UNMARKED = ("hgt", "nms")

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from functools import lru_cache
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from chemage import Inference, InputError, read
-from chemage.plugin import Barriers, FilePath, StoreError, regular_file
-from chemage_barriers.distributions import PiecewiseLinearDensity
+from chemage.plugin import Barriers, FilePath, FileStamp, file_hash, file_stamp
+from chemage_bonds.distributions import PiecewiseLinearDensity
 
 #: eV above the last energy, and width of the range, where barriers lie that do not react within the measured times
 _GAP, _WIDTH = 0.5, 0.1
-#: identifies the content of a file without reading it: size, modification time (ns), inode, device
-_Stamp = tuple[int, int, int, int]
 
 
 class _Table(NamedTuple):
@@ -32,22 +28,13 @@ class _Table(NamedTuple):
     samples: np.ndarray
 
 
-def _stamp(path: str) -> _Stamp:
-    stat = regular_file(path)
-    return stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_dev
-
-
 @lru_cache(maxsize=8)
-def _read(path: str, stamp: _Stamp) -> _Table:
+def _read(path: str, stamp: FileStamp) -> _Table:
     """The densities in a file, which is read once as long as its stamp stays."""
     result = read(path)
     if not isinstance(result, Inference):
         raise InputError(f"{path} holds a {type(result).__name__}, not an inference; `chemage infer` makes such files")
-    try:
-        content = hashlib.blake2b(Path(path).read_bytes(), digest_size=16).hexdigest()
-    except OSError as error:
-        raise StoreError(f"{path}: {error.strerror or error}") from None
-    return _Table(content, result.energies, result.density, result.samples)
+    return _Table(file_hash(path, stamp), result.energies, result.density, result.samples)
 
 
 class _Distribution:
@@ -73,7 +60,7 @@ class _Distribution:
 
 
 @lru_cache(maxsize=64)
-def _distribution(path: str, stamp: _Stamp, member: int) -> _Distribution:
+def _distribution(path: str, stamp: FileStamp, member: int) -> _Distribution:
     table = _read(path, stamp)
     if member > len(table.samples):
         raise InputError(
@@ -106,13 +93,13 @@ class Inferred(Barriers):
         StoreError
             The file cannot be read.
         """
-        return {"file_blake2b": _read(self.path, _stamp(self.path)).content}
+        return {"file_blake2b": _read(self.path, file_stamp(self.path)).content}
 
     def members(self, count: int) -> Sequence[Inferred]:
         """Members evenly spaced among the samples; none of a member."""
         if self.member != 0:
             return ()
-        there = len(_read(self.path, _stamp(self.path)).samples)
+        there = len(_read(self.path, file_stamp(self.path)).samples)
         count = min(count, there)
         return [self.replace(member=int((number + 0.5) * there / count) + 1) for number in range(count)]
 
@@ -125,4 +112,4 @@ class Inferred(Barriers):
         return self._in_use().density(energy)
 
     def _in_use(self) -> _Distribution:
-        return _distribution(self.path, _stamp(self.path), self.member)
+        return _distribution(self.path, file_stamp(self.path), self.member)

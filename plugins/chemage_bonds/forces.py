@@ -1,13 +1,25 @@
-"""The elastic interaction of bonded neighbours."""
+"""The elastic interaction of bonded neighbours, and the same force for every bond."""
 
 from __future__ import annotations
 
 from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from chemage import InputError
-from chemage.plugin import Energy, Interaction, Seed, Unit, checked_count, checked_seed, memory
+from chemage.plugin import (
+    Bonded,
+    Energy,
+    Force,
+    Interaction,
+    Rupture,
+    Seed,
+    Unit,
+    checked_count,
+    checked_seed,
+    memory,
+)
 
 #: random numbers of pairs of pixels are told apart up to here
 MOST_PIXELS = 2**48
@@ -62,7 +74,7 @@ class ElasticPairs(Interaction):
         InputError
             ``sites`` are not ascending, or not pixels of the grid.
         """
-        from chemage_interactions import _kernels
+        from chemage_bonds import _kernels
 
         nx, ny = (checked_count("pixels", side) for side in _pair(pixels))
         sites = _pixels_in(sites)
@@ -88,7 +100,7 @@ class ElasticPairs(Interaction):
         per site and one cache line per event. Engines add and subtract the rounded number exactly.
         """
         from chemage.plugin import random
-        from chemage_interactions import _kernels
+        from chemage_bonds import _kernels
 
         sites, neighbours = _pixels_in(sites), np.asarray(neighbours)
         if neighbours.ndim != 2 or len(neighbours) != sites.size or neighbours.dtype.kind not in "iu":
@@ -114,3 +126,21 @@ class ElasticPairs(Interaction):
         )
         out.setflags(write=False)
         return out
+
+
+class MeanForce(Rupture):
+    """Every bond breaks at the same mean force: ΔF = N ⟨f⟩ × front factor. Li et al. 2018."""
+
+    kind = "mean-force"
+    cite = ("Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)",)
+
+    bond_force: Force | None = None
+    """⟨f⟩, mean force to rupture a bond, nN; default: that of the chemistry"""
+    front_factor: float | None = Field(default=None, gt=0, le=1)
+    """fraction of the bonds that carry load at once as the detachment front passes; default: that of the chemistry"""
+
+    def force(self, bonded: Bonded) -> np.ndarray:
+        """Force in nN, (m,)."""
+        force = bonded.chemistry.bond_force if self.bond_force is None else self.bond_force
+        factor = bonded.chemistry.front_factor if self.front_factor is None else self.front_factor
+        return bonded.bonds * (force * factor)
