@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
+import itertools
 import math
 import types
 from collections.abc import Sequence
@@ -9,7 +12,15 @@ from functools import lru_cache
 from typing import Annotated, Any, Self, Union, get_args, get_origin
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationInfo, ValidatorFunctionWrapHandler, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    GetJsonSchemaHandler,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+)
+from pydantic_core import core_schema
 
 from chemage.foundation.errors import InputError, shown
 from chemage.foundation.units import LARGEST, SMALLEST, QuantityLike, convert, has_unit, magnitudes
@@ -129,7 +140,18 @@ _OF_EVERY_MODEL = {name for name in dir(BaseModel) if not name.startswith("_")}
 class Frozen(BaseModel):
     """What records, components and the sections of a scene have in common."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        described = handler(schema)
+        texts = meanings(cls)
+        for name, part in handler.resolve_ref_schema(described).get("properties", {}).items():
+            if name in texts:
+                part["description"] = texts[name]
+        return described
 
     @field_validator("*", mode="wrap")
     @classmethod
@@ -151,6 +173,36 @@ class Frozen(BaseModel):
         """What the tab key offers: not the methods of every model, unless a field has the name."""
         fields = type(self).model_fields
         return sorted(name for name in super().__dir__() if name not in _OF_EVERY_MODEL or name in fields)
+
+
+def meanings(cls: type[BaseModel]) -> dict[str, str]:
+    """What each field means: its description, or the text below it in the source.
+
+    The source is read when somebody asks; pydantic's ``use_attribute_docstrings`` reads it at import, which was a fifth
+    of the start.
+    """
+    texts: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        texts |= _texts_below(base) if issubclass(base, BaseModel) else {}
+    described = {name: info.description or texts.get(name) for name, info in cls.model_fields.items()}
+    return {name: text for name, text in described.items() if text}
+
+
+@lru_cache(maxsize=512)
+def _texts_below(cls: type) -> dict[str, str]:
+    try:
+        source = inspect.getsource(cls)
+    except (OSError, TypeError):  # typed in by hand
+        return {}
+    indented = source[:1].isspace()
+    definition = ast.parse(f"if True:\n{source}" if indented else source).body[0]
+    body = (definition.body[0] if isinstance(definition, ast.If) else definition).body  # pyright: ignore[reportAttributeAccessIssue]
+    texts = {}
+    for field, after in itertools.pairwise(body):
+        match field, after:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str() as text)):
+                texts[name] = inspect.cleandoc(text)
+    return texts
 
 
 @lru_cache(maxsize=512)

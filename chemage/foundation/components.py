@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from pydantic import SerializationInfo, SerializerFunctionWrapHandler, ValidationError, model_serializer
 
-from chemage.foundation.checks import Frozen
+from chemage.foundation.checks import Frozen, meanings
 from chemage.foundation.errors import InputError, explain, in_lines, nearest
 from chemage.foundation.records import content_hash
 from chemage.foundation.text import html_table
@@ -112,8 +112,8 @@ class Component(Frozen):
 
     def _repr_html_(self) -> str:
         title = f"{self.role} {self.kind}" if self.kind else type(self).__name__
-        fields = type(self).model_fields
-        rows = ((name, str(getattr(self, name)), fields[name].description or "") for name in fields)
+        texts = meanings(type(self))
+        rows = ((name, str(getattr(self, name)), texts.get(name, "")) for name in type(self).model_fields)
         return html_table(title, rows)
 
     def digest(self) -> str:

@@ -15,7 +15,7 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError
 
-from chemage.foundation.checks import Frozen, is_boolean
+from chemage.foundation.checks import Frozen, is_boolean, meanings
 from chemage.foundation.errors import InputError, StoreError, UnitError, explain, in_lines, shortened
 from chemage.foundation.files import FileStamp
 from chemage.foundation.text import html_table
@@ -279,11 +279,11 @@ class Record(Frozen):
         return hash(self.digest())
 
     def _repr_html_(self) -> str:
-        rows = []
+        rows, texts = [], meanings(type(self))
         for name, value in self.todict().items():
             unit, meaning = self.arrays[name][1:] if name in self.arrays else ("", "")
             shown = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else shortened(value)
-            rows.append((name, shown, unit, meaning or type(self).model_fields[name].description or ""))
+            rows.append((name, shown, unit, meaning or texts.get(name, "")))
         return html_table(repr(self), rows)
 
     def __repr__(self) -> str:

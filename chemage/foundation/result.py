@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
@@ -367,10 +368,20 @@ class RecordDisplay(OfRecord[Record]):
         return [*self.remarks(), *((name, str(value)) for name, value in fields.items())]
 
 
+def _display_of(cls: type) -> Callable[[Any], Result] | None:
+    """What shows objects of a class; a room's displays are imported when one of its results is shown."""
+    if cls not in _DISPLAYS:
+        room = cls.__module__.rpartition(".")[0]
+        if f"{room}.".startswith("chemage.") and find_spec(f"{room}.display"):
+            import_module(f"{room}.display")
+    if cls not in _DISPLAYS:
+        import_module(f"chemage.{PICTURES}")  # chemage's own kinds; what shows them is in rooms above this one
+    return next((_DISPLAYS[base] for base in cls.__mro__ if base in _DISPLAYS), None)
+
+
 def is_result(thing: Any) -> bool:
     """Whether something can be shown."""
-    import_module(f"chemage.{PICTURES}")  # chemage's own kinds; what shows them is in rooms above this one
-    return isinstance(thing, Result) or any(cls in _DISPLAYS for cls in type(thing).__mro__)
+    return isinstance(thing, Result) or _display_of(type(thing)) is not None
 
 
 def result_of(thing: Any) -> Result:
@@ -383,8 +394,8 @@ def result_of(thing: Any) -> Result:
     """
     if isinstance(thing, Result):
         return thing
-    if is_result(thing):
-        return next(_DISPLAYS[cls] for cls in type(thing).__mro__ if cls in _DISPLAYS)(thing)
+    if (display := _display_of(type(thing))) is not None:
+        return display(thing)
     raise InputError(f"{with_article(type(thing).__name__)} is no result that can be shown")
 
 

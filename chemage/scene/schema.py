@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
+from chemage.foundation.checks import meanings
 from chemage.foundation.components import Component
 from chemage.foundation.errors import PluginError
 from chemage.plugins import registry
@@ -160,7 +161,7 @@ def plugins_with_options(plugins: registry.Registry) -> dict[str, Any]:
 
 def options_of(cls: type[Component]) -> list[dict[str, str]]:
     """Name, unit, default and meaning of each option of a component, as text."""
-    rows = []
+    rows, texts = [], meanings(cls)
     properties = cls.model_json_schema().get("properties", {})
     for name, info in cls.model_fields.items():
         part = properties.get(name, {})
@@ -169,7 +170,7 @@ def options_of(cls: type[Component]) -> list[dict[str, str]]:
                 "name": name,
                 "unit": _unit(part),
                 "default": "required" if info.is_required() else str(info.get_default(call_default_factory=True)),
-                "meaning": " ".join((info.description or "").split()),
+                "meaning": " ".join(texts.get(name, "").split()),
             }
         )
     return rows
