@@ -153,13 +153,13 @@ def write(
     """Write figures and page of completed sweeps, by base, into ``folder``, and return the comparisons."""
 
     from chemage.plugin import figures, fresh_file, versions
-    from chemage_li2018 import comparisons, estimates, figures_supplement, reproduction_page
+    from chemage_li2018 import claims, comparisons, estimates, figures_supplement, reproduction_page
     from chemage_li2018.sweeps import Point, studies_of
 
     computed = studies_of((Point.of(point) for result in results.values() for point in result), names)
     compared = reproduction_page.Reproduction(
         comparisons.lines(computed, names),
-        comparisons.claims(computed, names),
+        claims.claims(computed, names),
         estimates.estimates(computed) if "estimates" in names else [],
         estimates.variants(computed) if "fig6" in names else [],
         estimates.bands(computed) if "calibration" in names else [],

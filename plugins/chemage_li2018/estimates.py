@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from chemage_li2018 import published
+from chemage_li2018.claims import crossing, onset
 from chemage_li2018.comparisons import (
     COMMON,
     DISAGREES,
@@ -15,10 +16,8 @@ from chemage_li2018.comparisons import (
     Line,
     Studies,
     by_volume,
-    crossing,
     front,
     lines,
-    onset,
 )
 from chemage_li2018.published import SLOPES, Published
 from chemage_li2018.sweeps import LITERAL_VOLUME, PARTIAL, SLOPE, VOLUME, WITH_PRESSURE, Mean, Point, by, grouped, mean

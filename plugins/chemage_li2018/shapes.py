@@ -88,6 +88,8 @@ def growth(times: np.ndarray, curves: np.ndarray, window: tuple[float, float]) -
     """
     inside = (times >= window[0] * 0.999) & (times <= window[1] * 1.001)
     x, y = times[inside], curves[:, inside]
+    # a factor of all of a curve, such as the area of a contact, is no error of its shape
+    y = y / (y[:, -1:] - y[:, :1])
     increments = np.diff(y, axis=1)
     scale = increments.mean()
     middle = increments.mean(axis=0) / scale
@@ -120,10 +122,37 @@ def _fitted(name: str, times: np.ndarray, increments: np.ndarray, error: np.ndar
     total = increments.sum()
     fits = [least_squares(rest, [start[0] * total, *start[1:]], x_scale="jac", max_nfev=2000) for start in starts]
     best = min(fits, key=lambda fit: fit.cost)
-    count, numbers = increments.size, len(best.x)
-    chi = 2.0 * float(best.cost)
+    return _law(name, best.x, 2.0 * float(best.cost), increments.size)
+
+
+def _law(name: str, parameters: np.ndarray, chi: float, count: int) -> Law:
+    numbers = len(parameters)
     correction = 2.0 * numbers * (numbers + 1) / max(count - numbers - 1, 1)
-    return Law(name, tuple(float(value) for value in best.x), chi, chi + 2.0 * numbers + correction)
+    return Law(name, tuple(float(value) for value in parameters), chi, chi + 2.0 * numbers + correction)
+
+
+def of_load(load: np.ndarray, y: np.ndarray, error: np.ndarray, area: float = 2 / 3) -> tuple[Law, ...]:
+    """Compare a line with an offset with powers of the load, the law with the least criterion first.
+
+    Parameters
+    ----------
+    load, y, error
+        (m,) loads, and values with their standard errors, in one unit.
+    area
+        Exponent of the contact area of a tip: Hertz.
+    """
+    start = float(y[-1] / load[-1])
+    laws: dict[str, tuple[Callable[[np.ndarray], np.ndarray], list[float]]] = {
+        "line": (lambda p: p[0] + p[1] * load, [0.0, start]),
+        "power": (lambda p: p[0] * load ** p[1], [start, 1.0]),
+        "area": (lambda p: p[0] * load**area, [start]),
+    }
+    fits = {
+        name: least_squares(lambda p, law=law: (law(p) - y) / error, first, x_scale="jac")
+        for name, (law, first) in laws.items()
+    }
+    fitted = (_law(name, fit.x, 2.0 * float(fit.cost), load.size) for name, fit in fits.items())
+    return tuple(sorted(fitted, key=lambda law: law.criterion))
 
 
 class Exponent(NamedTuple):
@@ -136,13 +165,19 @@ class Exponent(NamedTuple):
         """Whether the interval holds the claim and none of the rivals."""
         return abs(self.value - claim) <= self.half_width and all(abs(self.value - r) > self.half_width for r in rivals)
 
+    def within(self, claim: float, distance: float) -> bool:
+        """Whether all of the interval is at most ``distance`` from the claim: close, even if not equal to it."""
+        return abs(self.value - claim) + self.half_width <= distance
+
     def __str__(self) -> str:
         return f"{self.value:.3f} ± {self.half_width:.3f}"
 
 
 def exponent(x: np.ndarray, y: np.ndarray) -> Exponent:
-    """The exponent n of y ∝ xⁿ, from curves y (k, m) of k independent surfaces at x (m,) or (k, m)."""
+    """The exponent n of y ∝ xⁿ from curves y (k, m) of k independent surfaces at x (m,) or (k, m); one has no error."""
     x = np.broadcast_to(x, y.shape)
     slopes = np.array([np.polyfit(np.log(a), np.log(b), 1)[0] for a, b in zip(x, y, strict=True)])
+    if len(slopes) == 1:
+        return Exponent(float(slopes[0]), math.nan)
     half = float(stats.t.ppf(0.975, len(slopes) - 1)) * slopes.std(ddof=1) / math.sqrt(len(slopes))
     return Exponent(float(slopes.mean()), float(half))

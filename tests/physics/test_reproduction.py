@@ -11,8 +11,8 @@ import chemage
 from chemage import InputError
 from chemage.studies.sweeps.running import read_grid
 from chemage_li2018 import (
+    claims,
     command,
-    comparisons,
     estimates,
     figures_supplement,
     patches,
@@ -81,7 +81,7 @@ def test_claims_about_kinetics_do_not_need_fine_pixels(coarse: tuple[dict[str, c
     The times in the claims on Fig. 3 depend on the density, which is fitted to none of them; the page has them.
     """
     found = points(coarse, "fig3", "fig4", "interaction")
-    made = comparisons.claims(found, ["fig3", "fig4", "interaction"])
+    made = claims.claims(found, ["fig3", "fig4", "interaction"])
     chosen = [one for one in made if one.target != "fig3" or one.statement.startswith("with ΔV, Δμ rises")]
     assert len(chosen) == 3
     assert [claim.statement for claim in chosen if not claim.holds] == []
@@ -92,13 +92,13 @@ def test_fig5_is_straight_at_every_slope_without_activation_volume(
     coarse: tuple[dict[str, chemage.SweepResult], Path],
 ):
     """At 320 pixels with four replicas a few hundred sites are left, hence the margin; the page has 0.95."""
-    found = comparisons.claims(points(coarse, "fig5"), ["fig5"])
+    found = claims.claims(points(coarse, "fig5"), ["fig5"])
     assert len(found) == 3
     for claim in found:
         assert "ΔV = 0" in claim.statement
     group = studies_of([Point.of(p) for p in coarse[0]["rough"]], ["fig5"])["rows"]
     chosen = [p for p in group if p.changes["chemistry.activation_volume"] == 0 and p.changes[SLOPE] == 0.05]
-    x, y = comparisons.morphology(chosen)
+    x, y = claims.morphology(chosen)
     assert np.corrcoef(x, y)[0, 1] > 0.9
 
 
@@ -209,11 +209,11 @@ def synthetic(strength: float, drop: float) -> Point:
 def test_a_claim_that_is_false_is_reported_as_false():
     """Friction that keeps falling beyond 0.5 eV is no saturation."""
     falling = [synthetic(strength, 100 - 60 * strength) for strength in sweeps.STRENGTHS]
-    (claim,) = comparisons.claims({"interaction": falling}, ["interaction"])
+    (claim,) = claims.claims({"interaction": falling}, ["interaction"])
     assert not claim.holds
     assert claim.word == "disagrees"
     level = [synthetic(strength, 100 - 60 * min(strength, 0.5)) for strength in sweeps.STRENGTHS]
-    (claim,) = comparisons.claims({"interaction": level}, ["interaction"])
+    (claim,) = claims.claims({"interaction": level}, ["interaction"])
     assert claim.holds
     assert claim.word == "predicted"
 
@@ -228,7 +228,7 @@ def straight(beta: float, start: float) -> Point:
 
 def test_onset_of_an_exact_line():
     """ΔF = max(0, log10 t/3 s) has half its slope at 3 s, to within the spacing of the hold times."""
-    assert comparisons.onset([straight(1.0, 3.0)]) == pytest.approx(3.0, rel=0.4)
+    assert claims.onset([straight(1.0, 3.0)]) == pytest.approx(3.0, rel=0.4)
 
 
 def test_slope_over_a_window():
@@ -238,14 +238,14 @@ def test_slope_over_a_window():
 def test_crossing_of_two_exact_lines():
     """2 log10 t and 1 + log10 t meet at 10 s; lines that do not cross have none."""
     lower, upper = straight(2.0, 1.0), straight(1.0, 0.1)
-    assert comparisons.crossing([lower], [upper]) == pytest.approx(10.0, rel=0.01)
-    assert math.isnan(comparisons.crossing([upper], [straight(2.0, 0.1)]))
+    assert claims.crossing([lower], [upper]) == pytest.approx(10.0, rel=0.01)
+    assert math.isnan(claims.crossing([upper], [straight(2.0, 0.1)]))
 
 
 def test_summit_of_a_parabola():
     kelvin = [250.0, 300.0, 350.0]
-    assert comparisons.summit(kelvin, [-((t - 310.0) ** 2) for t in kelvin]) == pytest.approx(310.0)
-    assert comparisons.summit(kelvin, [3.0, 2.0, 1.0]) == 250.0
+    assert claims.summit(kelvin, [-((t - 310.0) ** 2) for t in kelvin]) == pytest.approx(310.0)
+    assert claims.summit(kelvin, [3.0, 2.0, 1.0]) == 250.0
 
 
 def test_adhesive_force_that_explains_the_tips():
