@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from chemage_li2018 import shapes
 from chemage_li2018.comparisons import COMMON, Claim, Studies, by_volume, circle, rows
 from chemage_li2018.published import SLOPES
-from chemage_li2018.sweeps import LOAD, SEED, SLOPE, Mean, Point, by, curve, mean
+from chemage_li2018.sweeps import LOAD, SEED, SLOPE, VOLUME, VOLUMES, Mean, Point, by, curve, grouped, mean
 
 #: largest factor between a time and one that the paper calls about so long
 ABOUT = 3.0
@@ -330,6 +331,13 @@ def _fig5(studies: Studies) -> Iterable[Claim]:
         )
 
 
+_MORE_PATCHES = {
+    "a lower H": ("circle", "square", "diamond"),
+    "a higher ζ": ("triangle down", "triangle up", "circle"),
+    "a higher η": ("cross", "circle", "asterisk"),
+}
+
+
 def _table1(studies: Studies) -> Iterable[Claim]:
     ratios, errors = [], []
     for row, group in rows(studies["table"]):
@@ -346,6 +354,16 @@ def _table1(studies: Studies) -> Iterable[Claim]:
         + (f"; the scatter between surfaces allows ±{2 * error:.1%} (two standard deviations)" if known else ""),
         abs(shift) <= (2 * error if known else 0.1) and 0 < low < 7,
     )
+    counts = {row.name: np.array([p.summary["patches"] for p in group]) for row, group in rows(studies["table"])}
+    for what, names in _MORE_PATCHES.items():
+        pairs = list(pairwise(names))
+        share = np.mean([np.all([counts[a] < counts[b] for a, b in pairs], axis=0)])
+        yield Claim(
+            "table1",
+            f"{what} gives more patches",
+            " < ".join(f"{mean(counts[name])} ({name})" for name in names) + f"; so on {share:.0%} of the surfaces",
+            all(counts[a].mean() < counts[b].mean() for a, b in pairs),
+        )
 
 
 def _interaction(studies: Studies) -> Iterable[Claim]:
@@ -383,11 +401,13 @@ def _temperature(studies: Studies) -> Iterable[Claim]:
             for time in (1e2, 1e4)
         }
         top = summit(kelvin, betas)
+        windows = [(1.0, 1e3), (1e2, 1e4)]
+        other = [summit(kelvin, [mean(p.beta(w) for p in g).value for g in groups.values()]) for w in windows]
         yield Claim(
             "temperature",
             f"ageing is not monotonic in temperature and is largest near room temperature, {name}",
-            f"β (10 to 1e4 s) is largest at {top:.0f} K; ΔF at "
-            + ", ".join(f"{time:g} s at {t:.0f} K" for time, t in tops.items()),
+            f"β (10 to 1e4 s) is largest at {top:.0f} K, over 1 to 1e3 s at {other[0]:.0f} K and over 100 to 1e4 s at "
+            f"{other[1]:.0f} K; ΔF at " + ", ".join(f"{time:g} s at {t:.0f} K" for time, t in tops.items()),
             abs(top - 300) <= 30,
         )
 
@@ -411,6 +431,58 @@ def _tips(studies: Studies) -> Iterable[Claim]:
             bool(more <= shapes.EQUAL and offset > 0),
             laws,
         )
+    if "slopes" in studies:
+        yield _tips_over_rough(studies)
+
+
+def _tips_over_rough(studies: Studies) -> Claim:
+    groups = by(by_volume(studies["slopes"])[6.4], SLOPE)
+    rough = {slope: mean(p.beta() for p in group) for slope, group in groups.items()}
+    tips = [p.beta() for p in studies["tips"]]
+    ratios = [tip / beta.value for tip in tips for beta in rough.values()]
+    return Claim(
+        "tips",
+        "β of single asperities is one to two orders of magnitude above that of rough contacts",
+        f"{min(tips):.2g} to {max(tips):.2g} for tips, "
+        + ", ".join(f"{beta} (h' = {slope:g})" for slope, beta in rough.items())
+        + f": a factor of {min(ratios):.2g} to {max(ratios):.2g}",
+        bool(min(ratios) >= 10 and max(ratios) <= 100),
+    )
+
+
+# -- the density, and what is not tested ------------------------------------------------------------------------------
+
+
+def _calibration(studies: Studies) -> Iterable[Claim]:
+    failing = []
+    members = by(studies["members"], "forming.member")
+    for number, points in members.items():
+        groups = grouped((p for p in points if p.changes[SLOPE] in SLOPES), VOLUME, SLOPE)
+        for volume in VOLUMES:
+            ends = [groups[volume, slope][0].coefficient for slope in (SLOPES[0], SLOPES[-1])]
+            first, later = (points[0].index(time) for time in (1.0, 1e3))
+            rises = ends[1][first] > ends[0][first]
+            if rises != bool(volume) or ends[1][later] >= ends[0][later]:
+                failing.append(number)
+    yield Claim(
+        "calibration",
+        "the form of the barrier density does not matter qualitatively",
+        f"with ΔV, Δμ rises with h' at 1 s and falls at 1e3 s, and without it falls at both, for "
+        f"{len(members) - len(set(failing))} of {len(members)} densities, on one surface (h' = 0.05 and 0.2)",
+        not failing,
+    )
+
+
+def _untested(_: Studies) -> Iterable[Claim]:
+    for statement, reason in _UNTESTED.items():
+        yield Claim("estimates", statement, reason, None)
+
+
+_UNTESTED = {
+    "larger systems give the same": "not computed: a system of twice the size has 5000 × 5000 pixels per surface",
+    "the interaction has little effect on rupture": "an assumption of the model: E_break does not depend on neighbours",
+    "h' = 0.26 extrapolates to about 1": "about measured surfaces; h' is a given number here",
+}
 
 
 _CLAIMS: dict[str, Callable[[Studies], Iterable[Claim]]] = {
@@ -422,4 +494,6 @@ _CLAIMS: dict[str, Callable[[Studies], Iterable[Claim]]] = {
     "interaction": _interaction,
     "temperature": _temperature,
     "tips": _tips,
+    "estimates": _untested,
+    "calibration": _calibration,
 }

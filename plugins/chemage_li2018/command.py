@@ -139,7 +139,7 @@ def _show(results: Reproduction) -> None:
     for line in results.lines:
         typer.echo(
             f"{line.target:7} {line.quantity:{width}}  paper {line.paper.text:<8} ours {line.ours!s:18} "
-            f"{line.difference:+7.1%}  {line.word}"
+            f"{line.shown:>7}  {line.word}"
         )
     for claim in results.claims:
         typer.echo(f"{claim.target:7} {claim.word}: {claim.statement}\n{'':8}{claim.ours}")

@@ -35,6 +35,12 @@ class Line(NamedTuple):
         return self.ours.value / nearest - 1
 
     @property
+    def shown(self) -> str:
+        """The difference, in whole per cent if the mean is not known better than to one per cent."""
+        error = self.ours.scatter / math.sqrt(self.ours.count) / abs(self.ours.value)
+        return f"{self.difference:+.{0 if error > 0.01 else 1}%}"
+
+    @property
     def word(self) -> str:
         """``calibrated``, ``predicted`` or ``disagrees``."""
         if self.calibrated:

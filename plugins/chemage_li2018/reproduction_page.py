@@ -134,7 +134,7 @@ def page(
     if misses:
         parts.append(
             "Disagree: "
-            + "; ".join(f"{line.quantity} ({line.difference:+.1%})" for line in misses)
+            + "; ".join(f"{line.quantity} ({line.shown})" for line in misses)
             + ". Probable reasons are given below."
         )
     parts += [
@@ -177,7 +177,7 @@ def _table(title: str, header: str, rows: Sequence[str]) -> str:
 
 def _lines_table(lines: Sequence[Line]) -> str:
     rows = [
-        f"| {line.target} | {line.quantity} | {line.paper.text} | {line.ours} | {line.difference:+.1%} | "
+        f"| {line.target} | {line.quantity} | {line.paper.text} | {line.ours} | {line.shown} | "
         f"{_word(line.word)} | {'' if line.calibrated else line.reason} |"
         for line in lines
     ]

@@ -351,7 +351,12 @@ class Mean:
     count: int
 
     def __str__(self) -> str:
-        return text.plus_minus(self.value, self.scatter)
+        if not self.scatter > text.ROUNDING * abs(self.value):
+            return text.plus_minus(self.value, self.scatter)
+        # the mean is better known than one surface
+        digits = text.decimals(self.scatter / math.sqrt(self.count))
+        value, scatter = (f"{round(number, digits):.{max(digits, 0)}f}" for number in (self.value, self.scatter))
+        return f"{value} ± {scatter}"
 
     def times(self, factor: float) -> Mean:
         """This mean multiplied by a positive number."""
