@@ -12,8 +12,8 @@ from chemage import InputError
 from chemage.studies.sweeps.running import read_grid
 from chemage_li2018 import (
     claims,
-    comparisons,
     command,
+    comparisons,
     estimates,
     figures_supplement,
     patches,
