@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from chemage.foundation import machine, names
-from chemage.foundation.version import __version__ as __version__
+from chemage.foundation.names import __version__ as __version__
 
 machine.provide_kernels()
 

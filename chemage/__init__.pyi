@@ -3,7 +3,7 @@ from collections.abc import Sequence
 from typing import Any, Literal, overload
 
 from chemage.foundation.units import QuantityLike
-from chemage.foundation.version import __version__ as __version__
+from chemage.foundation.names import __version__ as __version__
 from chemage.ageing.aging import Aging as Aging
 from chemage.foundation.errors import ChemageError as ChemageError
 from chemage.lattices.chemistry import Chemistry as Chemistry
@@ -28,14 +28,14 @@ from chemage.contacts.options import contact_modulus as contact_modulus
 from chemage.studies.ensembles.running import ensemble as ensemble
 from chemage.foundation import errors as errors
 from chemage.ageing.fitting import fit_aging as fit_aging
-from chemage.ageing.hold_times import hold_times as hold_times
+from chemage.foundation.checks import hold_times as hold_times
 from chemage.inference.infer import infer as infer
 from chemage.scene.files import load_scene as load_scene
 from chemage.studies.sweeps.result import load_sweep as load_sweep
-from chemage.surfaces.stage import make_surface as make_surface
+from chemage.surfaces.role import make_surface as make_surface
 from chemage.scene.materials import material as material
 from chemage.results.files import open_maps as open_maps
-from chemage.scene.parsing import parse_scene as parse_scene
+from chemage.scene.files import parse_scene as parse_scene
 from chemage import plugin as plugin
 from chemage.plugins.options import plugin_options as plugin_options
 from chemage.plugins.options import prefer_plugins as prefer_plugins
@@ -44,7 +44,7 @@ from chemage.inference.curves import read_curves as read_curves
 from chemage.ageing.measurements import read_measurements as read_measurements
 from chemage.plugins.registry import register as register
 from chemage.scene.run import run as run
-from chemage.contacts.stage import solve_contact as solve_contact
+from chemage.contacts.role import solve_contact as solve_contact
 from chemage.studies.sweeps.running import sweep as sweep
 from chemage import testing as testing
 from chemage.plugins.registry import unregister as unregister

@@ -66,7 +66,7 @@ from chemage.foundation.errors import UnitError as UnitError
 from chemage.foundation.errors import UnknownKindError as UnknownKindError
 from chemage.foundation.units import Volume as Volume
 from chemage.foundation.errors import WorkerLost as WorkerLost
-from chemage.lattices.stage import build_lattice as build_lattice
+from chemage.lattices.chemistry import build_lattice as build_lattice
 from chemage.foundation.machine import cache_folder as cache_folder
 from chemage.foundation.checks import check_times as check_times
 from chemage.foundation.checks import checked_count as checked_count
@@ -85,8 +85,9 @@ from chemage.foundation.files import fresh_file as fresh_file
 from chemage.plugins.registry import fromdict as fromdict
 from chemage.plugins.hooks import hookimpl as hookimpl
 from chemage.contacts.patches import label_patches as label_patches
+from chemage.plugins.hooks import lazy_attributes as lazy_attributes
 from chemage.foundation import memory as memory
-from chemage.foundation.messages import nearest as nearest
+from chemage.foundation.errors import nearest as nearest
 from chemage.cli import options as options
 from chemage.scene.files import override as override
 from chemage.contacts import patches as patches
@@ -97,8 +98,8 @@ from chemage.surfaces.reading import reader_for as reader_for
 from chemage.plugins import registry as registry
 from chemage.foundation.files import regular_file as regular_file
 from chemage.surfaces import roughness as roughness
-from chemage.kinetics.stage import run_kinetics as run_kinetics
-from chemage.friction.stage import rupture_bonds as rupture_bonds
+from chemage.kinetics.role import run_kinetics as run_kinetics
+from chemage.friction.role import rupture_bonds as rupture_bonds
 from chemage.scene.files import scene_data as scene_data
 from chemage.foundation import statistics as statistics
 from chemage.foundation import tables as tables

@@ -1,5 +1,4 @@
-"""The stage of ageing: a method finds the bonds of a contact against hold time, by default from the kinetics of every
-site of every replica."""
+"""Ageing of a contact under constant load: over replicas, and together with several chemistries."""
 
 from __future__ import annotations
 
@@ -9,18 +8,25 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import Aging
-from chemage.ageing.elasticity import compared
-from chemage.ageing.kinetics import EVERY_SITE
-from chemage.ageing.methods import AgedBonds, AgeingMethod, AgeingRequest, check_contact, check_method, left_out_plugins
+from chemage.ageing.aging import Aging, elastic_limits, fit_or_reason
+from chemage.ageing.fitting import line_slopes, line_weights
+from chemage.ageing.methods import (
+    EVERY_SITE,
+    AgedBonds,
+    AgeingMethod,
+    AgeingRequest,
+    check_contact,
+    check_method,
+    left_out_plugins,
+)
 from chemage.ageing.observables import Observable, check_outputs
-from chemage.ageing.seeds import Common, check_common
+from chemage.ageing.replicas import Common, check_common
 from chemage.contacts.solution import Contact, ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed, check_times, checked_count, checked_seed, expect, temperature_value
 from chemage.foundation.errors import InputError, PluginError
 from chemage.foundation.memory import require
 from chemage.foundation.progress import counted, logged, of_plugins
-from chemage.foundation.threads import available
+from chemage.foundation.threads import available, in_order
 from chemage.foundation.units import QuantityLike
 from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
@@ -132,7 +138,7 @@ def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
             engine=aged.engine or request.engine.kind,
             notes=(*aged.notes, *left_out_plugins(method, plugins)),
             contact=contact.summary(),
-            elasticity=compared(contact, chemistry),
+            elasticity=elastic_limits(contact, chemistry),
             observables=dict(aged.observables),
             outputs={name: output.todict() for name, output in {**aged.outputs, **declared}.items()},
             provenance=_provenance(request, method),
@@ -152,7 +158,7 @@ def _provenance(request: AgeingRequest, method: AgeingMethod) -> dict[str, Any]:
         "engine": request.engine.todict(),
         "contact": request.contact.provenance,
         **({"sites": sites} if sites else {}),
-        **({} if rupture is None else {"rupture": rupture.todict()}),
+        **({} if rupture is None else {rupture.role: rupture.todict()}),
         **({"observe": [observable.todict() for observable in observe]} if observe else {}),
         **({"ageing": method.todict()} if method.role else {}),
         **({"seed": str(request.seed), "common": request.common} if method.replicates else {}),
@@ -174,7 +180,7 @@ def _check(
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
     expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
     if rupture is not None:
-        expect("rupture", rupture, Rupture, 'make one with chemage.rupture("...")')
+        expect(Rupture.role, rupture, Rupture, 'make one with chemage.rupture("...")')
     if not isinstance(observe, list | tuple):
         raise InputError.of("observe", observe, "is no list", 'give a list of chemage.observable("barrier-spectrum")')
     for observable in observe:
@@ -204,3 +210,83 @@ def _check_run(
 def kept_bytes(replicas: int, hold_times: int) -> float:
     """Memory for the results of all replicas, twice, as they are joined at the end."""
     return replicas * (16.0 * hold_times + 500.0)
+
+
+#: name of the error
+BARRIERS = "barriers"
+#: members that are aged, sites over all replicas of each, and most replicas
+MEMBERS, SITES, MOST = 8, 2000, 40
+
+
+def with_members(
+    aging: Aging,
+    contact: ContactSolution | ContactStatistics,
+    chemistry: Chemistry,
+    *,
+    threads: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    **how: Any,
+) -> Aging:
+    """``aging`` with the error that its distribution of forming barriers has, where its members are known.
+
+    The distribution and :data:`MEMBERS` of its members are aged with the same disorder and kinetic noise. Each has as
+    many replicas as are needed for :data:`SITES` sites, :data:`MOST` at most. The rupture law takes no part: the error
+    is that of the mean number of bonds. ``how`` are the other arguments of :func:`chemage.age`.
+    """
+    members = list(chemistry.forming.members(MEMBERS))
+    if not members:
+        return aging
+    method, sites = how.get("method") or EVERY_SITE, max(float(aging.sites.mean()), 1.0)
+    replicas = int(np.clip(np.ceil(SITES / sites), 1, MOST))
+    how |= {"replicas": replicas, "common": "all", Rupture.role: None, "observe": (), "threads": 1}
+    how.pop("checkpoints", None)
+    every = [chemistry.forming, *members]
+
+    def aged(number: int) -> np.ndarray:
+        return age(contact, chemistry.replace(forming=every[number]), **how).bonds.mean(axis=0, dtype=np.float64)
+
+    own, *others = in_order(aged, len(every), threads or available(), progress)
+    ratios = np.stack([np.divide(bonds, own, out=np.full(own.shape, np.nan), where=own > 0) for bonds in others])
+    count = f"{replicas} replica{'s' if replicas > 1 else ''} each" if method.replicates else "each once"
+    source = f"scatter of {len(others)} members of the distribution of barriers, {count}, same random numbers"
+    return aging.model_copy(
+        update={
+            "errors": {**aging.errors, BARRIERS: ratios.std(axis=0, ddof=1)},
+            "error_sources": {**aging.error_sources, BARRIERS: source},
+            "member_ratios": ratios,
+        }
+    )
+
+
+def barriers_error(aging: Aging | None, window: tuple[float, float]) -> float | None:
+    """Relative standard error of β over ``window`` (s) that is due to the barriers; None where it is not known."""
+    if aging is None or aging.member_ratios is None:
+        return None
+    try:
+        own = aging.fit(*window).beta
+    except InputError:
+        return None
+    drops = aging.member_ratios * aging.mean_friction_coefficient_drop
+    slopes = line_slopes(aging.hold_times, drops, window)
+    return float(slopes.std(ddof=1) / abs(own)) if np.isfinite(slopes).all() and own != 0 else None
+
+
+def beta_errors(aging: Aging | None, window: tuple[float, float]) -> dict[str, float]:
+    """Relative standard errors of β over ``window`` (s) that follow from :attr:`Aging.errors` of a mean without
+    replicas, by name; of a mean over replicas, whose scatter gives an error of β, none.
+
+    Errors of the bonds at different hold times may have any signs, also opposite ones early and late, so that their
+    parts in the slope are added up by magnitude.
+    """
+    if aging is None or aging.replicas > 1:
+        return {}
+    fit, _ = fit_or_reason(aging, window)
+    if fit is None or fit.beta == 0:
+        return {}
+    use, weights = line_weights(aging.hold_times, window)
+    parts = np.abs(weights) * aging.mean_friction_coefficient_drop[use]
+    return {
+        name: float(np.sum(parts * error[use]) / abs(fit.beta))
+        for name, error in aging.errors.items()
+        if name != BARRIERS
+    }

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.ageing.aging import Aging, fit_or_reason
-from chemage.ageing.elasticity import MEASURES, elastic_measures, elastic_notes, elastic_rows
+from chemage.ageing.age import BARRIERS, barriers_error, beta_errors
+from chemage.ageing.aging import ELASTIC_MEASURES, Aging, elastic_measures, elastic_notes, elastic_rows, fit_or_reason
 from chemage.ageing.fitting import FIT_WINDOW, SYMBOL, UNIT, Fit, Quantity, fit_aging, span_text
-from chemage.ageing.members import BARRIERS, barriers_error, beta_errors
 from chemage.contacts.display import compared_measures, main_measures
 from chemage.contacts.options import force_text
 from chemage.foundation.errors import InputError
@@ -269,7 +268,7 @@ class AgingDisplay(OfRecord[Aging]):
         joined.units |= {"fit_start": "s", "fit_stop": "s", "fit_first": "s", "fit_last": "s", "last": "s"}
         joined.units |= {"cutoff_time": "s", "cutoff_time_low": "s", "cutoff_time_high": "s"}
         joined.units |= {name: unit for name, (_, _, unit) in CURVES.items() if unit}
-        joined.units |= {name: unit for name, (unit, _) in MEASURES.items() if unit != "1"}
+        joined.units |= {name: unit for name, (unit, _) in ELASTIC_MEASURES.items() if unit != "1"}
         joined.units |= {f"observable.{name}": output.unit for name, output in aging.measured.items() if output.unit}
         joined.curves, joined.load, joined.window, joined.fit = self._curves(), aging.load, self.window, self._fit_like
         joined.chemistry = self._chemistry()
@@ -281,7 +280,7 @@ class AgingDisplay(OfRecord[Aging]):
         if aging.error_words:
             joined.rows["further errors of the mean"] = aging.error_words
         for name, value in elastic.items():
-            unit = "" if MEASURES[name][0] == "1" else MEASURES[name][0]
+            unit = "" if ELASTIC_MEASURES[name][0] == "1" else ELASTIC_MEASURES[name][0]
             joined.rows[_ELASTIC[name]] = f"{value:.5g} {unit}".strip()
         for name, output in aging.measured.items():
             if output.numbers is not None and output.is_number:

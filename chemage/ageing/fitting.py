@@ -14,12 +14,11 @@ same data give the same digits. A single replica has no error.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol, get_args
+from dataclasses import dataclass
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 
-from chemage.ageing.hold_times import within
 from chemage.ageing.models import (
     UNKNOWN,
     Bootstrap,
@@ -33,8 +32,9 @@ from chemage.ageing.models import (
     solve,
     student,
 )
+from chemage.foundation.checks import within
 from chemage.foundation.errors import InputError
-from chemage.foundation.statistics import jackknife_error, student_limit
+from chemage.foundation.statistics import jackknife_error
 from chemage.foundation.text import jsonable, power_text, with_error, with_interval
 from chemage.foundation.units import QuantityLike, convert
 
@@ -500,56 +500,3 @@ def _time(log_time: float) -> float:
     """10**log_time, s; inf beyond the range of numbers, nan where nothing is known."""
     with np.errstate(over="ignore"):
         return float(np.power(10.0, log_time))
-
-
-@dataclass(frozen=True)
-class Difference:
-    """A difference of β between results whose replicas are paired."""
-
-    value: float
-    #: standard error; nan for one replica
-    stderr: float
-    #: half the width of Student's 95 % interval; nan for one replica
-    half_width: float
-
-
-@dataclass(frozen=True)
-class _Without:
-    """The curves of all replicas but one."""
-
-    hold_times: np.ndarray
-    curves: Curves
-    replica: int
-
-    def fit_data(self, quantity: Quantity | None) -> FitData:
-        data = self.curves.fit_data(quantity)
-        return replace(data, curves=np.delete(data.curves, self.replica, axis=0))
-
-
-def paired_difference(first: Curves, second: Curves, **options: Any) -> Difference:
-    """β of ``first`` less β of ``second``, and the error of this difference.
-
-    Replica r of one must share its random numbers (disorder, or kinetic noise as well) with replica r of the other, and
-    with no further replica. The error is the jackknife error of the difference, each pair of replicas left out in turn:
-    what the replicas share cancels, as it does in the difference itself. With one replica it is not known, nan.
-    ``options`` are those of :func:`chemage.fit_aging`.
-
-    Raises
-    ------
-    InputError
-        The numbers of replicas differ, or as for :func:`chemage.fit_aging`.
-    """
-    replicas = [len(data.fit_data(options.get("quantity")).curves) for data in (first, second)]
-    if replicas[0] != replicas[1]:
-        raise InputError(f"{replicas[0]} and {replicas[1]} replicas cannot be paired; give equal numbers")
-
-    def difference(first: Curves, second: Curves) -> float:
-        return fit_aging(first, **options).beta - fit_aging(second, **options).beta
-
-    whole, count = difference(first, second), replicas[0]
-    if count < 2:
-        return Difference(whole, math.nan, math.nan)
-    without = [[_Without(data.hold_times, data, replica) for data in (first, second)] for replica in range(count)]
-    left_out = np.array([difference(*pair) for pair in without])
-    error = float(jackknife_error(left_out))
-    return Difference(whole, error, error * student_limit(count - 1))

@@ -6,8 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from chemage.plugins.hooks import hookspec
-from chemage.plugins.stages import Doubt, Parts, Stage, Stated
+from chemage.plugins.hooks import Doubt, Parts, Stage, Stated, hookspec
 
 if TYPE_CHECKING:
     from chemage.contacts.solution import ContactSolution
@@ -27,8 +26,7 @@ def chemage_observe(contact: ContactSolution, lattice: ReactionLattice, history:
 
 class _Ageing(Stage):
     def problems(self, parts: Parts) -> Iterable[tuple[str, str]]:
-        from chemage.ageing.kinetics import EVERY_SITE
-        from chemage.ageing.methods import check_contact, check_method
+        from chemage.ageing.methods import EVERY_SITE, check_contact, check_method
         from chemage.foundation.errors import InputError
         from chemage.friction.role import Rupture
 
@@ -45,7 +43,7 @@ class _Ageing(Stage):
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         """``cpu_seconds`` of all replicas, with least and most where it is a range, and ``bytes`` of one of them."""
-        from chemage.ageing.kinetics import EVERY_SITE
+        from chemage.ageing.methods import EVERY_SITE
         from chemage.foundation.components import call_with
 
         if "engine" not in parts:
@@ -91,7 +89,7 @@ class _Ageing(Stage):
 
     def _pressure(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         """A mean pressure at which the material would flow."""
-        from chemage.ageing.elasticity import NOTED
+        from chemage.ageing.aging import NOTED_ELASTIC
 
         hardness, mean = parts["chemistry"].hardness, stated["contact"].get("mean_pressure")
         if hardness is None or mean is None:
@@ -100,7 +98,7 @@ class _Ageing(Stage):
         # Hertz: p0 = 3/2 of the mean; rough: a Rayleigh distribution
         tip = "radius" in stated["surface"]
         share = max(1 - (ratio / 1.5) ** 2, 0.0) if tip else math.exp(-math.pi / 4 * ratio**2)
-        if share > NOTED or mean > hardness:
+        if share > NOTED_ELASTIC or mean > hardness:
             yield Doubt(
                 "hardness",
                 f"the mean contact pressure is expected to be {mean:.3g} GPa, with {100 * share:.0f} % of the contact "

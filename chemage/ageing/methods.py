@@ -1,4 +1,4 @@
-"""The role that finds the bonds of a contact against hold time: what it receives, what it gives, what is refused."""
+"""Methods of ageing, and the one where none is chosen: the kinetics of every site of every replica."""
 
 from __future__ import annotations
 
@@ -11,23 +11,20 @@ from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from chemage.ageing.checkpoints import run_with_checkpoints
-from chemage.ageing.observables import Observable
+from chemage.ageing.observables import Observable, Seen, measure, stacked
 from chemage.ageing.outputs import Output
-from chemage.ageing.seeds import Common, ReplicaSeeds, identity, origin, replica_seeds
+from chemage.ageing.replicas import Common, ReplicaSeeds, identity, origin, replica_seeds, run_with_checkpoints
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Record, content_hash
 from chemage.foundation.threads import in_order
-from chemage.friction.role import Rupture
+from chemage.friction.role import Bonded, Rupture, rupture_bonds
 from chemage.kinetics.history import BondHistory
-from chemage.kinetics.role import Engine
-from chemage.kinetics.stage import cannot_give_states, run_kinetics
-from chemage.lattices.chemistry import Chemistry
+from chemage.kinetics.role import Engine, cannot_give_states, run_kinetics
+from chemage.lattices.chemistry import Chemistry, build_lattice
 from chemage.lattices.lattice import ReactionLattice
-from chemage.lattices.stage import build_lattice
 from chemage.plugins import registry
 from chemage.plugins.context import Plugins
 from chemage.plugins.sources import components_in, implementing
@@ -190,7 +187,7 @@ class AgedBonds:
 class AgeingMethod(Component, ABC):
     """Role ``ageing``: the bonds of a contact against hold time.
 
-    Without one, every site is followed (:class:`chemage.ageing.kinetics.Kinetics`).
+    Without one, every site is followed (:class:`chemage.ageing.methods.Kinetics`).
     """
 
     role = "ageing"
@@ -329,3 +326,74 @@ def left_out_plugins(method: AgeingMethod, took_part: Plugins) -> tuple[str, ...
     return (
         f"ageing {method.kind!r} does not give the sites of a replica to plugins: {', '.join(missed)} took no part",
     )
+
+
+class Kinetics(AgeingMethod):
+    """Every replica draws its disorder and runs its kinetics; its bonds are counted, broken and measured.
+
+    It is part of chemage and has no role, so that no scene names it and no key or provenance contains it.
+    """
+
+    role = ""
+    kind = "kinetics"
+    observes = True
+    ruptures = True
+    shows_sites = True
+
+    def age(self, request: AgeingRequest) -> AgedBonds:
+        """See :meth:`chemage.plugin.AgeingMethod.age`."""
+        states = wants_states(request.engine, request.rupture, request.observe)
+        replicas = request.each(lambda number: _replica(request, number, states))
+        return AgedBonds.of(
+            [replica.origin for replica in replicas],
+            bonds=np.stack([replica.bonds for replica in replicas]),
+            sites=np.array([replica.sites for replica in replicas]),
+            events=np.array([replica.events for replica in replicas]),
+            rupture_force=_forces(request, replicas),
+            observables=stacked([replica.seen.values for replica in replicas]),
+            outputs=replicas[0].seen.outputs,
+        )
+
+    def expected(self, sites: float, kinetics: Mapping[str, float], replicas: int) -> dict[str, float]:
+        """See :meth:`chemage.plugin.AgeingMethod.expected`."""
+        return {name: value * (1 if name == "bytes" else replicas) for name, value in kinetics.items()}
+
+
+#: in place of a method that is not chosen
+EVERY_SITE: AgeingMethod = Kinetics()
+
+
+class _Replica(NamedTuple):
+    """What is kept of a finished replica; its lattice and state are not, because they would fill the memory."""
+
+    bonds: np.ndarray
+    #: None where it follows from the bonds by the constants of the chemistry
+    force: np.ndarray | None
+    events: int
+    sites: int
+    seen: Seen
+    origin: Origin
+
+
+def _replica(request: AgeingRequest, number: int, states: bool) -> _Replica:
+    replica = request.follow(number, states=states)
+    lattice, history = replica.lattice, replica.history
+    force = rupture_bonds(Bonded(request.solution, request.chemistry, lattice, history), request.rupture)
+    seen = measure(request.solution, lattice, history, request.observe)
+    origin = replica.origin(force)
+    return _Replica(
+        bonds=history.bonds,
+        force=force.force if request.rupture is not None or force.plugins else None,
+        events=history.events,
+        sites=lattice.sites.size,
+        seen=seen,
+        origin=origin._replace(plugins=origin.plugins | seen.plugins),
+    )
+
+
+def _forces(request: AgeingRequest, replicas: list[_Replica]) -> np.ndarray | None:
+    """(replicas, m) nN where a rupture law or a plugin gave the force of a replica."""
+    if all(replica.force is None for replica in replicas):
+        return None
+    mean = request.chemistry.bond_force * request.chemistry.front_factor
+    return np.stack([replica.bonds * mean if replica.force is None else replica.force for replica in replicas])

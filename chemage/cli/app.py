@@ -17,7 +17,6 @@ import typer
 import typer.core
 
 from chemage.cli import experiments, inference, output, plugins, reference, results
-from chemage.cli.tradeoff import tradeoff
 from chemage.foundation.progress import LOGGER
 from chemage.plugins.context import PREFER, preference
 
@@ -25,7 +24,7 @@ from chemage.plugins.context import PREFER, preference
 COMMANDS = {
     "Experiments": (
         *(experiments.init, experiments.check, experiments.run, experiments.sweep, experiments.status),
-        *(tradeoff, inference.infer),
+        *(experiments.tradeoff, inference.infer),
     ),
     "Results": (results.show, results.plot, results.compare, results.report, results.arrhenius, results.cite),
     "Reference": (reference.materials, reference.schema, reference.warmup),
@@ -68,7 +67,7 @@ app = typer.Typer(
 
 def _print_version(requested: bool) -> None:
     if requested:
-        from chemage.foundation.version import __version__
+        from chemage.foundation.names import __version__
 
         print(f"chemage {__version__}")
         raise typer.Exit

@@ -1,4 +1,4 @@
-"""The commands of an experiment: run, sweep, check, status, init."""
+"""The commands of an experiment: run, sweep, check, status, init, tradeoff."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chemage.cli import completion, terminal
-from chemage.cli.files import drawn, figures_of, preflight_folder, protect_inputs, result_written
+from chemage.cli import completion, output
 from chemage.cli.options import (
+    FIGURES,
     RESULTS,
     AccuracyOpt,
     BudgetOpt,
@@ -35,6 +35,7 @@ from chemage.cli.options import (
     requested_fields,
     user_error,
 )
+from chemage.cli.output import drawn, figures_of, preflight_folder, protect_inputs, result_written, save_picture
 from chemage.foundation import compiling
 from chemage.foundation.progress import loaded, loading, progress_bars, reported, watching
 
@@ -93,12 +94,12 @@ def run(
         from chemage.scene.files import is_sweep, load_scene
 
         if is_sweep(scene):
-            from chemage.cli import sweeps
+            from chemage.cli import studies
 
             loaded()
             if checkpoints is not None:
                 raise user_error("--checkpoints is for a single run; a sweep resumes from its own folder")
-            return sweeps.run(
+            return studies.run_sweep(
                 scene,
                 out,
                 values,
@@ -130,11 +131,11 @@ def _run_scene(
                 text = "is for sweeps and for means over surfaces; --threads is for a single run"
                 raise user_error(f"--{option} {text}")
         return _run_one(one, path, checkpoints=checkpoints, **how)
-    from chemage.cli import ensembles
+    from chemage.cli import studies
 
     if checkpoints is not None:
         raise user_error("--checkpoints is for a single run; an ensemble keeps its samples beside its result")
-    return ensembles.run(one, path, **how, **where)
+    return studies.run_ensemble(one, path, **how, **where)
 
 
 def _run_one(
@@ -148,7 +149,7 @@ def _run_one(
     as_json: bool,
     force: bool,
 ) -> None:
-    from chemage.ageing.kinetics import EVERY_SITE
+    from chemage.ageing.methods import EVERY_SITE
     from chemage.foundation.files import preflight
     from chemage.foundation.result import result_of
     from chemage.results.files import write
@@ -172,7 +173,7 @@ def _run_one(
         if figures:
             with result_written(path), reported(report, "drawing"):
                 pictures = drawn(result_of(result), path)
-    terminal.answer(result_of(result), as_json, file=path, figures=pictures)
+    output.answer(result_of(result), as_json, file=path, figures=pictures)
 
 
 def _without_figures(one: Scene, path: Path) -> Run | None:
@@ -224,19 +225,19 @@ def sweep(
     each another share with --points. When all have ended, --collect writes the tables. Completed points are skipped;
     rerun the same command to resume.
     """
-    from chemage.cli import sweeps
+    from chemage.cli import studies
     from chemage.scene.files import is_sweep
 
     if collect is not None:
         given = {"SCENE": scene, "--out": out, "--points": points, "--set": changes, "--executor": executor}
         if others := [name for name, value in given.items() if value is not None]:
             raise user_error(f"--collect FOLDER computes nothing; leave out {', '.join(others)}")
-        return sweeps.collect(collect, as_json=as_json)
+        return studies.collect(collect, as_json=as_json)
     if scene is None:
         raise user_error("name a scene with [sweep], or a folder with --collect FOLDER")
     if not is_sweep(scene):
         raise user_error(f"{scene} has no [sweep]; `chemage run {scene}` runs it")
-    sweeps.run(
+    studies.run_sweep(
         scene,
         out,
         changed_fields(changes, replicas, seed) | requested_fields(accuracy, None, surfaces),
@@ -275,9 +276,9 @@ def check(
 
     request = requested_fields(accuracy, budget, surfaces, measured)
     if is_sweep(scene):
-        from chemage.cli import sweeps
+        from chemage.cli import studies
 
-        return sweeps.check(scene, changed_fields(changes) | request, yes=yes, as_json=as_json, shares=shares)
+        return studies.check_sweep(scene, changed_fields(changes) | request, yes=yes, as_json=as_json, shares=shares)
     if shares is not None:
         raise user_error(f"--shares is for sweeps, and {scene} has no [sweep]")
     one = load_scene(scene, changed_fields(changes) | request)
@@ -290,9 +291,9 @@ def check(
     if as_json:
         print(json.dumps(jsonable(made.todict())))
         return
-    terminal.show_rows(f"{scene} is valid", (), made.rows())
+    output.show_rows(f"{scene} is valid", (), made.rows())
     for note in made.notes:
-        terminal.say(f"warning: {note}")
+        output.say(f"warning: {note}")
 
 
 def status(
@@ -305,9 +306,9 @@ def status(
 
     The numbers are given in total and for each value of each axis.
     """
-    from chemage.cli import sweeps
+    from chemage.cli import studies
 
-    sweeps.status(folder, as_json=as_json)
+    studies.status(folder, as_json=as_json)
 
 
 def init(
@@ -334,8 +335,8 @@ def init(
 
     The file is a copy of an installed scene, with comments, and NAME as its name.
     """
+    from chemage.foundation.errors import nearest
     from chemage.foundation.files import fresh_file
-    from chemage.foundation.messages import nearest
     from chemage.plugins import registry
     from chemage.scene.files import installed_text, named
     from chemage.scene.scene import file_name
@@ -355,5 +356,77 @@ def init(
     with fresh_file(file, force=force) as part:
         part.write_text(text, encoding="utf-8")
     others = ", ".join(sorted(set(plugins.scenes()) - {like}))
-    terminal.remark(f"another scene to begin with: --like SCENE ({others})")
-    terminal.say(f"{file} is a copy of {like}; change it, then: chemage check {file} && chemage run {file}")
+    output.remark(f"another scene to begin with: --like SCENE ({others})")
+    output.say(f"{file} is a copy of {like}; change it, then: chemage check {file} && chemage run {file}")
+
+
+_STAGE = "measuring"
+
+
+def tradeoff(
+    scene: SceneArg,
+    changes: SetOpt = None,
+    out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="write the map into this file (.json), for `chemage run --map`, or draw it (.png, .pdf or .svg); may "
+            "be repeated; default: neither",
+        ),
+    ] = None,
+    rounds: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="how often everything is computed, each time on another surface where the surface is random; default: "
+            "3 to 6, by the cost of the scene",
+        ),
+    ] = None,
+    as_json: JsonOpt = False,
+    force: ForceOpt = False,
+) -> None:
+    """Measure speed against accuracy on a scene.
+
+    Settings, and combinations of those that pay, are computed on several surfaces and compared with a reference. The
+    result is a table of CPU times and errors, and the cheapest settings within 10, 3, 1 and 0.3 % for each observable.
+    """
+    from chemage.foundation.files import preflight
+    from chemage.foundation.result import result_of
+    from chemage.scene.files import load_scene
+    from chemage.studies.trade.mapping import planned
+    from chemage.studies.trade.mapping import tradeoff as measure
+
+    files = out or []
+    for file in files:
+        check_ending(file, (".json", *FIGURES), "a map or its figure")
+        preflight(file, force=force)
+    if len(set(files)) < len(files):
+        raise user_error("--out: one file is named twice")
+    loaded = load_scene(scene, changed_fields(changes))
+    if not output.quiet():
+        print(f"{loaded.name}: {planned(loaded)}", file=sys.stderr)
+    done = 0
+    with progress_bars({_STAGE: "steps"}) as report:
+
+        def shown(what: str) -> None:
+            nonlocal done
+            done += 1
+            report(_STAGE, done, 0, what)
+
+        measured = measure(loaded, rounds=rounds, report=shown)
+        report(_STAGE, 1, 1)
+    result = result_of(measured)
+    for file in files:
+        if file.suffix.lower() == ".json":
+            measured.write(file, force=force)
+            continue
+        save_picture(result, file, force=force)
+    if as_json:
+        print(json.dumps(measured.summary()))
+        return
+    output.show_result(result)
+    for file in files:
+        output.say(f"{'map' if file.suffix.lower() == '.json' else 'figure':8} {file}")

@@ -1,26 +1,240 @@
-"""The command infer with its options, and what show prints of its result."""
+"""The command infer: what it reads from its options, and what it computes and prints."""
 
 from __future__ import annotations
 
+import math
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chemage.cli import completion, output, terminal
-from chemage.cli.files import drawn, figures_of, preflight_folder, protect_inputs, result_written
+from chemage.cli import completion, output
 from chemage.cli.options import RESULTS, ForceOpt, JsonOpt, SetOpt, ThreadsOpt, changed_fields, check_ending, user_error
+from chemage.cli.output import drawn, figures_of, preflight_folder, protect_inputs, result_written
 from chemage.foundation.progress import loading, progress_bars, reported
 
 if TYPE_CHECKING:
-    from chemage.cli.infer_words import Wishes
     from chemage.foundation.progress import Report
     from chemage.inference.curves import MeasuredCurve
     from chemage.inference.result import Inference, InferenceResult, UnexplainedError
     from chemage.scene.scene import Scene
+
+#: word of ``--predict`` and ``--next`` -> what it is an example of
+PREDICT = {"load": "500 nN", "temperature": "350 K", "hold_time": "1 ms to 1e5 s", "scene": "silica-tip"}
+NEXT = {"hold_time": "1e5 s", "load": "50 nN", "temperature": "350 K", "error": "3 %"}
+TARGET = {"energy": "1.0 eV", "load": "500 nN", "temperature": "350 K", "hold_time": "1e5 s"}
+#: hold times per decade of a range, in a forecast and among planned measurements
+PER_DECADE, PLANNED_PER_DECADE = 4, 1
+_UNITS = {"load": "nN", "temperature": "K", "hold_time": "s", "energy": "eV"}
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What is asked of an inference beside the density, checked before anything is computed."""
+
+    #: label -> arguments of :meth:`Inference.forecast`
+    forecasts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    candidates: Sequence[Mapping[str, Any]] = ()
+    target: Mapping[str, Any] | None = None
+    #: the target in words
+    target_text: str = ""
+
+
+def read_wishes(predict: Sequence[str], planned: Sequence[str], target: str | None) -> Wishes:
+    """Read ``--predict``, ``--next`` and ``--target``.
+
+    Raises
+    ------
+    InputError
+        Naming the option, the word that is wrong, and how to write it.
+    """
+    from chemage.inference.result import MOST_FORECASTS
+
+    forecasts: dict[str, Mapping[str, Any]] = {}
+    for text in predict:
+        arguments = _forecast(text)
+        parts = [part.strip() for part in text.split(",") if part.strip()]
+        # the last hold time stands beside the label
+        label = ", ".join(part for part in parts if not part.startswith("hold_time")) or "as in the scene"
+        label = label if label not in forecasts else ", ".join(parts)
+        if label in forecasts:
+            raise user_error(f"--predict {text}: given twice")
+        forecasts[label] = arguments
+    if len(forecasts) > MOST_FORECASTS:
+        raise user_error(f"--predict: {len(forecasts)} forecasts; one file holds {MOST_FORECASTS}")
+    candidates = [plan for text in planned for plan in _candidates(text)]
+    if target is not None and not candidates:
+        raise user_error("--target is what planned measurements are to narrow; give them with --next")
+    if target is None:
+        return Wishes(forecasts, candidates, None, "the density at all visible energies")
+    words = _pairs("--target", target, TARGET)
+    wanted = {name: _quantity("--target", name, value) for name, value in words.items()}
+    if ("energy" in wanted) == ("hold_time" in wanted) or ("energy" in wanted and len(wanted) > 1):
+        raise user_error(
+            f'--target {target}: give an energy, "energy=1.0 eV", or a forecast with its hold time, '
+            '"load=500 nN, hold_time=1e5 s"'
+        )
+    return Wishes(forecasts, candidates, wanted, target.strip())
+
+
+def read_unknowns(texts: Sequence[str]) -> dict[str, tuple[str, str]] | list[str]:
+    """Read ``--unknown NAME`` and ``--unknown "NAME=LOW to HIGH"``: names, or names with their bounds."""
+    names: list[str] = []
+    bounds: dict[str, tuple[str, str]] = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if name in names:
+            raise user_error(f"--unknown {text}: {name} is given twice")
+        names.append(name)
+        if equals:
+            low, to, high = (part.strip() for part in value.partition(" to "))
+            if not (low and to and high):
+                raise user_error(
+                    f'--unknown {text}: write the bounds as LOW to HIGH, such as "bond_force=1 nN to 10 nN"'
+                )
+            bounds[name] = low, high
+    if bounds and len(bounds) < len(names):
+        bare = ", ".join(name for name in names if name not in bounds)
+        raise user_error(f"--unknown {bare}: give bounds for all unknowns, or for none")
+    return bounds or names
+
+
+def read_families(text: str | None) -> Sequence[str]:
+    """Read ``--families NAME,NAME`` or ``none``."""
+    from chemage.inference.infer import FAMILIES
+
+    if text is None:
+        return FAMILIES
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    return () if names == ["none"] else tuple(dict.fromkeys(names))
+
+
+def _forecast(text: str) -> Mapping[str, Any]:
+    from chemage.scene.files import load_scene
+
+    arguments: dict[str, Any] = {}
+    for name, value in _pairs("--predict", text, PREDICT).items():
+        if name == "scene":
+            arguments["scene"] = load_scene(value)
+        elif name == "hold_time":
+            arguments["hold_times"] = _times("--predict", value, PER_DECADE)
+        else:
+            arguments[name] = _quantity("--predict", name, value)
+    return arguments
+
+
+def _candidates(text: str) -> list[dict[str, Any]]:
+    if text.strip().lower().endswith(".csv") or ("=" not in text and Path(text).exists()):
+        return _from_file(Path(text))
+    words = _pairs("--next", text, NEXT)
+    if "hold_time" not in words:
+        raise user_error(f'--next {text}: give a hold time, such as "hold_time=1e5 s", or a CSV file')
+    same: dict[str, Any] = {
+        name: _percent("--next", value) if name == "error" and value.endswith("%") else _quantity("--next", name, value)
+        for name, value in words.items()
+        if name != "hold_time"
+    }
+    return [{"hold_time": float(time), **same} for time in _times("--next", words["hold_time"], PLANNED_PER_DECADE)]
+
+
+def _from_file(path: Path) -> list[dict[str, Any]]:
+    """Planned measurements in a CSV file: columns hold_time (s), load (nN), temperature (K), error (nN)."""
+    from chemage.foundation.tables import read_columns
+    from chemage.foundation.units import convert
+
+    example = "hold_time (s), load (nN), temperature (K), error (nN)"
+    table = read_columns(path, list(NEXT), example)
+    if not table.rows:
+        raise user_error(
+            f"--next {path}: no planned measurements; write a header, such as {example}, and a row for each"
+        )
+    if "hold_time" not in table.columns:
+        raise user_error(f"--next {path}: no column hold_time; write the header as {example}")
+    plans = []
+    for _, at, cells in table.rows:
+        plan: dict[str, Any] = {}
+        for name, (place, stated) in table.columns.items():
+            unit, cell = stated or _UNITS.get(name, "nN"), cells[place]
+            if not cell:
+                continue
+            where = f"--next {at}, column {name}"
+            if name == "error" and unit == "%":
+                plan[name] = _percent(where, f"{cell} %")
+            else:
+                plan[name] = convert(f"{cell} {unit}", _UNITS.get(name, "nN"), where)
+        if not plan.get("hold_time", 0) > 0:
+            raise user_error(f"--next {at}: the hold time must be above zero")
+        plans.append(plan)
+    return plans
+
+
+def _pairs(option: str, text: str, examples: Mapping[str, str]) -> dict[str, str]:
+    """Read ``name=value, name=value``."""
+    from chemage.foundation.errors import nearest
+
+    example = ", ".join(f"{name}={value}" for name, value in list(examples.items())[:2])
+    words: dict[str, str] = {}
+    for part in filter(None, (piece.strip() for piece in text.split(","))):
+        name, equals, value = (piece.strip() for piece in part.partition("="))
+        name = {"hold_times": "hold_time"}.get(name, name)
+        if not equals or not value:
+            raise user_error(f'{option} {text}: {part!r}; write it as NAME=VALUE, such as "{example}"')
+        if name not in examples:
+            raise user_error(f"{option} {text}: {name}{nearest(name, list(examples))}; choose of {', '.join(examples)}")
+        if name in words:
+            raise user_error(f"{option} {text}: {name} is given twice")
+        words[name] = value
+    if not words:
+        raise user_error(f'{option}: nothing given; write it as NAME=VALUE, such as "{example}"')
+    return words
+
+
+def _quantity(option: str, name: str, value: str) -> float:
+    """A quantity in internal units, above zero; a number alone has them."""
+    from chemage.foundation.errors import UnitError
+    from chemage.foundation.units import convert
+
+    unit = _UNITS.get(name, "nN")
+    try:
+        number = convert(_number(value), unit)
+    except UnitError as error:
+        raise user_error(f"{option}: {name}={value}: {error}") from None
+    if not (math.isfinite(number) and number > 0):
+        raise user_error(f"{option}: {name}={value}: give a quantity above zero, in {unit} or with its unit")
+    return number
+
+
+def _percent(where: str, text: str) -> str:
+    """A percentage above zero, as it is written."""
+    value = _number(text.removesuffix("%"))
+    if isinstance(value, str) or not 0 < value < math.inf:
+        raise user_error(f'{where}: error={text}: give a percentage above zero, such as "3 %"')
+    return text
+
+
+def _number(value: str) -> float | str:
+    try:
+        return float(value)
+    except ValueError:
+        return value
+
+
+def _times(option: str, value: str, per_decade: int) -> list[float]:
+    from chemage.foundation.checks import hold_times
+    from chemage.foundation.errors import ChemageError
+
+    low, to, high = (part.strip() for part in value.partition(" to "))
+    if not to:
+        return [_quantity(option, "hold_time", value)]
+    try:
+        return hold_times(_number(low), _number(high), per_decade).tolist()
+    except ChemageError as error:
+        raise user_error(f"{option}: hold_time={value}: {error}") from None
+
 
 #: width of the tables
 _WIDTH = 80
@@ -133,7 +347,6 @@ def infer(
     most. The result file can be used in scenes: forming = { kind = "inferred", path = "NAME.h5" }.
     """
     loading("loading chemage")
-    from chemage.cli import infer_words
     from chemage.foundation.files import preflight
     from chemage.foundation.result import result_of
     from chemage.foundation.units import convert
@@ -143,10 +356,10 @@ def infer(
     path = out or Path(f"{measured[0].stem}-inferred.h5")
     if out is not None:
         check_ending(out, RESULTS, "a result file")
-    wishes = infer_words.read_wishes(predict or (), planned or (), target)
+    wishes = read_wishes(predict or (), planned or (), target)
     how: dict[str, Any] = {
-        "unknown": infer_words.read_unknowns(unknown or ()),
-        "families": infer_words.read_families(families),
+        "unknown": read_unknowns(unknown or ()),
+        "families": read_families(families),
         "samples": samples,
         "seed": seed,
         "threads": threads,
@@ -165,7 +378,7 @@ def infer(
         _show_best_fit(error, curves)
         raise
     hint = f'use it   forming = {{ kind = "inferred", path = "{path}" }}'
-    terminal.answer(result_of(result), as_json, [hint], file=path, figures=pictures)
+    output.answer(result_of(result), as_json, [hint], file=path, figures=pictures)
 
 
 def _protect(path: Path, inputs: Sequence[Path]) -> None:
@@ -236,9 +449,9 @@ def _show_best_fit(error: UnexplainedError, curves: Sequence[MeasuredCurve]) -> 
     points = [(c.name, t, v) for c in curves for t, v in zip(c.hold_times, c.friction_drop, strict=True)]
     if len(points) != len(error.fitted):
         return
-    terminal.say("the best fit:", file=sys.stderr)
-    terminal.say(
+    output.say("the best fit:", file=sys.stderr)
+    output.say(
         f"{'curve':16} {'hold time (s)':>13} {'measured (nN)':>13} {'fit (nN)':>10} {'residual':>9}", file=sys.stderr
     )
     for (name, time, value), fit, off in zip(points, error.fitted, error.residuals, strict=True):
-        terminal.say(f"{name[:16]:16} {time:13.5g} {value:13.5g} {fit:10.5g} {off:+9.1f}", file=sys.stderr)
+        output.say(f"{name[:16]:16} {time:13.5g} {value:13.5g} {fit:10.5g} {off:+9.1f}", file=sys.stderr)

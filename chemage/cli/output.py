@@ -1,28 +1,39 @@
-"""The options of every command about what is printed: ``-q``, ``-v`` and ``--log FILE``, and help by ``-h``.
+"""What the commands print and write: lines, tables, results of every kind and the files beside them.
 
-They stand before or after the name of a command. What they show comes from the logger ``chemage``, to which the stages
-report; see :mod:`chemage.foundation.progress`.
+And the options of every command about what is printed: ``-q``, ``-v`` and ``--log FILE``, before or after its name.
+What they show comes from the logger ``chemage``, to which the stages report; see :mod:`chemage.foundation.progress`.
 """
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import platform
 import shlex
+import shutil
 import signal
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from copy import copy
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from chemage.cli.options import user_error
 from chemage.foundation import progress
+from chemage.foundation.errors import printable
 from chemage.foundation.progress import LOGGER
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from chemage.foundation.result import Result
+    from chemage.scene.scene import Scene
 
 
 class _State:
@@ -101,16 +112,12 @@ def _be_verbose(context: typer.Context, given: bool) -> None:
 
 def _check() -> None:
     if _state.quiet and _state.verbose:
-        from chemage.cli.options import user_error
-
         raise user_error("--quiet and --verbose: choose one")
 
 
 def _write_log(context: typer.Context, path: Path | None) -> None:
     if path is None or path == _state.log or context.resilient_parsing:
         return
-    from chemage.cli.options import user_error
-
     if _state.log is not None:
         raise user_error(f"--log {path}: the log is {_state.log} already; give --log once")
     try:
@@ -129,8 +136,6 @@ class _Printable(logging.Formatter):
     """Control characters, as in the name of a file, are written as escapes."""
 
     def format(self, record: logging.LogRecord) -> str:
-        from chemage.foundation.errors import printable
-
         return "\n".join(printable(line) for line in super().format(record).splitlines())
 
 
@@ -144,7 +149,8 @@ def _describe(handler: logging.Handler) -> None:
     """Log the command, the versions, the plugins and where kernels are kept, to one handler alone."""
     from importlib import metadata
 
-    from chemage.foundation.version import __version__
+    from chemage.foundation import machine
+    from chemage.foundation.names import __version__
     from chemage.plugins import registry
 
     libraries = {}
@@ -154,14 +160,13 @@ def _describe(handler: logging.Handler) -> None:
         except metadata.PackageNotFoundError:
             libraries[name] = "not installed"
     others = sorted({one.source for one in registry.current().records if one.distribution != "chemage"})
-    kernels = os.environ.get("NUMBA_CACHE_DIR") or f"{Path(__file__).parents[1]}, in folders __pycache__"
     for text in (
         f"command: {shlex.join(['chemage', *sys.argv[1:]])}",
         f"folder: {Path.cwd()}",
         f"versions: chemage {__version__}, Python {platform.python_version()}, "
         + ", ".join(f"{name} {version}" for name, version in libraries.items()),
         f"plugins of other packages: {', '.join(others) or 'none'}",
-        f"compiled kernels are kept in {kernels}",
+        f"compiled kernels are kept in {machine.kernel_folder()}",
     ):
         record = LOGGER.makeRecord(LOGGER.name, logging.INFO, "", 0, text, (), None)
         record.created = time.time()
@@ -224,3 +229,161 @@ def _add(command: Any, options: Sequence[Any]) -> None:
         own = copy(option)
         own.opts = [word for word in option.opts if word not in taken]
         command.params.append(own)
+
+
+#: characters of a line where stdout is not a terminal
+WIDTH = 110
+
+
+def table(title: str, columns: Sequence[str] = ()) -> Table:
+    """Make an empty table with the headings ``columns``, or with two columns that have none."""
+    from rich import box
+    from rich.table import Table
+
+    class Harmless(Table):
+        def add_row(self, *cells: Any, **options: Any) -> None:
+            super().add_row(*(printable(cell) if isinstance(cell, str) else cell for cell in cells), **options)
+
+    heading = printable(title) or None
+    grid = Harmless(title=heading, title_justify="left", box=box.SIMPLE, show_header=bool(columns), pad_edge=False)
+    for name in columns or ("", ""):
+        grid.add_column(printable(name), overflow="fold")
+    return grid
+
+
+def say(text: object = "", end: str = "\n", file: Any = None) -> None:
+    """Print a line, on stdout by default; control characters, as in the name of a file, are printed as escapes."""
+    print(printable(str(text)), end=end, file=file)
+
+
+def remark(text: object = "") -> None:
+    """Print a line that is not the answer itself, such as a note; nothing with ``--quiet``."""
+    if not quiet():
+        say(text)
+
+
+def show(table: Table, width: int = WIDTH) -> None:
+    """Print a table as wide as the terminal; ``width`` characters where stdout is not a terminal.
+
+    Nothing with ``--quiet``.
+    """
+    if quiet():
+        return
+    from rich.console import Console
+
+    class Quiet(Console):
+        def on_broken_pipe(self) -> None:  # rich's own exits with status 1
+            raise
+
+    # a title or a file name is text, never markup
+    Quiet(
+        file=sys.stdout, highlight=False, markup=False, emoji=False, width=None if sys.stdout.isatty() else width
+    ).print(table)
+
+
+def show_rows(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], width: int = WIDTH) -> None:
+    """Print a table of text; without ``columns`` of names and values."""
+    grid = table(title, columns)
+    for row in rows:
+        grid.add_row(*row)
+    show(grid, width)
+
+
+def show_result(result: Result) -> None:
+    """Print the main numbers of a result, its tables and its notes."""
+    show_rows(result.heading, (), result.rows(), result.width)
+    for part in (part for part in result.tables() if not part.in_detail):
+        grid = table(part.title, part.columns or ("",))
+        grid.show_header = bool(part.columns)
+        if part.dense:
+            grid.padding = (0, 0)
+            grid.columns[0].min_width = 22
+        for row in part.rows[: part.most]:
+            grid.add_row(*row)
+        show(grid, result.width)
+        for text in part.remarks:
+            remark(text)
+    for note in result.notes():
+        remark(f"note: {note}")
+
+
+def answer(result: Result, as_json: bool, remarks: Sequence[str] = (), **written: Any) -> None:
+    """Print a result that was computed, or one JSON object, with the files ``written``: what they are -> path."""
+    if as_json:
+        paths = {name: value if isinstance(value, int | list | None) else str(value) for name, value in written.items()}
+        print(json.dumps({**result.numbers(), **paths}, default=str))
+        return
+    show_result(result)
+    remark()
+    labels = {"file": "result", "figures": "figure"}
+    for name, value in written.items():
+        for path in value if isinstance(value, list) else [value] if isinstance(value, Path) else []:
+            say(f"{labels.get(name, name):8} {path}")
+    for text in remarks:
+        remark(text)
+
+
+def figures_of(path: Path) -> Path:
+    """The folder of the figures of a result file."""
+    return path.with_name(f"{path.stem}-figures")
+
+
+def drawn(result: Result, path: Path) -> list[Path]:
+    """Draw the figures of a result beside its file; a new folder gets its name when all of them are in it."""
+    from chemage.foundation.figures import save_figures
+    from chemage.results.drawing import figures
+
+    folder, named = figures_of(path), figures(result)
+    if folder.exists():
+        return save_figures(named, folder, force=True)
+    part = folder.with_name(f".{folder.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    try:
+        pictures = save_figures(named, part)
+        part.rename(folder)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return [folder / picture.name for picture in pictures]
+
+
+def save_picture(result: Result, file: Path, *, force: bool) -> None:
+    """Draw the first picture of a result into a file, in the format of its ending."""
+    from chemage.foundation.files import fresh_file
+    from chemage.foundation.result import drawn_picture
+
+    (picture, *_) = result.pictures().values()
+    with fresh_file(file, force=force) as part:
+        drawn_picture(picture).savefig(part, format=file.suffix.removeprefix(".").lower() or "png")
+
+
+def protect_inputs(path: Path, source: str, one: Scene) -> None:
+    """Refuse to overwrite the scene file, or a file that the scene reads, even with ``--force``."""
+    read = [part["path"] for part in one.todict().values() if isinstance(part, dict) and "path" in part]
+    for name in (source, *read):
+        if "\0" not in str(name) and os.path.realpath(name) == os.path.realpath(path):
+            raise user_error(f"{path} is an input of this scene; choose another --out")
+
+
+def preflight_folder(folder: Path, force: bool) -> None:
+    """Refuse a folder for figures that cannot be one, or that exists, unless ``force``."""
+    if folder.is_symlink():
+        raise user_error(f"{folder}, the folder for the figures, is a link; remove it, or choose another --out")
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise user_error(f"{folder}, the folder for the figures, is a file; choose another --out, or --no-figures")
+    if not force and any(folder.iterdir()):
+        raise user_error(f"{folder} is already there; choose another --out, or overwrite it with --force")
+
+
+@contextmanager
+def result_written(path: Path) -> Iterator[None]:
+    """Add to the errors of a block that the result itself has been written to ``path``."""
+    from chemage.foundation.errors import StoreError
+
+    try:
+        yield
+    except StoreError as error:
+        raise StoreError(f"{error}\nthe result itself is in {path}; `chemage plot {path}` draws its figures") from error
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the result is in {path}, but its figures are incomplete") from None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chemage.cli import completion, terminal
+from chemage.cli import completion, output
 from chemage.cli.options import ForceOpt, JsonOpt, user_error
 from chemage.plugins.hooks import OFFERS
 
@@ -50,7 +50,7 @@ def plugins_list(as_json: JsonOpt = False) -> None:
         found = {"components": rows, "scenes": plugins.scenes(), "materials": plugins.materials()}
         print(json.dumps({**found, "hooks": hooks, "options": options, "broken": broken}))
         return
-    table = terminal.table("", ("role", "kind", "plugin", "from"))
+    table = output.table("", ("role", "kind", "plugin", "from"))
     for row in rows:
         table.add_row(row["role"], row["kind"], row["plugin"], row["from"])
     for record in plugins.records:
@@ -63,9 +63,9 @@ def plugins_list(as_json: JsonOpt = False) -> None:
             table.add_row("hook", name, item["plugin"], item["from"])
     for name in options:
         table.add_row("options", f"[plugins.{name}]", name, plugins.source(name) or "")
-    terminal.show(table)
+    output.show(table)
     for item in broken:
-        terminal.say(f"skipped: {item['plugin']} ({item['from']}): {item['error']}")
+        output.say(f"skipped: {item['plugin']} ({item['from']}): {item['error']}")
 
 
 def _stage_hooks(plugins: Registry, record: PluginRecord) -> list[str]:
@@ -98,7 +98,7 @@ def plugins_show(
     Prints what a component computes, its options with units and defaults, and its references; of a plugin, its hooks
     and the options that a scene sets in [plugins.NAME].
     """
-    from chemage.foundation.messages import nearest
+    from chemage.foundation.errors import nearest
     from chemage.plugins import registry
     from chemage.scene.schema import options_of
 
@@ -132,16 +132,16 @@ def plugins_show(
     import inspect
 
     for one in shown:
-        terminal.say(f"{one['role']} {one['kind']}  ({one['from']})\n\n{inspect.cleandoc(one['about'])}\n")
+        output.say(f"{one['role']} {one['kind']}  ({one['from']})\n\n{inspect.cleandoc(one['about'])}\n")
         for hook in one.get("hooks", ()):
-            terminal.say(f"hook: {hook}")
-        table = terminal.table("", ("option", "unit", "default", "meaning"))
+            output.say(f"hook: {hook}")
+        table = output.table("", ("option", "unit", "default", "meaning"))
         for option in one["options"]:
             table.add_row(option["name"], option["unit"], option["default"], option["meaning"])
         if one["options"]:
-            terminal.show(table)
+            output.show(table)
         for text in one["cite"]:
-            terminal.say(f"cite: {text}")
+            output.say(f"cite: {text}")
 
 
 def _about_plugin(plugins: Registry, record: PluginRecord) -> dict[str, Any]:
@@ -182,12 +182,12 @@ def plugins_new(
 
     It contains a small working component of the role, its entry point, and tests.
     """
-    from chemage.scaffold.new import new
+    from chemage.scaffold import new
 
     files = new(name, role, folder)
     for path in files:
-        terminal.say(path)
-    terminal.remark(f"\nnext: pip install -e {files[0].parent} && chemage plugins show {name}")
+        output.say(path)
+    output.remark(f"\nnext: pip install -e {files[0].parent} && chemage plugins show {name}")
 
 
 @plugins_app.command("stubs")
@@ -202,13 +202,13 @@ def plugins_stubs(
     With them, an editor knows the options of every installed component.
     """
     from chemage.foundation.files import fresh_file
-    from chemage.scaffold.stubs import stubs
+    from chemage.scaffold import stubs
 
     (folder / "chemage").mkdir(parents=True, exist_ok=True)
     for name, text in stubs().items():
         with fresh_file(folder / "chemage" / name, force=force) as part:
             part.write_text(text, encoding="utf-8")
-        terminal.say(folder / "chemage" / name)
+        output.say(folder / "chemage" / name)
 
 
 @plugins_app.command("check")
@@ -225,10 +225,10 @@ def plugins_check() -> None:
     plugins = registry.current()
     problems = [*plugins.check(), *material_problems()]
     for problem in problems:
-        terminal.say(problem)
+        output.say(problem)
     for note in [*plugins.notes(), *shared_endings()]:
-        terminal.remark(f"note: {note}")
+        output.remark(f"note: {note}")
     count = sum(len(kinds) for record in plugins.records for kinds in record.kinds.values())
-    terminal.say(f"{len(plugins.records)} plugins, {count} components, {len(problems)} problems")
+    output.say(f"{len(plugins.records)} plugins, {count} components, {len(problems)} problems")
     if problems:
         raise typer.Exit(1)

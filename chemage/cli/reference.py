@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chemage.cli import terminal
+from chemage.cli import output
 from chemage.cli.options import JsonOpt, user_error
 from chemage.foundation.progress import loading, progress_bars
 
@@ -44,23 +44,23 @@ def materials(
         if as_json:
             print(json.dumps([entry.todict() for entry in entries]))
             return
-        table = terminal.table("", ("material", "", "values", "from"))
+        table = output.table("", ("material", "", "values", "from"))
         for entry in entries:
             table.add_row(entry.name, entry.title, str(len(entry.values)), entry.source)
-        terminal.show(table)
+        output.show(table)
         return
     entry = material(name)
     if as_json:
         print(json.dumps(entry.todict()))
     elif as_toml:
-        terminal.say(entry.toml(), end="")
+        output.say(entry.toml(), end="")
     else:
-        table = terminal.table(f"{entry.name}: {entry.title}", ("value", "", "how", "source"))
+        table = output.table(f"{entry.name}: {entry.title}", ("value", "", "how", "source"))
         for value in entry.values:
             table.add_row(value.path, value.text, value.how, value.source + (f"; {value.note}" if value.note else ""))
         if entry.about:
-            terminal.say(f"{entry.about}\n")
-        terminal.show(table)
+            output.say(f"{entry.about}\n")
+        output.show(table)
 
 
 def schema() -> None:
@@ -122,19 +122,19 @@ def warmup(
         "failed": failed,
     }
     for name, why in failed.items():
-        terminal.say(f"chemage: warning: not everything could be compiled for {name}: {why}", file=sys.stderr)
+        output.say(f"chemage: warning: not everything could be compiled for {name}: {why}", file=sys.stderr)
     if as_json:
         print(json.dumps(told))
     else:
         number = len(compiled.kernels)
-        terminal.say(
+        output.say(
             f"{number} kernel{'' if number == 1 else 's'} compiled in {told['seconds']:.1f} s"
             if number
             else "all kernels are compiled already"
         )
-        terminal.say(f"for the processor {told['processor']}")
+        output.say(f"for the processor {told['processor']}")
         for folder in told["folders"]:
-            terminal.say(f"in {folder}")
+            output.say(f"in {folder}")
     if failed:
         raise typer.Exit(1)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chemage.cli import terminal
+from chemage.cli import output
 from chemage.cli.options import (
     FIGURES,
     PAGES,
@@ -29,7 +29,7 @@ from chemage.foundation.progress import progress_bars, reported
 if TYPE_CHECKING:
     from chemage.foundation.result import Result
     from chemage.results.comparison import Comparison
-    from chemage.scene.citations import Reference
+    from chemage.scene.provenance import Reference
 
 
 def show(file: ResultArg, as_json: JsonOpt = False, as_csv: CsvOpt = False) -> None:
@@ -42,9 +42,9 @@ def show(file: ResultArg, as_json: JsonOpt = False, as_csv: CsvOpt = False) -> N
     if as_json:
         print(json.dumps(result.numbers(), default=str))
     elif as_csv:
-        terminal.say(_csv(result), end="")
+        output.say(_csv(result), end="")
     else:
-        terminal.show_result(result)
+        output.show_result(result)
 
 
 def _csv(result: Result) -> str:
@@ -136,7 +136,7 @@ def plot(
             raise user_error(f"{file} holds nothing that can be drawn; `chemage run` makes files to plot")
         pictures = save_figures(drawn, folder, force=force, suffix=fmt)
     for picture in pictures:
-        terminal.say(picture)
+        output.say(picture)
 
 
 def _fixed(where: list[str] | None) -> dict[str, str]:
@@ -191,11 +191,11 @@ def compare(
     if as_json:
         print(json.dumps({**joined.todict(), "figures": [str(path) for path in pictures]}))
     elif as_csv:
-        terminal.say(joined.csv(), end="")
+        output.say(joined.csv(), end="")
     else:
         _print_comparison(joined)
         for picture in pictures:
-            terminal.say(f"figure   {picture}")
+            output.say(f"figure   {picture}")
 
 
 def report(
@@ -217,24 +217,24 @@ def report(
         check_ending(out, PAGES, "a report")
     with progress_bars() as bars, reported(bars, "report"):
         written = write_report(files, out, measured=measured or (), force=force)
-    terminal.say(written)
+    output.say(written)
 
 
 def _print_comparison(joined: Comparison) -> None:
     names, rows = [entry.name for entry in joined.results], joined.table()
     for first in range(0, len(names), 4):  # more columns do not fit a screen
         chosen = slice(first, first + 4)
-        terminal.show_rows("", ("", *names[chosen]), ((label, *texts[chosen]) for label, texts in rows))
-    terminal.remark(joined.statement())
+        output.show_rows("", ("", *names[chosen]), ((label, *texts[chosen]) for label, texts in rows))
+    output.remark(joined.statement())
     for different in joined.chemistry_differences():
         values = ("none" if value is None else f"{value}" for value in different.values)
-        terminal.remark(f"  {different.path}: {' | '.join(values)}")
+        output.remark(f"  {different.path}: {' | '.join(values)}")
     if fits := joined.fits():
         columns = ("data", "model", "β per decade", "b per e-fold", "cut-off time")
         lines = ((name, fit.describe(), fit.beta_text(), fit.b_text(), fit.cutoff_text()) for name, fit in fits)
-        terminal.show_rows("Fits, 95 % intervals", columns, lines)
+        output.show_rows("Fits, 95 % intervals", columns, lines)
     for name, model, reason in joined.not_fitted():
-        terminal.say(f"{name}: {model} not fitted: {reason}")
+        output.say(f"{name}: {model} not fitted: {reason}")
 
 
 def arrhenius(
@@ -279,7 +279,7 @@ def arrhenius(
     Lists β and the cut-off time at each temperature, and for each level of the friction rise the apparent activation
     energy of the time at which it is reached, with 95 % intervals.
     """
-    from chemage.cli.files import save_picture
+    from chemage.cli.output import save_picture
     from chemage.foundation.errors import InputError
     from chemage.foundation.files import preflight
     from chemage.foundation.result import result_of
@@ -301,7 +301,7 @@ def arrhenius(
     result = result_of(energies)
     if out is not None:
         save_picture(result, out, force=force)
-    terminal.answer(result, as_json, figure=out)
+    output.answer(result, as_json, figure=out)
 
 
 def _time(text: str) -> float | str:
@@ -319,7 +319,7 @@ def cite(
 
     These are chemage, the paper of its model, and the publications of the components that were used.
     """
-    from chemage.scene.citations import bibtex, text
+    from chemage.scene.provenance import bibtex, text
 
     if fmt not in ("bibtex", "text"):
         raise user_error(f"--format {fmt}: choose bibtex or text")
@@ -330,9 +330,8 @@ def cite(
 def _references(what: str) -> list[Reference]:
     from chemage.plugins import registry
     from chemage.results.kinds import components, load
-    from chemage.scene.citations import references
-    from chemage.scene.files import scene_data
-    from chemage.scene.parsing import parse_scene
+    from chemage.scene.files import parse_scene, scene_data
+    from chemage.scene.provenance import references
     from chemage.studies.sweeps.display import components_of_grid
     from chemage.studies.sweeps.grid import Grid
 

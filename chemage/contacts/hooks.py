@@ -6,8 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from chemage.plugins.hooks import hookimpl, hookspec
-from chemage.plugins.stages import Beside, Doubt, Parts, Stage, Stated, options_in
+from chemage.plugins.hooks import Beside, Doubt, Parts, Stage, Stated, hookimpl, hookspec, options_in
 
 if TYPE_CHECKING:
     from chemage.contacts.role import ContactSolver
@@ -68,7 +67,6 @@ class _Contact(Stage):
         return {self.section: options_in(contact)}
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
-        from chemage.contacts.role import ContactTheory
 
         surface, load = stated["surface"], parts["contact.load"]
         numbers = dict(parts[self.section].expected(surface, load))
@@ -77,7 +75,7 @@ class _Contact(Stage):
         touching = area * numbers.get("area_fraction", 0.0)
         if touching > 0:
             numbers["mean_pressure"] = load / touching
-        if not isinstance(parts[self.section], ContactTheory):
+        if parts[self.section].gives_map:
             numbers["pixels"] = pixels
             if "cpu_seconds" in numbers:
                 numbers["cpu_seconds"] += surface.get("cpu_seconds", 0.0) + PIXEL_SECONDS * pixels
@@ -126,9 +124,7 @@ class _Contact(Stage):
             yield Doubt("area", "the contact is expected to be nearly full")
 
     def warm_up(self, parts: Parts) -> None:
-        from chemage.contacts.role import ContactTheory
-
-        if not isinstance(parts[self.section], ContactTheory):
+        if parts[self.section].gives_map:
             parts[self.section].warm_up(parts["surface"].expected(), parts["contact.load"])
 
 

@@ -12,8 +12,7 @@ from pydantic_core import core_schema
 
 from chemage.foundation.checks import force
 from chemage.foundation.components import Component
-from chemage.foundation.errors import InputError, UnitError, shown
-from chemage.foundation.messages import nearest
+from chemage.foundation.errors import InputError, UnitError, nearest, shown
 from chemage.foundation.units import QuantityLike, Unit, convert, in_range, is_in_table
 
 #: what a table of elastic constants holds

@@ -1,18 +1,20 @@
-"""The role that solves a contact, and the theories that predict one from the roughness of a surface alone."""
+"""The roles that solve contacts, and the second stage: a solver presses a surface on a half-space."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 from chemage.contacts.options import normal_force
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed, expect
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
+from chemage.foundation.progress import logged, of_plugins
 from chemage.foundation.units import QuantityLike
-from chemage.plugins.sources import approximations, providers
+from chemage.plugins import registry
+from chemage.plugins.sources import approximation_of, approximations, providers
 from chemage.surfaces.role import SurfaceMaker
 from chemage.surfaces.surface import Roughness, Surface
 
@@ -57,6 +59,11 @@ class ContactSolver(Component, ABC):
         """Whether the contact has a nominal area, so that its load may be given as a nominal pressure; ``periodic``:
         whether the grid of the surface repeats. Override it where the class decides which boundary a surface has."""
         return periodic
+
+    def provenance(self, surface: Surface | Roughness) -> dict[str, Any]:
+        """How a contact of this surface was made, for its ``provenance``: kind, options, and the surface's own."""
+        options = self.identity()
+        return {"kind": options.pop("kind"), "options": options, "surface": surface.provenance}
 
     def normal_force(self, load: QuantityLike, surface: Surface | Roughness | Mapping[str, float]) -> float:
         """``load`` in nN: a force (nN, or a string with its unit), or a nominal pressure such as ``"10 MPa"``, which is
@@ -173,3 +180,31 @@ class ContactTheory(ContactSolver, ABC):
 def no_map(theory: ContactSolver, what: str) -> str:
     """The one sentence of what a contact without a map cannot do."""
     return f"contact {theory.kind!r} gives statistics and no map, so that {what}; or use a contact that is solved"
+
+
+def contact(kind: str, **options: Any) -> Any:
+    """A contact solver: ``chemage.contact("fft-bem", modulus="35.3 GPa").solve(surface, load="20 uN")``."""
+    return registry.current().make("contact", kind, options)
+
+
+def solve_contact(
+    solver: ContactSolver, surface: Surface, load: QuantityLike, *, start: ContactSolution | None = None
+) -> ContactSolution:
+    """The contact of ``surface`` under ``load`` (a force or a nominal pressure), by the hook ``chemage_solve_contact``.
+
+    The plugins that took part, here or at the surface, are noted in the solution's ``provenance``.
+    """
+    expect("solver", solver, ContactSolver, 'make one with chemage.contact("hertz", ...)')
+    expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
+    force = solver.normal_force(load, surface)
+    with logged("contact", f"{solver.kind}, load {force:g} nN, {surface.shape[0]} x {surface.shape[1]} pixels") as out:
+        solution, plugins = registry.current().answer(
+            "chemage_solve_contact", ContactSolution, solver=solver, surface=surface, load=force, start=start
+        )
+        # a plugin that answers with another solver may record which
+        kind = solution.provenance.get("kind")
+        used = approximation_of("contact", kind) if isinstance(kind, str) and kind != solver.kind else []
+        approximate = [*surface.approximate, *approximations(solver), *used]
+        solution = solution.noting(surface.plugins | providers(solver) | plugins, approximate)
+        out(f"{solution.iterations} iterations, residual {solution.residual:.3g}; {of_plugins(solution.plugins)}")
+    return solution

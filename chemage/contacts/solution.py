@@ -11,9 +11,8 @@ from pydantic import Field, model_validator
 
 from chemage.contacts import patches, theory
 from chemage.contacts.patches import Above
-from chemage.foundation import pictures
 from chemage.foundation.checks import MOST_BINS, checked_count
-from chemage.foundation.datasets import dataset, frame, map_frame
+from chemage.foundation.codec import dataset, frame, map_frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import (
     Doubles,
@@ -25,6 +24,7 @@ from chemage.foundation.records import (
     frozen,
     require_finite,
 )
+from chemage.foundation.result import draw_result, notebook_html
 from chemage.foundation.units import LARGEST, QuantityLike, convert
 
 if TYPE_CHECKING:
@@ -130,14 +130,14 @@ class Contact(Record):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the map of the pressure, or without one the contact area above each pressure, into ``ax`` or into a new
         figure of pyplot; return the axes."""
-        return pictures.draw(self, ax)
+        return draw_result(self, ax)
 
     def to_xarray(self) -> xarray.Dataset:
         """The arrays with the names, dimensions (x and y in nm) and units of the file. Needs xarray."""
         return dataset(self)
 
     def _repr_html_(self) -> str:
-        return pictures.html(self)
+        return notebook_html(self)
 
     def __str__(self) -> str:
         return repr(self)

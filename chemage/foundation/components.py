@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 from pydantic import SerializationInfo, SerializerFunctionWrapHandler, ValidationError, model_serializer
 
 from chemage.foundation.checks import Frozen
-from chemage.foundation.errors import InputError
-from chemage.foundation.messages import explain, in_lines, nearest
+from chemage.foundation.errors import InputError, explain, in_lines, nearest
 from chemage.foundation.records import content_hash
 from chemage.foundation.text import html_table
 

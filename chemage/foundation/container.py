@@ -207,7 +207,7 @@ def _hdf5(parts: Mapping[str, Record], about: Mapping[str, Any], derived: Mappin
     import h5netcdf
     import h5py
 
-    from chemage.foundation.version import __version__
+    from chemage.foundation.names import __version__
 
     image = io.BytesIO()
     with h5py.File(image, "w", track_order=True) as hdf5, h5netcdf.File(hdf5, "w") as file:

@@ -18,7 +18,10 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 #: direction marks that reorder what follows on the screen
 _REORDERING = {*range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x2028, 0x2029, 0xFEFF}
@@ -158,3 +161,35 @@ def optional_module(name: str, extra: str) -> Any:
         if error.name != name:
             raise
         raise MissingError(f"{name} is not installed; run: pip install 'chemage[{extra}]'") from None
+
+
+def explain(error: ValidationError, prefix: str = "") -> list[tuple[str, str]]:
+    """Pydantic's error as ``(path, message)`` pairs in plain words."""
+    problems = []
+    for item in error.errors(include_url=False):
+        path = ".".join(str(part) for part in (*([prefix] if prefix else []), *item["loc"]))
+        message = item["msg"].removeprefix("Value error, ")
+        value = item.get("input")
+        if item["type"] == "extra_forbidden":
+            message = "no such option"
+        elif item["type"] == "missing":
+            message = "is required"
+        elif isinstance(value, int | float | str | bool):
+            # many messages begin with the value already; that 0 is in "greater than 0" does not count
+            begins = message.startswith((shown(value), f'"{value}"'))
+            message = message if begins else f"{shown(value)}: {message}"
+        problems.append((path, message))
+    return problems
+
+
+def in_lines(problems: Sequence[tuple[str, str]]) -> str:
+    """``(path, message)`` pairs as one text."""
+    return "; ".join(f"{path}: {message}" if path else message for path, message in problems)
+
+
+def nearest(word: str, known: Sequence[str]) -> str:
+    """``" (did you mean 'x'?)"`` when a known word is close, else nothing."""
+    import difflib
+
+    match = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    return f" (did you mean {match[0]!r}?)" if match else ""

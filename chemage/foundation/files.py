@@ -187,6 +187,8 @@ def regular_file(path: str | os.PathLike[str], most: float | None = None) -> os.
     shown = shortened(os.fspath(path), 300)
     try:
         status = os.stat(path)
+    except FileNotFoundError:
+        raise StoreError(f"{shown} does not exist") from None
     except OSError as error:
         raise StoreError(f"{shown}: {error.strerror or error}") from None
     except (ValueError, TypeError):  # a null byte in the name

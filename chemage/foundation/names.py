@@ -1,9 +1,12 @@
-"""The public names: those of ``chemage``, for users, and those of ``chemage.plugin``, for authors of plugins."""
+"""The version, and the public names: of ``chemage``, for users, and of ``chemage.plugin``, for authors of plugins."""
 
 from __future__ import annotations
 
 from importlib import import_module
 from typing import Any
+
+__version__ = "0.2.0"
+
 
 #: the names that users need, which ``chemage`` has; all others below are in ``chemage.plugin``
 _USERS = (
@@ -21,51 +24,45 @@ NAMES = {
     "ageing.aging": "Aging",
     "studies.arrhenius": "ActivationEnergy Arrhenius",
     "ageing.fitting": "FIT_WINDOW Fit fit_aging",
-    "ageing.hold_times": "hold_times",
+    "foundation.checks": "hold_times Seed check_times checked_count checked_seed checked_states force "
+    "temperature_value",
     "ageing.measurements": "Measurements read_measurements",
     "ageing.methods": "AgedBonds AgeingMethod AgeingRequest ageing_method",
     "ageing.observables": "Maps Observable Observed PlottedResult observable",
     "ageing.outputs": "Output",
     "contacts.options": "ContactModulus contact_modulus",
     "contacts.patches": "label_patches",
-    "contacts.role": "ContactSolver ContactTheory",
+    "contacts.role": "ContactSolver ContactTheory contact solve_contact",
     "contacts.solution": "ContactSolution ContactStatistics",
-    "contacts.stage": "contact solve_contact",
     "studies.ensembles.ensemble": "Ensemble ErrorPart Estimate",
     "studies.ensembles.running": "ensemble",
     "scene.materials": "Material MaterialValue material",
     "scene.provenance": "versions",
     "scene.run": "Run run",
     "scene.scene": "Scene",
-    "scene.parsing": "parse_scene",
-    "scene.files": "load_scene override scene_data",
+    "scene.files": "load_scene override parse_scene scene_data",
     "foundation.machine": "cache_folder",
     "foundation.records": "content_hash",
-    "foundation.checks": "Seed check_times checked_count checked_seed checked_states force temperature_value",
     "foundation.components": "Component",
     "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PlanWarning PluginError "
-    "SceneError StoreError UnitError UnknownKindError WorkerLost",
+    "SceneError StoreError UnitError UnknownKindError WorkerLost nearest",
     "foundation.files": "fresh_file preflight regular_file",
-    "foundation.messages": "nearest",
     "foundation.result": "Panel Picture Result displays",
     "foundation.units": "EV_PER_GPA_NM3 Energy FilePath Force Frequency KB Length Pressure Temperature Time Unit "
     "Volume convert",
-    "friction.role": "Bonded Rupture RuptureForce",
-    "friction.stage": "rupture rupture_bonds",
+    "friction.role": "Bonded Rupture RuptureForce rupture rupture_bonds",
     "inference.curves": "MeasuredCurve read_curves",
     "inference.forecast": "Forecast",
     "inference.infer": "infer",
     "inference.result": "Inference UnexplainedError",
     "kinetics.history": "BondHistory",
-    "kinetics.role": "Engine",
-    "kinetics.stage": "engine run_kinetics",
-    "lattices.chemistry": "Chemistry chemistry contact_statistics coordination",
+    "kinetics.role": "Engine engine run_kinetics",
+    "lattices.chemistry": "Chemistry chemistry contact_statistics coordination barriers build_lattice interaction",
     "lattices.independent": "TwoState",
     "lattices.lattice": "ReactionLattice",
     "lattices.role": "Barriers Interaction",
     "lattices.site_grid": "ContactSites contact_sites",
-    "lattices.stage": "barriers build_lattice interaction",
-    "plugins.hooks": "API_VERSION hookimpl",
+    "plugins.hooks": "API_VERSION hookimpl lazy_attributes",
     "plugins.options": "Choice PluginOptions plugin_options prefer_plugins",
     "plugins.registry": "fromdict register unregister",
     "results.arrhenius": "arrhenius",
@@ -73,8 +70,7 @@ NAMES = {
     "results.page": "write_report",
     "results.files": "open_maps read write",
     "surfaces.reading": "HeightMap Reader reader_for",
-    "surfaces.role": "Scatter SurfaceMaker",
-    "surfaces.stage": "make_surface surface",
+    "surfaces.role": "Scatter SurfaceMaker make_surface surface",
     "surfaces.surface": "Roughness Surface",
     "studies.sweeps.result": "Collected Point SweepResult collect_sweep load_sweep",
     "studies.sweeps.running": "sweep",

@@ -15,17 +15,54 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError
 
-from chemage.foundation import approximations
 from chemage.foundation.checks import Frozen, is_boolean
-from chemage.foundation.errors import InputError, UnitError, shortened
-from chemage.foundation.messages import explain, in_lines
+from chemage.foundation.errors import InputError, UnitError, explain, in_lines, shortened
 from chemage.foundation.text import html_table
 from chemage.foundation.units import has_unit, in_range, magnitudes
 
 
+def merged_approximations(*lists: Any) -> list[dict[str, Any]]:
+    """Join lists of approximations, each entry once; what is no mapping with a ``kind`` is left out."""
+    entries: list[dict[str, Any]] = []
+    for candidates in lists:
+        if not isinstance(candidates, Iterable) or isinstance(candidates, str | Mapping):
+            continue
+        for entry in candidates:
+            if isinstance(entry, Mapping) and isinstance(entry.get("kind"), str) and dict(entry) not in entries:
+                entries.append(dict(entry))
+    return entries
+
+
+def approximation_made_by(component: Any) -> list[dict[str, Any]]:
+    """The approximation that a component, or every component of a class, makes; empty if it is exact."""
+    if component.exact:
+        return []
+    entry: dict[str, Any] = {"role": component.role, "kind": component.kind}
+    if component.declared_error is not None:
+        entry |= {"declared_error": float(component.declared_error), "of": component.error_of}
+    return [entry]
+
+
+def approximations_in_words(approximations: Iterable[Mapping[str, Any]]) -> str:
+    """The one sentence by which everything that prints a number marks it: ``KIND (declared error 2 % of ...)``."""
+    return "; ".join(f"{entry['kind']} ({_error_in_words(entry)})" for entry in approximations)
+
+
+def _error_in_words(entry: Mapping[str, Any]) -> str:
+    error = entry.get("declared_error")
+    if not isinstance(error, int | float):
+        return "no error declared"
+    return f"declared error {100 * error:.3g} % of {entry.get('of') or 'what it computes'}"
+
+
 def content_hash(content: Any) -> str:
     """128 bits as 32 hexadecimal digits; the order of the entries of a dict does not count."""
-    return hashlib.blake2b(json.dumps(content, sort_keys=True).encode(), digest_size=16).hexdigest()
+    return text_hash(json.dumps(content, sort_keys=True))
+
+
+def text_hash(text: str, size: int = 16) -> str:
+    """``size`` bytes as hexadecimal digits."""
+    return hashlib.blake2b(text.encode(), digest_size=size).hexdigest()
 
 
 def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
@@ -198,13 +235,13 @@ class Record(Frozen):
 
     @property
     def approximate(self) -> list[dict[str, Any]]:
-        """The approximations on the way to this record, as in :mod:`chemage.foundation.approximations`."""
-        return approximations.merged(getattr(self, "provenance", {}).get("approximate"))
+        """The approximations on the way to this record, as in :mod:`chemage.foundation.records`."""
+        return merged_approximations(getattr(self, "provenance", {}).get("approximate"))
 
     def noting(self, plugins: Mapping[str, str], approximate: Iterable[Mapping[str, Any]] = ()) -> Self:
         """This record, with the plugins that took part in it (name -> version), and the approximations on the way to
         it, added to its ``provenance``."""
-        approximate_parts = approximations.merged(self.approximate, approximate)
+        approximate_parts = merged_approximations(self.approximate, approximate)
         provenance: dict[str, Any] = dict(getattr(self, "provenance", {}))
         if plugins:
             provenance["plugins"] = {**self.plugins, **plugins}

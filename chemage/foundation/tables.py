@@ -11,9 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from chemage.foundation.errors import InputError, StoreError, UnitError, shortened, shown
+from chemage.foundation.errors import InputError, StoreError, UnitError, nearest, shortened, shown
 from chemage.foundation.files import read_text as read_text
-from chemage.foundation.messages import nearest
 from chemage.foundation.units import convert
 
 #: number of a line, from 1, and its text

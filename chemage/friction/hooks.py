@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from chemage.plugins.hooks import hookimpl, hookspec
-from chemage.plugins.stages import Parts, Stage, Stated
+from chemage.plugins.hooks import Parts, Stage, Stated, hookimpl, hookspec
 
 if TYPE_CHECKING:
     import numpy as np

@@ -1,20 +1,366 @@
-"""How an inference is shown: the density with its bands, scores of families, forecasts, and planned measurements."""
+"""How an inference is shown: the density with its bands, scores of families, forecasts, and planned measurements.
+
+An inference in words: the rows that the command line and the page show.
+
+The plots of an inference: density, data, predictive bands, forecasts, unknowns.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.foundation.result import NONE, OfRecord, Panel, Picture, Result, Rows, Table, displays
-from chemage.foundation.version import __version__
-from chemage.inference import figures, words
-from chemage.inference.forecast import Forecast
+from chemage.foundation.figures import BLACK, BLUE, GREEN, GREY, ORANGE, PALETTE, legend, plain
+from chemage.foundation.names import __version__
+from chemage.foundation.result import NONE, Medium, OfRecord, Panel, Picture, Result, Rows, Table, displays
+from chemage.foundation.statistics import NORMAL_LIMIT
+from chemage.foundation.text import plus_minus, power_text
+from chemage.inference.forecast import UNSEEN, Forecast, band
 from chemage.inference.result import Inference, InferenceResult
-from chemage.inference.shape import peaks
+from chemage.inference.shape import empty, peaks, rises, shares, three_shares, trend, unresolved
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: unit of what may be unknown
+UNITS = {"bond_force": "nN", "activation_volume": "nm³", "attempt_frequency": "Hz"}
+#: samples that have to agree on a slope
+SURE = 0.95
+#: scores that differ by less do not tell two models apart
+APART = 2.0
+#: name of the smooth density among the scores
+SMOOTH = "density"
+#: planned measurements that are shown
+MOST_EXPERIMENTS = 5
+
+
+def title(one: Inference) -> str:
+    """What was inferred from what."""
+    names = ", ".join(dict.fromkeys(curve["name"] for curve in one.curves))
+    return f"Density of forming barriers inferred from {names if len(names) < 40 else 'measured curves'}"
+
+
+def rows(one: Inference) -> Rows:
+    """The main numbers: (name, text); bands hold 95 % of the posterior."""
+    rows_ = [("measured", measured_text(one)), ("visible energies", visible_text(one))]
+    rows_ += shape_rows(one)
+    rows_ += [
+        ("effective parameters", f"{one.effective_parameters:.1f} of {one.hold_times.size} points"),
+        ("chi²", f"{one.chi2:.1f} for {one.hold_times.size} points; largest residual {_largest_residual(one)}"),
+    ]
+    rows_ += [(name, text) for name, text in scalar_rows(one)]
+    sampling = one.diagnostics
+    if "effective_samples" in sampling:
+        text = f"{len(one.samples)} kept, {sampling['effective_samples']:.0f} effective"
+        if "r_hat" in sampling:
+            text += f", R-hat {sampling['r_hat']:.3f}"
+        rows_.append(("samples", f"{text}; seed {one.seed}"))
+    return rows_
+
+
+def measured_text(one: Inference) -> str:
+    """Curves, points and conditions."""
+    count = len(one.curves)
+    loads = _several([curve["load"] for curve in one.curves], "nN")
+    temperatures = _several([curve["temperature"] for curve in one.curves], "K")
+    times = f"{power_text(one.hold_times.min())} to {power_text(one.hold_times.max())} s"
+    curves = f"{count} curve{'s' if count > 1 else ''}"
+    return f"{one.hold_times.size} points of {curves}, {times}, {loads}, {temperatures}"
+
+
+def visible_text(one: Inference) -> str:
+    """The range of energies that the data see."""
+    low, high = one.visible_range
+    if not math.isfinite(low):
+        return "none: at every energy the band is as wide as that of the prior"
+    return f"{low:.3f} to {high:.3f} eV, resolution {one.resolution:.3f} eV"
+
+
+def shape_rows(one: Inference) -> Rows:
+    """The density in words, and the shares of the sites by energy."""
+    low, high = one.visible_range
+    if not math.isfinite(low):
+        return []
+    rows_: Rows = [("density", density_text(one))]
+    for part in shares(one):
+        text = f"{_percent(part.mean, part.band)} of the sites"
+        rows_.append((f"  {part.low:.3f} to {part.high:.3f} eV", text))
+    above = three_shares(one)[2]
+    rows_.append((f"  above {high:.3f} eV", f"{_percent(above.mean, above.band)} of the sites: seen as not reacted"))
+    return rows_
+
+
+def density_text(one: Inference) -> str:
+    """The peaks that the data support, or how the density runs."""
+    if not one.visible.any():
+        return "nothing is visible"
+    below, inside, above = (share.band[1] for share in three_shares(one))
+    if empty(one):
+        sides = [side for side, most in (("below", below), ("above", above)) if most > 0.01]
+        share = "0.1" if inside < 1e-3 else f"{100 * inside:.1f}"
+        return f"hardly any inside (at most {share} % of the sites); barriers lie {' and '.join(sides)}"
+    there = peaks(one)
+    unsure = "".join(f"; the maximum at {energy:.3f} eV is not resolved" for energy in unresolved(one))
+    places = [f"{peak.energy:.3f} eV ({peak.band[0]:.3f} to {peak.band[1]:.3f})" for peak in there]
+    if places:
+        ends = [end for end, up in zip(("lower", "upper"), rises(one), strict=True) if up]
+        more = f"; rises again towards the {' and the '.join(ends)} end" if ends else ""
+        if len(places) > 1:
+            return f"{len(places)} peaks: {', '.join(places[:-1])} and {places[-1]}{more}{unsure}"
+        return f"one peak at {places[0]}{more}{unsure}"
+    up, down = trend(one)
+    run = "rises" if up >= SURE else "falls" if down >= SURE else ""
+    towards = f"{run} towards the upper end of the visible energies" if run else "flat within the band"
+    return f"no peak {'that the data support' if unsure else 'inside'}; {towards}{unsure}"
+
+
+def scalar_rows(one: Inference) -> Rows:
+    """The unknown scalars, with their intervals and the bounds of their priors."""
+    rows_ = []
+    for name, values in one.scalars.items():
+        low, high = one.interval(name)
+        bounds = one.scalar_bounds.get(name)
+        within = f"; prior {bounds[0]:.3g} to {bounds[1]:.3g}" if bounds else ""
+        text = f"{np.median(values):.3g} {UNITS.get(name, '')} ({low:.3g} to {high:.3g}{within})"
+        rows_.append((name, text))
+    return rows_
+
+
+def family_rows(one: Inference) -> list[tuple[str, str, str, str]]:
+    """Models by their score, the best first: (name, score less that of the best, χ², parameters)."""
+    if not one.scores:
+        return []
+    best = max(one.scores.values())
+    rows_ = []
+    for name, score in sorted(one.scores.items(), key=lambda item: -item[1]):
+        fit: Mapping[str, Any] = one.families.get(name, {})
+        less = "best" if score == best else f"{score - best:.1f}"
+        if name == SMOOTH:
+            rows_.append(("smooth density", less, f"{one.chi2:.1f}", "as above"))
+            continue
+        chi2 = f"{fit['chi2']:.1f}" if "chi2" in fit else ""
+        rows_.append((name, less, chi2, _parameters(fit)))
+    return rows_
+
+
+def family_verdict(one: Inference) -> str:
+    """What the scores say, in a sentence; "" without scores."""
+    if len(one.scores) < 2:
+        return ""
+    best = max(one.scores.values())
+    close = [name for name, score in one.scores.items() if best - score < APART]
+    shown = ["the smooth density" if name == SMOOTH else name for name in close]
+    if len(shown) == 1:
+        return f"hold times that were left out are predicted best by {shown[0]}"
+    return f"the data do not tell apart {', '.join(shown[:-1])} and {shown[-1]}: scores within {APART:g}"
+
+
+def forecast_row(label: str, one: Forecast) -> tuple[str, str, str, str]:
+    """(label, median of ΔF at the last hold time, its 68 and 95 % bands), or only bounds of 95 %."""
+    low68, high68 = one.band(0.68)
+    low95, high95 = one.band(0.95)
+    name = f"{label} at {power_text(one.hold_times[-1])} s{unseen_text(one)}"
+    ends = f"{low95[-1]:.4g} to {high95[-1]:.4g}"
+    if one.bounds_only:
+        return name, NONE, NONE, ends
+    return name, f"{one.median[-1]:.4g} nN", f"{low68[-1]:.4g} to {high68[-1]:.4g}", ends
+
+
+def unseen_text(one: Forecast) -> str:
+    """The largest share of a forecast that comes from energies which the data do not see, where it matters."""
+    if one.bounds_only:
+        return f" (up to {100 * one.unseen:.0f} % unseen: bounds only)"
+    return f" (up to {100 * one.unseen:.0f} % unseen)" if one.unseen > UNSEEN else ""
+
+
+def experiment_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
+    """(planned measurement, expected reduction of the variance, standard deviation afterwards)."""
+    deviation = one.get("deviation")
+    return (
+        experiment_text(one),
+        f"{100 * float(one.get('reduction', math.nan)):.0f} %",
+        "" if deviation is None else f"{float(deviation):.3g}",
+    )
+
+
+def experiment_text(one: Mapping[str, Any]) -> str:
+    """A planned measurement in"""
+    text = f"{power_text(float(one['hold_time']))} s"
+    for name, unit in (("load", "nN"), ("temperature", "K")):
+        if one.get(name) is not None:
+            value = one[name]
+            text += f", {value:g} {unit}" if isinstance(value, int | float) else f", {value}"
+    return text
+
+
+def _parameters(fit: Mapping[str, Any]) -> str:
+    values, errors = fit.get("parameters", {}), fit.get("errors", {})
+    texts = []
+    for name, value in values.items():
+        word, _, unit = name.partition(" (")
+        texts.append(f"{word} {plus_minus(value, errors.get(name, math.nan), unit.removesuffix(')'))}")
+    return "; ".join(texts) if len(texts) <= 3 else f"{len(texts)} weights"
+
+
+def _several(values: list[float], unit: str) -> str:
+    different = sorted(set(values))
+    if len(different) > 3:
+        return f"{different[0]:g} to {different[-1]:g} {unit}"
+    return f"{', '.join(f'{value:g}' for value in different)} {unit}"
+
+
+def _percent(mean: float, ends: tuple[float, float]) -> str:
+    if ends[1] < 5e-4:
+        return "less than 0.1 %"
+    return f"{100 * mean:.1f} % ({100 * max(ends[0], 0):.1f} to {100 * ends[1]:.1f})"
+
+
+def _largest_residual(one: Inference) -> str:
+    residuals = one.residuals
+    at = int(np.abs(residuals).argmax())
+    return f"{residuals[at]:+.1f} standard errors at {power_text(one.hold_times[at])} s"
+
+
+#: forecasts that are drawn, in one figure
+MOST = 6
+_LINES = ("-", "--", ":", "-.")
+
+
+def draw_density(axes: Axes, medium: Medium, one: Inference) -> None:
+    """Draw the density with its bands, the visible energies shaded, families as lines, and the band of the prior."""
+    e = one.energies
+    low, high = one.visible_range
+    if np.isfinite(low):
+        axes.axvspan(low, high, color=GREEN, alpha=0.10, lw=0, label="visible energies", zorder=0)
+    for level, alpha in ((0.95, 0.22), (0.68, 0.38)):
+        axes.fill_between(e, *one.band(level), color=BLUE, alpha=alpha, lw=0, label=f"{100 * level:.0f} % band")
+    axes.plot(e, one.density, color=BLUE, lw=1.6, label="mean")
+    for fill_style, what, places in (
+        ("full", "peak", [peak.energy for peak in peaks(one)]),
+        ("none", "maximum, not resolved", unresolved(one)),
+    ):
+        if places:
+            heights = np.interp(places, e, one.density)
+            axes.plot(places, heights, "v", color=BLUE, fillstyle=fill_style, ms=7, label=what)
+    prior = one.prior_band(0.95)
+    axes.plot(e, prior[1], color=GREY, lw=0.9, ls="--", label="prior, upper end of the 95 % band")
+    for number, (name, fit) in enumerate(one.families.items()):
+        if density := fit.get("density", ()):
+            axes.plot(
+                e[: len(density)], density, color=ORANGE, lw=1.0, ls=_LINES[number % len(_LINES)], label=plain(name)
+            )
+    seen = one.visible if one.visible.any() else np.ones(e.size, dtype=bool)
+    top = 1.6 * float(max(one.band(0.95)[1][seen].max(), one.density.max()))
+    beyond = 0.4 if np.isfinite(low) else np.inf
+    axes.set_xlim(max(e[0], low - beyond), min(e[-1], high + beyond))
+    axes.set_ylim(0, top or 1.0)
+    axes.set(xlabel="forming barrier (eV)", ylabel="density (1/eV)")
+    axes.set_title(fill(density_text(one), 76), fontsize=medium.font)
+    legend(axes, fontsize=medium.font, ncols=2)
+
+
+def draw_data(axes: Axes, medium: Medium, one: Inference) -> None:
+    """Draw the measured friction drop and the bands of the fitted curves."""
+    for number, about in enumerate(one.curves):
+        colour, here = PALETTE[number % len(PALETTE)], one.curve == number
+        order = np.argsort(one.hold_times[here], kind="stable")
+        times, fitted = one.hold_times[here][order], one.fitted[:, here][:, order]
+        for level, alpha in ((0.95, 0.2), (0.68, 0.35)):
+            axes.fill_between(times, *band(fitted, level), color=colour, alpha=alpha, lw=0)
+        axes.plot(times, np.median(fitted, axis=0), color=colour, lw=1.0)
+        label = plain(f"{about['name']}: {about['load']:g} nN, {about['temperature']:g} K")
+        bars = NORMAL_LIMIT * one.errors[here]
+        axes.errorbar(one.hold_times[here], one.values[here], bars, fmt="o", ms=3.2, lw=0.9, color=colour, label=label)
+    axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
+    axes.set_ylim(bottom=min(0.0, float((one.values - NORMAL_LIMIT * one.errors).min())))
+    legend(
+        axes,
+        fontsize=medium.font,
+        title="points: measured, bars 95 %; bands: 68 and 95 %",
+        title_fontsize=medium.font,
+        alignment="left",
+    )
+
+
+def draw_residuals(axes: Axes, medium: Medium, one: Inference) -> None:
+    """Draw measured minus fitted in standard errors."""
+    residuals = one.residuals
+    axes.axhspan(-2, 2, color=GREY, alpha=0.15, lw=0)
+    axes.axhline(0, color=GREY, lw=0.8)
+    for number in range(len(one.curves)):
+        here = one.curve == number
+        axes.plot(one.hold_times[here], residuals[here], "o", ms=3.2, color=PALETTE[number % len(PALETTE)])
+    most = 1.15 * max(3.0, float(np.abs(residuals).max(initial=0)))
+    axes.set_ylim(-most, most)
+    axes.set(xscale="log", xlabel="hold time (s)", ylabel="residual (standard errors)")
+
+
+def draw_predictive(axes: Axes, medium: Medium, one: Inference) -> None:
+    """Draw what prior and posterior predict of the measurements, the scatter of a measurement included."""
+    rng = np.random.default_rng(0)
+    for number in range(len(one.curves)):
+        here = np.flatnonzero(one.curve == number)
+        here = here[np.argsort(one.hold_times[here], kind="stable")]
+        times = one.hold_times[here]
+        for samples, colour, alpha, what in (
+            (one.prior_fitted, GREY, 0.25, "prior, 95 % band"),
+            (one.fitted, BLUE, 0.35, "posterior with the errors of the data, 95 % band"),
+        ):
+            values = samples[:, here] + one.errors[here] * rng.standard_normal((len(samples), here.size))
+            label = what if number == 0 else None
+            axes.fill_between(times, *band(values, 0.95), color=colour, alpha=alpha, lw=0, label=label)
+        axes.plot(times, one.values[here], "o", ms=3, color=BLACK, label="measured" if number == 0 else None)
+    axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
+    legend(axes, fontsize=medium.font)
+
+
+def draw_forecasts(axes: Axes, medium: Medium, one: Inference, forecasts: Mapping[str, Forecast]) -> None:
+    """Draw forecasts with their bands, and the measurements."""
+    for number in range(len(one.curves)):
+        here = one.curve == number
+        label = "measured" if number == 0 else None
+        axes.plot(one.hold_times[here], one.values[here], "o", ms=2.5, color=GREY, label=label)
+    for number, (label, forecast) in enumerate(list(forecasts.items())[:MOST]):
+        colour = PALETTE[number % len(PALETTE)]
+        times, name = forecast.hold_times, plain(label + unseen_text(forecast))
+        low, high = forecast.band()
+        single = times.size == 1
+        if forecast.bounds_only:
+            style = {"marker": "_", "ms": 9, "lw": 0} if single else {"ls": "--", "lw": 1.0}
+            axes.plot(times, low, color=colour, label=name, **style)
+            axes.plot(times, high, color=colour, **style)
+            continue
+        for level, alpha in ((0.95, 0.2), (0.68, 0.35)):
+            axes.fill_between(times, *forecast.band(level), color=colour, alpha=alpha, lw=0)
+        axes.plot(
+            times, forecast.median, color=colour, lw=1.3, label=name, **({"marker": "o", "ms": 4} if single else {})
+        )
+        if single:
+            axes.vlines(times, low, high, color=colour, lw=1.2)
+    axes.set(xscale="log", xlabel="hold time (s)", ylabel="friction drop ΔF (nN)")
+    axes.set_ylim(bottom=0)
+    legend(axes, fontsize=medium.font, title="bands: 68 and 95 %", title_fontsize=medium.font, alignment="left")
+
+
+def draw_scalar(axes: Axes, medium: Medium, one: Inference, name: str) -> None:
+    """Draw the samples of an unknown, with the bounds of its prior."""
+    values = one.scalars[name]
+    low, high = one.scalar_bounds.get(name, (float(values.min()), float(values.max())))
+    axes.hist(values, bins=list(np.linspace(low, high, 41)), color=BLUE, alpha=0.6, density=True)
+    for end in (low, high):
+        axes.axvline(end, color=GREY, lw=0.9, ls="--")
+    for end in one.interval(name):
+        axes.axvline(end, color=ORANGE, lw=1.0)
+    unit = UNITS.get(name, "")
+    axes.set(xlabel=f"{name.replace('_', ' ')}{f' ({unit})' if unit else ''}", ylabel="density of the samples")
+    axes.set_title("orange: 95 %; grey: bounds of the prior", fontsize=8)
+    axes.set_yticks([])
+
 
 #: inches of one figure, and of one panel on a page
 _FILE, _PAGE = (6.4, 4.4), (4.9, 3.6)
@@ -47,7 +393,7 @@ class InferenceDisplay(Result):
 
     @property
     def title(self) -> str:
-        return words.title(self.inference)
+        return title(self.inference)
 
     @property
     def heading(self) -> str:
@@ -58,7 +404,7 @@ class InferenceDisplay(Result):
         return self.inference.plugins
 
     def rows(self) -> Rows:
-        return words.rows(self.inference)
+        return rows(self.inference)
 
     def numbers(self) -> dict[str, Any]:
         return self.result.summary()
@@ -99,20 +445,20 @@ class InferenceDisplay(Result):
 
     def tables(self) -> list[Table]:
         result, one, tables = self.result, self.inference, []
-        if families := words.family_rows(one):
+        if families := family_rows(one):
             columns = ("density", "log score", "χ²", "parameters")
-            verdict = words.family_verdict(one)
+            verdict = family_verdict(one)
             title = "Left-out hold times: log predictive score less that of the best"
             remarks = [f"{verdict[0].upper()}{verdict[1:]}."] if verdict else []
             tables.append(Table(title, columns, families, "Families", remarks, in_detail=False))
         if result.forecasts:
             columns = ("forecast", "ΔF, median", "68 % (nN)", "95 % (nN)")
-            rows = [words.forecast_row(label, forecast) for label, forecast in result.forecasts.items()]
+            rows = [forecast_row(label, forecast) for label, forecast in result.forecasts.items()]
             tables.append(Table("Forecasts of the friction drop", columns, rows, "Forecasts", in_detail=False))
         if result.experiments:
             columns = ("measurement", "variance falls by", "standard deviation then")
-            rows = [words.experiment_row(experiment) for experiment in result.experiments]
-            title, most = f"Next measurements, by how much they narrow {result.target}", words.MOST_EXPERIMENTS
+            rows = [experiment_row(experiment) for experiment in result.experiments]
+            title, most = f"Next measurements, by how much they narrow {result.target}", MOST_EXPERIMENTS
             tables.append(Table(title, columns, rows, "Next measurements", in_detail=False, most=most))
         return [*tables, self._measurements()]
 
@@ -158,24 +504,24 @@ class InferenceDisplay(Result):
             return Panel(partial(draw, one=one, **more), _CAPTIONS[key], alt, (_PAGE[0], height))
 
         low, high = one.visible_range
-        seen = f"Density of barriers; visible from {low:.2f} to {high:.2f} eV: {words.density_text(one)}."
+        seen = f"Density of barriers; visible from {low:.2f} to {high:.2f} eV: {density_text(one)}."
         up_to = f"Measured friction drop, up to {one.values[np.argmax(one.hold_times)]:.3g} nN."
         worst = f"Residuals in standard errors; the largest is {np.abs(one.residuals).max():.1f}."
         predicted = "Bands of what prior and posterior predict of the measurements."
-        data = panel("data", up_to, figures.draw_data), panel("residuals", worst, figures.draw_residuals, 2.6)
+        data = panel("data", up_to, draw_data), panel("residuals", worst, draw_residuals, 2.6)
         pictures = {
-            "density": Picture((panel("density", seen, figures.draw_density, 4.2),), _FILE),
+            "density": Picture((panel("density", seen, draw_density, 4.2),), _FILE),
             "data": Picture(data, (6.4, 5.6), columns=1),
-            "predictive": Picture((panel("predictive", predicted, figures.draw_predictive),), _FILE),
+            "predictive": Picture((panel("predictive", predicted, draw_predictive),), _FILE),
         }
         if forecasts:
-            rows = (words.forecast_row(label, forecast) for label, forecast in forecasts.items())
+            rows = (forecast_row(label, forecast) for label, forecast in forecasts.items())
             texts = "; ".join(f"{label}: {end if value == NONE else value}" for label, value, _, end in rows)
-            drawn = panel("forecasts", f"Forecasts: {texts}.", figures.draw_forecasts, forecasts=forecasts)
+            drawn = panel("forecasts", f"Forecasts: {texts}.", draw_forecasts, forecasts=forecasts)
             pictures["forecasts"] = Picture((drawn,), _FILE)
         if one.scalars:
             drawn = [
-                panel("unknowns", f"Histogram of the samples of {name}.", figures.draw_scalar, 2.8, name=name)
+                panel("unknowns", f"Histogram of the samples of {name}.", draw_scalar, 2.8, name=name)
                 for name in one.scalars
             ]
             pictures["unknowns"] = Picture(drawn, (4.2 * len(drawn), 3.4))
@@ -194,7 +540,7 @@ class ForecastDisplay(OfRecord[Forecast]):
 
     def rows(self) -> Rows:
         one = self.record
-        name, median, likely, sure = words.forecast_row("ΔF", one)
+        name, median, likely, sure = forecast_row("ΔF", one)
         conditions = ("temperature, load", f"{one.temperature:g} K, {one.load:g} nN")
         return [conditions, (name, f"{median}; 68 %: {likely} nN, 95 %: {sure} nN")]
 

@@ -1,4 +1,12 @@
-"""The probability that a site of one barrier is bonded, and what a piecewise linear density makes of it."""
+"""The probability that a site of one barrier is bonded, and what a piecewise linear density makes of it.
+
+Bonded neighbours in the forward model: a mean field over the real sites of a contact, with its derivative.
+
+A site sees the bonds of its neighbours as a barrier that changes in time, E + h(t). Whether it has bonded by the hold
+time t depends on τ(t) = ∫ exp(−h/k_BT) dt' alone, so that neighbours shift its barrier by k_BT ln(t/τ). Each neighbour
+is bonded from the time T on at which the bonded share of the sites under this pressure reaches the neighbour's own
+uniform number; the shares follow from the shifts, and the shifts from the shares.
+"""
 
 from __future__ import annotations
 
@@ -165,3 +173,169 @@ def make_kernel(
     count = math.ceil(highest / step) - first + 3
     energies = grid.first + step * (first + np.arange(grid.fine.size + count - 1))
     return Kernel(grid, times, first * step, bonded_probability(chemistry, temperature, times, energies))
+
+
+#: groups of sites under similar pressures
+GROUPS = 8
+#: the share no longer changes by more than this
+CONVERGED = 1e-5
+MOST_SWEEPS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Environments:
+    """Sites of a contact: how pressure and neighbours change their barriers."""
+
+    #: (M,) eV by which pressure changes the barrier (negative)
+    lowering: np.ndarray
+    #: (M, k) eV that each bonded neighbour adds, 0 where there is none
+    coupling: np.ndarray
+    #: (M, k) uniform numbers of the neighbours; above 1 where there is none
+    uniform: np.ndarray
+    #: (M,) number of the group, 0 … groups − 1
+    group: np.ndarray
+    groups: int
+
+    @cached_property
+    def shares(self) -> np.ndarray:
+        """(groups,) share of the sites."""
+        return np.bincount(self.group, minlength=self.groups) / self.group.size
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """The mean field of one density."""
+
+    #: (groups, l) bonded shares
+    shares: np.ndarray
+    #: (groups, l, n) their derivatives by the density, the neighbours' part included
+    derivative: np.ndarray
+    #: (groups, l, shifts) weights of the shifts
+    weights: np.ndarray
+
+
+class MeanField:
+    """The bonded shares of environments at the times of a kernel."""
+
+    def __init__(self, kernel: Kernel, environments: Environments, temperature: float) -> None:
+        self.kernel, self.environments, self.kt = kernel, environments, KB * temperature
+        self.times = kernel.times
+
+    def solve(self, density: np.ndarray, start: np.ndarray | None = None) -> Solved:
+        """The shares of ``density`` (n,), and their derivative; ``start`` (groups, l) are shares to begin from."""
+        table = self.kernel.of_density(density)
+        shares = np.zeros((self.environments.groups, self.times.size)) if start is None else start
+        for _ in range(MOST_SWEEPS):
+            left, part = self.kernel.places(self._shifts(shares))
+            before, shares = shares, self._means(self._interpolated(table, left, part))
+            if float(np.abs(shares - before).max()) < CONVERGED:
+                break
+        return self._with_derivative(shares, table)
+
+    def _means(self, values: np.ndarray) -> np.ndarray:
+        """Means over the environments of each group: (l, M) -> (groups, l)."""
+        env = self.environments
+        order, edges = self._order
+        sums = np.add.reduceat(values[:, order], edges, axis=1)
+        return (sums / (env.shares * env.group.size)).T
+
+    @cached_property
+    def _order(self) -> tuple[np.ndarray, np.ndarray]:
+        order = np.argsort(self.environments.group, kind="stable")
+        return order, np.searchsorted(self.environments.group[order], np.arange(self.environments.groups))
+
+    @staticmethod
+    def _interpolated(table: np.ndarray, left: np.ndarray, part: np.ndarray) -> np.ndarray:
+        rows = np.arange(table.shape[0])[:, None]
+        return table[rows, left] * (1 - part) + table[rows, left + 1] * part
+
+    def _events(self, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """When each neighbour bonds, in order, (M, k) s (inf: never), and exp(−h/k_BT) before and after, (M, k + 1)."""
+        env = self.environments
+        at = np.empty_like(env.uniform)
+        for number in range(env.groups):
+            here = env.group == number
+            risen = np.maximum.accumulate(shares[number])
+            uniform = env.uniform[here]
+            times = np.exp(np.interp(uniform, risen, np.log(self.times)))
+            early = uniform < risen[0]
+            times[early] = self.times[0] * uniform[early] / max(risen[0], 1e-300)
+            times[uniform >= risen[-1]] = np.inf
+            at[here] = times
+        order = np.argsort(at, axis=1, kind="stable")
+        rows = np.arange(len(at))[:, None]
+        height = np.cumsum(env.coupling[rows, order], axis=1)
+        factors = np.exp(np.clip(-height / self.kt, -700.0, 700.0))
+        return at[rows, order], np.concatenate([np.ones((len(at), 1)), factors], axis=1)
+
+    def _tau(self, at: np.ndarray, factors: np.ndarray) -> np.ndarray:
+        """(l, M) s: the time during which a site without neighbours would have had the same chance to bond."""
+        steps = np.diff(factors, axis=1)
+        tau = np.repeat(self.times[:, None], len(at), axis=1)
+        for slot in range(at.shape[1]):
+            tau += steps[:, slot] * np.maximum(self.times[:, None] - at[:, slot], 0.0)
+        # what cancels is rounded to a part of the hold time
+        return np.maximum(tau, 1e-15 * self.times[:, None])
+
+    def _shifts(self, shares: np.ndarray) -> np.ndarray:
+        """(l, M) eV."""
+        tau = self._tau(*self._events(shares))
+        return self.environments.lowering + self.kt * np.log(self.times[:, None] / tau)
+
+    def _with_derivative(self, shares: np.ndarray, table: np.ndarray) -> Solved:
+        env, kernel = self.environments, self.kernel
+        at, factors = self._events(shares)
+        tau = self._tau(at, factors)
+        shifts = env.lowering + self.kt * np.log(self.times[:, None] / tau)
+        left, part = kernel.places(shifts)
+        rows = np.arange(self.times.size)[:, None]
+        slope = (table[rows, left + 1] - table[rows, left]) / kernel.grid.fine_step
+        # change of the bonded probability of each site by a change of its τ
+        by_tau = -slope * self.kt / tau
+        derivative, weights = [], []
+        for number in range(env.groups):
+            here = np.flatnonzero(env.group == number)
+            weight = self._histogram(left[:, here], part[:, here])
+            direct = kernel.matrix(weight)
+            back = self._back(shares[number], at[here], factors[here], by_tau[:, here])
+            derivative.append(np.linalg.solve(np.eye(self.times.size) - back, direct))
+            weights.append(weight)
+        return Solved(shares, np.stack(derivative), np.stack(weights))
+
+    def _histogram(self, left: np.ndarray, part: np.ndarray) -> np.ndarray:
+        """(l, shifts): the weights of the tabulated shifts at each time."""
+        count, shifts = left.shape[1], self.kernel.shifts
+        row = np.arange(len(left))[:, None] * shifts
+        size = len(left) * shifts
+        weights = np.bincount((row + left).ravel(), (1 - part).ravel(), size)
+        weights += np.bincount((row + left + 1).ravel(), part.ravel(), size)
+        return weights.reshape(len(left), shifts) / count
+
+    def _back(self, share: np.ndarray, at: np.ndarray, factors: np.ndarray, by_tau: np.ndarray) -> np.ndarray:
+        """(l, l'): by how much the share at time l changes with the share at time l', through the neighbours.
+
+        A share that rises by δ lets neighbours bond earlier, by δ over the rate at which it rises.
+        """
+        risen = np.maximum.accumulate(share)
+        back = np.zeros((share.size, share.size))
+        logs = np.log(self.times)
+        steps = np.diff(factors, axis=1)
+        for slot in range(at.shape[1]):
+            inside = np.flatnonzero(np.isfinite(at[:, slot]) & (at[:, slot] > self.times[0]))
+            moment = at[inside, slot]
+            cell = np.clip(np.searchsorted(logs, np.log(moment)) - 1, 0, share.size - 2)
+            part = np.clip((np.log(moment) - logs[cell]) / (logs[cell + 1] - logs[cell]), 0.0, 1.0)
+            rate = (risen[cell + 1] - risen[cell]) / (logs[cell + 1] - logs[cell]) / moment
+            # dτ/dT = −(factor after − factor before), dT/dshare = −1/rate
+            gain = np.divide(steps[inside, slot], rate, out=np.zeros_like(rate), where=rate > 0)
+            effect = by_tau[:, inside] * gain * (self.times[:, None] > moment)
+            back += _scatter(effect * (1 - part), cell, share.size) + _scatter(effect * part, cell + 1, share.size)
+        return back / len(at)
+
+
+def _scatter(values: np.ndarray, column: np.ndarray, size: int) -> np.ndarray:
+    """(l, size): sums of ``values`` (l, e) by ``column`` (e,)."""
+    order = np.argsort(column, kind="stable")
+    total = np.concatenate([np.zeros((len(values), 1)), np.cumsum(values[:, order], axis=1)], axis=1)
+    edges = np.searchsorted(column[order], np.arange(size + 1))
+    return total[:, edges[1:]] - total[:, edges[:-1]]

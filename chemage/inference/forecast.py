@@ -8,10 +8,9 @@ from typing import Any, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage.ageing.hold_times import hold_times as spaced
 from chemage.foundation.checks import check_times, force, temperature_value
-from chemage.foundation.errors import InputError
-from chemage.foundation.messages import nearest
+from chemage.foundation.checks import hold_times as spaced
+from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.records import Doubles, Plain, PositiveNumber, Record
 from chemage.foundation.text import jsonable
 from chemage.foundation.units import KB, QuantityLike, convert

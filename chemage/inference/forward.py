@@ -1,7 +1,7 @@
 """The forward model: what a density of barriers makes of the hold times of all curves, on the contacts of a scene.
 
 ΔF(t) = ⟨f⟩ × front factor × sites × ∫ p(E) S(t; E) dE. S is averaged over pressure, breaking barriers and rim of the
-contact: exactly where sites do not interact, and through the mean field of :mod:`chemage.inference.neighbours` where
+contact: exactly where sites do not interact, and through the mean field of :mod:`chemage.inference.energies` where
 they do. What the mean field leaves out is measured by the kinetics of the sites themselves
 (:meth:`Condition.calibrate`).
 """
@@ -16,24 +16,30 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.seeds import replica_seeds
-from chemage.contacts.role import ContactTheory
+from chemage.ageing.replicas import replica_seeds
+from chemage.contacts.role import solve_contact
 from chemage.contacts.solution import ContactSolution, ContactStatistics
-from chemage.contacts.stage import solve_contact
 from chemage.foundation import random
 from chemage.foundation.errors import InputError
 from chemage.foundation.threads import available, in_order
 from chemage.foundation.units import EV_PER_GPA_NM3
 from chemage.inference.curves import MeasuredCurve
-from chemage.inference.energies import EnergyGrid, Kernel, energy_grid, make_kernel
-from chemage.inference.neighbours import GROUPS, Environments, MeanField, Solved
+from chemage.inference.energies import (
+    GROUPS,
+    EnergyGrid,
+    Environments,
+    Kernel,
+    MeanField,
+    Solved,
+    energy_grid,
+    make_kernel,
+)
 from chemage.inference.problem import Unknowns
-from chemage.kinetics.stage import run_kinetics
-from chemage.lattices.chemistry import Chemistry, contact_statistics
+from chemage.kinetics.role import run_kinetics
+from chemage.lattices.chemistry import Chemistry, build_lattice, contact_statistics
 from chemage.lattices.lattice import ReactionLattice
-from chemage.lattices.stage import build_lattice
 from chemage.scene.scene import Scene
-from chemage.surfaces.stage import make_surface
+from chemage.surfaces.role import make_surface
 from chemage.surfaces.surface import Surface
 
 #: sites of the contact that stand for all in the mean field
@@ -197,8 +203,8 @@ class Contacts:
         if load not in self._by_load:
             scene = self.scene
             with scene.in_use():
-                if isinstance(scene.contact, ContactTheory):
-                    self._by_load[load] = scene.contact.statistics(scene.surface, load, scene.surface_seed)
+                if (theory := scene.theory) is not None:
+                    self._by_load[load] = theory.statistics(scene.surface, load, scene.surface_seed)
                 else:
                     self._by_load[load] = solve_contact(scene.solver, self._surface, load)
         return self._by_load[load]
@@ -222,7 +228,7 @@ def check_scene(scene: Scene) -> Chemistry:
             f"scene {scene.name!r}: [rupture] makes the friction depend on which sites are bonded, which measured "
             "curves do not tell; leave it out, and give bond_force and front_factor of [chemistry]"
         )
-    if scene.chemistry.interaction is not None and isinstance(scene.contact, ContactTheory):
+    if scene.chemistry.interaction is not None and not scene.contact.gives_map:
         raise InputError(
             f"scene {scene.name!r}: contact {scene.contact.kind!r} has no map of the pressure, and the neighbours of "
             "sites that interact are not known; solve the contact, or leave out [interaction]"
@@ -250,7 +256,7 @@ def make_condition(
 ) -> Condition:
     """The forward model of one contact at one temperature, for a density on ``grid``."""
     times = np.unique(hold_times)
-    statistics = contact if isinstance(contact, ContactStatistics) else contact_statistics(contact, chemistry)
+    statistics = contact_statistics(contact, chemistry)
     if isinstance(contact, ContactSolution):
         sites = float(chemistry.sites_of(contact).sites.size)
     else:

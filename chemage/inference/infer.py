@@ -16,13 +16,11 @@ from chemage.foundation.progress import Report
 from chemage.foundation.units import KB, QuantityLike
 from chemage.inference.curves import MeasuredCurve, check_curves, read_curves
 from chemage.inference.energies import averaging
-from chemage.inference.families import compared
+from chemage.inference.families import compared, estimated, linear_problem, sampled
 from chemage.inference.forecast import band
 from chemage.inference.forward import Model, check_scene, make_model
-from chemage.inference.hidden import REACH, Data, redrawn_outside
-from chemage.inference.problem import UNITS, Prior, Problem, Unknowns, unknowns_of
+from chemage.inference.problem import REACH, UNITS, Data, Prior, Problem, Unknowns, redrawn_outside, unknowns_of
 from chemage.inference.result import Inference, scene_of
-from chemage.inference.rounds import estimated, linear_problem, sampled
 from chemage.inference.sampling import Samples
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene

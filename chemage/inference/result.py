@@ -21,8 +21,7 @@ from chemage.foundation.text import jsonable
 from chemage.foundation.units import QuantityLike
 from chemage.inference.curves import MeasuredCurve
 from chemage.inference.forecast import Forecast, Forecaster, band
-from chemage.scene.files import load_scene
-from chemage.scene.parsing import parse_scene
+from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.scene import Scene
 
 #: forecasts that one file can hold

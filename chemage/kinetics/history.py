@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage.foundation import pictures
 from chemage.foundation.checks import check_times
-from chemage.foundation.datasets import dataset, frame
+from chemage.foundation.codec import dataset, frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE
 from chemage.foundation.records import Doubles, Flags, Indices, Named, Number, Plain, PositiveNumber, Record
-from chemage.foundation.result import Medium, OfRecord, Panel, Picture, Rows, displays
+from chemage.foundation.result import Medium, OfRecord, Panel, Picture, Rows, displays, draw_result, notebook_html
 
 if TYPE_CHECKING:
     import pandas
@@ -125,7 +124,7 @@ class BondHistory(Record):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw bonds against hold time into ``ax``, or into a new figure of pyplot; return the axes."""
-        return pictures.draw(self, ax)
+        return draw_result(self, ax)
 
     def to_xarray(self) -> xarray.Dataset:
         """The arrays with the names, dimensions and units of the file. Needs xarray."""
@@ -137,7 +136,7 @@ class BondHistory(Record):
         return frame({"hold_time": self.hold_times, **columns}, "hold_time", {"temperature": self.temperature})
 
     def _repr_html_(self) -> str:
-        return pictures.html(self)
+        return notebook_html(self)
 
     def __repr__(self) -> str:
         return f"<BondHistory {self.bonds[-1]} bonds at {self.time:g} s after {self.events} events ({self.engine})>"

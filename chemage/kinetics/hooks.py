@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from chemage.plugins.hooks import hookimpl, hookspec
-from chemage.plugins.stages import Doubt, Parts, Stage, Stated
+from chemage.plugins.hooks import Doubt, Parts, Stage, Stated, hookimpl, hookspec
 
 if TYPE_CHECKING:
     import numpy as np
@@ -98,12 +97,11 @@ class _Engine(Stage):
         """Compile what lattice and kinetics need, on a contact of a few pixels under 1 GPa."""
         import numpy as np
 
-        from chemage.contacts.role import ContactTheory
         from chemage.contacts.solution import ContactSolution
-        from chemage.lattices.stage import build_lattice
+        from chemage.lattices.chemistry import build_lattice
 
         solver = parts["contact"]
-        if self.section not in parts or isinstance(solver, ContactTheory):
+        if self.section not in parts or not solver.gives_map:
             return
         surface, density = parts["surface"].expected(), parts["chemistry"].site_density
         pixel = surface.get("pixel_size", PIXEL_SIZE)

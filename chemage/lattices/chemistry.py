@@ -1,9 +1,9 @@
-"""The chemistry: what turns a contact into a reaction lattice, or into its statistics at the sites."""
+"""A chemistry, and the third stage: it turns a contact into a reaction lattice."""
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, cast
 
 import numpy as np
 from pydantic import Field
@@ -12,14 +12,16 @@ from chemage.contacts.solution import Contact, ContactSolution, ContactStatistic
 from chemage.foundation import random
 from chemage.foundation.checks import Seed, checked_seed, expect
 from chemage.foundation.components import Component, call_with
-from chemage.foundation.errors import InputError
+from chemage.foundation.errors import InputError, PluginError
 from chemage.foundation.records import frozen
 from chemage.foundation.threads import OncePerObject
 from chemage.foundation.units import EV_PER_GPA_NM3, KB, Force, Frequency, Pressure, UnitOrWord, Volume
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers, Interaction
 from chemage.lattices.site_grid import ONE_PER_PIXEL, ContactSites, Density, contact_sites
+from chemage.plugins import registry
 from chemage.plugins.options import Choice
+from chemage.plugins.sources import approximations, providers
 
 #: sites per nm²: hydroxyl groups of fully hydroxylated amorphous silica, the arithmetic mean of Zhuravlev, Colloids
 #: Surf. A 173, 1 (2000); least squares give 4.6 there
@@ -105,8 +107,8 @@ class Chemistry(Component):
         InputError
             The contact has no map, and there is to be one site per pixel.
         """
-        if isinstance(contact, ContactSolution):
-            return 1 / self.sites_of(contact).spacing ** 2
+        if contact.has_map:
+            return 1 / self.sites_of(cast("ContactSolution", contact)).spacing ** 2
         if isinstance(self.site_density, str):
             raise InputError(
                 f"site_density = {self.site_density!r}: a contact without a map has no pixels; give the sites per nm² "
@@ -117,10 +119,11 @@ class Chemistry(Component):
     def site_notes(self, contact: Contact) -> dict[str, Any]:
         """How the sites belong to the pixels of ``contact``, see :meth:`ContactSites.describe`; empty where each is
         one."""
-        if not isinstance(contact, ContactSolution):
+        if not contact.has_map:
             return {"words": f"{self.site_density} per nm² of contact, no grid"}
-        sites = self.sites_of(contact)
-        return {} if sites.words == ONE_PER_PIXEL else sites.describe(contact)
+        solution = cast("ContactSolution", contact)
+        sites = self.sites_of(solution)
+        return {} if sites.words == ONE_PER_PIXEL else sites.describe(solution)
 
     def on(self, contact: ContactSolution, seed: Seed = 0, *, sites: np.ndarray | None = None) -> ReactionLattice:
         """The reactive sites of ``contact``, or those of them that are among ``sites`` (ascending flat indices).
@@ -217,8 +220,9 @@ def contact_statistics(contact: ContactSolution | ContactStatistics, chemistry: 
     Each class has the mean pressure of its sites. Without an interaction no site has neighbours, and ``missing`` is
     one column.
     """
-    if isinstance(contact, ContactStatistics):
-        return contact
+    if not contact.has_map:
+        return cast("ContactStatistics", contact)
+    contact = cast("ContactSolution", contact)
     expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
     sites = chemistry.sites_of(contact)
@@ -254,3 +258,38 @@ def coordination(interaction: Interaction, spacing: float) -> int:
     sites = np.arange(GRID * GRID)
     graph = call_with(interaction.neighbours, (GRID, GRID), True, sites, pixel_size=spacing, positions=None)
     return int(np.count_nonzero(graph >= 0, axis=1).max(initial=0))
+
+
+def barriers(kind: str, **options: Any) -> Any:
+    """A distribution of energy barriers."""
+    return registry.current().make("barriers", kind, options)
+
+
+def interaction(kind: str, **options: Any) -> Any:
+    """An interaction of neighbouring sites."""
+    return registry.current().make("interaction", kind, options)
+
+
+def build_lattice(
+    chemistry: Chemistry, contact: ContactSolution, seed: Seed = 0, *, sites: np.ndarray | None = None
+) -> ReactionLattice:
+    """The reactive sites of ``contact``, or those among ``sites``, through the hook ``chemage_build_lattice``.
+
+    The plugins that took part are noted in the lattice's ``provenance``.
+
+    Raises
+    ------
+    PluginError
+        ``sites`` are given, and a plugin answers with others.
+    """
+    expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
+    expect("contact", contact, ContactSolution, "make one with chemage.contact(...).solve(surface, load)")
+    lattice, plugins = registry.current().answer(
+        "chemage_build_lattice", ReactionLattice, chemistry=chemistry, contact=contact, seed=seed, sites=sites
+    )
+    if sites is not None and not np.isin(lattice.sites, sites).all():
+        raise PluginError(
+            f"chemage_build_lattice: {', '.join(plugins) or 'a plugin'} gave sites that were not asked for, so that "
+            "the contact cannot be sampled; the hook must keep to its argument sites, or leave the plugin out"
+        )
+    return lattice.noting(providers(chemistry) | plugins, approximations(chemistry))

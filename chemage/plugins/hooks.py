@@ -1,13 +1,22 @@
-"""The markers of hooks, and the hook by which a plugin offers components.
+"""The markers of hooks, the hook by which a plugin offers components, and what a room declares of a stage.
 
 A plugin is a module (or package) named by an entry point in the group ``chemage``; its functions marked with
 ``chemage.plugin.hookimpl`` implement hooks. A plugin may leave out arguments that it does not need. Arguments are only
-ever added; a changed meaning is a new hook. The hooks of each stage are specified in the ``hooks`` module of its room.
+ever added; a changed meaning is a new hook.
+
+The module ``hooks`` of a room specifies the hooks of its stages and declares these in ``STAGES``: the section of a
+scene, and everything that the framework asks of it. Scenes, their schema, keys, plans and provenance loop over all of
+them. A stage is given the *parts* of a scene: by section its component or its options (``surface``, ``forming``,
+``hold``), and what stands beside the options of a component (``surface.seed``, ``contact.load``); and what is *stated*
+before anything is computed: by section the numbers that its :meth:`Stage.estimate` stated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any, NamedTuple, TypeAlias
 
 import pluggy
 
@@ -23,9 +32,173 @@ hookspec = pluggy.HookspecMarker("chemage")
 hookimpl = pluggy.HookimplMarker("chemage")
 
 
+def lazy_attributes(kinds: Mapping[str, Mapping[str, str]], *further: str) -> Callable[[str], Any]:
+    """The ``__getattr__`` of a plugin package: the classes in ``kinds``, as for :func:`chemage_register`, and
+    ``further`` objects (``"module:name"``), each imported on first use."""
+    paths = [*further, *(path for offered in kinds.values() for path in offered.values())]
+    homes = {name: module for module, _, name in (path.partition(":") for path in paths)}
+
+    def attribute(name: str) -> Any:
+        if name not in homes:
+            raise AttributeError(f"no attribute {name!r}; there are {', '.join(sorted(homes))}")
+        return getattr(import_module(homes[name]), name)
+
+    return attribute
+
+
 @hookspec
 def chemage_register() -> Mapping[str, Mapping[str, str]]:  # pyright: ignore[reportReturnType]
     """Offer components: ``{role: {kind: "module:Class"}}``.
 
     Strings, so that discovery imports nothing heavy; the class is imported when the kind is first used.
     """
+
+
+Parts: TypeAlias = Mapping[str, Any]
+Stated: TypeAlias = Mapping[str, Mapping[str, float]]
+
+#: the keys of a scene, each of which contains the one before it
+KEYS = ("surface", "contact", "aging", "result")
+
+
+class Doubt(NamedTuple):
+    """One thing to warn of: ``kind`` is the same for the same doubt at every point of a sweep."""
+
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Beside:
+    """An entry of a section that is no option of its component."""
+
+    #: the field of the scene that holds it
+    field: str
+    #: its JSON Schema
+    schema: Mapping[str, Any]
+    unit: str = ""
+    required: bool = False
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The declaration of one stage, or of what a scene says beside its stages."""
+
+    section: str
+    #: role of its component; "" where :meth:`model` gives the class of its options
+    role: str = ""
+    #: options of :meth:`model` that are sections of their own -> role
+    parts: Mapping[str, str] = field(default_factory=dict)
+    #: what its section is, in words
+    about: str = ""
+    #: one of ``parts`` -> what is said of the sections that need it where it is missing
+    missing: Mapping[str, str] = field(default_factory=dict)
+    #: [[section]]: any number of components
+    many: bool = False
+    #: entries of the section beside the options of its component
+    beside: Mapping[str, Beside] = field(default_factory=dict)
+    #: whether every scene has it
+    required: bool = False
+    #: a section with which it is required, and what is said where it is missing then
+    required_with: tuple[str, str] | None = None
+    #: a section without which it is an error
+    needs: str = ""
+    #: a section without which it means nothing
+    only_with: str = ""
+    #: stages it rests on, by section
+    inputs: tuple[str, ...] = ()
+    #: the key (:data:`KEYS`) that its options are part of, "" for none
+    key: str = ""
+    #: whether the key says so where it is absent; False: such keys are those of scenes from before there was this stage
+    always_in_key: bool = False
+    #: whether a material gives its options
+    of_material: bool = False
+    #: the hooks whose implementations take part in it
+    hooks: tuple[str, ...] = ()
+
+    def model(self) -> Any:
+        """The class of its options, where it has no role; None for a table that :meth:`make` reads."""
+        return None
+
+    def make(self, options: Mapping[str, Any]) -> Any:
+        """What the options of its section mean, where there is neither role nor model; raises InputError."""
+        return dict(options)
+
+    def schema(self) -> Mapping[str, Any]:
+        """The JSON Schema of its section, where there is neither role nor model."""
+        return {"type": "object"}
+
+    def read_beside(self, name: str, value: Any, parts: Parts) -> Any:
+        """The value of one of ``beside``, None where the scene has none; raises ChemageError."""
+        return value
+
+    def problems(self, parts: Parts) -> Iterable[tuple[str, str]]:
+        """What is wrong although every section is right by itself: (path, message)."""
+        return ()
+
+    def todict(self, parts: Parts, options_of: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+        """Its sections as plain data; ``options_of`` gives the options of a component."""
+        data = {name: options_of(parts[name]) for name in self.parts if name in parts}
+        if (value := parts.get(self.section)) is None:
+            return data
+        if self.many:
+            return {self.section: [options_of(component) for component in value]}
+        if hasattr(value, "identity"):
+            options = options_of(value)
+        else:
+            options = value.model_dump(mode="json", exclude_none=True) if hasattr(value, "model_dump") else dict(value)
+        beside = {name: parts[f"{self.section}.{name}"] for name in self.beside}
+        return data | {self.section: {name: options[name] for name in options if name not in self.parts} | beside}
+
+    def key_entries(self, sections: Mapping[str, Any]) -> list[Any]:
+        """What its sections, as plain data, add to its key."""
+        if self.always_in_key:
+            return [sections.get(name) for name in (*self.parts, self.section)]
+        return [{self.section: sections[self.section]}] if self.section in sections else []
+
+    def key_ends(self, parts: Parts) -> Mapping[str, Any]:
+        """What it adds beside its options, after all sections: key -> content."""
+        return {}
+
+    def recorded(self, aging: Mapping[str, Any], contact: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Path -> plain options with kind, as the provenance of an ageing curve and of its contact has them."""
+        return {self.section: aging.get(self.section)}
+
+    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
+        """What is stated of it before anything is computed; ``cpu_seconds`` among it, on the machine of reference."""
+        return {}
+
+    def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
+        """Name -> what is modelled, in words."""
+        component = parts.get(self.section)
+        return {self.section: component.kind} if self.role and not self.many and component is not None else {}
+
+    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
+        """What to warn of; raises InputError for what the run would refuse."""
+        yield from ()
+
+    def warm_up(self, parts: Parts) -> None:
+        """Compile what a run will need."""
+
+
+def options_in(provenance: Any) -> dict[str, Any]:
+    """The component that made a surface or a contact, where its provenance has ``kind`` and ``options``."""
+    if not isinstance(provenance, Mapping) or not isinstance(provenance.get("options"), Mapping):
+        return {}
+    return {**provenance["options"], "kind": provenance.get("kind")}
+
+
+def in_order(stages: Iterable[Stage]) -> list[Stage]:
+    """Stages after those that they rest on, and otherwise as they were declared."""
+    declared = {stage.section: stage for stage in stages}
+    ordered: dict[str, Stage] = {}
+
+    def add(stage: Stage) -> None:
+        for name in stage.inputs:
+            if name not in ordered:
+                add(declared[name])
+        ordered.setdefault(stage.section, stage)
+
+    for stage in declared.values():
+        add(stage)
+    return list(ordered.values())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import inspect
 import os
@@ -90,6 +89,12 @@ _reading = threading.Lock()
 _sources: weakref.WeakKeyDictionary[type, str] = weakref.WeakKeyDictionary()
 
 
+def short_hash(text: str, size: int) -> str:
+    from chemage.foundation.records import text_hash  # imports numpy, which the command line can do without
+
+    return text_hash(text, size)
+
+
 def source_version(cls: type) -> str:
     """What stands for the version of a class that is not packaged: a hash of its source, which is read once."""
     with _reading:  # Python 3.11 cannot parse in two threads at once
@@ -99,7 +104,7 @@ def source_version(cls: type) -> str:
             except (OSError, TypeError):
                 _sources[cls] = "(source unknown)"
             else:
-                _sources[cls] = f"(source {hashlib.blake2b(text.encode(), digest_size=4).hexdigest()})"
+                _sources[cls] = f"(source {short_hash(text, 4)})"
         return _sources[cls]
 
 
@@ -126,7 +131,7 @@ def is_stage(hook: Any) -> bool:
 
 def check_hook_names(plugin: Any, hooks: list[str]) -> None:
     """Refuse what pluggy would silently ignore: a misspelled or unmarked hook, or no hook at all."""
-    from chemage.foundation.messages import nearest
+    from chemage.foundation.errors import nearest
 
     count = 0
     for name in dir(plugin):

@@ -1,21 +1,17 @@
-"""The registry: finds plugins, loads a component on first use, and explains what is wrong when it cannot.
+"""The registry: finds plugins, loads a component on first use, and explains what is wrong.
 
 Nothing heavy happens here: an entry point's module is imported (light by contract), its ``chemage_register`` strings
 are kept, and the class behind a kind is imported when it is first used. A broken plugin is recorded and skipped;
 with ``CHEMAGE_STRICT=1`` it raises. ``CHEMAGE_PLUGINS=-name`` leaves a plugin out, ``CHEMAGE_PLUGINS=name,other`` uses
 just these besides chemage's own. ``CHEMAGE_TRACE=1`` prints every hook call to stderr.
 
-The rooms of chemage declare their roles and hooks in modules that are found by name, as the modules of plugins are:
-the registry knows no stage.
-
 Several plugins that implement the hook of a stage are asked in this order, and as wrappers the first has the last
-word: those that the scene, a block or ``CHEMAGE_PREFER`` prefers; those registered by hand, the latest first; installed
-ones by name; chemage itself.
+word: those that the scene, a block or ``CHEMAGE_PREFER`` prefers; registered by hand, the latest first; installed, by
+name; chemage itself.
 """
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import os
 import threading
@@ -30,6 +26,7 @@ from typing import Any, TypeVar
 from chemage.foundation.errors import InputError, PluginError, UnknownKindError
 from chemage.plugins import context, hooks
 from chemage.plugins.context import Plugins, record_participation, taking_part
+from chemage.plugins.hooks import Stage, in_order
 from chemage.plugins.loading import (
     Hooks,
     PluginRecord,
@@ -45,12 +42,12 @@ from chemage.plugins.loading import (
     is_stage,
     scene_text,
     selected,
+    short_hash,
     source_version,
     trace_after,
     trace_before,
     versions,
 )
-from chemage.plugins.stages import Stage, in_order
 
 __all__ = ["PluginRecord", "PluginWarning", "Registry", "scene_text", "source_version"]
 
@@ -244,7 +241,7 @@ class Registry:
         """Raise an InputError if one of these plugins, named in ``where``, is not in use."""
         in_use = [record.name for record in self.records if not record.error]
         if unknown := [name for name in names if name not in in_use]:
-            from chemage.foundation.messages import nearest
+            from chemage.foundation.errors import nearest
 
             hint = nearest(unknown[0], in_use) if len(unknown) == 1 else ""
             raise InputError(
@@ -285,9 +282,7 @@ class Registry:
 
     def functions(self, hook: str) -> list[tuple[PluginRecord, Any]]:
         """Each plugin that implements ``hook``, with its function, sorted by the name of the plugin."""
-        implementations = {
-            record.plugin_name: record.function for record in getattr(self.manager.hook, hook).get_hookimpls()
-        }
+        implementations = {each.plugin_name: each.function for each in getattr(self.manager.hook, hook).get_hookimpls()}
         records = sorted(self.records, key=lambda record: record.name)
         return [(record, implementations[name]) for record in records if (name := full_name(record)) in implementations]
 
@@ -297,8 +292,7 @@ class Registry:
 
     def state(self) -> str:
         """A hash of all plugins with their versions."""
-        text = "\n".join(sorted(f"{record.name} {record.source} {record.error}" for record in self.records))
-        return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+        return short_hash("\n".join(sorted(f"{each.name} {each.source} {each.error}" for each in self.records)), 8)
 
     def source(self, name: str) -> str | None:
         """The source of the plugin ``name``, with its version and the options in use; None if it is not in use."""
@@ -327,7 +321,7 @@ class Registry:
         """
         record = next((each for each in self.records if each.name == name), None)
         if record is None or record.error or not record.options:
-            from chemage.foundation.messages import nearest
+            from chemage.foundation.errors import nearest
 
             with_options = [each.name for each in self.records if each.options]
             hint = f"; plugins with options: {', '.join(with_options) or 'none'}"
@@ -398,7 +392,7 @@ class Registry:
         self.role(role)
         offers = self.offers(role, kind)
         if not offers:
-            from chemage.foundation.messages import nearest
+            from chemage.foundation.errors import nearest
 
             installed = self.kinds(role)
             broken = [record.name for record in self.records if record.error]
@@ -527,7 +521,7 @@ class Registry:
         where = f"{role} {kind!r} of plugin {record.name!r} ({record.source})"
         expected = self.role(role)
         if not (isinstance(cls, type) and issubclass(cls, expected)):
-            raise PluginError(f"{where}: {target} is not a chemage.{expected.__name__}")
+            raise PluginError(f"{where}: {target} is not a chemage.plugin.{expected.__name__}")
         if cls.kind != kind:
             raise PluginError(f"{where}: the class calls itself {cls.kind!r}; set kind = {kind!r}")
         if abstract := getattr(cls, "__abstractmethods__", None):

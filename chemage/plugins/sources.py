@@ -12,8 +12,8 @@ from typing import Any
 
 import pluggy
 
-from chemage.foundation.approximations import merged, of_component
 from chemage.foundation.errors import ChemageError
+from chemage.foundation.records import approximation_made_by, merged_approximations
 from chemage.plugins.context import Plugins
 from chemage.plugins.hooks import hookimpl
 from chemage.plugins.loading import add_specifications
@@ -50,14 +50,14 @@ def providers(*components: Any) -> Plugins:
 
 
 def approximations(*components: Any) -> list[dict[str, Any]]:
-    """What is approximate about the components and their parts, as :mod:`chemage.foundation.approximations` has it."""
-    return merged(*(of_component(part) for part in components_in(components)))
+    """What is approximate about the components and their parts, as :mod:`chemage.foundation.records` has it."""
+    return merged_approximations(*(approximation_made_by(part) for part in components_in(components)))
 
 
 def approximation_of(role: str, kind: str) -> list[dict[str, Any]]:
     """The same of an installed kind, such as the engine that a plugin used; empty where it is not known."""
     try:
-        return of_component(current().component(role, kind))
+        return approximation_made_by(current().component(role, kind))
     except ChemageError:
         return []
 

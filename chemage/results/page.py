@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import panels, png
 from chemage.foundation.files import fresh_file, preflight
+from chemage.foundation.names import __version__
 from chemage.foundation.result import NONE, PAGE, Panel, Result, Table
-from chemage.foundation.version import __version__
 from chemage.results.comparison import Comparison, Difference, Entry, compare_files
 from chemage.results.drawing import brought_figures, curve_figures
 

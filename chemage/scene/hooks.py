@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from chemage.plugins.hooks import hookspec
-from chemage.plugins.stages import Doubt, Parts, Stage, Stated
+from chemage.plugins.hooks import Doubt, Parts, Stage, Stated, hookspec
 
 
 @hookspec
@@ -21,14 +20,14 @@ def chemage_materials() -> Mapping[str, str]:  # pyright: ignore[reportReturnTyp
 
 class _Hold(Stage):
     def model(self) -> Any:
-        from chemage.scene.sections import Hold
+        from chemage.scene.scene import Hold
 
         return Hold
 
 
 class _Fit(Stage):
     def model(self) -> Any:
-        from chemage.scene.sections import FitWindow
+        from chemage.scene.scene import FitWindow
 
         return FitWindow
 
@@ -36,7 +35,7 @@ class _Fit(Stage):
         import numpy as np
 
         from chemage.ageing.fitting import why_not_fitted
-        from chemage.ageing.hold_times import within
+        from chemage.foundation.checks import within
 
         if self.section not in parts:
             return
@@ -49,14 +48,14 @@ class _Fit(Stage):
 
 class _Ensemble(Stage):
     def model(self) -> Any:
-        from chemage.scene.sections import EnsembleOptions
+        from chemage.scene.scene import EnsembleOptions
 
         return EnsembleOptions
 
 
 class _Accuracy(Stage):
     def make(self, options: Mapping[str, Any]) -> Any:
-        from chemage.scene.sections import accuracies
+        from chemage.scene.scene import accuracies
 
         return accuracies(options)
 

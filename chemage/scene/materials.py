@@ -14,9 +14,8 @@ from typing import Annotated, Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from chemage.foundation.errors import ChemageError, InputError, PluginError, UnknownKindError, shown
+from chemage.foundation.errors import ChemageError, InputError, PluginError, UnknownKindError, explain, nearest, shown
 from chemage.foundation.files import check_data
-from chemage.foundation.messages import explain, nearest
 from chemage.foundation.text import html_table
 from chemage.lattices.chemistry import Chemistry
 from chemage.plugins import registry

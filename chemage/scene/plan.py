@@ -20,7 +20,7 @@ from chemage.foundation.threads import available
 from chemage.foundation.units import unit_of
 from chemage.lattices.site_grid import BYTES_PER_SITE
 from chemage.plugins import registry
-from chemage.plugins.stages import KEYS, Doubt, Stated
+from chemage.plugins.hooks import KEYS, Doubt, Stated
 from chemage.scene.provenance import nested
 from chemage.scene.scene import Scene
 

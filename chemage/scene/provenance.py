@@ -1,9 +1,16 @@
-"""Provenance: the versions of everything that took part in a result, and the components that it was made with."""
+"""What took part in a result, and what to cite for it: as BibTeX, or as lines of text.
+
+A component states its publications as texts (``cite``), and may give a BibTeX entry for each (``bibtex``). A text
+without an entry becomes ``@misc`` with the text as its note.
+"""
 
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator, Mapping
+import re
+import unicodedata
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib import metadata
 from typing import Any
@@ -12,8 +19,8 @@ from chemage.ageing.aging import Aging
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError
 from chemage.foundation.machine import processor
+from chemage.foundation.names import __version__
 from chemage.foundation.records import Record
-from chemage.foundation.version import __version__
 from chemage.plugins import registry
 from chemage.plugins.sources import providers
 from chemage.scene.scene import Scene
@@ -120,3 +127,122 @@ def nested(component: Component, path: str) -> Iterator[tuple[str, Component]]:
         for place, part in places.items():
             if isinstance(part, Component):
                 yield from nested(part, place)
+
+
+#: the paper that describes the model
+PAPER = "Z. Li, L. Pastewka, I. Szlufarska, Phys. Rev. E 98, 023001 (2018)"
+_PAPER_BIBTEX = """@article{li2018,
+  author = {Li, Z. and Pastewka, L. and Szlufarska, I.},
+  title = {Chemical aging of large-scale randomly rough frictional contacts},
+  journal = {Physical Review E},
+  volume = {98},
+  pages = {023001},
+  year = {2018},
+  doi = {10.1103/PhysRevE.98.023001},
+}"""
+_ENTRY = re.compile(r"\s*@(\w+)\s*\{\s*([^\s,{}]+)\s*,(.*)\}\s*\Z", re.DOTALL)
+_DOI = re.compile(r"\b10\.\d{4,9}/[^\s,;]+")
+#: what LaTeX takes for a command
+_SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+_SPECIAL |= {letter: f"\\{letter}" for letter in "&%$#_"}
+_SPECIAL |= {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A publication: as text, and its BibTeX entry where it is known."""
+
+    text: str
+    bibtex: str = ""
+
+
+def bibtex_problem(entry: str) -> str:
+    """Why ``entry`` is not one BibTeX entry; "" where it is."""
+    if (match := _ENTRY.match(entry)) is None:
+        return "is not of the form @type{key, field = {value}, ...}"
+    depth = 0
+    for letter in match[3]:  # BibTeX counts those after a backslash as well
+        depth += (letter == "{") - (letter == "}")
+        if depth < 0:
+            break
+    return "" if depth == 0 else "has braces that do not match"
+
+
+def references(
+    texts: Iterable[str], components: Iterable[Component | type[Component]], version: str = __version__
+) -> list[Reference]:
+    """What to cite: chemage itself, the paper of its model, and ``texts``, whose entries ``components`` may know."""
+    entries = {PAPER: _PAPER_BIBTEX}
+    for component in components:
+        cls = component if isinstance(component, type) else type(component)
+        entries |= {text: entry for text, entry in entries_of(cls).items() if entry}
+    title = "chemage: chemical ageing of frictional contacts"
+    own = Reference(f"The chemage developers, {title}, version {version}", _own(title, version))
+    return [own, *(Reference(text, entries.get(text, "")) for text in dict.fromkeys([PAPER, *texts]))]
+
+
+def entries_of(cls: type[Component]) -> dict[str, str]:
+    """Text -> BibTeX entry of a component; a class with texts of its own does not inherit entries."""
+    owner = next(base for base in cls.__mro__ if "cite" in vars(base))
+    return dict(zip(vars(owner)["cite"], vars(owner).get("bibtex", ()), strict=False))
+
+
+def _own(title: str, version: str) -> str:
+    return f"""@misc{{chemage,
+  author = {{{{The chemage developers}}}},
+  title = {{{title}}},
+  note = {{Software, version {latex(version)}}},
+}}"""
+
+
+def bibtex(cited: Iterable[Reference]) -> str:
+    """References as the content of a ``.bib`` file; each entry has a key of its own."""
+    entries = [
+        reference.bibtex if reference.bibtex and not bibtex_problem(reference.bibtex) else _misc(reference.text)
+        for reference in cited
+    ]
+    used: dict[str, int] = {}
+    texts = []
+    for entry in dict.fromkeys(entries):
+        match = _ENTRY.match(entry)
+        assert match is not None
+        key = name = match[2]
+        while name.lower() in used:
+            used[key.lower()] += 1
+            name = f"{key}{_suffix(used[key.lower()])}"
+        used[name.lower()] = 0
+        texts.append(f"@{match[1]}{{{name},\n  {match[3].strip()}\n}}\n")
+    return "\n".join(texts)
+
+
+def text(cited: Iterable[Reference]) -> str:
+    """References as lines of text."""
+    return "".join(f"{reference.text}\n" for reference in cited)
+
+
+def latex(words: str) -> str:
+    """``words`` on one line, so that LaTeX prints them: special characters escaped, letters as they are (UTF-8)."""
+    return "".join(_SPECIAL.get(letter, letter) for letter in " ".join(words.split()))
+
+
+def _misc(words: str) -> str:
+    """A text of which nothing else is known, as an entry; its DOI and year where it names them."""
+    fields: Mapping[str, str] = {"note": latex(words)}
+    if years := re.findall(r"\((\d{4})\)", words) or re.findall(r"\b(1[89]\d\d|20\d\d)\b", words):
+        fields = {**fields, "year": years[-1]}
+    if doi := _DOI.search(words):
+        fields = {**fields, "doi": doi[0].rstrip(".")}
+    lines = "".join(f"  {name} = {{{value}}},\n" for name, value in fields.items())
+    return f"@misc{{{_key(words, fields.get('year', ''))},\n{lines}}}"
+
+
+def _key(words: str, year: str) -> str:
+    """The first author's surname and the year, as ``li2018``."""
+    first = re.split(r",| and | & | et al|;|:", words.strip(), maxsplit=1)[0].split()
+    plain = unicodedata.normalize("NFKD", first[-1] if first else "").encode("ascii", "ignore").decode()
+    return (re.sub(r"[^A-Za-z0-9]", "", plain).lower() or "reference") + year
+
+
+def _suffix(number: int) -> str:
+    """b, c, … z, then numbers."""
+    return chr(ord("a") + number) if number < 26 else f"-{number}"

@@ -12,30 +12,24 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from chemage.ageing.age import age
-from chemage.ageing.aging import CURVES, FIT, Aging, curves, fit_numbers, fit_or_reason
-from chemage.ageing.checkpoints import keep, resumed
-from chemage.ageing.elasticity import elastic_measures, elastic_notes
+from chemage.ageing.age import BARRIERS, age, barriers_error, beta_errors, with_members
+from chemage.ageing.aging import CURVES, FIT, Aging, curves, elastic_measures, elastic_notes, fit_numbers, fit_or_reason
 from chemage.ageing.fitting import FIT_WINDOW, Fit
-from chemage.ageing.members import BARRIERS, barriers_error, beta_errors, with_members
-from chemage.contacts.role import ContactTheory
+from chemage.ageing.replicas import keep, resumed
+from chemage.contacts.role import solve_contact
 from chemage.contacts.solution import ContactSolution, ContactStatistics
-from chemage.contacts.stage import solve_contact
-from chemage.foundation import pictures
-from chemage.foundation.approximations import in_words, merged
-from chemage.foundation.datasets import EXTRA
+from chemage.foundation.codec import EXTRA
 from chemage.foundation.errors import ChemageError, InputError, PlanWarning, StoreError, optional_module
 from chemage.foundation.progress import progress_bars
-from chemage.foundation.records import Record, content_hash
+from chemage.foundation.records import Record, approximations_in_words, content_hash, merged_approximations
+from chemage.foundation.result import draw_parts, notebook_html
 from chemage.foundation.text import jsonable
 from chemage.plugins import registry
-from chemage.scene.files import load_scene
-from chemage.scene.parsing import parse_scene
+from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.plan import LongRunWarning, cost
 from chemage.scene.provenance import scatter_of, versions
 from chemage.scene.scene import Scene
-from chemage.surfaces.role import Scatter
-from chemage.surfaces.stage import make_surface
+from chemage.surfaces.role import Scatter, make_surface
 from chemage.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -95,7 +89,9 @@ class Run:
     @property
     def approximate(self) -> str:
         """What is approximate about this result, in words: the kinds and their declared errors; "" if nothing is."""
-        return in_words(merged(self.contact.approximate, self.aging.approximate if self.aging is not None else ()))
+        return approximations_in_words(
+            merged_approximations(self.contact.approximate, self.aging.approximate if self.aging is not None else ())
+        )
 
     @property
     def scatter(self) -> Scatter | None:
@@ -172,7 +168,7 @@ class Run:
         InputError
             The run has no such part.
         """
-        return pictures.draw_parts(self, what)
+        return draw_parts(self, what)
 
     def to_xarray(self) -> xarray.Dataset:
         """The arrays of surface, contact and ageing in one dataset, named as in the file. Needs xarray."""
@@ -198,12 +194,11 @@ class Run:
         return self.aging.to_pandas()
 
     def _repr_html_(self) -> str:
-        return pictures.html(self)
+        return notebook_html(self)
 
     def parts(self) -> dict[str, Record]:
         """The objects to store, by group name."""
-        statistics = isinstance(self.contact, ContactStatistics)
-        contact = {"statistics" if statistics else "contact": self.contact}
+        contact = {"contact" if self.contact.has_map else "statistics": self.contact}
         records = {"surface": self.surface, **contact, "aging": self.aging}
         return {name: part for name, part in records.items() if part is not None}
 
@@ -331,9 +326,9 @@ def _run(
 ) -> Run:
     report = progress or (lambda stage, done, total: None)
     timings: dict[str, float] = {}
-    if contact is None and isinstance(scene.contact, ContactTheory):
+    if contact is None and (theory := scene.theory) is not None:
         with _timed("contact", scene, timings, report):
-            contact = scene.contact.statistics(surface or scene.surface, scene.load, scene.surface_seed)
+            contact = theory.statistics(surface or scene.surface, scene.load, scene.surface_seed)
     if contact is None:
         if surface is None:
             with _timed("surface", scene, timings, report):

@@ -2,35 +2,190 @@
 
 A section that is absent is not modelled: no ``[interaction]``, no neighbour list; no ``[breaking]``, bonds last; no
 ``[forming]``, contact mechanics only. A number is in the internal unit of its field, a string carries its own.
+
+The sections of a scene beside its components: how long a contact is held, where ageing is fitted, what is asked.
+
+Variants of a scene that answer the same question: on other surfaces of the same kind, and on other grids, from whose
+contacts that of vanishing pixels is extrapolated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, Self
 
-from pydantic import BaseModel, Field, SerializeAsAny, field_validator
+import numpy as np
+from pydantic import (
+    BaseModel,
+    Field,
+    SerializeAsAny,
+    field_validator,
+    model_validator,
+)
 
+from chemage.ageing.fitting import FIT_WINDOW
 from chemage.ageing.methods import AgeingMethod
 from chemage.ageing.observables import Observable
+from chemage.ageing.replicas import Common
 from chemage.contacts.options import force_text
 from chemage.contacts.role import ContactSolver, ContactTheory
+from chemage.foundation.checks import Frozen, check_times, hold_times
 from chemage.foundation.components import Component
-from chemage.foundation.errors import ChemageError
+from chemage.foundation.errors import ChemageError, InputError, shown
 from chemage.foundation.records import content_hash
-from chemage.foundation.units import unit_of
+from chemage.foundation.units import FilePath, Temperature, Time, convert, has_unit, unit_of
 from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.site_grid import site_rule, site_shape
 from chemage.plugins import context, registry
+from chemage.plugins.hooks import KEYS
 from chemage.plugins.options import PluginOptions, joined
 from chemage.plugins.sources import implementing, providers, stage_hooks
-from chemage.plugins.stages import KEYS
 from chemage.scene.materials import MaterialValue
-from chemage.scene.sections import EnsembleOptions, FitWindow, Hold, Section
 from chemage.surfaces.role import SurfaceMaker
+
+_PERCENT = re.compile(r"\s*([-+0-9.eE]+)\s*%\s*")
+#: surfaces of an ensemble, unless more are allowed
+MOST_SURFACES = 10_000
+#: and this is the least that may be allowed: the first samples, and some that these lead to
+LEAST = 10
+REMEDY = 'give "2 %" or 0.02'
+
+
+class Section(Frozen):
+    """A frozen set of options that is no component."""
+
+
+class Hold(Section):
+    """How long, how hot, how often."""
+
+    temperature: Temperature = 300.0
+    """K"""
+    start: Time | None = None
+    """first hold time, s"""
+    stop: Time | None = None
+    """last hold time, s"""
+    per_decade: int = Field(default=4, ge=1, le=1000)
+    """hold times to a decade"""
+    times: tuple[Time, ...] | None = None
+    """the hold times themselves, s, instead of start, stop and per_decade"""
+    replicas: int = Field(default=10, ge=1)
+    """independent draws of the disorder and the kinetic noise"""
+    seed: int = Field(default=0, ge=0)
+    """of disorder and noise"""
+    common: Common = "none"
+    """random numbers that replica r has in common with replica r of other runs with this seed: "none", "disorder"
+    (barriers, couplings and hydroxylation of a pixel) or "all" (the kinetic noise as well)"""
+
+    @field_validator("times", mode="before")
+    @classmethod
+    def _times(cls, value: Any) -> Any:
+        if has_unit(value):
+            return tuple(check_times(value).tolist())
+        if isinstance(value, Sequence) and not isinstance(value, str):
+            return tuple(check_times([convert(item, "s") for item in value]).tolist())
+        return value
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if self.times is None:
+            if self.start is None or self.stop is None:
+                raise ValueError('give start and stop (such as "1 ms" and "1e5 s"), or times')
+            hold_times(self.start, self.stop, self.per_decade)
+        elif self.start is not None or self.stop is not None:
+            raise ValueError("give either times, or start and stop")
+        return self
+
+    @property
+    def hold_times(self) -> np.ndarray:
+        """(m,) s."""
+        if self.times is not None:
+            return np.array(self.times)
+        assert self.start is not None
+        assert self.stop is not None
+        return hold_times(self.start, self.stop, self.per_decade)
+
+
+class FitWindow(Section):
+    """Where the line of Δμ against log t is fitted."""
+
+    start: Time = FIT_WINDOW[0]
+    """s"""
+    stop: Time = FIT_WINDOW[1]
+    """s"""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.stop <= self.start:
+            raise ValueError(f"stop ({self.stop:g} s) must be after start ({self.start:g} s)")
+        return self
+
+
+class EnsembleOptions(Section):
+    """Over how many surfaces the answer is a mean."""
+
+    surfaces: int | None = Field(default=None, ge=1)
+    """how many; 1: the one of the scene alone; default: as many as the accuracy or the budget decides"""
+    budget: Time | None = Field(default=None, gt=0)
+    """wall time that may be taken, s"""
+    most: int = Field(default=MOST_SURFACES, ge=LEAST)
+    """surfaces that are allowed"""
+    map: FilePath | None = None
+    """file with the map of this scene (``chemage tradeoff SCENE -o FILE``), by whose measured costs and errors the
+    settings are chosen; default: by estimates"""
+
+
+def accuracies(options: Any) -> dict[str, float]:
+    """A mapping of quantities, written as ``name`` or ``name@time``, to relative accuracies: numbers, or strings with a
+    percent sign.
+
+    Raises
+    ------
+    InputError
+        It is no mapping, or an accuracy is not above 0 and below 1.
+    """
+    if not isinstance(options, Mapping):
+        raise InputError(f'accuracy = {shown(options)}: give names and accuracies, such as {{"beta": "2 %"}}')
+    return {str(name): _accuracy(str(name), value) for name, value in options.items()}
+
+
+def _accuracy(name: str, value: Any) -> float:
+    number = value
+    if isinstance(value, str):
+        percent = _PERCENT.fullmatch(value)
+        try:
+            number = float(percent[1]) / 100 if percent else float(value)
+        except ValueError:
+            number = math.nan
+    if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
+        problem = "is no number"
+    elif not 0 < number < 1:
+        problem = "must lie between 0 and 1: it is half the width of the 95 % interval over the mean"
+    else:
+        return float(number)
+    message = f"{shown(value)}: {problem}; {REMEDY}"
+    raise InputError(f"accuracy.{name} = {message}", [(name, message)])
+
+
+def budget_seconds(value: Any) -> float:
+    """A budget of wall time, s.
+
+    Raises
+    ------
+    InputError
+        It is no time, or not above zero.
+    """
+    try:
+        seconds = convert(value, "s")
+    except ChemageError as error:
+        raise InputError(f"budget: {error}") from None
+    if not 0 < seconds < math.inf:
+        raise InputError.of("budget", value, "must be above zero and finite", 'give a time such as "60 s"')
+    return seconds
 
 
 class Scene(Section):
@@ -88,7 +243,7 @@ class Scene(Section):
 
     @property
     def parts(self) -> dict[str, Any]:
-        """What it says to each stage, as :mod:`chemage.plugins.stages` has it: ``parts["forming"]`` is a component,
+        """What it says to each stage, as :mod:`chemage.plugins.hooks` has it: ``parts["forming"]`` is a component,
         ``parts["contact.load"]`` a number; what it does not model is not there."""
         parts: dict[str, Any] = {}
         for stage in registry.current().stages():
@@ -170,7 +325,7 @@ class Scene(Section):
     @property
     def site_grids(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
         """Pixels and sites along the sides of the surface; None without ageing, and where they are not known before."""
-        if self.chemistry is None or not self.ages or isinstance(self.contact, ContactTheory):
+        if self.chemistry is None or not self.ages or not self.contact.gives_map:
             return None
         try:
             expected = self.surface.expected()
@@ -178,6 +333,11 @@ class Scene(Section):
             return pixels, site_shape(pixels, expected["pixel_size"], self.chemistry.site_density)
         except (ChemageError, KeyError):  # reported where the scene is checked
             return None
+
+    @property
+    def theory(self) -> ContactTheory | None:
+        """The contact, where it is a theory that gives no map."""
+        return self.contact if isinstance(self.contact, ContactTheory) else None
 
     @property
     def solver(self) -> ContactSolver:
@@ -293,3 +453,33 @@ def _without_none(data: Any) -> Any:
     if isinstance(data, list | tuple):
         return [_without_none(value) for value in data]
     return data
+
+
+def is_random(scene: Scene) -> bool:
+    """Whether another seed gives another surface, as far as its maker says."""
+    scatter = scene.surface.scatter({})
+    return scatter is None or scatter.relative != 0
+
+
+def coarser(scene: Scene, factor: int) -> Scene | None:
+    """``scene`` with the contact on pixels ``factor`` times larger and the sites where they are; None where its surface
+    has no coarser grid. Sites that are pixels get the density of the scene's own pixels."""
+    if not scene.contact.gives_map:
+        return None
+    expected = scene.surface.expected()
+    maker = scene.surface.coarser(factor)
+    if maker is None or "pixel_size" not in expected:
+        return None
+    update: dict[str, Any] = {"surface": maker}
+    if scene.chemistry is not None and scene.chemistry.site_density == "pixel":
+        update["chemistry"] = scene.chemistry.replace(site_density=expected["pixel_size"] ** -2)
+    return scene.model_copy(update=update)
+
+
+def question(scene: Scene) -> str:
+    """Content hash of what a scene asks but for seeds, replicas, goals and observables, which change neither costs per
+    replica nor errors of its settings."""
+    update: dict[str, Any] = {"surface_seed": 0, "observe": (), "ensemble": None, "accuracy": {}}
+    if scene.hold is not None:
+        update["hold"] = scene.hold.model_copy(update={"replicas": 1, "seed": 0, "common": "all"})
+    return content_hash(scene.model_copy(update=update).keys()["result"])

@@ -10,7 +10,7 @@ from pydantic.json_schema import models_json_schema
 from chemage.foundation.components import Component
 from chemage.foundation.errors import PluginError
 from chemage.plugins import registry
-from chemage.plugins.stages import Stage
+from chemage.plugins.hooks import Stage
 from chemage.scene.materials import material
 
 

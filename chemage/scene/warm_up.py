@@ -11,9 +11,8 @@ from typing import Any
 from chemage.foundation import compiling
 from chemage.foundation.progress import Report
 from chemage.plugins import registry
-from chemage.plugins.stages import KEYS
-from chemage.scene.files import load_scene
-from chemage.scene.parsing import parse_scene
+from chemage.plugins.hooks import KEYS
+from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.scene import Scene
 
 #: what a process of its own compiles (:data:`chemage.foundation.compiling.STAGES`) -> keys of the stages it is for

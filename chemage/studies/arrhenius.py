@@ -18,8 +18,8 @@ import numpy as np
 
 from chemage.ageing.aging import Aging
 from chemage.ageing.fitting import FIT_WINDOW, UNIT, Fit, fit_aging
-from chemage.ageing.hold_times import within
 from chemage.ageing.models import UNKNOWN, Interval, solve
+from chemage.foundation.checks import within
 from chemage.foundation.errors import InputError
 from chemage.foundation.statistics import jackknife_error, student_limits
 from chemage.foundation.text import jsonable, with_interval

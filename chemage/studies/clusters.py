@@ -18,9 +18,8 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from chemage.foundation import threads as thread_budget
-from chemage.foundation.errors import ChemageError, ExecutorError, InputError, StoreError, WorkerLost
+from chemage.foundation.errors import ChemageError, ExecutorError, InputError, StoreError, WorkerLost, explain, nearest
 from chemage.foundation.files import check_data, described
-from chemage.foundation.messages import explain, nearest
 from chemage.foundation.units import convert
 from chemage.studies.folder import RESUME, SweepWarning
 from chemage.studies.tasks import RETRIES
@@ -141,7 +140,7 @@ def open_cluster(detail: str, workers: int | None, threads: int, patience: float
     """Connect to the Dask cluster that ``detail`` names, or start it, for the duration of a block.
 
     ``detail`` is what follows ``dask:``; the arguments and errors are those of
-    :func:`chemage.studies.executors.open_pool`.
+    :func:`chemage.studies.runner.open_pool`.
     """
     try:
         import dask.config as dask_config

@@ -28,9 +28,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.container import archive, check_json, is_intact, read, read_json, sealed_json
-from chemage.foundation.errors import DamagedError, InputError, StoreError
+from chemage.foundation.errors import DamagedError, InputError, StoreError, explain, in_lines
 from chemage.foundation.files import LARGEST_DESCRIPTION, check_data, on_disk, put, regular_file, temporary
-from chemage.foundation.messages import explain, in_lines
 
 #: version of the layout; newer layouts are refused. Since 2 every file carries a checksum.
 FORMAT = 2

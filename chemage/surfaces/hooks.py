@@ -6,8 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from chemage.plugins.hooks import hookimpl, hookspec
-from chemage.plugins.stages import Beside, Doubt, Parts, Stage, Stated, options_in
+from chemage.plugins.hooks import Beside, Doubt, Parts, Stage, Stated, hookimpl, hookspec, options_in
 
 if TYPE_CHECKING:
     from chemage.foundation.checks import Seed

@@ -1,4 +1,4 @@
-"""The role that makes a surface, and how much results differ between the surfaces that it makes."""
+"""The role that makes surfaces, and the first stage: a component makes one."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
-from chemage.foundation.checks import Seed
+from chemage.foundation.checks import Seed, expect
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
+from chemage.foundation.progress import logged, of_plugins
 from chemage.foundation.text import percent
+from chemage.plugins import registry
+from chemage.plugins.sources import approximations, providers
 from chemage.surfaces.surface import Roughness, Surface
 
 
@@ -80,7 +83,7 @@ class SurfaceMaker(Component, ABC):
     def sketch(self) -> Self | None:
         """A maker of the same surface at the same size on hardly more pixels than its waves need; None where there is
         none. The area of its contact tells surfaces with larger contacts from others, and need not be right: it is the
-        control of an ensemble (:mod:`chemage.studies.ensembles.allocation`)."""
+        control of an ensemble (:mod:`chemage.studies.ensembles.quantities`)."""
         return None
 
     def coarser_errors(self, factor: int, contact: Mapping[str, float]) -> Mapping[str, float]:
@@ -89,3 +92,21 @@ class SurfaceMaker(Component, ABC):
         ``friction_drop`` at any hold time. What is not in it is not known, and is measured by computing some surfaces
         on both grids."""
         return {}
+
+
+def surface(kind: str, **options: Any) -> Any:
+    """A surface maker: ``chemage.surface("self-affine", pixels=2500, ...).make(seed=1)``."""
+    return registry.current().make("surface", kind, options)
+
+
+def make_surface(maker: SurfaceMaker, seed: Seed = 0) -> Surface:
+    """The surface of ``maker``, through the hook ``chemage_make_surface``.
+
+    The plugins that took part, see :mod:`chemage.plugins.sources`, are noted in the surface's ``provenance``.
+    """
+    expect("maker", maker, SurfaceMaker, 'make one with chemage.surface("sphere", ...)')
+    with logged("surface", maker.kind) as outcome:
+        answer, plugins = registry.current().answer("chemage_make_surface", Surface, maker=maker, seed=seed)
+        answer = answer.noting(providers(maker) | plugins, approximations(maker))
+        outcome(f"{answer.shape[0]} x {answer.shape[1]} pixels; {of_plugins(answer.plugins)}")
+    return answer

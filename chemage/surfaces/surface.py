@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage.foundation import pictures
 from chemage.foundation.checks import MOST_BINS, checked_count
-from chemage.foundation.datasets import dataset, map_frame
+from chemage.foundation.codec import dataset, map_frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import Number, Plain, PositiveNumber, Reals, Record, require_finite
+from chemage.foundation.result import draw_result, notebook_html
 from chemage.surfaces import roughness
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ class Surface(Record):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the map of the heights into ``ax``, or into a new figure of pyplot; return the axes."""
-        return pictures.draw(self, ax)
+        return draw_result(self, ax)
 
     def to_xarray(self) -> xarray.Dataset:
         """The arrays with the names, dimensions and units of the file, x and y in nm. Needs xarray."""
@@ -106,7 +106,7 @@ class Surface(Record):
         return map_frame(self.heights, self.coordinates(), "heights", "nm")
 
     def _repr_html_(self) -> str:
-        return pictures.html(self)
+        return notebook_html(self)
 
     def __repr__(self) -> str:
         nx, ny = self.shape

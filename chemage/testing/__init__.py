@@ -16,9 +16,6 @@ it with ``pytest_plugins = ["chemage.testing"]``; as a pytest entry point it wou
 on the machine.
 """
 
-from chemage.testing import figures  # noqa: F401  (declares checks)
-from chemage.testing.ageing_methods import check_ageing_method
-from chemage.testing.barriers import check_barriers
 from chemage.testing.checks import (
     Check,
     CheckFailed,
@@ -31,10 +28,9 @@ from chemage.testing.checks import (
 from chemage.testing.contacts import check_contact_solver, rough_surface
 from chemage.testing.engines import check_engine
 from chemage.testing.every_component import check_material
-from chemage.testing.interactions import check_interaction
-from chemage.testing.readers import check_reader
-from chemage.testing.replicas import check_observable, check_rupture
-from chemage.testing.surfaces import check_surface_maker
+from chemage.testing.lattices import check_barriers, check_interaction
+from chemage.testing.replicas import check_ageing_method, check_observable, check_rupture
+from chemage.testing.surfaces import check_reader, check_surface_maker
 
 __all__ = [
     "Check",

@@ -113,9 +113,9 @@ CHECKS: dict[str, list[Callable[..., None]]] = {}
 
 
 def check_of(
-    role: str, needs: tuple[str, ...] = (), unless: tuple[type, ...] = ()
+    role: type[Component], needs: tuple[str, ...] = (), unless: tuple[type, ...] = ()
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Declare a function as a check of ``role``, or of every component if ``role`` is empty.
+    """Declare a function as a check of the class of a role, or of every component with :class:`Component`.
 
     ``needs`` are inputs without which there is nothing to check; components of the classes ``unless`` are not checked.
     """
@@ -123,7 +123,7 @@ def check_of(
     def mark(function: Callable[..., None]) -> Callable[..., None]:
         function.needs = needs  # pyright: ignore[reportFunctionMemberAccess]
         function.unless = unless  # pyright: ignore[reportFunctionMemberAccess]
-        CHECKS.setdefault(role, []).append(function)
+        CHECKS.setdefault(role.role, []).append(function)
         return function
 
     return mark

@@ -1,10 +1,12 @@
-"""Checks of a contact solver."""
+"""Checks of a contact solver, with contacts of a half-space whose pressure is known, and the independent test of any
+other one. Their slopes are small, so that pressures stay far below a hardness that a solver may add.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +26,102 @@ from chemage.testing.checks import (
     trade_variants,
     whole,
 )
-from chemage.testing.closed_forms import every_known_contact, half_space_errors, paraboloid
+
+PIXEL = 0.5
+
+
+class Known(NamedTuple):
+    """A surface, the load (nN) for a contact modulus of 1 GPa, and the pressure (GPa) at that modulus."""
+
+    name: str
+    surface: Surface
+    load: float
+    pressure: np.ndarray
+    #: relative L2 error of the pressure that the size of the pixels may cause
+    pixels: float
+
+
+def flat() -> Known:
+    """A flat surface: the pressure is uniform."""
+    surface = Surface(heights=np.zeros((16, 24)), pixel_size=PIXEL, periodic=True, provenance={"known": "flat"})
+    pressure = np.full(surface.shape, 0.002)
+    return Known("a flat surface", surface, 0.002 * surface.nominal_area, pressure, 1e-4)
+
+
+def sinusoid(axis: int, mean: float, pixels: int = 64, width: int = 6) -> Known:
+    """One wave along ``axis`` at ``mean`` times the pressure p* of full contact. Westergaard, J. Appl. Mech. 6, A49
+    (1939); Johnson, Contact Mechanics (1985), section 13.2."""
+    full = 0.005  # p*/E* = π amplitude/λ
+    wave = pixels * PIXEL
+    angle = 2 * np.pi * (np.arange(pixels) + 0.5) / pixels
+    heights = full * wave / math.pi * np.cos(angle)
+    if mean >= 1:
+        profile = full * (mean + np.cos(angle))
+        name, error = "a sinusoid in full contact", 0.01
+    else:
+        edge = math.asin(math.sqrt(mean))  # πa/λ
+        fine = np.linspace(-0.5, 0.5, 33)[:-1] + 1 / 64
+        half = np.abs(np.mod(0.5 * (angle[:, None] + fine * 2 * np.pi / pixels) + np.pi / 2, np.pi) - np.pi / 2)
+        inside = np.sqrt(np.maximum(math.sin(edge) ** 2 - np.sin(half) ** 2, 0.0))
+        profile = (2 * full * np.cos(half) * inside).mean(axis=1)
+        profile *= mean * full / profile.mean()
+        name, error = f"a sinusoid at {mean:g} of the load of full contact (Westergaard)", 0.03
+
+    def across(values: np.ndarray) -> np.ndarray:
+        repeated = np.repeat(values[:, None], width, axis=1)
+        return repeated if axis == 0 else repeated.T
+
+    surface = Surface(heights=across(heights), pixel_size=PIXEL, periodic=True, provenance={"known": "sinusoid"})
+    return Known(f"{name}, along {'xy'[axis]}", surface, mean * full * surface.nominal_area, across(profile), error)
+
+
+def paraboloid(pixels: int = 48, radius: float = 30.0, pixel_size: float = PIXEL) -> Surface:
+    """A tip with its apex in the middle; it records its radius for solvers that need one."""
+    x = (np.arange(pixels) - (pixels - 1) / 2) * pixel_size
+    heights = -(x[:, None] ** 2 + x**2) / (2 * radius)
+    return Surface(heights=heights, pixel_size=pixel_size, periodic=False, provenance={"radius": radius})
+
+
+def hertz(pixels: int = 28) -> Known:
+    """A paraboloid on a grid that is little larger than its contact. Hertz, J. reine angew. Math. 92, 156 (1881)."""
+    edge = 10.3 * PIXEL
+    radius = 100 * edge
+    surface = paraboloid(pixels, radius)
+    peak = 2 * edge / (math.pi * radius)
+    fine = np.linspace(-0.5, 0.5, 17)[:-1] + 1 / 32
+    x = ((np.arange(pixels) - (pixels - 1) / 2)[:, None] + fine).ravel() * PIXEL
+    inside = np.sqrt(np.maximum(1 - (x[:, None] ** 2 + x**2) / edge**2, 0.0))
+    pressure = peak * inside.reshape(pixels, 16, pixels, 16).mean(axis=(1, 3))
+    load = 4 * edge**3 / (3 * radius)
+    pressure *= load / (pressure.sum() * PIXEL**2)
+    return Known("a paraboloid with free boundaries (Hertz)", surface, load, pressure, 0.03)
+
+
+def every_known_contact() -> list[Known]:
+    """The closed forms, from simple to less simple."""
+    return [
+        flat(),
+        sinusoid(0, 1.5),
+        sinusoid(1, 1.5),
+        hertz(),
+        sinusoid(0, 0.2),
+        sinusoid(1, 0.2),
+    ]
+
+
+def half_space_errors(surface: Surface, solution: ContactSolution) -> tuple[float, float]:
+    """Errors of a periodic contact on an elastic half-space, relative to the rms height: rms of the gap over the
+    contact, and largest overlap outside. From the pressure alone, with u(q) = 2 p(q)/(E* |q|)."""
+    qx, qy = (2 * np.pi * np.fft.fftfreq(n, surface.pixel_size) for n in surface.shape)
+    q = np.hypot(qx[:, None], qy)
+    q[0, 0] = np.inf
+    spectrum = np.fft.fft2(solution.pressure.astype(np.float64))
+    gap = np.fft.ifft2(2 * spectrum / (solution.modulus * q)).real - surface.heights
+    touching = gap[solution.contact]
+    level = float(touching.mean())
+    overlap = max(level - float(gap.min()), 0.0)
+    return float(np.sqrt(np.mean((touching - level) ** 2))) / surface.rms_height, overlap / surface.rms_height
+
 
 check_contact_solver = whole(
     ContactSolver,
@@ -96,7 +193,7 @@ def _tolerance(component: ContactSolver, least: float) -> float:
 # -- the form of the answer -------------------------------------------------------------------------------------------
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _contact_carries_the_load(component: ContactSolver, surfaces: Sequence[Surface] = (), force_tolerance=1e-6) -> None:
     """The pressure (GPa) adds up to the load (nN), is nowhere negative, and some but not all pixels are in contact."""
     for surface, load in _solvable(component, surfaces):
@@ -111,7 +208,7 @@ def _contact_carries_the_load(component: ContactSolver, surfaces: Sequence[Surfa
         require(solution.pressure.min() >= 0, "negative pressure")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _contact_is_deterministic(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """The same contact gives the same bytes, whatever was solved before; the surface stays as it was."""
     solvable = _solvable(component, surfaces)
@@ -124,7 +221,7 @@ def _contact_is_deterministic(component: ContactSolver, surfaces: Sequence[Surfa
     require([surface.heights.tobytes() for surface, _ in solvable] == heights, "the heights of the surface changed")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Grid, pixel size, periodicity and roughness are the surface's, the modulus is the solver's, and all that it
     implements is there."""
@@ -155,7 +252,7 @@ def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surf
         require_plain(solution.convergence, "convergence")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _no_load_is_no_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """At load 0 no pixel is in contact."""
     for surface, _ in _solvable(component, surfaces):
@@ -163,7 +260,7 @@ def _no_load_is_no_contact(component: ContactSolver, surfaces: Sequence[Surface]
         require(solution.sites.size == 0 and solution.load == 0, f"{solution.sites.size} pixels in contact at load 0")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _wrong_load_is_refused(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Negative and infinite loads, and loads in another dimension, are InputErrors; a load may have its unit."""
     surface, load = _solvable(component, surfaces)[0]
@@ -175,7 +272,7 @@ def _wrong_load_is_refused(component: ContactSolver, surfaces: Sequence[Surface]
     )
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _contact_cost_is_estimated(component: ContactSolver) -> None:
     """``expected()`` returns finite numbers, from few or many properties of a surface."""
     many = {"nx": 64.0, "ny": 48.0, "pixel_size": 0.5, "rms_slope": 0.1, "shortest_wavelength": 4.0}
@@ -188,7 +285,7 @@ def _contact_cost_is_estimated(component: ContactSolver) -> None:
 # -- where the contact is ---------------------------------------------------------------------------------------------
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _summits_touch_first(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """At a load of a fraction of a pixel's, the highest pixel carries it: heights are not upside down, mirrored,
     transposed or shifted by a pixel."""
@@ -212,7 +309,7 @@ def _summits_touch_first(component: ContactSolver, surfaces: Sequence[Surface] =
         )
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _contact_turns_with_the_surface(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Mirroring, transposing or (where periodic) shifting the surface does the same to the pressure, and no more."""
     for surface, load in _solvable(component, surfaces):
@@ -244,7 +341,7 @@ def _contact_turns_with_the_surface(component: ContactSolver, surfaces: Sequence
             )
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _gap_is_closed_in_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Where a gap (nm) is given: it is nowhere negative, and zero where the pressure is positive, to a hundredth of the
     rms height or ten times the declared error of it."""
@@ -259,7 +356,7 @@ def _gap_is_closed_in_contact(component: ContactSolver, surfaces: Sequence[Surfa
         require(gap <= 10 * scale, f"a gap of {gap:g} nm where the pressure is positive")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _contact_scales(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Lengths ×3 and load ×9, stresses and load ×2, or a raised surface are equivalent: no unit and no length is
     hidden in the solver."""
@@ -288,7 +385,7 @@ def _contact_scales(component: ContactSolver, surfaces: Sequence[Surface] = ()) 
             require(same, f"{what}: the pressure differs")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _contact_grows_with_load(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """A larger load brings more pixels into contact, and where it is given, a larger approach (nm)."""
     for surface, load in _solvable(component, surfaces):
@@ -305,7 +402,7 @@ def _contact_grows_with_load(component: ContactSolver, surfaces: Sequence[Surfac
 # -- how large the pressure is ----------------------------------------------------------------------------------------
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _known_contacts_are_found(component: ContactSolver) -> None:
     """Where ``declared_error`` is given: flat, sinusoidal (Westergaard) and spherical (Hertz) surfaces on an elastic
     half-space have the pressure of the closed form, to within that error."""
@@ -332,7 +429,7 @@ def _known_contacts_are_found(component: ContactSolver) -> None:
     require(solved, "declares an error, but refuses all surfaces with a closed form")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _contact_obeys_the_half_space(component: ContactSolver) -> None:
     """Where ``declared_error`` is given: on periodic rough surfaces the gap that follows from the pressure is zero in
     contact and positive outside, to within that error; a solution that is given up early is found."""
@@ -366,7 +463,7 @@ def _declared(component: ContactSolver) -> float:
     return float(error)  # pyright: ignore[reportArgumentType]
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _start_changes_nothing(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """The solution does not depend on ``start``, be it of another load or of another surface."""
     for surface, load in _solvable(component, surfaces):
@@ -402,7 +499,7 @@ def _elsewhere(component: ContactSolver, surface: Surface) -> ContactSolution | 
 # -- speed, and grids -------------------------------------------------------------------------------------------------
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _speed_does_not_change_the_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """Options in ``speed_only``, such as the number of threads, do not change a bit of the pressure."""
     for surface, load in _solvable(component, surfaces):
@@ -413,7 +510,7 @@ def _speed_does_not_change_the_contact(component: ContactSolver, surfaces: Seque
         speed_changes_nothing(component, pressure, "the pressures")
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _trade_is_from_fast_to_accurate(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """The values of each option of ``trade`` give the same contact, the last ones nearly so."""
     surface, load = _solvable(component, surfaces)[0]
@@ -434,7 +531,7 @@ def _trade_is_from_fast_to_accurate(component: ContactSolver, surfaces: Sequence
         )
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _reference_solves_the_same_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """``reference()`` returns a solver of the same class, with the same contact up to the errors of the component."""
     reference = component.reference()
@@ -446,7 +543,7 @@ def _reference_solves_the_same_contact(component: ContactSolver, surfaces: Seque
         )
 
 
-@check_of("contact", unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,))
 def _odd_grids_are_solved(component: ContactSolver) -> None:
     """Grids that are not square, odd, one pixel wide or one pixel are solved, or refused with an InputError."""
     for shape in ((15, 32), (9, 7), (1, 16), (1, 1)):
@@ -461,7 +558,7 @@ def _odd_grids_are_solved(component: ContactSolver) -> None:
 # -- theories without a map -------------------------------------------------------------------------------------------
 
 
-@check_of("contact")
+@check_of(ContactSolver)
 def _statistics_carry_the_load(component: ContactSolver) -> None:
     """Of a theory, which gives no map: the pressures of its statistics add up to the load at any load, the area grows
     with the load and is no larger than the nominal area, and a map is refused."""

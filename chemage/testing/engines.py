@@ -85,7 +85,7 @@ def _trace(history: BondHistory) -> tuple[bytes, ...]:
 # -- the form of the answer -------------------------------------------------------------------------------------------
 
 
-@check_of("engine")
+@check_of(Engine)
 def _history_adds_up(component: Engine) -> None:
     """Hold times, temperature and kind are those of the run; bonds are formed less broken; the last count is the final
     state's."""
@@ -118,7 +118,7 @@ def _history_adds_up(component: Engine) -> None:
     require(history.engine in kinds, f"engine is {history.engine!r}, neither {component.kind!r} nor an installed one")
 
 
-@check_of("engine")
+@check_of(Engine)
 def _engine_cost_is_estimated(component: Engine) -> None:
     """``expected()`` returns finite costs, also for no sites and for ten million, no events and 1e12 a site."""
     for sites in (0.0, 1.0, 1e7):
@@ -127,7 +127,7 @@ def _engine_cost_is_estimated(component: Engine) -> None:
             require_estimates(f"expected({sites})", expected, dict.fromkeys(_ESTIMATES, math.inf))
 
 
-@check_of("engine")
+@check_of(Engine)
 def _error_is_declared(component: Engine) -> None:
     """An approximate engine (``exact = False``) has a ``declared_error``, an exact one has none."""
     error = component.declared_error
@@ -143,7 +143,7 @@ def _error_is_declared(component: Engine) -> None:
     )
 
 
-@check_of("engine")
+@check_of(Engine)
 def _run_follows_its_seed(component: Engine) -> None:
     """The same seed gives the same bytes, other seeds give others (an approximate engine may ignore it), and no global
     random state is used."""
@@ -155,7 +155,7 @@ def _run_follows_its_seed(component: Engine) -> None:
     seeds_are_harmless(draw, "run", chance=component.exact)
 
 
-@check_of("engine")
+@check_of(Engine)
 def _runs_do_not_share_state(component: Engine) -> None:
     """A run does not depend on what ran before it, on another lattice, temperature or seed, and leaves its input as it
     was."""
@@ -170,7 +170,7 @@ def _runs_do_not_share_state(component: Engine) -> None:
     require(times.tolist() == [0.5, 20.0], "the hold times were changed")
 
 
-@check_of("engine")
+@check_of(Engine)
 def _no_sites_is_no_bonds(component: Engine) -> None:
     """A lattice without sites is run, and has no bonds."""
     graphs: list[dict[str, Any]] = [{}]
@@ -184,7 +184,7 @@ def _no_sites_is_no_bonds(component: Engine) -> None:
             require(history.bonds.tolist() == [0, 0] and history.events == 0, f"{history.bonds} bonds without sites")
 
 
-@check_of("engine")
+@check_of(Engine)
 def _nothing_happens_at_rate_zero(component: Engine) -> None:
     """A lattice whose total rate is 0, also by underflow, does not change and is not an error."""
     n = 7
@@ -197,7 +197,7 @@ def _nothing_happens_at_rate_zero(component: Engine) -> None:
 # -- the rates --------------------------------------------------------------------------------------------------------
 
 
-@check_of("engine")
+@check_of(Engine)
 def _one_site_is_the_closed_form(component: Engine) -> None:
     """θ(t) = k_f/(k_f + k_b) (1 − exp(−(k_f + k_b) t)), and as many bonds are formed as it takes: one site with many
     seeds, and many sites."""
@@ -226,7 +226,7 @@ def _one_site_is_the_closed_form(component: Engine) -> None:
         compare(component, "in the final states", states_at_end, np.array([1 - theta[-1], theta[-1]]))
 
 
-@check_of("engine")
+@check_of(Engine)
 def _sites_keep_their_own_rates(component: Engine) -> None:
     """Each site reacts over its own barriers, wherever its pixel is: the positions in the list are not the pixels."""
     group = Group(tuple(barrier(k) for k in (4.0, 0.25, 1.0)), tuple(barrier(k) for k in (0.1, 0.5, 2.0)))
@@ -235,7 +235,7 @@ def _sites_keep_their_own_rates(component: Engine) -> None:
         compare(component, where, sampled(component, group, time), group.probabilities(time))
 
 
-@check_of("engine")
+@check_of(Engine)
 def _rates_follow_the_temperature(component: Engine) -> None:
     """The same barrier is crossed at the rate ν exp(−E/k_B T) of each temperature."""
     group = single(1.0)
@@ -245,7 +245,7 @@ def _rates_follow_the_temperature(component: Engine) -> None:
         compare(component, where, sampled(component, group, time, temperature=kelvin), _bonded(1 - math.exp(-1)))
 
 
-@check_of("engine")
+@check_of(Engine)
 def _rates_follow_the_attempt_frequency(component: Engine) -> None:
     """Rates are proportional to the attempt frequency of the lattice."""
     group = single(1.0)
@@ -258,7 +258,7 @@ def _bonded(probability: float) -> np.ndarray:
     return np.array([1 - probability, probability])
 
 
-@check_of("engine")
+@check_of(Engine)
 def _barrierless_is_the_attempt_frequency(component: Engine) -> None:
     """The rate over a barrier at or below zero is the attempt frequency ν."""
     for energy in (0.0, -0.3, -50.0):
@@ -268,7 +268,7 @@ def _barrierless_is_the_attempt_frequency(component: Engine) -> None:
             compare(component, where, sampled(component, group, time), _bonded(1 - math.exp(-NU * time)))
 
 
-@check_of("engine")
+@check_of(Engine)
 def _rates_span_many_decades(component: Engine) -> None:
     """Slow sites keep their rates of 1e-6 per second beside fast ones of 1e12: a total that is kept up by adding and
     subtracting rates is lost in rounding."""
@@ -299,7 +299,7 @@ def _rates_span_many_decades(component: Engine) -> None:
         compare_mean(component, where, [int(count)], total, 1 - math.exp(-rate * time))
 
 
-@check_of("engine")
+@check_of(Engine)
 def _hold_times_may_coincide(component: Engine) -> None:
     """There are no bonds at time 0; repeated hold times have equal counts and do not change the others."""
     lattice = _disordered(component.interacting)
@@ -313,7 +313,7 @@ def _hold_times_may_coincide(component: Engine) -> None:
     require(only.bonds.tolist() == [0] and only.events == 0 and only.time == 0, f"{only.events} events by time 0")
 
 
-@check_of("engine")
+@check_of(Engine)
 def _bonds_last_without_breaking(component: Engine) -> None:
     """On a lattice without breaking barriers no bond breaks, and every site is bonded in the end."""
     n = 600
@@ -327,7 +327,7 @@ def _bonds_last_without_breaking(component: Engine) -> None:
 # -- interaction ------------------------------------------------------------------------------------------------------
 
 
-@check_of("engine")
+@check_of(Engine)
 def _coupled_sites_are_refused_or_right(component: Engine) -> None:
     """Four coupled sites follow their master equation of 16 states, or are refused with an InputError."""
     group = coupled()
@@ -341,7 +341,7 @@ def _coupled_sites_are_refused_or_right(component: Engine) -> None:
         compare(component, f"four coupled sites: after {time} s", counts, group.probabilities(time))
 
 
-@check_of("engine")
+@check_of(Engine)
 def _empty_slots_are_skipped(component: Engine) -> None:
     """Entries -1 in ``neighbours`` mean no neighbour, wherever they stand among the slots."""
     if not component.interacting:
@@ -364,7 +364,7 @@ def _empty_slots_are_skipped(component: Engine) -> None:
     )
 
 
-@check_of("engine")
+@check_of(Engine)
 def _barriers_end_at_zero(component: Engine) -> None:
     """Neighbours are added to the barrier first, and a sum below zero counts as zero then."""
     if not component.interacting:
@@ -379,7 +379,7 @@ def _barriers_end_at_zero(component: Engine) -> None:
 # -- starting and going on --------------------------------------------------------------------------------------------
 
 
-@check_of("engine")
+@check_of(Engine)
 def _start_is_taken(component: Engine) -> None:
     """A run begins with the bonds that are given, and goes on from them."""
     lattice = _disordered(component.interacting)
@@ -400,7 +400,7 @@ def _start_is_taken(component: Engine) -> None:
     compare(component, where, sampled(component, group, 0.6, start=True), group.probabilities(0.6, start=3))
 
 
-@check_of("engine")
+@check_of(Engine)
 def _going_on_counts_from_the_history(component: Engine) -> None:
     """A run that goes on from a history has its bonds, its clock and its numbers of events to begin with."""
     lattice = _disordered(component.interacting)
@@ -417,7 +417,7 @@ def _going_on_counts_from_the_history(component: Engine) -> None:
     refuses("another lattice", lambda: component.run(other, [3.0], temperature=300, seed=6, start=first))
 
 
-@check_of("engine")
+@check_of(Engine)
 def _going_on_keeps_the_rates(component: Engine) -> None:
     """A run that goes on from a history with the same seed has the right rates from there on: neither the clock nor the
     random numbers begin again, and a new temperature counts."""
@@ -459,7 +459,7 @@ def _going_on_keeps_the_rates(component: Engine) -> None:
     )
 
 
-@check_of("engine")
+@check_of(Engine)
 def _restart_is_exact(component: Engine) -> None:
     """A run continued from any hold time equals the uninterrupted run to the last bit, where ``restart`` is true."""
     if not component.restart:
@@ -486,7 +486,7 @@ def _restart_is_exact(component: Engine) -> None:
 # -- speed ------------------------------------------------------------------------------------------------------------
 
 
-@check_of("engine")
+@check_of(Engine)
 def _threads_change_nothing(component: Engine) -> None:
     """Results are the same on one thread and on all, alone and concurrently with other runs."""
     import numba
@@ -509,7 +509,7 @@ def _threads_change_nothing(component: Engine) -> None:
         require(concurrent == alone, "concurrent and successive runs gave different results")
 
 
-@check_of("engine")
+@check_of(Engine)
 def _sites_of_one_pixel_are_independent(component: Engine) -> None:
     """Two sites in one pixel, which do not interact, form their bonds independently (not of an approximate engine)."""
     if not component.exact:  # it may choose the bonded sites without chance
@@ -529,7 +529,7 @@ def _sites_of_one_pixel_are_independent(component: Engine) -> None:
     )
 
 
-@check_of("engine")
+@check_of(Engine)
 def _speed_does_not_change_the_run(component: Engine) -> None:
     """Options in ``speed_only``, such as the number of threads, do not change any bond."""
     for interacting in {False, component.interacting}:
@@ -541,7 +541,7 @@ def _speed_does_not_change_the_run(component: Engine) -> None:
         speed_changes_nothing(component, trace, "the results")
 
 
-@check_of("engine")
+@check_of(Engine)
 def _trade_keeps_the_rates(component: Engine) -> None:
     """Every value of ``trade`` gives the right mean number of bonds, to within the declared error."""
     group, time = (coupled(), 1.0) if component.interacting else (single(2.0, 0.7), 0.3)
@@ -551,7 +551,7 @@ def _trade_keeps_the_rates(component: Engine) -> None:
             compare(variant, f"{what}: after {time} s", counts, group.probabilities(time))
 
 
-@check_of("engine")
+@check_of(Engine)
 def _options_keep_the_rates(component: Engine) -> None:
     """With every switch, choice and option for speed, a site that flickers and those around it follow their master
     equation, at rates over 60 decades."""
@@ -563,7 +563,7 @@ def _options_keep_the_rates(component: Engine) -> None:
             compare(variant, where, held(variant, hold, copies, runs, through=(0.1,)), hold.probabilities)
 
 
-@check_of("engine")
+@check_of(Engine)
 def _wrong_input_is_refused(component: Engine) -> None:
     """Wrong hold times, temperatures and seeds are InputErrors; temperatures may have units."""
     lattice = _disordered(False, 5)

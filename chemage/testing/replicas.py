@@ -1,21 +1,30 @@
-"""Checks of the roles that receive a finished replica, observables and laws of rupture; and replicas made by hand."""
+"""Checks of ageing methods, observables and laws of rupture, which make or receive replicas; and replicas for them."""
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import unicodedata
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from chemage.ageing.age import age
+from chemage.ageing.aging import Aging
+from chemage.ageing.methods import AgedBonds, AgeingMethod, AgeingRequest
 from chemage.ageing.observables import Observable
 from chemage.ageing.outputs import Checker, declaration_problems
 from chemage.contacts.solution import ContactSolution
+from chemage.foundation import random
+from chemage.foundation.checks import Seed
 from chemage.foundation.errors import PluginError
-from chemage.foundation.units import unit_registry
+from chemage.foundation.units import EV_PER_GPA_NM3, KB, unit_registry
 from chemage.friction.role import Bonded, Rupture
 from chemage.kinetics.history import BondHistory
+from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
+from chemage.lattices.independent import TwoState
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers
 from chemage.testing.checks import calls_are_independent, check_of, require, speed_changes_nothing, whole
@@ -140,7 +149,7 @@ def _bytes(component: Observable, replica: Replica) -> dict[str, bytes]:
     return {name: value.tobytes() for name, value in numbers(component, replica, "a replica").items()}
 
 
-@check_of("observable")
+@check_of(Observable)
 def _observes_numbers(component: Observable) -> None:
     """Names and shapes are the same for all replicas of a contact, with or without bonds and sites."""
     first = None
@@ -154,7 +163,7 @@ def _observes_numbers(component: Observable) -> None:
             require(not lost, f"{', '.join(lost)}: no finite number, although 17 of 40 sites are bonded")
 
 
-@check_of("observable")
+@check_of(Observable)
 def _names_are_safe(component: Observable) -> None:
     """Names can be those of a variable in a file and of a column in a table: no slash, no control character, no blank
     at either end."""
@@ -165,7 +174,7 @@ def _names_are_safe(component: Observable) -> None:
         require(fits, f"the name {name!r} cannot be that of a variable in a file; rename it")
 
 
-@check_of("observable")
+@check_of(Observable)
 def _measures_what_it_declares(component: Observable) -> None:
     """What is measured are just the ``outputs``, where they are declared: with these dimensions, of which
     ``hold_times`` is as long as the hold times, with safe names, and units that can be read."""
@@ -188,7 +197,7 @@ def _measures_what_it_declares(component: Observable) -> None:
             raise AssertionError(f"{len(times)} hold times: {error}") from error
 
 
-@check_of("observable")
+@check_of(Observable)
 def _grids_need_not_be_square(component: Observable) -> None:
     """Contacts whose grid is not square are measured, with the same names; maps are (nx, ny)."""
     names = set(numbers(component, finished(40, 17), "an 8x8 grid"))
@@ -199,7 +208,7 @@ def _grids_need_not_be_square(component: Observable) -> None:
         require(not swapped, f"a grid of {grid} pixels (nx, ny): {', '.join(swapped)} has the shape {grid[::-1]}")
 
 
-@check_of("observable")
+@check_of(Observable)
 def _measure_disturbs_nothing(component: Observable) -> None:
     """A replica is measured the same way every time, whatever was measured before or at the same time, and stays as it
     was."""
@@ -208,7 +217,7 @@ def _measure_disturbs_nothing(component: Observable) -> None:
     calls_are_independent(lambda replica: _bytes(component, replica), replicas, *kept)
 
 
-@check_of("observable")
+@check_of(Observable)
 def _speed_does_not_change_the_numbers(component: Observable) -> None:
     """Options in ``speed_only`` do not change a bit of what is measured."""
     speed_changes_nothing(component, lambda variant: _bytes(variant, finished(40, 17)), "the numbers")
@@ -247,14 +256,14 @@ def _force(component: Rupture, bonded: Bonded, what: str) -> np.ndarray:
     return force
 
 
-@check_of("rupture")
+@check_of(Rupture)
 def _forces_are_forces(component: Rupture) -> None:
     """There is one force for each hold time, finite and not negative, with or without bonds and sites."""
     for what, replica in usual(TIMES):
         _force(component, _bonded(component, replica), what)
 
 
-@check_of("rupture")
+@check_of(Rupture)
 def _no_bonds_no_force(component: Rupture) -> None:
     """The force is 0 wherever there is no bond."""
     for what, replica in usual(TIMES):
@@ -263,7 +272,7 @@ def _no_bonds_no_force(component: Rupture) -> None:
         require((force == 0).all(), f"{what}: a force of {force.max(initial=0.0):.4g} nN where there is no bond")
 
 
-@check_of("rupture")
+@check_of(Rupture)
 def _forces_are_in_nn(component: Rupture) -> None:
     """Forces are in nN: the mean force per bond is between 1e-4 and 100 nN, unless all are zero."""
     force = float(_force(component, _some(component, 40, 40), "all sites bonded")[-1]) / 40
@@ -273,8 +282,8 @@ def _forces_are_in_nn(component: Rupture) -> None:
     )
 
 
-@check_of("rupture")
-@check_of("observable")
+@check_of(Rupture)
+@check_of(Observable)
 def _parts_may_be_absent(component: Observable | Rupture) -> None:
     """Lattices without breaking barriers or without interaction, contacts that are not square, and any hold times are
     treated too."""
@@ -285,7 +294,7 @@ def _parts_may_be_absent(component: Observable | Rupture) -> None:
             numbers(component, replica, what)
 
 
-@check_of("rupture")
+@check_of(Rupture)
 def _force_disturbs_nothing(component: Rupture) -> None:
     """A replica has the same force every time, whatever was asked before or at the same time, and stays as it was."""
     replicas = [_some(component), _some(component, 40, 40), _some(component, 30, 5)]
@@ -293,7 +302,7 @@ def _force_disturbs_nothing(component: Rupture) -> None:
     calls_are_independent(lambda bonded: _force(component, bonded, "a replica").tobytes(), replicas, *kept)
 
 
-@check_of("rupture")
+@check_of(Rupture)
 def _later_times_do_not_matter(component: Rupture) -> None:
     """The force after a hold time does not depend on what happens later: sliding after 10 s does not know of 1e4 s."""
     bonded = _some(component, 40, 30)
@@ -319,7 +328,7 @@ def _until(bonded: Bonded, number: int) -> Bonded:
     return Bonded(bonded.contact, bonded.chemistry, bonded.lattice, history.model_copy(update=changes))
 
 
-@check_of("rupture")
+@check_of(Rupture)
 def _unbonded_sites_do_not_matter(component: Rupture) -> None:
     """A law that asks for the states does not depend on the barriers of sites that have no bond."""
     if not component.states:
@@ -339,7 +348,7 @@ def _unbonded_sites_do_not_matter(component: Rupture) -> None:
     )
 
 
-@check_of("rupture")
+@check_of(Rupture)
 def _speed_does_not_change_the_force(component: Rupture) -> None:
     """Options in ``speed_only`` do not change a bit of any force."""
     bonded = _some(component)
@@ -347,3 +356,160 @@ def _speed_does_not_change_the_force(component: Rupture) -> None:
 
 
 check_observable, check_rupture = whole(Observable), whole(Rupture)
+
+
+TEMPERATURE, METHOD_TIMES = 300.0, np.array([0.0, 1e-3, 1.0, 1.0, 1e3, 1e6])
+REPLICAS = 6
+#: standard errors within which a method must agree with the closed form
+FAR = 6.5
+
+
+check_ageing_method = whole(AgeingMethod)
+
+
+class Single(Engine):
+    """Sites that form a bond once and for all, each by itself: the engine of these checks."""
+
+    kind = "single"
+    interacting = False
+    restart = True  # the times of all events are known from the start
+
+    def _run(
+        self,
+        lattice: ReactionLattice,
+        hold_times: np.ndarray,
+        temperature: float,
+        seed: Seed,
+        start: BondHistory | np.ndarray | None,
+    ) -> BondHistory:
+        rate = lattice.attempt_frequency * np.exp(-np.maximum(lattice.forming, 0.0) / (KB * temperature))
+        formed = -np.log(random.uniforms(seed, 900, lattice.random_index)) / rate
+        bonds = np.array([np.count_nonzero(formed <= time) for time in hold_times], dtype=np.int64)
+        return BondHistory(
+            hold_times=hold_times,
+            bonds=bonds,
+            formed=bonds,
+            broken=np.zeros_like(bonds),
+            state=formed <= hold_times[-1],
+            time=float(hold_times[-1]),
+            temperature=temperature,
+            engine=self.kind,
+            lattice_hash=lattice.digest(),
+        )
+
+
+def _contact(pressure: np.ndarray, periodic: bool = True) -> ContactSolution:
+    load = float(pressure.sum()) * 0.25
+    return ContactSolution(pressure=pressure, load=load, pixel_size=0.5, modulus=35.3, rms_slope=0.1, periodic=periodic)
+
+
+def _contacts() -> Iterator[tuple[str, ContactSolution]]:
+    yield "a uniform contact of 48 x 40 pixels", _contact(np.full((48, 40), 2.0))
+    rows, columns = np.indices((64, 40))
+    rough = 3.0 * np.sin(rows / 5.0) * np.cos(columns / 4.0) - 0.8
+    yield "a contact of several patches", _contact(np.maximum(rough, 0.0))
+    yield "a contact that does not repeat", _contact(np.maximum(rough[:40], 0.0), periodic=False)
+    yield "a contact of one pixel", _contact(np.pad([[1.5]], 7))
+    yield "no contact", _contact(np.zeros((16, 16)))
+
+
+def _chemistry(**options: Any) -> Chemistry:
+    return Chemistry(**{"forming": Even(), "activation_volume": 0.01, "site_density": "pixel", **options})
+
+
+def _request(contact: ContactSolution, **changes: Any) -> AgeingRequest:
+    own = {"chemistry": _chemistry(), "engine": Single(), "hold_times": METHOD_TIMES, "temperature": TEMPERATURE}
+    return AgeingRequest(**{"contact": contact, **own, "replicas": REPLICAS, "seed": 5, "common": "none", **changes})
+
+
+def _aged(component: AgeingMethod, request: AgeingRequest) -> Aging:
+    """What the stage makes of the answer, which it validates."""
+    fields = ("engine", "hold_times", "temperature", "replicas", "seed", "common", "threads")
+    options = {name: getattr(request, name) for name in fields}
+    return age(request.contact, request.chemistry, method=component, **options)
+
+
+def _expected(contact: ContactSolution, chemistry: Chemistry) -> np.ndarray:
+    """Mean number of bonds at each of ``METHOD_TIMES``, (m,): sites that do not interact, over 4000 barriers each."""
+    ranks = (np.arange(4000) + 0.5) / 4000
+    total = np.zeros(METHOD_TIMES.size)
+    pressures, counts = np.unique(chemistry.sites_of(contact).pressure, return_counts=True)
+    for pressure, count in zip(pressures, counts, strict=True):
+        barrier = chemistry.forming.quantile(ranks) - chemistry.activation_volume * EV_PER_GPA_NM3 * float(pressure)
+        sites = TwoState(chemistry.rates(barrier, TEMPERATURE))
+        total += count * sites.bonded(METHOD_TIMES[:, None]).mean(axis=1)
+    return total * chemistry.hydroxylation
+
+
+@check_of(AgeingMethod)
+def _gives_aged_bonds(component: AgeingMethod) -> None:
+    """The answer has one row of bonds for each replica, or a single one where the class says so, and one number for
+    each hold time; what it says of errors is complete."""
+    for what, contact in _contacts():
+        aged = component.age(_request(contact))
+        require(isinstance(aged, AgedBonds), f"{what}: age() returned {type(aged).__name__}; give an AgedBonds")
+        rows = REPLICAS if component.replicates else 1
+        shape = np.shape(aged.bonds)
+        expected = (rows, METHOD_TIMES.size)
+        require(shape == expected, f"{what}: bonds have the shape {shape}; expected {expected}")
+        try:
+            _aged(component, _request(contact))
+        except Exception as error:
+            raise AssertionError(f"{what}: {error}") from error
+
+
+@check_of(AgeingMethod)
+def _bonds_are_those_of_the_whole_contact(component: AgeingMethod) -> None:
+    """Bonds and sites are those of the whole contact: sites that do not interact have the mean of the closed form,
+    within the errors that the method states."""
+    for hydroxylation in (1.0, 0.7):
+        chemistry = _chemistry(hydroxylation=hydroxylation)
+        for what, contact in _contacts():
+            aging = _aged(component, _request(contact, chemistry=chemistry))
+            sites, exact = hydroxylation * contact.sites.size, _expected(contact, chemistry)
+            spread = FAR * math.sqrt(max(sites * (1 - hydroxylation), 0.25))
+            size = float(aging.sites.mean())
+            require(abs(size - sites) <= spread + 0.5, f"{what}: {size:g} sites, expected {sites:g}")
+            bonds = aging.bonds.mean(axis=0)
+            # replicas differ by their disorder as well: at most as Poisson numbers
+            noise = np.sqrt(exact / len(aging.bonds)) if component.replicates else np.zeros(METHOD_TIMES.size)
+            stated = sum((np.nan_to_num(error) ** 2 for error in aging.errors.values()), np.zeros(METHOD_TIMES.size))
+            allowed = FAR * (noise + np.sqrt(stated) * exact) + (component.declared_error or 0.0) * exact
+            allowed += 1e-3 * exact + (0.5 if component.replicates else 1e-9)
+            at = int(np.argmax(np.abs(bonds - exact) - allowed))
+            require(
+                bool(abs(bonds[at] - exact[at]) <= allowed[at]),
+                f"{what}, hydroxylation {hydroxylation:g}: {bonds[at]:.4g} bonds at {METHOD_TIMES[at]:g} s, the closed "
+                f"form has {exact[at]:.4g}; bonds are those of the whole contact",
+            )
+
+
+@check_of(AgeingMethod)
+def _answers_are_repeatable(component: AgeingMethod) -> None:
+    """An answer depends on the request alone: not on what was asked before or at the same time, nor on the number of
+    threads; and the contact stays as it was."""
+    requests = [_request(contact) for _, contact in list(_contacts())[:3]]
+
+    def bonds(request: AgeingRequest) -> bytes:
+        return np.asarray(component.age(request).bonds, dtype=np.float64).tobytes()
+
+    calls_are_independent(bonds, requests, *(request.contact for request in requests))
+    threaded = [bonds(dataclasses.replace(request, threads=3)) for request in requests]
+    require(threaded == [bonds(request) for request in requests], "the bonds depend on the number of threads")
+
+
+@check_of(AgeingMethod)
+def _fewer_replicas_are_the_first_ones(component: AgeingMethod) -> None:
+    """Replica r does not depend on how many replicas there are."""
+    if not component.replicates:
+        return
+    contact = next(_contacts())[1]
+    many, few = (np.asarray(component.age(_request(contact, replicas=count)).bonds) for count in (REPLICAS, 2))
+    require(np.array_equal(many[:2], few), "2 replicas are not the first 2 of 6; the seed belongs to the replica")
+
+
+@check_of(AgeingMethod)
+def _speed_does_not_change_the_bonds(component: AgeingMethod) -> None:
+    """Options in ``speed_only`` do not change a bit of the bonds."""
+    request = _request(next(_contacts())[1])
+    speed_changes_nothing(component, lambda variant: np.asarray(variant.age(request).bonds).tobytes(), "the bonds")

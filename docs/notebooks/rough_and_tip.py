@@ -48,7 +48,7 @@ axes = tip.plot()
 # Both curves in one figure. `plot` draws into axes that you give it.
 
 # %%
-figure, axes = plt.subplots(figsize=(5.2, 4))
+figure, axes = plt.subplots(figsize=(4.8, 3.7))
 rough.aging.plot(axes, fit=False, color="C0", label="rough")
 tip.aging.plot(axes, fit=False, color="C1", label="tip")
 legend = axes.legend(frameon=False)

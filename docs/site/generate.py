@@ -34,6 +34,10 @@ from chemage.testing.checks import CHECKS, Check
 sys.path.insert(0, str(Path(__file__).parent))
 from notebooks import markdown
 
+#: folder of the site -> the pages and pictures of a package beside chemage
+PACKAGES = {"paper": "plugins/chemage_li2018/docs"}
+ROOT = Path(__file__).parents[2]
+
 BLOCK = re.compile(r"^```(names|components|commands|checks)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 #: a letter with a subscript, and a power, as the pages write them in plain text
 SYMBOL = re.compile(r"(?<!\w)([^\W\d_]'?)_((?:rms|intrinsic|form|break|in|[NLrsBbcnpi])(?:,i)?)(?!\w)")
@@ -42,17 +46,24 @@ ROLE = re.compile(r":(?:class|func|meth|attr|mod|exc|data):")
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add each notebook as a page."""
+    """Add each notebook as a page, and the pages of packages."""
     from mkdocs.structure.files import File
 
-    for path in sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb")):
+    for path in sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")):
         files.append(File.generated(config, f"notebooks/{path.stem}.md", content=markdown(path)))
+    for folder, package in PACKAGES.items():
+        for path in sorted(file for file in (ROOT / package).rglob("*") if file.is_file()):
+            name = path.relative_to(ROOT / package).as_posix()
+            files.append(File.generated(config, f"{folder}/{name}", abs_src_path=str(path)))
     return files
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Replace the fenced blocks of a page; links to notebooks lead to their pages."""
+    """Replace the fenced blocks of a page; links to notebooks and to packages lead to their pages, and back."""
     markdown = re.sub(r"\]\(notebooks/(\w+)\.ipynb\)", r"](notebooks/\1.md)", markdown)
+    for folder, package in PACKAGES.items():
+        markdown = markdown.replace(f"](../{package}/", f"]({folder}/")
+    markdown = markdown.replace("](../../../docs/", "](../")
     blocks = list(BLOCK.finditer(markdown))
     if not blocks:
         return markdown
@@ -129,8 +140,13 @@ def _module(name: str, module: Any) -> str:
         function = getattr(thing, "py_func", thing)  # of a kernel
         if inner.startswith("_") or not (inspect.isclass(function) or inspect.isfunction(function)):
             continue
-        if function.__module__.startswith(module.__name__) and not any(thing is other for other in others):
-            parts.append(_documented(function, f"{_place(name)}.{inner}", inner, 4))
+        if not function.__module__.startswith(module.__name__) or any(thing is other for other in others):
+            continue
+        place = f"{_place(name)}.{inner}"
+        if "<locals>" in function.__qualname__:  # made by another function
+            parts.append(f"#### `{place}` {{ #{place} }}\n\n{plain(inspect.getdoc(function) or '')}")
+        else:
+            parts.append(_documented(function, place, inner, 4))
     return "\n\n".join(parts) + "\n"
 
 

@@ -25,7 +25,7 @@ from chemage.plugin import (
     coordination,
 )
 from chemage_ageing import _table
-from chemage_ageing._independent import bonded_share, cubic
+from chemage_ageing._table import bonded_share, cubic
 
 #: largest relative error of the mean number of bonds: 3.7 % on the contacts of the constants below, 2.8 % on those of
 #: the validation (``tests/benchmarks/closure_errors.py``)

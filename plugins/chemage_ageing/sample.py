@@ -10,7 +10,7 @@ from pydantic import Field
 
 from chemage import Chemistry, InputError
 from chemage.plugin import AgedBonds, AgeingMethod, AgeingRequest, Engine, Unit, random
-from chemage_ageing._independent import grouped_bonds
+from chemage_ageing._table import grouped_bonds
 
 STREAM = "chemage-ageing/windows"
 

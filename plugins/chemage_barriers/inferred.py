@@ -13,7 +13,7 @@ from pydantic import Field
 
 from chemage import Inference, InputError, read
 from chemage.plugin import Barriers, FilePath, StoreError, regular_file
-from chemage_barriers.tabulated import PiecewiseLinearDensity
+from chemage_barriers.distributions import PiecewiseLinearDensity
 
 #: eV above the last energy, and width of the range, where barriers lie that do not react within the measured times
 _GAP, _WIDTH = 0.5, 0.1

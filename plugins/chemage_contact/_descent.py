@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from chemage.plugin import progress
 
 from . import _kernels as kernels
-from ._convolution import Convolution, Split, suits
-from ._grid import Grid, rescale
+from ._grid import Convolution, Grid, Split, rescale, suits
 from ._kernels import Search, State
-from ._team import Active
+from ._operators import Active
 
 Array = NDArray[Any]
 

@@ -1,23 +1,374 @@
-"""The contact problem on one grid: heights, operator, and how the kernels run over its blocks; and other grids of the
-same extent, with pressures and heights on them."""
+"""The contact problem on one grid: heights, the operator of the substrate as a convolution, and how the kernels run
+over its blocks; and other grids of the same extent, with pressures and heights on them.
+
+**Fourier transforms** with a choice of library: ``scipy`` (pocketfft, BSD licence) is always available; ``ducc0`` (GPL
+v2+), ``pyfftw`` (BSD wrapper around FFTW, which is GPL v2+) and ``mkl_fft`` (BSD wrapper around Intel's proprietary
+MKL) are used if they are installed and the user requests them by name.
+
+**The split operator**, a stencil for what is near and a coarse grid for what is far, is the idea of multilevel
+multi-integration (A. Brandt, A. A. Lubrecht, J. Comput. Phys. 90, 348 (1990)) and of particle-particle particle-mesh
+sums (R. W. Hockney, J. W. Eastwood, Computer Simulation Using Particles), on a pixel grid: symbol = W·symbol + (1 -
+W)·symbol with a Gaussian W that the coarse grid resolves. The coarse part goes through restriction, a Fourier transform
+on the coarse grid and interpolation; the rest is a stencil of nine by nine pixels, fitted so that the relative error
+over all wave vectors is smallest. It costs a fraction of the Fourier transform of the fine grid, even less where little
+is in contact, and is accurate to about 10 %: not enough for a solution, but enough to compute corrections to one. A
+coarse pixel is ``RATIO`` fine ones wide. It is slightly less wide where a side is no multiple of that; the weights of
+interpolation are then tables, and the stencil is the same.
+"""
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft as sfft
+
+from chemage import InputError
 
 from . import _kernels as kernels
-from ._convolution import Convolution
 from ._kernels import Heights, State
-from ._operators import Substrate, fast_length
-from ._team import Active, Team
+from ._operators import Active, Substrate, Team, fast_length
 
 Array = NDArray[Any]
+Floats = NDArray[np.float64]
+
+#: Number of pixels below which another thread gains nothing.
+SHARED = 1 << 19
+#: Names of the libraries' packages.
+PACKAGES = {"ducc0": "ducc0", "pyfftw": "pyfftw", "mkl_fft": "mkl-fft mkl-service"}
+RATIO = kernels.RATIO
+#: width of the Gaussian in fine pixels: its tail at the coarse Nyquist wave number is 0.008
+SPREAD = 0.7 * RATIO
+#: pixels of the grid on which the stencil is fitted
+SAMPLE = 64
+
+
+class Transforms:
+    """Forward and backward transforms between real (nx, ny) and half spectra (px, py//2+1), zero-padded to ``padded``
+    = (px, py).
+
+    ``count`` is the number of transforms made. Raises ``InputError`` if the library is not installed.
+    """
+
+    def __init__(self, shape: tuple[int, int], padded: tuple[int, int], library: str, workers: int) -> None:
+        self.shape, self.padded, self.library = shape, padded, library
+        self.workers = workers if padded[0] * padded[1] >= SHARED else 1
+        self.count = 0
+        self._forward, self._backward, self._in_place = _functions(library)
+
+    def forward(self, x: Array) -> Array:
+        """Half spectrum of x, which is not changed."""
+        self.count += 1
+        return self._forward(x, self.padded, self.workers)
+
+    def backward(self, spectrum: Array) -> Array:
+        """The real array of a half spectrum, cropped to ``shape``; the spectrum is destroyed."""
+        self.count += 1
+        return self._backward(spectrum, self.shape, self.padded, self.workers)
+
+    def in_place(self, z: Array, forward: bool) -> Array:
+        """The complex transform of z, or the inverse one, in the memory of z if the library can; use the return value.
+
+        If z is a view of a real array (pairs of neighbours as complex numbers), this transforms that array without
+        memory for a spectrum, which would take longer to allocate than a pass over it.
+        """
+        self.count += 1
+        return self._in_place(z, forward, self.workers)
+
+
+def _scipy_forward(x: Array, padded: tuple[int, int], workers: int) -> Array:
+    # Axis by axis: rows that are only padding are never transformed, and the second pass is in place.
+    rows = sfft.rfft(x, n=padded[1], axis=1, workers=workers)
+    return np.asarray(sfft.fft(rows, n=padded[0], axis=0, overwrite_x=True, workers=workers))
+
+
+def _scipy_backward(s: Array, shape: tuple[int, int], padded: tuple[int, int], workers: int) -> Array:
+    columns = np.asarray(sfft.ifft(s, axis=0, overwrite_x=True, workers=workers))[: shape[0]]
+    x = np.asarray(sfft.irfft(columns, n=padded[1], axis=1, overwrite_x=True, workers=workers))
+    return np.ascontiguousarray(x[:, : shape[1]])
+
+
+def _scipy_in_place(z: Array, forward: bool, workers: int) -> Array:
+    return np.asarray((sfft.fft2 if forward else sfft.ifft2)(z, overwrite_x=True, workers=workers))
+
+
+def _pad(x: Array, padded: tuple[int, int]) -> Array:
+    if x.shape == padded:
+        return x
+    full = np.zeros(padded, dtype=x.dtype)
+    full[: x.shape[0], : x.shape[1]] = x
+    return full
+
+
+def _functions(library: str) -> tuple[Callable[..., Array], Callable[..., Array], Callable[..., Array]]:
+    if library == "scipy":
+        return _scipy_forward, _scipy_backward, _scipy_in_place
+    try:
+        if library == "ducc0":
+            ducc = importlib.import_module("ducc0.fft")
+
+            def forward(x: Array, padded: tuple[int, int], workers: int) -> Array:
+                return ducc.r2c(_pad(x, padded), axes=(0, 1), nthreads=workers)
+
+            def backward(s: Array, shape: tuple[int, int], padded: tuple[int, int], workers: int) -> Array:
+                x = ducc.c2r(s, axes=(0, 1), lastsize=padded[1], forward=False, inorm=2, nthreads=workers)
+                return np.ascontiguousarray(x[: shape[0], : shape[1]])
+
+            def in_place(z: Array, forward: bool, workers: int) -> Array:
+                norm = 0 if forward else 2
+                return ducc.c2c(z, axes=(0, 1), forward=forward, inorm=norm, out=z, nthreads=workers)
+
+            return forward, backward, in_place
+        name = "pyfftw.interfaces.scipy_fft" if library == "pyfftw" else "mkl_fft.interfaces.scipy_fft"
+        module = importlib.import_module(name)
+        if library == "pyfftw":
+            importlib.import_module("pyfftw.interfaces.cache").enable()
+    except ImportError as error:
+        remedy = f"pip install {PACKAGES[library]}, or choose 'scipy', which is always available"
+        raise InputError.of("fft", library, f"cannot be imported ({error})", remedy) from error
+
+    def forward2(x: Array, padded: tuple[int, int], workers: int) -> Array:
+        return np.ascontiguousarray(module.rfft2(_pad(x, padded), workers=workers))
+
+    def backward2(s: Array, shape: tuple[int, int], padded: tuple[int, int], workers: int) -> Array:
+        x = module.irfft2(s, s=padded, workers=workers)
+        return np.ascontiguousarray(x[: shape[0], : shape[1]])
+
+    def in_place2(z: Array, forward: bool, workers: int) -> Array:
+        transform = module.fft2 if forward else module.ifft2
+        return np.ascontiguousarray(transform(z, overwrite_x=True, workers=workers))
+
+    return forward2, backward2, in_place2
+
+
+class Convolution:
+    """The operator of a substrate in one precision, in pixel units: displacement = symbol/pixel applied to pressure.
+
+    ``symbol`` is ``substrate.symbol()``, which takes a while to compute. ``floating``: the offset of the gap is
+    unknown, so that the displacement under the mean pressure is left out where it is uniform (periodic substrates).
+    """
+
+    def __init__(
+        self, substrate: Substrate, symbol: Array, dtype: Any, library: str, team: Team, *, floating: bool
+    ) -> None:
+        self.shape, self.dtype, self.team = substrate.shape, np.dtype(dtype), team
+        self.unit = math.sqrt(substrate.pixel[0] * substrate.pixel[1])
+        periodic = substrate.padded == substrate.shape
+        self._transforms = Transforms(substrate.shape, substrate.padded, library, team.threads)
+        self._unpadded = self._transforms
+        if not periodic:
+            self._unpadded = Transforms(substrate.shape, substrate.shape, library, team.threads)
+        self._symbol = (symbol / self.unit).astype(self.dtype)
+        if floating and periodic:
+            self._symbol[0, 0] = 0.0  # a uniform displacement only shifts the offset, but its rounding exceeds the rest
+        self._inverse: Array | None = None
+        #: of the preconditioner for a uniform residual, once it was used
+        self.stiffness = 0.0
+        self._substrate = substrate
+        self._buffer: Array | None = None
+        self._turn: Array | None = None
+        if periodic and substrate.shape[1] % 2 == 0:
+            angles = 2.0 * math.pi / substrate.shape[1] * np.arange(substrate.shape[1] // 2)
+            self._turn = np.exp(-1j * angles).astype(np.result_type(self.dtype, np.complex64))
+
+    @property
+    def transforms(self) -> int:
+        """Transforms made so far."""
+        return self._transforms.count + (self._unpadded.count if self._unpadded is not self._transforms else 0)
+
+    @cached_property
+    def response(self) -> float:
+        """Root of the mean squared symbol: rms displacement under random pressures of unit rms."""
+        rows, columns = self._transforms.padded
+        weight = np.full(self._symbol.shape[1], 2.0)
+        weight[0] = 1.0
+        if columns % 2 == 0 and columns > 1:
+            weight[-1] = 1.0
+        squares = np.square(self._symbol, dtype=np.float64) @ weight
+        if squares.size != rows:
+            squares[1 : (rows + 1) // 2] *= 2.0
+        return math.sqrt(float(squares.sum()) / (rows * columns))
+
+    def spectrum(self, x: Array) -> Array:
+        """Transform of x (nx, ny), zero-padded."""
+        return self._transforms.forward(x)
+
+    def energy(self, spectrum: Array) -> float:
+        """xᵀGx from the spectrum of x, by Parseval's theorem."""
+        rows, columns = self._transforms.padded
+        part = self.team.table(kernels.quadratic_form, spectrum.shape[0], 1, spectrum, self._symbol, columns)
+        return float(part.sum()) / (rows * columns)
+
+    def displacement(self, spectrum: Array) -> Array:
+        """Gx from the spectrum of x, which is destroyed."""
+        self.team.run(kernels.multiply, spectrum.shape[0], spectrum, self._symbol)
+        return self._transforms.backward(spectrum)
+
+    def apply(self, x: Array) -> Array:
+        """Gx of a pressure x (nx, ny), which is first rounded to this precision; valid until the next call."""
+        if self._turn is None:
+            return self.displacement(self.spectrum(np.asarray(x, dtype=self.dtype)))
+        if self._buffer is None:
+            self._buffer = np.empty(self.shape, self.dtype)
+        return self._packed(x, self._symbol, self._buffer)
+
+    def precondition(self, v: Array) -> Array:
+        """Approximately G⁻¹v."""
+        if self._inverse is None:
+            self._inverse = (self._substrate.inverse() * self.unit).astype(self.dtype)
+            self.stiffness = float(self._inverse[0, 0])
+        if self._turn is not None:
+            return self._packed(v, self._inverse, np.empty(self.shape, self.dtype))
+        spectrum = self._unpadded.forward(v)
+        self.team.run(kernels.multiply, spectrum.shape[0], spectrum, self._inverse)
+        return self._unpadded.backward(spectrum)
+
+    def _packed(self, x: Array, symbol: Array, buffer: Array) -> Array:
+        """x times a symbol, in the memory of ``buffer`` (nx, ny)."""
+        nx = self.shape[0]
+        self.team.run(kernels.convert, nx, x, buffer)
+        z = self._unpadded.in_place(buffer.view(np.result_type(self.dtype, np.complex64)), True)
+        self.team.run(kernels.multiply_packed, nx // 2 + 1, z, symbol, self._turn)
+        return self._unpadded.in_place(z, False).view(self.dtype)
+
+
+def suits(body: Substrate, any_size: bool = False) -> bool:
+    """Whether the grid is periodic, large enough for it to pay, and divides into coarse pixels (or ``any_size``)."""
+    if body.padded != body.shape or min(body.shape) < 2 * SAMPLE:
+        return False
+    # of columns that are not whole coarse pixels, the last block must hold the reach of the stencil
+    width, per_row = kernels.widths(body.shape[1])
+    return divides(body.shape) or (any_size and body.shape[1] - width * (per_row - 1) >= kernels.REACH)
+
+
+def divides(shape: tuple[int, int]) -> bool:
+    """Whether a grid divides into coarse pixels."""
+    return all(n % RATIO == 0 for n in shape)
+
+
+class Split:
+    """Approximately a convolution on the grid of ``body``: with its symbol, or with the inverse one."""
+
+    def __init__(self, body: Substrate, dtype: Any, library: str, team: Team, *, inverse: bool, floating: bool) -> None:
+        self._run = team.run
+        nx, ny = body.shape
+        coarse = (nx // RATIO, ny // RATIO)
+        self._axes: tuple[kernels.Axis, kernels.Axis] | None = None
+        if not divides(body.shape):
+            coarse = (fast_length(math.ceil(nx / RATIO)), fast_length(math.ceil(ny / RATIO)))
+            self._axes = _axis(nx, coarse[0], np.dtype(dtype)), _axis(ny, coarse[1], np.dtype(dtype))
+        self._transforms = Transforms(coarse, coarse, library, team.threads)
+        far = _pixel_symbol(body.regrid(coarse), body, inverse) * _far(body.shape, coarse)
+        #: of the inverse operator for a uniform displacement
+        self.stiffness = float(far[0, 0])
+        if floating:
+            far[0, 0] = 0.0
+        self._far = _whole(far / (nx / coarse[0] * (ny / coarse[1])), coarse[0]).astype(dtype)
+        self._stencil = _stencil(body.window((SAMPLE, SAMPLE)), inverse).astype(dtype)
+        self._coarse = np.empty(coarse, dtype)
+
+    def apply(self, x: Array, active: Active, out: Array, part: Array) -> Array:
+        """The convolution of x (nx, ny; zero in blocks that are not active) in active blocks of ``out``.
+
+        Σ x·out over each block is in ``part[:, 0]`` afterwards.
+        """
+        if self._axes is None:
+            self._run(kernels.restrict, active.coarse_edges, active.blocks, x, self._coarse)
+        else:
+            self._run(kernels.restrict_between, len(self._coarse), active.blocks, x, *self._axes, self._coarse)
+        spectrum = self._transforms.forward(self._coarse)
+        spectrum *= self._far
+        far = self._transforms.backward(spectrum)
+        if self._axes is None:
+            self._run(kernels.local, active.row_edges, active.blocks, x, self._stencil, far, out, part)
+        else:
+            fields = x, self._stencil, far, *self._axes
+            self._run(kernels.local_between, active.row_edges, active.blocks, *fields, out, part)
+        return out
+
+
+def _axis(fine: int, coarse: int, dtype: Any) -> kernels.Axis:
+    """Interpolation along an axis of ``coarse`` pixels to one of ``fine``, periodic."""
+    place = np.arange(fine) * coarse
+    lower = place // fine
+    return kernels.Axis(lower, (lower + 1) % coarse, ((place - lower * fine) / fine).astype(dtype))
+
+
+def _pixel_symbol(body: Substrate, fine: Substrate, inverse: bool) -> Floats:
+    """The symbol or its inverse in units of the pixels of ``fine``."""
+    unit = math.sqrt(fine.pixel[0] * fine.pixel[1])
+    return body.inverse() * unit if inverse else body.symbol() / unit
+
+
+@lru_cache(maxsize=64)
+def _stencil(window: Substrate, inverse: bool) -> Floats:
+    """The stencil of a body. That of a half-space is the same on all grids."""
+    small = (SAMPLE // RATIO, SAMPLE // RATIO)
+    coarse = _pixel_symbol(window.regrid(small), window, inverse)
+    return _fitted(_pixel_symbol(window, window, inverse), coarse * _far((SAMPLE, SAMPLE), small))
+
+
+def _whole(quarter: Array, rows: int) -> Array:
+    """A symbol on all rows of a half spectrum."""
+    if quarter.shape[0] == rows:
+        return quarter
+    return np.concatenate([quarter, quarter[1 : rows - quarter.shape[0] + 1][::-1]])
+
+
+def _hat(q: NDArray[np.floating[Any]], ratio: float = RATIO) -> Floats:
+    """Transform of the hat function over ``ratio``, at wave numbers per fine pixel: 1 at zero."""
+    half = np.where(q == 0.0, 1.0, 0.5 * q)
+    return np.where(q == 0.0, 1.0, np.sin(half * ratio) / (ratio * np.sin(half))) ** 2
+
+
+def _far(fine: tuple[int, int], coarse: tuple[int, int]) -> Floats:
+    """What the coarse symbol is multiplied by: the Gaussian, and the inverse of restriction and interpolation."""
+    qx = 2.0 * np.pi / fine[0] * np.arange(coarse[0] // 2 + 1)[:, None]
+    qy = 2.0 * np.pi / fine[1] * np.arange(coarse[1] // 2 + 1)[None, :]
+    hats = _hat(qx, fine[0] / coarse[0]) * _hat(qy, fine[1] / coarse[1])
+    return np.exp(-(SPREAD**2) * (qx**2 + qy**2)) / hats**2
+
+
+def _fitted(symbol: Floats, far: Floats) -> Floats:
+    """Stencil (REACH + 1, REACH + 1) that best adds what the coarse grid leaves out, in the relative sense."""
+    half = SAMPLE // 2 + 1
+    q = 2.0 * np.pi / SAMPLE * np.arange(half)
+    full = _whole(_whole(symbol, SAMPLE)[:half], half)
+    # The coarse spectrum repeats on the fine one.
+    m = SAMPLE // RATIO
+    index = np.arange(half) % m
+    index = np.minimum(index, m - index)
+    rest = full - far[np.ix_(index, index)] * np.outer(_hat(q), _hat(q)) ** 2
+    weight = 1.0 / np.maximum(full, 1e-3 * full.ravel()[1:].max())
+    weight[0, 0] = 0.0
+    # Rows and columns of the quarter stand for two, except the first and last.
+    twice = np.where((np.arange(half) % (half - 1)) == 0, 1.0, 2.0)
+    weight *= np.sqrt(np.outer(twice, twice))
+    pairs = [
+        (a, b)
+        for a in range(kernels.REACH + 1)
+        for b in range(kernels.REACH + 1)
+        if np.hypot(a, b) <= kernels.REACH + 0.3
+    ]
+    cosine = (
+        np.cos(np.outer(np.arange(kernels.REACH + 1), q)) * np.where(np.arange(kernels.REACH + 1) == 0, 1, 2)[:, None]
+    )
+    matrix = np.stack([(np.outer(cosine[a], cosine[b]) * weight).ravel() for a, b in pairs], axis=1)
+    # Normal equations, summed without BLAS: its threads would take longer to wake than this takes to add.
+    normal = np.einsum("ka,kb->ab", matrix, matrix)
+    values = np.linalg.solve(normal, np.einsum("ka,k->a", matrix, (rest * weight).ravel()))
+    stencil = np.zeros((kernels.REACH + 1, kernels.REACH + 1))
+    for (a, b), value in zip(pairs, values, strict=True):
+        stencil[a, b] = value
+    return stencil
+
+
 Precision = Literal["single", "double", "mixed"]
 
 #: dtypes of state and work

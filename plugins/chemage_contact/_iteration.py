@@ -12,7 +12,7 @@ The gradient is the gap, so the solution satisfies p ≥ 0, gap ≥ 0, p·gap = 
 * Coarse to fine: each grid starts from the interpolated solution of the next coarser one.
 * Mixed precision by iterative refinement: pressure and gap are kept in double precision, but only *changes* of the
   gap are computed, in single precision, so that their rounding errors shrink with the changes.
-* Most iterations use the split operator of ``_convolution``, a stencil and a coarse grid, which costs less than one
+* Most iterations use the split operator of ``_grid``, a stencil and a coarse grid, which costs less than one
   transform and nothing where nothing touches. The gap is evaluated exactly every few iterations, and convergence is
   judged by that gap alone (defect correction).
 * Where the split operator does not apply (odd sizes, free boundary), the step length comes from Parseval's theorem, and
@@ -36,12 +36,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels as kernels
-from ._convolution import divides, suits
 from ._descent import Descent, Outcome
-from ._grid import PRECISIONS, Grid, Settings, dimensionless, grids, regridded, resampled, rescale, sums
+from ._grid import PRECISIONS, Grid, Settings, dimensionless, divides, grids, regridded, resampled, rescale, suits, sums
 from ._kernels import Heights, State
-from ._operators import Substrate
-from ._team import Team
+from ._operators import Substrate, Team
 
 Array = NDArray[Any]
 Call = tuple[Callable[..., None], tuple[Any, ...]]

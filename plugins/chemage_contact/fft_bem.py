@@ -15,8 +15,7 @@ from chemage_contact import _iteration as iteration
 from chemage_contact import _kernels as kernels
 from chemage_contact._grid import rescale, sums
 from chemage_contact._kernels import Heights
-from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate
-from chemage_contact._team import Team
+from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Substrate, Team
 
 #: Thickness of a layer, in pixels and in lengths of the surface. A thinner one is a bed of springs, which rounding
 #: errors prevent from converging; a thicker one is a half-space.
@@ -321,14 +320,13 @@ class FFTBEM(ContactSolver):
         )
 
     def _solution(self, surface: Surface, **fields: Any) -> ContactSolution:
-        options = self.identity()
         return ContactSolution(
             pixel_size=surface.pixel_size,
             modulus=self.modulus,
             periodic=self.is_nominally_flat(surface.periodic),
             rms_slope=surface.rms_slope,
             rms_height=surface.rms_height,
-            provenance={"kind": options.pop("kind"), "options": options, "surface": surface.provenance},
+            provenance=self.provenance(surface),
             **fields,
         )
 

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from chemage.plugin import hookimpl
+from chemage.plugin import hookimpl, lazy_attributes
 
 if TYPE_CHECKING:
-    from chemage_friction.mean_force import MeanForce
+    from chemage_friction.mean_force import MeanForce as MeanForce
 
-__all__ = ["MeanForce"]
+KINDS = {"rupture": {"mean-force": "chemage_friction.mean_force:MeanForce"}}
+
+__getattr__ = lazy_attributes(KINDS)
 
 
 @hookimpl
 def chemage_register() -> dict[str, dict[str, str]]:
     """The components of this package."""
-    return {"rupture": {"mean-force": "chemage_friction.mean_force:MeanForce"}}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from chemage_friction.mean_force import MeanForce
-
-    return MeanForce
+    return KINDS

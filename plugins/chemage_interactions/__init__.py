@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from chemage.plugin import hookimpl
+from chemage.plugin import hookimpl, lazy_attributes
 
 if TYPE_CHECKING:
     from chemage_interactions.elastic_pairs import ElasticPairs as ElasticPairs
 
-__all__ = ["ElasticPairs"]
+KINDS = {"interaction": {"elastic-pairs": "chemage_interactions.elastic_pairs:ElasticPairs"}}
+
+__getattr__ = lazy_attributes(KINDS)
 
 
 @hookimpl
 def chemage_register() -> dict[str, dict[str, str]]:
     """The interactions of this package."""
-    return {"interaction": {"elastic-pairs": "chemage_interactions.elastic_pairs:ElasticPairs"}}
-
-
-def __getattr__(name: str) -> Any:
-    if name == "ElasticPairs":
-        from chemage_interactions.elastic_pairs import ElasticPairs
-
-        return ElasticPairs
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return KINDS

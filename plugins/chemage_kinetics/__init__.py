@@ -2,33 +2,31 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from chemage.plugin import hookimpl
+from chemage.plugin import hookimpl, lazy_attributes
 
 if TYPE_CHECKING:
-    from chemage_kinetics.engines import BKL, Auto, Independent, NextReaction, RejectionFree
+    from chemage_kinetics.engines import BKL as BKL
+    from chemage_kinetics.engines import Auto as Auto
+    from chemage_kinetics.engines import Independent as Independent
+    from chemage_kinetics.engines import NextReaction as NextReaction
+    from chemage_kinetics.engines import RejectionFree as RejectionFree
 
-__all__ = ["BKL", "Auto", "Independent", "NextReaction", "RejectionFree"]
-
-_KINDS = {
-    "auto": "Auto",
-    "rejection-free": "RejectionFree",
-    "bkl": "BKL",
-    "next-reaction": "NextReaction",
-    "independent": "Independent",
+KINDS = {
+    "engine": {
+        "auto": "chemage_kinetics.engines:Auto",
+        "rejection-free": "chemage_kinetics.engines:RejectionFree",
+        "bkl": "chemage_kinetics.engines:BKL",
+        "next-reaction": "chemage_kinetics.engines:NextReaction",
+        "independent": "chemage_kinetics.engines:Independent",
+    }
 }
+
+__getattr__ = lazy_attributes(KINDS)
 
 
 @hookimpl
 def chemage_register() -> dict[str, dict[str, str]]:
     """The engines of this package."""
-    return {"engine": {kind: f"chemage_kinetics.engines:{name}" for kind, name in _KINDS.items()}}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from chemage_kinetics import engines  # imports numba, so on first use
-
-    return getattr(engines, name)
+    return KINDS

@@ -22,26 +22,34 @@ from typing import NamedTuple
 import numpy as np
 
 from chemage.plugin import random
-from chemage_kinetics._chain import FLICKER, sojourn, two_uniforms
 from chemage_kinetics._common import (
+    FLICKER,
     STREAMS,
+    Float,
     Holds,
+    Int,
     Key,
     Sites,
+    borrowed,
     change_state,
     choose_around,
     count_flip,
     count_sojourn,
     fixed_coupling,
+    hot,
+    inner,
+    jit,
     later,
     past,
+    prefetch,
     prefetch_rows,
     prefetch_site,
     rate,
     rate_around,
+    sojourn,
+    two_uniforms,
     until,
 )
-from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit, prefetch
 from chemage_kinetics._rate_classes import (
     SLOTS,
     Classes,
@@ -94,7 +102,7 @@ class Run(NamedTuple):
     near: np.ndarray
     """(k + 1, 2) int64 scratch: sites that change their class, and the class"""
     rng: np.ndarray
-    """(5,) uint64 scratch, see `_chain`"""
+    """(5,) uint64 scratch, see `_common`"""
     clock: np.ndarray
     """(2,) float64: HIGH and LOW of the present instant"""
     counters: np.ndarray

@@ -1,4 +1,5 @@
-"""What the kernels share: fixed-point energies, rates, a clock that does not stall, counts of events.
+"""What the kernels share: how they are compiled, fixed-point energies, rates, a clock that does not stall, counts of
+events, the chain of a site that flickers, and the patches of a lattice.
 
 Energies are whole multiples of 2**-40 eV in int64. A bond adds its pair energies to its neighbours and takes the same
 whole numbers away when it breaks, so the energy of a site depends on the present bonds and not on their history: no
@@ -7,17 +8,88 @@ drift, and a restart is bit-exact. Where a site's energy and its state are neede
 
 Times are unevaluated sums ``high + low`` of two doubles. At t = 1e5 s and a total rate of 1e13 Hz a single double would
 not advance at all.
+
+Two things about memory that numba itself cannot express are written as LLVM code, here and nowhere else. They read and
+set members of numba's array structure: ``data``, ``strides``, ``meminfo`` and ``parent``, which are the same in numba
+0.59 to 0.68.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
+import numba as nb
 import numpy as np
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic
 
 from chemage.plugin import random
-from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit, prefetch
+
+#: Numbers in kernels: int64 and float64. To a type checker they are Any, as are the elements of arrays.
+Int: TypeAlias = Any
+Float: TypeAlias = Any
+
+#: For functions that Python calls.
+jit = nb.njit(cache=True, nogil=True, error_model="numpy")
+_KERNELS_ONLY: Any = {"nogil": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+#: For functions that only kernels call: part of their machine code, without a wrapper for Python or a cache entry.
+inner = nb.njit(**_KERNELS_ONLY)
+#: For functions that a kernel runs at every event: always inlined, because an array takes up to ten machine words as
+#: an argument of a call.
+hot = nb.njit(forceinline=True, **_KERNELS_ONLY)
+
+
+def _typed_prefetch(typingctx: Any, array: Any, row: Any) -> Any:
+    """Prefetch the cache line where a row of an array starts. Does not wait; harmless outside the array."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        view = context.make_array(signature.args[0])(context, builder, args[0])
+        byte, word, long = ir.IntType(8).as_pointer(), ir.IntType(32), ir.IntType(64)
+        fetch = builder.module.declare_intrinsic(
+            "llvm.prefetch", (byte,), ir.FunctionType(ir.VoidType(), [byte, word, word, word])
+        )
+        step = builder.mul(args[1], builder.extract_value(view.strides, 0))
+        address = builder.add(builder.ptrtoint(view.data, long), step)
+        builder.call(fetch, [builder.inttoptr(address, byte), word(0), word(3), word(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64), codegen
+
+
+prefetch: Any = intrinsic(_typed_prefetch)
+
+
+def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """The value of an array without its owner; of a tuple, the tuple of such values; of anything else, itself."""
+    if isinstance(kind, types.Array):
+        view = context.make_array(kind)(context, builder, value)
+        view.meminfo = ir.Constant(view.meminfo.type, None)
+        view.parent = ir.Constant(view.parent.type, None)
+        return view._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        for at, part in enumerate(kind):  # pyright: ignore[reportArgumentType]
+            inside = _without_owner(context, builder, part, builder.extract_value(value, at))
+            value = builder.insert_value(value, inside, at)
+    return value
+
+
+def _typed_borrowed(typingctx: Any, bundle: Any) -> Any:
+    """The same bundle of arrays without their owners, so that passing them about in a kernel counts no references.
+
+    Numba counts references by atomic operations, which take more than half of the time of an event where it cannot see
+    that they cancel. Only for arguments of the running function, because its caller keeps them alive.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return _without_owner(context, builder, signature.args[0], args[0])
+
+    return bundle(bundle), codegen
+
+
+borrowed: Any = intrinsic(_typed_borrowed)
+
 
 #: Fixed-point units in an electronvolt.
 UNITS_PER_EV = 2.0**40
@@ -39,7 +111,7 @@ STREAMS = {
 
 
 class Key(NamedTuple):
-    """The key of a run's random numbers, see `chemage_kinetics._identity`."""
+    """The key of a run's random numbers, see `chemage_kinetics._driver`."""
 
     k0: np.uint64
     k1: np.uint64
@@ -241,3 +313,220 @@ def count_sojourn(tally: np.ndarray, hold: Int, word: Int, out_here: Float, out_
     tally[hold, 1] = _add(tally[hold, 1], out_here if bonded else out_there)
     if other:
         tally[hold, 2] += -1 if bonded else 1
+
+
+#: A site that flips more than so many times before anything else happens is treated as a two-state chain.
+FLICKER = 8.0
+#: Where every site has random numbers of its own, the blocks from here on belong to its sojourns, so many to each.
+SOJOURN_BLOCKS = np.uint64(1 << 40)
+SOJOURN_DRAWS = np.int64(4096)
+#: With more cycles than these, a double does not resolve single flips.
+_HUGE = 2.0**50
+
+
+@inner
+def two_uniforms(rng: np.ndarray) -> tuple[Float, Float]:
+    """The next two uniforms of a private sequence."""
+    pair = random.uniform_pair(rng[0], rng[1], rng[2], rng[3], rng[4])
+    rng[4] += np.uint64(1)
+    return pair
+
+
+@inner
+def gamma(rng: np.ndarray, shape: Float) -> Float:
+    """A gamma variate of unit rate and shape >= 1 (Marsaglia & Tsang 2000); the sum of ``shape`` unit exponentials."""
+    d = shape - 1.0 / 3.0
+    c = 1.0 / math.sqrt(9.0 * d)
+    while True:
+        u, angle = two_uniforms(rng)
+        x = math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * angle)
+        v = 1.0 + c * x
+        if v <= 0.0:
+            continue
+        v = v * v * v
+        u, _ = two_uniforms(rng)
+        if math.log(u) < 0.5 * x * x + d * (1.0 - v + math.log(v)):
+            return d * v
+
+
+@inner
+def _last_cycle(
+    rng: np.ndarray, cycles: Float, here: Float, there: Float, sum_here: Float, sum_there: Float, left: Float
+) -> tuple[Float, bool]:
+    """Find where in ``cycles`` cycles of known total duration the time ``left`` ends.
+
+    The sums of unit exponentials over all cycles are given; they are split by beta variates (the distribution of a
+    partial sum given the whole) until one cycle remains. Returns the number of complete cycles, and whether the flip
+    out of the first state came in time as well.
+    """
+    done = 0.0
+    while cycles > 1.0:
+        first = np.floor(0.5 * cycles)
+        second = cycles - first
+        a = gamma(rng, first)
+        part_here = sum_here * (a / (a + gamma(rng, second)))
+        a = gamma(rng, first)
+        part_there = sum_there * (a / (a + gamma(rng, second)))
+        spent = part_here / here + part_there / there
+        if spent <= left:
+            left -= spent
+            done += first
+            cycles = second
+            sum_here = max(sum_here - part_here, 0.0)
+            sum_there = max(sum_there - part_there, 0.0)
+        else:
+            cycles = first
+            sum_here = part_here
+            sum_there = part_there
+    return done, sum_here / here <= left
+
+
+@inner
+def _exit(rng: np.ndarray, all_here: Float, all_there: Float, out_there: bool, left: Float) -> tuple[bool, bool, Float]:
+    """The last, incomplete cycle: whether the exit came in time, whether in the other state, and the time left."""
+    u, v = two_uniforms(rng)
+    spent = -math.log(u) / all_here
+    if spent > left:
+        return False, False, left
+    left -= spent
+    if not out_there:
+        return True, False, left
+    spent = -math.log(v) / all_there
+    if spent > left:
+        return False, True, left
+    return True, True, left - spent
+
+
+@inner
+def sojourn(
+    rng: np.ndarray, here: Float, there: Float, leave_here: Float, leave_there: Float, span: Float
+) -> tuple[Float, bool, bool, Float, Float]:
+    """Sample the absorbing two-state chain: one site flickers until something else happens or ``span`` seconds pass.
+
+    The site leaves its present state at the rate ``here`` and its other state at ``there``, both positive; everything
+    else happens at the total rate ``leave_here`` or ``leave_there``, depending on the state. Returns the time spent,
+    whether something else ended it, whether the site ended in its other state, the number of flips out of the present
+    state, and that out of the other state.
+
+    Exact: the number of complete cycles is geometric, the time in each state is a sum of exponentials (a gamma
+    variate), and where ``span`` ends first, the partial sums given the whole are beta variates. The chain is that of
+    Novotny, Phys. Rev. Lett. 74, 1 (1995); drawing the cycles gives the number of events as well.
+    """
+    all_here = here + leave_here
+    all_there = there + leave_there
+    miss_here = leave_here / all_here
+    miss_there = leave_there / all_there
+    u, v = two_uniforms(rng)
+    stay = math.log1p(-miss_here) + math.log1p(-miss_there)
+    allowed = np.floor(math.log(u) / stay) if stay < 0.0 else np.inf
+    out_there = v * (miss_here + (1.0 - miss_here) * miss_there) > miss_here
+    mean = 1.0 / all_here + 1.0 / all_there
+    left = span
+    done = 0.0
+    while True:
+        expected = left / mean
+        if expected > _HUGE:
+            if allowed > expected:
+                # The state is stationary here, and the count normal to the last bit.
+                u, v = two_uniforms(rng)
+                spread = math.sqrt(expected) * math.sqrt(1.0 / all_here**2 + 1.0 / all_there**2) / mean
+                x = math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v)
+                done += np.floor(expected + spread * x)
+                other = two_uniforms(rng)[0] * (all_here + all_there) < all_here
+                return span, False, other, done + (1.0 if other else 0.0), done
+            if allowed >= 1.0:
+                left = max(left - (gamma(rng, allowed) / all_here + gamma(rng, allowed) / all_there), 0.0)
+                done += allowed
+                allowed = 0.0
+        cycles = min(allowed, max(np.floor(expected - 3.0 * math.sqrt(expected)), 1.0))
+        if cycles < 1.0:
+            break
+        if cycles < 1.5:
+            u, v = two_uniforms(rng)
+            sum_here = -math.log(u)
+            sum_there = -math.log(v)
+        else:
+            sum_here = gamma(rng, cycles)
+            sum_there = gamma(rng, cycles)
+        spent = sum_here / all_here + sum_there / all_there
+        if spent > left:
+            more, other = _last_cycle(rng, cycles, all_here, all_there, sum_here, sum_there, left)
+            done += more
+            return span, False, other, done + (1.0 if other else 0.0), done
+        left -= spent
+        done += cycles
+        allowed -= cycles
+    exited, other, left = _exit(rng, all_here, all_there, out_there, left)
+    return span - left if exited else span, exited, other, done + (1.0 if other else 0.0), done
+
+
+_P1 = np.uint64(0x9E3779B97F4A7C15)
+_P2 = np.uint64(0xBF58476D1CE4E5B9)
+_P3 = np.uint64(0x94D049BB133111EB)
+_R27 = np.uint64(27)
+_R31 = np.uint64(31)
+_R37 = np.uint64(37)
+
+
+def patches_of(neighbours: np.ndarray, label: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """The sites patch by patch, (n,) int32, and where each patch begins there and the last ends, (patches + 1,) int32.
+
+    label: (n,) int32 zeros to be overwritten; None: allocated here.
+    """
+    n = neighbours.shape[0]
+    order = np.empty(n, np.int32)
+    starts = np.empty(n + 1, np.int32)
+    patches = _find(neighbours, order, starts, np.zeros(n, np.int32) if label is None else label)
+    return order, starts[: patches + 1].copy()
+
+
+@jit
+def _find(neighbours: np.ndarray, order: np.ndarray, starts: np.ndarray, label: np.ndarray) -> Int:
+    """Breadth-first search; returns the number of patches."""
+    n, k = neighbours.shape
+    patches = 0
+    filled = 0
+    for seed in range(n):
+        if label[seed]:
+            continue
+        starts[patches] = filled
+        patches += 1
+        label[seed] = 1
+        order[filled] = seed
+        read = filled
+        filled += 1
+        while read < filled:
+            i = np.int64(order[read])
+            read += 1
+            for s in range(k):
+                j = np.int64(neighbours[i, s])
+                if j >= 0 and not label[j]:
+                    label[j] = 1
+                    order[filled] = j
+                    filled += 1
+    starts[patches] = filled
+    return patches
+
+
+@jit
+def mix(words: np.ndarray, seed: np.uint64) -> np.uint64:
+    """A 64-bit hash of uint64 words, to distinguish arrays; not for security."""
+    a = seed ^ _P1
+    b = seed + _P2
+    c = seed ^ _P3
+    d = seed + _P1
+    n = words.size
+    for i in range(0, n - 3, 4):
+        a = ((a ^ words[i]) * _P1) ^ (a >> _R27)
+        b = ((b ^ words[i + 1]) * _P2) ^ (b >> _R31)
+        c = ((c ^ words[i + 2]) * _P3) ^ (c >> _R37)
+        d = ((d ^ words[i + 3]) * _P1) ^ (d >> _R31)
+    for i in range(n - n % 4, n):
+        a = ((a ^ words[i]) * _P2) ^ (a >> _R31)
+    h = a
+    for lane in (b, c, d, np.uint64(n)):
+        h = (h ^ lane) * _P3
+        h ^= h >> _R31
+        h = h * _P2
+        h ^= h >> _R27
+    return h

@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage_kinetics._common import past
-from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, prefetch
+from chemage_kinetics._common import Float, Int, borrowed, hot, inner, past, prefetch
 
 #: Buckets of time cover so many octaves back from the last hold time; everything earlier is in the first one.
 OCTAVES = 64

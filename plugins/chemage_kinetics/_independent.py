@@ -8,20 +8,27 @@ from typing import NamedTuple
 import numpy as np
 
 from chemage.plugin import random
-from chemage_kinetics._chain import FLICKER, SOJOURN_BLOCKS, SOJOURN_DRAWS, sojourn
 from chemage_kinetics._common import (
+    FLICKER,
+    SOJOURN_BLOCKS,
+    SOJOURN_DRAWS,
     STREAMS,
+    Float,
     Holds,
+    Int,
     Key,
+    borrowed,
     count_flip,
     count_sojourn,
     fixed_barrier,
+    hot,
+    jit,
     later,
     past,
     rate,
+    sojourn,
     until,
 )
-from chemage_kinetics._memory import Float, Int, borrowed, hot, jit
 
 STREAM = STREAMS["independent"]
 
@@ -115,7 +122,7 @@ def _follow_site(sites: Sites, holds: Holds, rng: np.ndarray, i: Int) -> None:
 
 @jit
 def follow(sites: Sites, holds: Holds, rng: np.ndarray, first: Int, last: Int) -> None:
-    """Follow the sites ``first`` to ``last`` - 1 to the last hold time. rng: (5,) uint64 scratch, see `_chain`."""
+    """Follow the sites ``first`` to ``last`` - 1 to the last hold time. rng: (5,) uint64 scratch, see `_common`."""
     sites = borrowed(sites)
     holds = borrowed(holds)
     rng = borrowed(rng)

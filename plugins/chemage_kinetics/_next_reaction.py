@@ -17,23 +17,33 @@ from typing import NamedTuple
 import numpy as np
 
 from chemage.plugin import random
-from chemage_kinetics._chain import FLICKER, SOJOURN_BLOCKS, SOJOURN_DRAWS, sojourn
 from chemage_kinetics._common import (
+    FLICKER,
+    SOJOURN_BLOCKS,
+    SOJOURN_DRAWS,
     STREAMS,
+    Float,
     Holds,
+    Int,
     Key,
     Model,
+    borrowed,
     change_state,
     choose_around,
     count_flip,
     count_sojourn,
     fixed_barrier,
     fixed_coupling,
+    hot,
+    inner,
+    jit,
     later,
     past,
+    prefetch,
     prefetch_rows,
     rate_around,
     site_rate,
+    sojourn,
     until,
 )
 from chemage_kinetics._event_queue import (
@@ -47,7 +57,6 @@ from chemage_kinetics._event_queue import (
     open_bucket,
     start_patch,
 )
-from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit, prefetch
 
 STREAM = STREAMS["next-reaction"]
 
@@ -75,7 +84,7 @@ class Run(NamedTuple):
     sooner: np.ndarray
     """(k,) int64 scratch: neighbours that the queue must know of"""
     rng: np.ndarray
-    """(5,) uint64 scratch, see `_chain`"""
+    """(5,) uint64 scratch, see `_common`"""
 
 
 class Chain(NamedTuple):

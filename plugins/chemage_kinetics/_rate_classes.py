@@ -13,8 +13,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage_kinetics._common import COLDEST, LARGEST_BARRIER, UNITS_PER_EV, Model, fixed_barrier
-from chemage_kinetics._memory import Float, Int, borrowed, hot, inner, jit, prefetch
+from chemage_kinetics._common import (
+    COLDEST,
+    LARGEST_BARRIER,
+    UNITS_PER_EV,
+    Float,
+    Int,
+    Model,
+    borrowed,
+    fixed_barrier,
+    hot,
+    inner,
+    jit,
+    prefetch,
+)
 
 #: Classes down to the smallest rate that is not zero, in groups of eight.
 CLASSES = 8 * math.ceil((COLDEST / math.log(2.0) + 1.0) / 8.0)

@@ -11,12 +11,11 @@ from pydantic import Field, model_validator
 from chemage import InputError, ReactionLattice
 from chemage.plugin import BondHistory, Engine, check_times, checked_states, temperature_value, threads
 from chemage_kinetics import _bkl, _independent, _next_reaction, _rejection_free
-from chemage_kinetics._common import Holds
+from chemage_kinetics._common import Holds, patches_of
 from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost, model_of, run_pieces
 from chemage_kinetics._event_queue import new_order, new_queue
-from chemage_kinetics._lattice import patches_of
 from chemage_kinetics._rate_classes import members, new_classes
-from chemage_kinetics._sum_tree import ROOM, empty_rates, fill, relist
+from chemage_kinetics._rejection_free import ROOM, empty_rates, fill, relist
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -276,7 +276,7 @@ HEADER = """\
 # to the six ageing rates beta that the paper reports for rms slopes 0.05, 0.1 and 0.2 at 20 uN and 300 K, with an
 # activation volume of 6.4 cubic angstrom (0.89, 0.45, 0.20) and without (0.98, 0.49, 0.24). `chemage study
 # density` calibrates the three parameters of their family and writes this table;
-# docs/barrier_density.md has the residuals and the limits. Versions before 0.2.0 had a symmetric triangle with its
+# barrier_density.md has the residuals and the limits. Versions before 0.2.0 had a symmetric triangle with its
 # peak at 1.1 eV.
 #
 # To use barriers of your own, give the kind "tabulated" a table or samples.

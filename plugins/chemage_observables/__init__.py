@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from chemage.plugin import hookimpl
+from chemage.plugin import hookimpl, lazy_attributes
 
 if TYPE_CHECKING:
-    from chemage_observables.spectra import BarrierSpectrum, PressureSpectrum
+    from chemage_observables.spectra import BarrierSpectrum as BarrierSpectrum
+    from chemage_observables.spectra import PressureSpectrum as PressureSpectrum
 
-__all__ = ["BarrierSpectrum", "PressureSpectrum"]
+KINDS = {
+    "observable": {
+        "barrier-spectrum": "chemage_observables.spectra:BarrierSpectrum",
+        "pressure-spectrum": "chemage_observables.spectra:PressureSpectrum",
+    }
+}
+
+__getattr__ = lazy_attributes(KINDS)
 
 
 @hookimpl
 def chemage_register() -> dict[str, dict[str, str]]:
     """The components of this package."""
-    return {
-        "observable": {
-            "barrier-spectrum": "chemage_observables.spectra:BarrierSpectrum",
-            "pressure-spectrum": "chemage_observables.spectra:PressureSpectrum",
-        }
-    }
-
-
-def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from chemage_observables import spectra
-
-    return getattr(spectra, name)
+    return KINDS

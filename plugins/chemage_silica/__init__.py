@@ -9,18 +9,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from chemage.plugin import hookimpl
+from chemage.plugin import hookimpl, lazy_attributes
 
 if TYPE_CHECKING:
     from chemage_silica.barriers import MDSilica as MDSilica
 
-__all__ = ["MDSilica"]
+KINDS = {"barriers": {"md-silica": "chemage_silica.barriers:MDSilica"}}
+
+__getattr__ = lazy_attributes(KINDS)
 
 
 @hookimpl
 def chemage_register() -> dict[str, dict[str, str]]:
     """The components of this package."""
-    return {"barriers": {"md-silica": "chemage_silica.barriers:MDSilica"}}
+    return KINDS
 
 
 @hookimpl
@@ -61,11 +63,3 @@ def chemage_published() -> list[tuple[dict[str, Any], float, str]]:
 def chemage_materials() -> dict[str, str]:
     """The materials of this package."""
     return {"silica": "chemage_silica:materials/silica.toml"}
-
-
-def __getattr__(name: str) -> Any:
-    if name == "MDSilica":
-        from chemage_silica.barriers import MDSilica
-
-        return MDSilica
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator
 
 import chemage
@@ -28,6 +29,8 @@ from chemage.plugin import (
     regular_file,
 )
 
+#: heights, or numbers of wave vectors
+Floats = NDArray[np.float64]
 #: sides of a pixel that differ by less than this are equal
 SQUARE = 1e-6
 #: pixels of the largest grid: no machine holds its heights, but theories of contact need none
@@ -96,7 +99,6 @@ def _sides(value: Any) -> tuple[Any, Any]:
     return sides[0], sides[1]
 
 
-#: a path as text
 #: nm per unit of heights, from a number or the name of a unit
 HeightUnit = Annotated[float, Unit("nm", gt=0), BeforeValidator(_named_unit)]
 #: edges of a pixel along x and y, nm, from one length (a square) or two

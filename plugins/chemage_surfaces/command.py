@@ -54,7 +54,7 @@ def roughness(
     Prints rms height and slope, Hurst exponent and roll-off with their errors, and the section [surface] of a scene
     that makes random surfaces like the image.
     """
-    from chemage_surfaces.measured import Measured
+    from chemage_surfaces.images import Measured
     from chemage_surfaces.roughness_fit import fit_roughness, section
 
     image: dict[str, Any] = {

@@ -13,10 +13,9 @@ from scipy import fft as sfft
 
 from chemage import InputError, Surface
 from chemage.plugin import Choice, Length, Scatter, Seed, SurfaceMaker, Unit, checked_seed, memory, roughness, threads
-from chemage_surfaces import _spectral, _steps
-from chemage_surfaces._maps import provenance
+from chemage_surfaces._maps import Floats, provenance
+from chemage_surfaces.generated import JACOBS, continuation
 from chemage_surfaces.roughness_fit import Binned, PowerLaw, binned, fit_power_law, wavenumbers
-from chemage_surfaces.self_affine import JACOBS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -123,7 +122,7 @@ class Roughened(SurfaceMaker):
         memory.require(
             6 * 8.0 * plan.shape[0] * plan.shape[1], f"pixel_size = {self.pixel_size:g} nm", "give larger pixels"
         )
-        half = _spectral.continuation(
+        half = continuation(
             plan.shape,
             self.pixel_size,
             hurst=plan.law.hurst,
@@ -289,7 +288,7 @@ def _with_image(half: NDArray[np.complex128], measured: Surface, plan: _Plan) ->
     return result
 
 
-def _cosines(image: _steps.Floats, side: float, plan: _Plan, pixel_size: float) -> _steps.Floats:
+def _cosines(image: Floats, side: float, plan: _Plan, pixel_size: float) -> Floats:
     """The cosine series of an image, waves from ``join`` on left out, at the centres of the fine pixels."""
     (nx, ny), (mx, my) = image.shape, plan.shape
     series = np.asarray(sfft.dctn(image, type=2, norm="forward", workers=threads.available()))

@@ -13,17 +13,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft as sfft
 from scipy.integrate import trapezoid
 from scipy.special import digamma, polygamma
 
 from chemage import InputError, Surface
 from chemage.plugin import checked_count, convert, threads
-from chemage_surfaces import _steps
-from chemage_surfaces.self_affine import SelfAffine
-
-Floats = NDArray[np.float64]
+from chemage_surfaces._maps import Floats
+from chemage_surfaces.generated import SelfAffine
+from chemage_surfaces.images import hann, trend
 
 #: bins of the density per factor of e in q
 BINS = 8
@@ -89,7 +87,7 @@ def binned(surface: Surface) -> Binned:
     """
     heights = surface.heights.astype(np.float64)
     if not surface.periodic:
-        heights = _steps.hann(heights - _steps.trend(heights, 1))
+        heights = hann(heights - trend(heights, 1))
     nx, ny = heights.shape
     spectrum: Any = sfft.rfft2(heights, workers=threads.available())
     power = (spectrum.real**2 + spectrum.imag**2) * (surface.pixel_size**2 / heights.size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from typing import ClassVar
@@ -11,7 +12,6 @@ import pytest
 
 import chemage as ca
 from chemage import ContactSolution, InputError
-from chemage.ageing.seeds import identity, replica_seeds
 from chemage.plugin import Barriers, BondHistory, ContactSolver, Engine, Observable, PluginError, random
 
 TIMES = [1.0, 10.0, 100.0]
@@ -35,11 +35,14 @@ class Tally(Engine):
     kind = "tally"
     threads_seen: ClassVar[set[str]] = set()
     delays: ClassVar[dict[int, float]] = {}
+    #: (lattice, seed) of every replica
+    followed: ClassVar[list] = []
     #: where replicas wait for each other
     meeting: ClassVar[threading.Barrier | None] = None
 
     def _run(self, lattice, hold_times, temperature, seed, start):
         type(self).threads_seen.add(threading.current_thread().name)
+        type(self).followed.append((lattice, seed))
         words = seed.generate_state(2) if isinstance(seed, np.random.SeedSequence) else np.array([seed, seed])
         if isinstance(seed, np.random.SeedSequence):
             time.sleep(self.delays.get(seed.spawn_key[-2], 0.0))
@@ -89,6 +92,7 @@ def plain(isolated_registry):
     """No plugin takes part, and the stub has seen nothing."""
     Tally.threads_seen.clear()
     Tally.delays.clear()
+    Tally.followed.clear()
 
 
 @pytest.fixture
@@ -135,22 +139,21 @@ def test_a_seed_sequence_is_a_seed_and_is_left_as_it_was(contact):
     assert not np.array_equal(age(contact, seed=child).bonds, age(contact, seed=other).bonds)
 
 
-def test_replica_seeds_are_all_different():
-    keys = [
-        tuple(random.key(seed))
-        for start in (0, 1, np.random.SeedSequence(0, spawn_key=(1,)))
-        for replica in range(50)
-        for run in ((), (1, 2, 3, 4), (1, 2, 3, 5))
-        for seed in replica_seeds(start, replica, "none", run)
-    ]
-    assert len(set(keys)) == len(keys)
+def test_seeds_are_all_different(contact):
+    for seed, kelvin in itertools.product((0, 1, np.random.SeedSequence(0, spawn_key=(1,))), (300, 301)):
+        age(contact, seed=seed, temperature=kelvin, replicas=50)
+    keys = {tuple(random.key(noise)) for _, noise in Tally.followed}
+    assert len(keys) == len({lattice.digest() for lattice, _ in Tally.followed}) == 2 * 3 * 50
+    # nor is the disorder drawn with the seed of the noise
+    for lattice, noise in Tally.followed[:5]:
+        assert lattice != ca.plugin.build_lattice(chemistry(), contact, noise)
 
 
 def test_one_replica_by_hand_is_the_replica_of_age(contact):
-    disorder, noise = replica_seeds(3, 4, "none", identity(contact, chemistry(), Tally(), 300.0))
-    lattice = ca.plugin.build_lattice(chemistry(), contact, disorder)
+    made = age(contact, threads=1)
+    lattice, noise = Tally.followed[4]
     history = ca.plugin.run_kinetics(Tally(), lattice, TIMES, temperature=300, seed=noise)
-    assert np.array_equal(age(contact).bonds[4], history.bonds)
+    assert np.array_equal(made.bonds[4], history.bonds)
 
 
 # -- threads ----------------------------------------------------------------------------------------------------------
@@ -231,12 +234,10 @@ def test_the_result_says_what_made_it(contact):
 
 
 def test_observables_are_stacked_over_replicas(contact):
-    made = age(contact, observe=[Watch()])
+    made = age(contact, observe=[Watch()], threads=1)
     assert made.observables["barrier"].shape == (5,)
     assert np.array_equal(made.observables["counts"], made.bonds)
-    run = identity(contact, chemistry(), Tally(), 300.0)
-    lattice = ca.plugin.build_lattice(chemistry(), contact, replica_seeds(3, 2, "none", run).disorder)
-    assert made.observables["barrier"][2] == lattice.forming.mean()
+    assert made.observables["barrier"].tolist() == [lattice.forming.mean() for lattice, _ in Tally.followed]
 
 
 def test_two_observables_of_one_name_are_refused(contact):

@@ -1,5 +1,6 @@
 """A run cut into pieces, or killed, gives the same bytes as one that was not."""
 
+import itertools
 import subprocess
 import sys
 from pathlib import Path
@@ -9,9 +10,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError
-from chemage.ageing import checkpoints
-from chemage.ageing.checkpoints import CheckpointWarning
-from chemage.plugin import StoreError, run_kinetics
+from chemage.plugin import StoreError
 
 SMALL = {
     "surface.pixels": 128, "surface.zeta": 16, "contact.load": "200 nN", "hold.replicas": 3, "hold.per_decade": 2,
@@ -39,37 +38,36 @@ def test_what_is_there_is_not_computed_again(small: ca.Scene, tmp_path: Path, mo
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("computed again")
 
-    monkeypatch.setattr(checkpoints, "run_kinetics", refuse)
-    monkeypatch.setattr("chemage.scene.run.solve_contact", refuse)
+    monkeypatch.setattr(type(small.engine), "run", refuse)
+    monkeypatch.setattr(type(small.contact), "solve", refuse)
     ca.run(small, checkpoints=tmp_path / "kept")
 
 
 def test_a_run_goes_on_from_the_middle(small: ca.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Interrupted after some pieces of the first replica, each of which is on disk."""
-    plain = ca.run(small)
-    calls = 0
+    contact = ca.run(small).contact
+    for folder in ("whole", "kept"):
+        (tmp_path / folder).mkdir()
+    whole = ca.age(contact, checkpoints=tmp_path / "whole", **arguments_of(small))
+    engine, calls, clock = type(small.engine), itertools.count(), itertools.count(0, 61)
+    run = engine.run
 
-    def fail_later(*arguments: object, **named: object) -> ca.plugin.BondHistory:
-        nonlocal calls
-        calls += 1
-        if calls == 4:
+    def fail_later(*arguments, **options):
+        if next(calls) == 3:
             raise KeyboardInterrupt
-        return run_kinetics(*arguments, **named)  # pyright: ignore[reportArgumentType]
+        return run(*arguments, **options)
 
-    contact = plain.contact
-    assert small.chemistry is not None
-    lattice = small.chemistry.on(contact, 5)
-    times, engine = ca.hold_times(1e-3, 1e5, 2), ca.engine("rejection-free")
-    whole = engine.run(lattice, times, temperature=300.0, seed=9)
-    path = tmp_path / "one.h5"
-    monkeypatch.setattr(checkpoints, "run_kinetics", fail_later)
+    monkeypatch.setattr(engine, "run", fail_later)
+    monkeypatch.setattr("time.monotonic", lambda: float(next(clock)))  # every piece takes a minute
     with pytest.raises(KeyboardInterrupt):
-        checkpoints.run_with_checkpoints(engine, lattice, times, temperature=300.0, seed=9, path=path, every=0.0)
-    assert 0 < ca.read(path).hold_times.size < times.size
+        ca.age(contact, checkpoints=tmp_path / "kept", threads=1, **arguments_of(small))
     monkeypatch.undo()
-    joined = checkpoints.run_with_checkpoints(engine, lattice, times, temperature=300.0, seed=9, path=path)
-    for name in ("hold_times", "bonds", "formed", "broken", "state"):
-        np.testing.assert_array_equal(getattr(joined, name), getattr(whole, name))
+    name = "replica-00000.h5"
+    assert 0 < ca.read(tmp_path / "kept" / name).hold_times.size < whole.hold_times.size
+    assert ca.age(contact, checkpoints=tmp_path / "kept", **arguments_of(small)) == whole
+    joined, plain = (ca.read(tmp_path / folder / name) for folder in ("kept", "whole"))
+    for field in ("hold_times", "bonds", "formed", "broken", "state"):
+        np.testing.assert_array_equal(getattr(joined, field), getattr(plain, field))
 
 
 def test_checkpoints_of_another_run_are_refused(small: ca.Scene, tmp_path: Path):
@@ -139,12 +137,12 @@ def test_what_other_plugins_made_is_computed_again_and_said(small: ca.Scene, tmp
         installed = ca.plugin.registry.Registry()
         installed.register(plugin, "other")
         with ca.plugin.registry.using(installed):
-            with pytest.warns(CheckpointWarning, match="would answer or change it|took part in the stages before"):
+            with pytest.warns(UserWarning, match="would answer or change it|took part in the stages before"):
                 changed = ca.run(small, checkpoints=tmp_path)
             assert changed.aging == ca.run(small).aging != plain.aging
             again = ca.run(small, checkpoints=tmp_path)
         assert again.aging == changed.aging
-        with pytest.warns(CheckpointWarning, match="and is not installed|and now no plugin"):
+        with pytest.warns(UserWarning, match="and is not installed|and now no plugin"):
             back = ca.run(small, checkpoints=tmp_path)
         assert back.aging == plain.aging
     idle = ca.plugin.registry.Registry()
@@ -159,10 +157,10 @@ def test_what_other_plugins_made_is_computed_again_and_said(small: ca.Scene, tmp
 STOPS = """
 import sys, time
 from pathlib import Path
-from chemage.ageing import checkpoints
+from chemage.ageing import replicas
 from chemage.cli.app import main
 
-keep = checkpoints.keep
+keep = replicas.keep
 
 def stop(*arguments, **options):
     keep(*arguments, **options)
@@ -170,7 +168,7 @@ def stop(*arguments, **options):
         print("enough", file=sys.stderr, flush=True)
         time.sleep(600)
 
-checkpoints.keep = stop
+replicas.keep = stop
 main()
 """
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,9 +10,8 @@ import pytest
 
 import chemage as ca
 from chemage import InputError
-from chemage.ageing.members import beta_errors
 from chemage_ageing import _table
-from chemage_ageing._independent import bonded_share
+from chemage_ageing._table import bonded_share
 
 KT = ca.plugin.KB * 300.0
 TIMES = np.array([0.0, 1.0, 10.0, 100.0, 1000.0])
@@ -237,9 +237,10 @@ def test_errors_of_opposite_signs_early_and_late_are_in_that_of_beta():
     early = np.where(times < 50, 1.0, -1.0) * stated
     tilted = found.model_copy(update={"bonds": found.bonds * (1 + early)})
     shift = abs(tilted.fit(1.0, 1e3).beta / found.fit(1.0, 1e3).beta - 1)
-    assert beta_errors(found, (1.0, 1e3))["closure"] == pytest.approx(shift, rel=1e-9)
+    run = ca.Run(scene={"fit": {"start": 1.0, "stop": 1e3}}, contact=uniform(1.7), aging=found)
+    assert run.beta_errors["closure"] == pytest.approx(shift, rel=1e-9)
     several = aged(uniform(1.7), interacting(), method=None, replicas=3)
-    assert beta_errors(several, (1.0, 1e3)) == {}
+    assert dataclasses.replace(run, aging=several).beta_errors == {}
 
 
 def test_bonds_do_not_depend_on_bond_force_and_grow_with_the_contact():

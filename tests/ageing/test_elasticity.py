@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
 import pytest
 
 import chemage as ca
-from chemage.ageing.elasticity import MEASURES, compared_again, elastic_measures, elastic_notes, elastic_rows
-from chemage.ageing.seeds import identity
 
 TIMES = [1.0, 100.0]
 
@@ -44,48 +43,83 @@ def test_limits_change_no_bond_no_key_and_no_record(contact):
     one, other = silica(), silica(hardness=4.0)
     assert one.digest() == other.digest()
     assert one != other
-    engine = ca.engine("bkl")
-    assert identity(contact, one, engine, 300.0) == identity(contact, other, engine, 300.0)
     assert ca.Chemistry.fromdict(other.todict()) == other
 
 
-def test_the_measures_are_those_of_contact_and_bonds(contact):
+NAMES = {
+    "hardness",
+    "area_above_hardness",
+    "load_above_hardness",
+    "mean_shear_stress",
+    "shear_strength",
+    "shear_stress_to_strength",
+}
+
+
+@pytest.fixture
+def numbers(command, tmp_path):
+    """``numbers(aging)``: what ``chemage show --json`` says of pressures and shear stresses."""
+
+    def numbers(aging: ca.Aging) -> dict[str, float]:
+        ca.write(tmp_path / "aging.h5", aging, force=True)
+        shown = json.loads(command("show", tmp_path / "aging.h5", "--json").out)
+        return {name: value for name, value in shown.items() if name in NAMES}
+
+    return numbers
+
+
+@pytest.fixture
+def shown(command, tmp_path):
+    """``shown(aging)``: what ``chemage show`` says, in one line."""
+
+    def shown(aging: ca.Aging) -> str:
+        ca.write(tmp_path / "aging.h5", aging, force=True)
+        return " ".join(command("show", tmp_path / "aging.h5").out.split())
+
+    return shown
+
+
+def test_the_measures_are_those_of_contact_and_bonds(contact, numbers):
     found = aged(contact, hardness="4 GPa", shear_strength="4.6 GPa")
-    known = elastic_measures(found)
-    assert list(known) == list(MEASURES)
+    known = numbers(found)
+    assert known.keys() == NAMES
     area, load = contact.above(4.0)
     assert 0 < area < load < 1
-    assert (known["area_above_hardness"], known["load_above_hardness"]) == (area, load)
+    assert (known["area_above_hardness"], known["load_above_hardness"]) == pytest.approx((area, load))
     stress = 3.0 * found.bonds[:, -1].mean() / contact.area
     assert found.mean_shear_stress == pytest.approx(stress)
     assert known["shear_stress_to_strength"] == pytest.approx(stress / 4.6)
 
 
-def test_what_is_not_given_is_absent_and_not_zero(contact):
+def test_what_is_not_given_is_absent_and_not_zero(contact, numbers, shown):
     plain = aged(contact)
     assert plain.elasticity == {}
-    assert list(elastic_measures(plain)) == ["mean_shear_stress"]
-    assert elastic_notes(plain) == ()
-    assert [name for name, _ in elastic_rows(plain)] == ["mean shear stress at 100 s"]
-    assert elastic_measures(None) == {}
-    assert elastic_rows(None) == []
+    assert numbers(plain).keys() == {"mean_shear_stress"}
+    assert "mean shear stress at 100 s" in shown(plain)
+    assert "hardness" not in shown(plain)
+    assert ca.Run(scene={}, contact=contact, aging=plain).notes == ca.Run(scene={}, contact=contact).notes
     unknown = plain.model_copy(update={"contact": {}})  # an ageing curve whose area is not known
     assert math.isnan(unknown.mean_shear_stress)
-    assert elastic_measures(unknown) == {}
+    assert numbers(unknown) == {}
+    assert "shear stress" not in shown(unknown)
 
 
-def test_more_than_a_twentieth_is_noted(contact):
-    peak = contact.max_pressure
-    high = aged(contact, hardness=1.1 * peak)
-    assert elastic_notes(high) == ()
-    assert elastic_rows(high)[0][1] == "0 % of the contact area, 0 % of the load", "but it is in the table"
-    (note,) = elastic_notes(compared_again(high, contact, silica(hardness=0.5 * peak)))
+def test_more_than_a_twentieth_is_noted(contact, shown):
+    def notes(**limits):
+        return [
+            note
+            for note in ca.Run(scene={}, contact=contact, aging=aged(contact, **limits)).notes
+            if "overestimates the pressure" in note or "shear strength" in note
+        ]
+
+    peak, stress = contact.max_pressure, aged(contact).mean_shear_stress
+    assert notes(hardness=1.1 * peak) == []
+    assert "0 % of the contact area, 0 % of the load" in shown(aged(contact, hardness=1.1 * peak)), "in the table"
+    (note,) = notes(hardness=0.5 * peak)
     area, load = contact.above(0.5 * peak)
     assert note.startswith(f"{100 * area:.0f} % of the contact area, which carries {100 * load:.0f} % of the load, is")
-    assert "overestimates the pressure" in note
-    stress = high.mean_shear_stress
-    assert elastic_notes(compared_again(high, contact, silica(shear_strength=21 * stress))) == ()
-    (note,) = elastic_notes(compared_again(high, contact, silica(shear_strength=2 * stress)))
+    assert notes(shear_strength=21 * stress) == []
+    (note,) = notes(shear_strength=2 * stress)
     assert "50 % of the shear strength" in note
 
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 from scipy import ndimage
 
 import chemage as ca
 from chemage import InputError
-from chemage.ageing.seeds import identity
 
 TIMES = np.geomspace(10.0, 1e4, 7)
 SURFACES = 12
@@ -115,33 +112,42 @@ def test_a_result_says_which_random_numbers_were_common():
         ca.age(contact, SILICA, engine=engine, hold_times=[1.0], temperature=300, common="some")  # pyright: ignore
 
 
+def noise_of(contact, chemistry, engine, temperature=300.0) -> list[int]:
+    """The seed of the noise that the first replica of a run is given."""
+    seeds = []
+
+    class Look:
+        @ca.plugin.hookimpl
+        def chemage_run_kinetics(self, seed):
+            seeds.append(ca.plugin.random.key(seed))
+
+    with ca.plugin.registry.using(ca.plugin.registry.Registry()) as plugins:
+        plugins.register(Look(), "look")
+        ca.age(contact, chemistry, engine=engine, hold_times=[1e-9], temperature=temperature, replicas=1, seed=1)
+    (noise,) = seeds
+    return list(noise)
+
+
 def test_what_does_not_decide_the_bonds_does_not_decide_the_random_numbers():
-    contact = contact_of(0, 0.3)
-    base = identity(contact, SILICA, ca.engine("next-reaction"), 300.0)
-    threads = next(name for name in ca.engine("next-reaction").speed_only)
-    same = [
-        identity(contact, SILICA.replace(bond_force="1 nN", front_factor=0.5), ca.engine("next-reaction"), 300.0),
-        identity(contact, SILICA, ca.engine("next-reaction", **{threads: 2}), 300.0),
-        identity(
-            contact.model_copy(update={"pressure": contact.pressure * (1 + 1e-12)}),
-            SILICA,
-            ca.engine("next-reaction"),
-            300.0,
-        ),
-        identity(
-            contact.model_copy(update={"pressure": contact.pressure.astype("f4")}),
-            SILICA,
-            ca.engine("next-reaction"),
-            300.0,
-        ),
-    ]
-    assert same == [base] * 4
+    contact, engine = contact_of(0, 0.3), ca.engine("next-reaction")
+    base = noise_of(contact, SILICA, engine)
+    threads = next(name for name in engine.speed_only)
+    close, single = (
+        contact.model_copy(update={"pressure": pressure})
+        for pressure in (contact.pressure * (1 + 1e-12), contact.pressure.astype("f4"))
+    )
+    assert noise_of(contact, SILICA.replace(bond_force="1 nN", front_factor=0.5), engine) == base
+    assert noise_of(contact, SILICA.replace(hardness=4.0), engine) == base
+    assert noise_of(contact, SILICA, ca.engine("next-reaction", **{threads: 2})) == base
+    assert noise_of(close, SILICA, engine) == base
+    assert noise_of(single, SILICA, engine) == base
+    assert noise_of(contact, SILICA, engine, 301.0) != base
 
 
 def test_contacts_without_load_have_random_numbers_too():
     empty = ca.ContactSolution(pressure=np.zeros((3, 5)), load=0.0, pixel_size=1.0, modulus=1.0)
     small = ca.ContactSolution(pressure=np.ones((1, 2)), load=2.0, pixel_size=1.0, modulus=1.0)
-    runs = {identity(one, SILICA, ca.engine("bkl"), kelvin) for one in (empty, small) for kelvin in (300.0, 400.0)}
+    runs = {
+        tuple(noise_of(one, SILICA, ca.engine("bkl"), kelvin)) for one in (empty, small) for kelvin in (300.0, 400.0)
+    }
     assert len(runs) == 4
-    for one, two in itertools.combinations(runs, 2):
-        assert one != two

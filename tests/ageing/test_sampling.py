@@ -9,7 +9,7 @@ import pytest
 
 import chemage
 from chemage.plugin import fromdict
-from chemage_ageing._independent import grouped_bonds
+from chemage_ageing._table import grouped_bonds
 from chemage_ageing.sample import Windows, square_of
 
 TIMES = [1e-3, 1.0, 1e3]

@@ -23,9 +23,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import chemage as ca
-from chemage.ageing.members import beta_errors
+from chemage.ageing.age import beta_errors
 from chemage.plugin import random
-from chemage_ageing._independent import bonded_share
+from chemage_ageing._table import bonded_share
 
 TUNING, VALIDATION = (1000, 2000), 3000
 TIMES = 10.0 ** np.arange(-4, 6)

@@ -23,11 +23,10 @@ from estimates import peak, warm_up
 from unseen_scenes import unseen
 
 import chemage as ca
-from chemage.studies.ensembles.computations import DIFFERENCE_REPLICAS, computations
+from chemage.studies.ensembles.computations import DIFFERENCE_REPLICAS, computations, seed_of
 from chemage.studies.ensembles.goals import with_request
 from chemage.studies.ensembles.planning import plan
 from chemage.studies.ensembles.quantities import Quantities
-from chemage.studies.ensembles.sampling import seed_of
 
 BUNDLED = ("silica-patch", "silica-rough")
 UNSEEN = range(1000, 1010)

@@ -21,20 +21,18 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from grid_errors import vanishing_pixels
 from scipy import stats
 
 import chemage as ca
 from chemage import ensemble
-from chemage.ageing.fitting import paired_difference
 from chemage.ageing.models import Interval
 from chemage.ageing.outputs import Measured
 from chemage.plugin import KB, Output, statistics
-from chemage.scene.variants import vanishing_pixels
 from chemage.studies.arrhenius import activation_energies
-from chemage.studies.ensembles.allocation import Spread, half_width, regressed, spread_of
-from chemage.studies.trade.mapping import NORMAL_LIMIT
+from chemage.studies.ensembles.quantities import Spread, half_width, regressed, spread_of
 from chemage_ageing import _table
-from chemage_ageing._independent import bonded_share
+from chemage_ageing._table import bonded_share
 from chemage_li2018.density_fit import EQUAL, METHOD, PUBLISHED, ROUNDING, Errors
 from chemage_li2018.sweeps import mean
 from chemage_surfaces import fit_roughness
@@ -153,27 +151,6 @@ def skewed_replicas(rng: np.random.Generator, trials: int) -> Iterable[Held]:
             fit = ca.fit_aging(with_bonds(like, factor * curve), window=WINDOW)
             truth = 1e6 * like.bond_force * like.front_factor / like.load
             yield Held(f"β, replicas very skewed, {count} replicas", within(fit.beta_interval, truth))
-
-
-@case
-def paired(rng: np.random.Generator, trials: int) -> Iterable[Held]:
-    """The same tip at 300 and 310 K with common disorder, and with common noise as well."""
-    contact = tip(50.0)
-    truths = [with_bonds(aged(contact, 1, 0, kelvin), expected_bonds(contact, kelvin)[None]) for kelvin in (300.0, 310)]
-    truth = truths[1].fit().beta - truths[0].fit().beta
-    for common in ("disorder", "all"):
-        seed = int(rng.integers(2**40))
-        cold, warm = (aged(contact, sum(COUNTS) * trials, seed, kelvin, common=common) for kelvin in (300.0, 310.0))
-        first = 0
-        for count in COUNTS:
-            for _ in range(trials):
-                rows = slice(first, first + count)
-                first += count
-                found = paired_difference(
-                    with_bonds(warm, warm.bonds[rows]), with_bonds(cold, cold.bonds[rows]), window=WINDOW
-                )
-                bar = f"paired difference of β, common {common}, {count} replicas"
-                yield Held(bar, bool(abs(found.value - truth) <= found.half_width))
 
 
 # -- fits to measurements, and the bootstrap --------------------------------------------------------------------------
@@ -392,7 +369,7 @@ def grids(rng: np.random.Generator, trials: int) -> Iterable[Held]:
         limit = vanishing_pixels(found)
         assert limit is not None
         off = abs(limit.area - math.pi * radius**2)
-        yield Held("error of the contact grid, discs", bool(off <= NORMAL_LIMIT * limit.area_stderr))
+        yield Held("error of the contact grid, discs", bool(off <= statistics.NORMAL_LIMIT * limit.area_stderr))
 
 
 @case

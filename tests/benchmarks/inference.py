@@ -233,9 +233,9 @@ def peaks(kept: Kept, first: int, cases: int) -> None:
 def _oracle(found: ca.Inference, forming: ca.plugin.Barriers) -> float:
     """Least distance to the truth of non-negative densities of least χ² + λ ∫ p''², λ chosen by the truth."""
     from chemage.inference.energies import EnergyGrid
+    from chemage.inference.families import smooth_fit
     from chemage.inference.forward import Contacts, make_condition
     from chemage.inference.problem import Linear
-    from chemage.inference.rounds import smooth_fit
 
     energies, step = found.energies, float(found.energies[1] - found.energies[0])
     grid = EnergyGrid(float(energies[0]), step, energies.size)

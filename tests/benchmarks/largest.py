@@ -82,9 +82,10 @@ def measure(pixels: int) -> dict[str, Any]:
         enter("writing")
         chemage.write(path, run)
         enter("drawing")
-        from chemage.results import run_figures
+        from chemage.plugin import figures
+        from chemage.results import drawing
 
-        run_figures.save(run, Path(folder) / "figures")
+        figures.save_figures(drawing.figures(run), Path(folder) / "figures")
         enter("a part of the file")
         with chemage.open_maps(path) as maps:
             maps["contact/pressure"][:512, :512]

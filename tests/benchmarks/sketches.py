@@ -4,7 +4,7 @@
 
 For each scene with a sketch, β of one replica on the coarsest grid and the area of the contact of the sketch on 24
 surfaces. The correlation is that with what β has in common on a surface: the variance between replicas, from three
-on each surface, is taken off. The median is ``CORRELATION`` of ``chemage.studies.ensembles.trials``.
+on each surface, is taken off. The median is ``CORRELATION`` of ``chemage.studies.ensembles.planning``.
 """
 
 from __future__ import annotations

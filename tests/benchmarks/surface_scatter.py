@@ -26,9 +26,8 @@ from unseen_scenes import unseen
 
 import chemage as ca
 from chemage.contacts.solution import MEASURES
-from chemage.studies.ensembles.computations import computations
+from chemage.studies.ensembles.computations import computations, seed_of
 from chemage.studies.ensembles.quantities import Quantities
-from chemage.studies.ensembles.sampling import seed_of
 
 FILE = Path(__file__).with_name("surface_scatter.csv")
 SCENES = Path(__file__).with_name("unseen_scatter.csv")

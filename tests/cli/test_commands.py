@@ -88,7 +88,7 @@ def test_wrong_usage_is_explained(command, words, said):
 
 
 def test_check_tells_what_is_modelled_and_computes_nothing(command, small, monkeypatch):
-    monkeypatch.setattr("chemage_surfaces.self_affine.SelfAffine.make", lambda *_: pytest.fail("computing began"))
+    monkeypatch.setattr("chemage_surfaces.generated.SelfAffine.make", lambda *_: pytest.fail("computing began"))
     done = command("check", small)
     assert (done.status, done.err) == (0, "")
     for text in ("is valid", "self-affine", "fft-bem at 40 nN", "md-silica, lowered by 0.0399 eV/GPa", "3 replicas"):

@@ -105,7 +105,7 @@ def test_figures_and_measurements_are_drawn_and_fitted(two, command):
         (("at40.h5", "--at", "1 nm"), "nanometer"),
         (("at40.h5", "--at", "0 s"), "must be above zero"),
         (("at40.h5", "--measured", "bad.csv"), "line 3, column hold_time: 1 s comes after 2 s"),
-        (("at40.h5", "--measured", "none.csv"), "none.csv: No such file"),
+        (("at40.h5", "--measured", "none.csv"), "none.csv does not exist"),
         (("at40.h5", "--figures", "at80.h5"), "cannot make the folder at80.h5"),
         (("small.toml",), "no reader for files ending in '.toml'"),
     ],

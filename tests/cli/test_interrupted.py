@@ -7,17 +7,21 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
+import faults
 import pytest
 
 import chemage
-from chemage.foundation import files
-from chemage.plugin import StoreError
-from chemage.results import drawing
+from chemage.plugin import StoreError, fresh_file
+from chemage_contact import FFTBEM
+from chemage_surfaces import SelfAffine
 
+#: the name of this machine in temporary files
+HOST = socket.gethostname().partition(".")[0]
 #: this run says on stderr what it is writing, and waits to be stopped at a certain moment
 SLOW_WRITES = """
 import sys, time
@@ -43,10 +47,11 @@ def slow_bytes(path, data):
         say("halfway")
         file.write(data[len(data) // 2 :])
 
-def slow_place(*args):
+def slow_place(*args, **options):
     say("placing")
-    place(*args)
+    there = place(*args, **options)
     say("placed")
+    return there
 
 codec._write_array, files.put, Path.write_bytes = slow_array, slow_place, slow_bytes
 """
@@ -127,10 +132,7 @@ def test_ctrl_c_while_writing_leaves_no_file(small):
 
 
 def test_ctrl_c_while_drawing_keeps_the_result_and_says_so(command, small, monkeypatch):
-    def stop(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(drawing, "figures", stop)
+    faults.interrupt_drawing(monkeypatch)
     done = command("run", small)
     assert done.status == 130
     assert "the result is in small.h5" in done.err
@@ -197,14 +199,14 @@ def test_kill_9_leaves_no_file_or_a_complete_one(command, small, moment):
 
 
 def test_the_temporary_file_of_a_living_process_is_left_alone(small):
-    living = small.parent / f".x.h5.{files._HOST}.{os.getpid()}.99.part"
+    living = small.parent / f".x.h5.{HOST}.{os.getpid()}.99.part"
     elsewhere = small.parent / ".x.h5.another-host.1.0.part"
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
-    stale = small.parent / f".x.h5.{files._HOST}.{dead.pid}.0.part"
+    stale = small.parent / f".x.h5.{HOST}.{dead.pid}.0.part"
     for file in (living, elsewhere, stale):
         file.write_text("x")
-    with files.fresh_file(small.parent / "x.h5") as part:
+    with fresh_file(small.parent / "x.h5") as part:
         part.write_text("new")
     assert living.exists()
     assert elsewhere.exists()
@@ -230,7 +232,7 @@ def tiny_disk(tmp_path):
 
 def test_a_full_disk_is_seen_before_anything_is_computed(command, small, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: shutil._ntuple_diskusage(1000, 1000, 0))
-    monkeypatch.setattr("chemage.scene.run.make_surface", lambda *_: pytest.fail("computing began"))
+    monkeypatch.setattr(SelfAffine, "make", lambda *_: pytest.fail("computing began"))
     done = command("run", small)
     assert done.status == 2
     assert re.search(r"small\.h5 needs .* MB, but \. has 0 MB left", done.err)
@@ -281,7 +283,7 @@ def test_a_disk_that_fills_up_while_drawing_keeps_the_result(command, small, mon
     assert "the result itself is in small.h5" in done.err
     assert chemage.read("small.h5").aging.replicas == 3
     assert names(small.parent) == ["small.h5", "small.toml"]
-    monkeypatch.setattr("chemage.scene.run.solve_contact", lambda *_: pytest.fail("computed again"))
+    monkeypatch.setattr(FFTBEM, "_solve", lambda *_: pytest.fail("computed again"))
     done = command("run", small)
     assert "small.h5 is complete; only its figures are drawn" in done.err
     assert sorted(Path("small-figures").iterdir())
@@ -296,7 +298,7 @@ def test_figures_are_drawn_only_for_a_result_of_this_very_scene(command, small):
 
 
 def test_a_read_only_folder_is_seen_before_anything_is_computed(command, small, monkeypatch):
-    monkeypatch.setattr("chemage.scene.run.make_surface", lambda *_: pytest.fail("computing began"))
+    monkeypatch.setattr(SelfAffine, "make", lambda *_: pytest.fail("computing began"))
     if os.getuid():
         small.parent.chmod(0o555)
     else:  # root may write anywhere but on a read-only file system

@@ -6,12 +6,13 @@ import json
 import re
 import time
 
+import faults
 import numpy as np
 import pytest
 
 import chemage
 from chemage.plugin import progress
-from chemage.scene import run as experiment
+from chemage_surfaces import SelfAffine
 
 KEYS = {
     *("area_fraction", "kappa", "mean_contact_pressure", "patches", "perimeter_to_area", "sites", "hold_times"),
@@ -99,7 +100,7 @@ def no_computing(monkeypatch):
     def never(*_, **__):
         raise AssertionError("computing began")
 
-    monkeypatch.setattr(experiment, "make_surface", never)
+    monkeypatch.setattr(SelfAffine, "make", never)
 
 
 @pytest.mark.usefixtures("no_computing")
@@ -164,14 +165,7 @@ def test_force_replaces_the_old_result_as_a_whole(command, small):
 
 
 def test_a_result_that_appeared_meanwhile_is_not_overwritten(command, small, monkeypatch):
-    real = experiment.run
-
-    def slow(*args, **options):
-        result = real(*args, **options)
-        (small.parent / "small.h5").write_text("another process was first")
-        return result
-
-    monkeypatch.setattr(experiment, "run", slow)
+    faults.run_by(monkeypatch, lambda _: (small.parent / "small.h5").write_text("another process was first"))
     done = command("run", small, "--no-figures")
     assert done.status == 2
     assert (small.parent / "small.h5").read_text() == "another process was first"

@@ -11,12 +11,12 @@ import subprocess
 import sys
 import time
 
+import faults
 import pytest
+from seen import show_progress
 
 import chemage
-from chemage.kinetics.hooks import REPLICA_SECONDS
 from chemage.plugin import text
-from chemage.studies.sweeps import running as sweeps
 
 SCENE = """
 name = "study"
@@ -111,7 +111,10 @@ def test_check_counts_and_computes_nothing(command, scene, tiny):
     told = json.loads(command("check", scene, "--json").out)
     assert (told["points"], told["contacts"], told["surfaces"]) == (6, 2, 1)
     assert told["axes"] == {"contact.load": 2, "hold.seed": 3}
-    assert told["cpu_seconds"] == pytest.approx(0.02 + 12 * (0.01 + REPLICA_SECONDS), rel=0.01)
+    one = scene.with_name("one.toml")
+    one.write_text(SCENE.partition("[sweep]")[0])
+    cpu_seconds = json.loads(command("check", one, "--json").out)["cpu_seconds"]
+    assert told["cpu_seconds"] == pytest.approx(0.02 + 6 * (cpu_seconds - 0.01), rel=0.01)
     assert told["disk"] > 10_000
 
 
@@ -185,7 +188,7 @@ def test_another_sweep_is_not_overwritten_without_force(command, scene):
 
 
 def test_many_points_need_a_word_without_a_terminal(command, scene, monkeypatch):
-    monkeypatch.setattr(sweeps, "MANY_POINTS", 5)
+    faults.many_points(monkeypatch, 5)
     outcome = command("run", scene)
     assert outcome.status == 2
     assert "the sweep has 6 points (2 x 3); nothing was computed. Reduce the sweep, or confirm it (--yes" in outcome.err
@@ -234,8 +237,6 @@ def test_ctrl_c_keeps_what_is_finished(scene, tiny, executor, command):
 
 
 def test_without_a_terminal_a_line_tells_how_far_it_is(scene, monkeypatch, capsys):
-    from chemage.studies.sweeps.progress import show_progress
-
     slow(scene, 0.15)
     with show_progress(seconds=0.1) as tell:
         chemage.sweep(scene, "out", progress=tell)

@@ -49,22 +49,6 @@ def test_pixels_found_by_their_centres_have_no_excess(contact):
         contact(contact_pixels="corners")
 
 
-def test_a_file_without_the_rule_of_pixels_is_read(contact, tmp_path):
-    """Files written before the field existed."""
-    import h5py
-
-    import chemage as ca
-
-    path = tmp_path / "old.h5"
-    ca.write(path, contact(contact_pixels="centres"))
-    assert ca.read(path) == contact(contact_pixels="centres")
-    with h5py.File(path, "r+") as file:
-        (group,) = (item for item in file.values() if "contact_pixels" in item.attrs)
-        del group.attrs["contact_pixels"], group.attrs["fields"]
-        file.attrs["chemage_format"] = 1
-    assert ca.read(path) == contact()
-
-
 def test_no_contact_is_a_valid_contact(contact):
     none = contact(pressure=np.zeros((4, 5)), load=0.0)
     assert (none.area, none.area_fraction, none.patches, none.perimeter) == (0, 0, 0, 0)

@@ -11,7 +11,7 @@ from scipy import fft as sfft
 
 import chemage as ca
 from chemage import InputError
-from chemage_contact._convolution import Transforms
+from chemage_contact._grid import Transforms
 
 
 def ducc0() -> dict[str, types.ModuleType]:

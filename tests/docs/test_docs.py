@@ -14,10 +14,12 @@ import pytest
 from chemage import parse_scene
 from chemage.cli import app as command_line
 from chemage.plugin import scene_data
-from chemage.scene.parsing import section_names
+from chemage.scene.files import section_names
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+#: of the framework, and of packages beside it
+FOLDERS = [ROOT / "docs", *sorted(ROOT.glob("plugins/*/docs"))]
+PAGES = [ROOT / "README.md", *(page for folder in FOLDERS for page in sorted(folder.rglob("*.md")))]
 #: the tutorial's plugin is built and installed by a test of its own
 TUTORIAL = ROOT / "docs" / "plugins.md"
 
@@ -170,13 +172,13 @@ def test_links_lead_somewhere():
 def test_every_page_is_in_the_index():
     index = ROOT / "docs" / "index.md"
     linked = {(index.parent / target).resolve() for target in re.findall(r"\]\(([^)#\s]+)", index.read_text())}
-    pages = set((ROOT / "docs").glob("*.md")) - {index}
+    pages = {page for folder in FOLDERS for page in folder.glob("*.md")} - {index}
     assert pages <= linked, f"not in the index: {sorted(page.name for page in pages - linked)}"
 
 
 def test_figures_are_not_orphans():
     text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
-    orphans = [p.name for p in (ROOT / "docs").rglob("*.png") if p.name not in text]
+    orphans = [p.name for folder in FOLDERS for p in folder.rglob("*.png") if p.name not in text]
     assert not orphans
 
 
@@ -197,4 +199,5 @@ def test_old_names_of_pages_lead_to_pages():
     assert len(moved) >= 6
     for old, page, anchor in moved:
         assert not (ROOT / "docs" / f"{old}.md").exists()
+        page = page.replace("paper/", "../plugins/chemage_li2018/docs/")
         assert not dead_end(ROOT / "docs" / "index.md", f"{page}.md{anchor}"), old

@@ -15,7 +15,11 @@ import chemage as ca
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-NAMES = [name for name in ca.__all__ if not name.startswith("__")]
+#: public name -> the module that has it
+NAMES = {
+    **{name: ca for name in ca.__all__ if name not in ("__version__", "plugin")},
+    **dict.fromkeys(ca.plugin.__all__, ca.plugin),
+}
 SITE = runpy.run_path(str(DOCS / "site" / "generate.py"))
 #: the public names that the reference can show, and what shows one
 KNOWN, ENTRY = SITE["names"]()
@@ -34,7 +38,8 @@ def words(page, language):
 def test_every_page_is_in_the_navigation_once():
     listed = re.findall(r"^ +- .*: (\S+\.md)$", text("site/mkdocs.yml"), re.MULTILINE)
     notebooks = [f"notebooks/{path.stem}.md" for path in (DOCS / "notebooks").glob("*.ipynb")]
-    assert sorted(listed) == sorted([*(page.name for page in DOCS.glob("*.md")), *notebooks])
+    paper = [f"paper/{page.name}" for page in (ROOT / SITE["PACKAGES"]["paper"]).glob("*.md")]
+    assert sorted(listed) == sorted([*(page.name for page in DOCS.glob("*.md")), *notebooks, *paper])
 
 
 def test_every_public_name_is_in_the_reference_once():
@@ -43,10 +48,12 @@ def test_every_public_name_is_in_the_reference_once():
 
 def undescribed(name):
     """What of a public name has no text: the name itself, or members of a class."""
-    value = getattr(ca, name)
+    value = getattr(NAMES[name], name)
     if not (inspect.isclass(value) or inspect.isfunction(value)):  # the entry itself holds the text
         heading, *entry = ENTRY(name).strip().splitlines()
-        shown = heading.startswith((f"### `{name}`", f"### `chemage.{name}`")) and len("".join(entry)) > 20
+        shown = (
+            heading.startswith((f"### `{name}`", f"### `{NAMES[name].__name__}.{name}`")) and len("".join(entry)) > 20
+        )
         return [] if shown else [name]
     members = vars(value).items() if inspect.isclass(value) else ()
     public = [

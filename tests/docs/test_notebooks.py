@@ -21,7 +21,9 @@ def stored(name):
 
 def numbers(notebook):
     """(value, error) of every number in the texts and tables of a notebook; the error is 0 where none is stated."""
-    texts = [re.sub(r"<[^>]*>", " ", text) for kind, text in SCRIPT["outputs"](notebook) if kind != "image/png"]
+    texts = [text for kind, text in SCRIPT["outputs"](notebook) if kind != "image/png"]
+    # the time that something took is no result
+    texts = [re.sub(r"<[^>]*>", " ", re.sub(r"wall time</td>.*?</tr>", "", text)) for text in texts]
     found = []
     for value, error, low, high in re.findall(
         rf"(?<![\w.])({NUMBER})(?:\s*±\s*({NUMBER})|\s*\[({NUMBER}), ({NUMBER})\])?", "\n".join(texts)

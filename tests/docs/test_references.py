@@ -17,7 +17,13 @@ from chemage.foundation import names
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("chemage", "plugins", "tests", "docs")
 SOURCES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
-TEXTS = [ROOT / "README.md", ROOT / "pyproject.toml", *(ROOT / "docs").rglob("*.md"), *(ROOT / "chemage").rglob("*.in")]
+TEXTS = [
+    ROOT / "README.md",
+    ROOT / "pyproject.toml",
+    *ROOT.glob("docs/**/*.md"),
+    *ROOT.glob("plugins/*/docs/*.md"),
+    *(ROOT / "chemage").rglob("*.in"),
+]
 #: references that need not exist: file -> references
 ABSENT = {
     "docs/plugins.md": {"tests/test_weibull.py"},  # of the reader's plugin

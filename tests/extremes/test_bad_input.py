@@ -345,11 +345,6 @@ def test_a_result_nobody_may_read(command, result, monkeypatch):
 
 
 def test_plot_wants_a_run_and_a_known_format(command, small, result):
-    surface = chemage.read(result).surface
-    chemage.write("surface.h5", surface)
-    done = command("plot", "surface.h5")
-    assert (done.status, done.out) == (2, "")
-    assert "holds one Surface, not a run" in done.err
     done = command("plot", result, "--format", "bmp")
     assert done.status == 2
     assert "png, pdf or svg" in done.err

@@ -11,18 +11,18 @@ import chemage as ca
 U = np.array([2.0**-53, 1e-9, 0.1, 0.5, 0.9, 1 - 1e-9, 1 - 2.0**-53])
 
 
-@pytest.mark.parametrize("std", [1e-300, 1e-12, 1e-3, 1.0, 1e300])
 @pytest.mark.parametrize(
     "bounds", [{"lower": 1.2}, {"upper": 0.3}, {"lower": 1e6}, {"upper": -1e200}, {"lower": 1.0, "upper": 1.0 + 1e-12}]
 )
-def test_truncated_gaussians_are_finite_and_inside_however_far_the_bounds(std, bounds):
-    barriers = ca.barriers("gaussian", mean=1.1, std=std, **bounds)
-    values = barriers.quantile(U)
-    assert np.all(np.isfinite(values))
-    assert np.all(values >= bounds.get("lower", -np.inf))
-    assert np.all(values <= bounds.get("upper", np.inf))
-    assert np.all(np.diff(values) >= -4 * np.spacing(np.abs(values).max()))
-    assert not np.any(np.isnan(barriers.density(values)))
+def test_truncated_gaussians_are_finite_and_inside_however_far_the_bounds(bounds):
+    for std in (1e-300, 1e-12, 1e-3, 1.0, 1e300):
+        barriers = ca.barriers("gaussian", mean=1.1, std=std, **bounds)
+        values = barriers.quantile(U)
+        assert np.all(np.isfinite(values))
+        assert np.all(values >= bounds.get("lower", -np.inf))
+        assert np.all(values <= bounds.get("upper", np.inf))
+        assert np.all(np.diff(values) >= -4 * np.spacing(np.abs(values).max()))
+        assert not np.any(np.isnan(barriers.density(values)))
 
 
 def test_a_bound_beyond_resolution_is_where_all_barriers_are():

@@ -235,7 +235,7 @@ def test_a_stall_is_reported_as_such():
     assert reached.converged == (reached.residual < 1e-12)
     from chemage_contact import _iteration
     from chemage_contact._kernels import Heights
-    from chemage_contact._team import Team
+    from chemage_contact._operators import Team
 
     body = FFTBEM(modulus=MODULUS)._body(surface)
     scaled = np.float32((rough().heights - rough().heights.max()) / rough().rms_height)

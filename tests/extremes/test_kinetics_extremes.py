@@ -143,21 +143,21 @@ def test_events_within_one_spacing_of_doubles_have_their_own_times(kind):
     assert abs(history.bonds[1] - n * (1 - math.exp(-1))) < 4.5 * math.sqrt(n * math.exp(-1) * (1 - math.exp(-1)))
 
 
-@pytest.mark.parametrize("barrier", [0.0, -1e-9, -18.5, -50.0, -1e5])
 @pytest.mark.parametrize("kind", KINDS)
-def test_barriers_at_and_below_zero_are_the_attempt_frequency(kind, barrier):
+def test_barriers_at_and_below_zero_are_the_attempt_frequency(kind):
     n, t = 3000, 1e-13
-    bonds = chemage.engine(kind).run(alone(np.full(n, barrier)), [t], temperature=300, seed=2).bonds[0]
     theta = 1 - math.exp(-NU * t)
-    assert abs(bonds - n * theta) < 4.5 * math.sqrt(n * theta * (1 - theta))
+    for barrier in (0.0, -1e-9, -18.5, -50.0, -1e5):
+        bonds = chemage.engine(kind).run(alone(np.full(n, barrier)), [t], temperature=300, seed=2).bonds[0]
+        assert abs(bonds - n * theta) < 4.5 * math.sqrt(n * theta * (1 - theta)), barrier
 
 
-@pytest.mark.parametrize("barrier", [19.2, 50.0, 1e6])
 @pytest.mark.parametrize("kind", KINDS)
-def test_rates_that_underflow_are_zero(kind, barrier):
-    history = chemage.engine(kind).run(alone(np.full(5, barrier), np.full(5, barrier)), [0.0, 1e9], temperature=300)
-    assert history.events == 0
-    assert history.time == 1e9
+def test_rates_that_underflow_are_zero(kind):
+    for barrier in (19.2, 50.0, 1e6):
+        history = chemage.engine(kind).run(alone(np.full(5, barrier), np.full(5, barrier)), [0.0, 1e9], temperature=300)
+        assert history.events == 0, barrier
+        assert history.time == 1e9
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -443,7 +443,6 @@ def test_couplings_in_single_precision_are_used_as_they_are(kind):
     assert one.state.tolist() == two.state.tolist()
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
     ("times", "temperature", "word"),
     [
@@ -457,9 +456,10 @@ def test_couplings_in_single_precision_are_used_as_they_are(kind):
         ([1.0], math.nan, "temperature"),
     ],
 )
-def test_bad_times_and_temperatures_are_refused(kind, times, temperature, word):
-    with pytest.raises(InputError, match=word):
-        chemage.engine(kind).run(alone([1.0]), times, temperature=temperature)
+def test_bad_times_and_temperatures_are_refused(times, temperature, word):
+    for kind in KINDS:
+        with pytest.raises(InputError, match=word):
+            chemage.engine(kind).run(alone([1.0]), times, temperature=temperature)
 
 
 @pytest.mark.parametrize(

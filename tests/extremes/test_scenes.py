@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 import pytest
+from internals import figures_of
 
 import chemage
 from chemage import load_scene, parse_scene
-from chemage.results.drawing import figures
 
 pytestmark = pytest.mark.drawn
 #: drawing takes most of the time: without it every case is quick, with it long
@@ -40,7 +40,7 @@ def carried_out(small, *, drawn, **changes):
 
 def look(result):
     """Every figure draws (any warning is an error), has labelled axes with finite limits, and shows something."""
-    made = figures(result)
+    made = figures_of(result)
     assert {"surface", *(["pressure"] if result.contact.patches else [])} <= made.keys()
     for name, figure in made.items():
         figure.canvas.draw()

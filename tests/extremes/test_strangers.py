@@ -13,8 +13,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError, errors
-from chemage.plugin import SceneError, StoreError
-from chemage.studies.folder import Folder
+from chemage.plugin import ExecutorError, SceneError, StoreError, container
 
 
 def surface_of(path, **options):
@@ -187,9 +186,8 @@ def swept(tiny, tmp_path):
 
 def rewritten(folder, **changes):
     """Change entries of a manifest as a stranger could, who knows how it is written."""
-    manifest = Folder(folder)
-    (folder / ".parts").mkdir(exist_ok=True)
-    manifest.write_manifest({**manifest.read_manifest(), **changes})
+    manifest = folder / "sweep.json"
+    manifest.write_bytes(container.sealed_json({**container.read_json(manifest), **changes}))
 
 
 @pytest.mark.parametrize(
@@ -236,20 +234,40 @@ def test_links_in_a_folder_of_results_are_not_followed(swept, tmp_path, name):
 # -- clusters ------------------------------------------------------------------------------------------
 
 
-def test_cluster_files_name_known_classes_only(tmp_path, monkeypatch):
-    from chemage.studies.clusters import Cluster
+@pytest.fixture
+def start(tiny, tmp_path, monkeypatch):
+    """Start a sweep on Dask; what a class of clusters is started with is noted, and it does not start."""
+    options = []
 
+    def refuse(**given):
+        options.append(given)
+        raise RuntimeError("not started")
+
+    monkeypatch.setattr("distributed.LocalCluster", refuse)
+    monkeypatch.setattr("os.system", refuse)
+
+    def start(detail):
+        options.clear()
+        with pytest.raises((ExecutorError, InputError)) as caught:
+            ca.sweep(tiny.scene(sweep={"hold.seed": [0, 1]}), tmp_path / "out", executor=f"dask:{detail}".strip(":"))
+        return str(caught.value), *options
+
+    return start
+
+
+def test_cluster_files_name_known_classes_only(start, tmp_path, monkeypatch):
     file = tmp_path / "cluster.toml"
     file.write_text('cluster = "os.system"\n[options]\ncommand = "true"\n')
-    with pytest.raises(InputError, match="not a known class"):
-        Cluster.read(str(file), None)
+    (said,) = start(file)
+    assert "'os.system': not a known class" in said
     monkeypatch.setenv("CHEMAGE_CLUSTERS", "my.Cluster, os.system")
-    assert Cluster.read(str(file), None).cluster == "os.system"
-    file.write_text('cluster = "dask_jobqueue.SLURMCluster"\n')
-    assert Cluster.read(str(file), None).cluster == "dask_jobqueue.SLURMCluster"
+    assert start(file)[1] == {"command": "true"}
+    file.write_text('cluster = "distributed.LocalCluster"\n')
+    assert "did not start" in start(file)[0]
 
 
-def test_a_cluster_on_this_machine_is_reached_from_this_machine_alone():
-    from chemage.studies.clusters import LOCAL_ONLY
-
-    assert LOCAL_ONLY == {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+def test_a_cluster_on_this_machine_is_reached_from_this_machine_alone(start, tmp_path):
+    (tmp_path / "cluster.toml").write_text('cluster = "distributed.LocalCluster"\nworkers = 1\n')
+    for detail in ("", tmp_path / "cluster.toml", "distributed.LocalCluster"):
+        _, options = start(detail)
+        assert (options["host"], options["dashboard_address"]) == ("127.0.0.1", "127.0.0.1:0")

@@ -10,9 +10,11 @@ import subprocess
 import sys
 import time
 import tomllib
-from concurrent.futures import BrokenExecutor, Executor, Future
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from textwrap import dedent
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,11 +22,6 @@ import pytest
 import chemage
 from chemage import InputError
 from chemage.plugin import DamagedError, ExecutorError, SceneError, StoreError
-from chemage.studies.folder import CannotWrite
-from chemage.studies.sweeps import running as sweeps
-from chemage.studies.sweeps.grid import Grid
-from chemage.studies.sweeps.running import SweepWarning
-from chemage.studies.tasks import Place
 
 AXES = """
 [sweep]
@@ -114,33 +111,38 @@ def test_a_scene_that_is_no_plain_data_is_refused(tiny, tmp_path):
         chemage.sweep({**tiny.scene(), "sweep": {"hold.seed": [object()]}}, tmp_path / "out")
 
 
-@pytest.mark.parametrize("ask", [None, lambda text: False])
-def test_too_many_points_are_told_before_they_are_looked_at(tiny, tmp_path, monkeypatch, ask):
-    monkeypatch.setattr(sweeps, "MANY_POINTS", 10)
-    with pytest.raises(InputError, match=r"the sweep has 12 points \(2 x 2 x 3\); nothing was computed"):
-        chemage.sweep(swept(tiny), tmp_path / "out", confirm=ask or False)
-    assert not (tmp_path / "out").exists()
-    asked = []
-    assert len(chemage.sweep(swept(tiny), tmp_path / "out", confirm=lambda text: asked.append(text) or True)) == 12
-    assert asked == ["the sweep has 12 points (2 x 2 x 3)"]
-
-
 def test_too_little_room_is_told_before_anything_is_written(tiny, tmp_path, monkeypatch):
-    monkeypatch.setattr(sweeps, "room_for", lambda path: 50_000)
-    with pytest.raises(InputError, match=r"the 12 points and 4 contacts may need [\d.]+ kB, but .* has 50 kB left"):
+    monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=60_000))
+    with pytest.raises(InputError, match=r"the 12 points and 4 contacts may need [\d.]+ kB, but .* has 60 kB left"):
         chemage.sweep(swept(tiny), tmp_path / "out")
     assert not (tmp_path / "out").exists()
     assert chemage.sweep(swept(tiny), tmp_path / "out", confirm=True).states() == ["done"] * 12
 
 
-def test_a_billion_points_are_counted_at_once(tiny, tmp_path, monkeypatch):
+class Looked(Exception):
+    """The first point was looked at."""
+
+
+@pytest.mark.parametrize("confirmed", [None, False, True])
+def test_a_billion_points_are_counted_at_once_and_told_before_they_are_looked_at(tiny, tmp_path, confirmed):
     scene = {
         **tiny.scene(),
         "sweep": {f"hold.{name}": list(range(1000)) for name in ("seed", "replicas", "per_decade")},
     }
-    monkeypatch.setattr(Grid, "scene", lambda *_: pytest.fail("a point was looked at"))
-    with pytest.raises(InputError, match="the sweep has 1000000000 points"):
-        chemage.sweep(scene, tmp_path / "out")
+    asked = []
+
+    def looked(state):
+        raise Looked
+
+    with pytest.raises(Looked if confirmed else InputError, match=None if confirmed else "1000000000 .*; nothing was"):
+        chemage.sweep(
+            scene,
+            tmp_path / "out",
+            progress=looked,
+            confirm=None if confirmed is None else lambda text: asked.append(text) or confirmed,
+        )
+    assert asked == [] if confirmed is None else ["the sweep has 1000000000 points (1000 x 1000 x 1000)"]
+    assert not (tmp_path / "out").exists()
 
 
 def test_foreign_folders_are_left_alone(tiny, tmp_path):
@@ -196,7 +198,7 @@ def test_a_damaged_manifest_is_written_again(tiny, tmp_path, damage):
     with pytest.raises(DamagedError, match=r"sweep\.json is "):
         chemage.load_sweep(tmp_path / "out")
     tiny.forget()
-    with pytest.warns(SweepWarning, match=r"sweep\.json is .* it is written again"):
+    with pytest.warns(UserWarning, match=r"sweep\.json is .* it is written again"):
         chemage.sweep(swept(tiny), tmp_path / "out")
     assert not tiny.computed("kinetics")
     assert contents(tmp_path / "out") == whole
@@ -273,7 +275,7 @@ def test_what_is_damaged_is_computed_anew(tiny, tmp_path):
     middle.write_bytes(data)
     assert chemage.load_sweep(tmp_path / "out").states().count("damaged") == 3
     tiny.forget()
-    with pytest.warns(SweepWarning, match=r"out: 5 files are damaged and are computed again: points/.*contacts/.*npz"):
+    with pytest.warns(UserWarning, match=r"out: 5 files are damaged and are computed again: points/.*contacts/.*npz"):
         chemage.sweep(swept(tiny), tmp_path / "out")
     assert len(tiny.computed("kinetics")) == 6
     assert contents(tmp_path / "out") == whole
@@ -291,7 +293,7 @@ def test_a_full_disk_keeps_what_is_finished(tiny, tmp_path, monkeypatch):
 
     with monkeypatch.context() as full:
         full.setattr(Path, "write_bytes", write)
-        with pytest.raises(CannotWrite, match="No space left on device; completed points are kept"):
+        with pytest.raises(StoreError, match="No space left on device; completed points are kept"):
             chemage.sweep(swept(tiny), tmp_path / "out")
     states = chemage.load_sweep(tmp_path / "out").states()
     assert 0 < states.count("done") < 12
@@ -532,20 +534,40 @@ def test_an_executor_that_breaks_ends_the_sweep_and_says_so(tiny, tmp_path):
 
 
 def test_workers_that_cannot_be_had_are_told_before_anything_is_written(tiny, tmp_path, monkeypatch):
-    monkeypatch.setattr("chemage.studies.clusters.ANSWER_TIME", 0.5)
-    with pytest.raises(ExecutorError, match=r"no Dask scheduler answers at 127\.0\.0\.1:9 within 0\.5 s"):
+    def refuse(*, timeout, **_):
+        raise TimeoutError(f"tried for {timeout} s")
+
+    monkeypatch.setattr("distributed.Client", refuse)
+    with pytest.raises(ExecutorError, match=r"no Dask scheduler answers at 127\.0\.0\.1:9 within 4 s \(tried for 4"):
         chemage.sweep(swept(tiny), tmp_path / "out", executor="dask:127.0.0.1:9")
     assert not (tmp_path / "out").exists()
 
 
-def test_a_worker_that_does_not_see_the_folder_says_which_and_why(tiny, tmp_path):
-    result = chemage.sweep(swept(tiny), tmp_path / "out")
-    with pytest.raises(ExecutorError, match=r"worker .* cannot read the sweep: .* every worker must see .*elsewhere"):
-        _ = Place(str(tmp_path / "elsewhere"), result.digest).folder
-    with pytest.raises(ExecutorError, match="finds another sweep"):
-        _ = Place(str(tmp_path / "out"), "0" * 32).folder
-    result.store.clear_parts()
-    content = result.store.read_manifest()
-    result.store.write_manifest({**content, "digest": "1" * 32, "versions": {"chemage": "0.0.1"}})
-    with pytest.raises(ExecutorError, match=r"has chemage .*, but the sweep is run by 0\.0\.1"):
-        _ = Place(str(tmp_path / "out"), "1" * 32).folder
+class Elsewhere(ProcessPoolExecutor):
+    """Its worker sees another manifest."""
+
+    change: dict | None = None
+
+    def submit(self, fn, /, *args, **kwargs):
+        manifest = Path("out", "sweep.json")
+        seen = manifest.read_bytes()
+        manifest.unlink()
+        if self.change is not None:
+            manifest.write_bytes(chemage.plugin.container.sealed_json({**json.loads(seen), **self.change}))
+        future = super().submit(fn, *args, **kwargs)
+        future.exception()
+        manifest.write_bytes(seen)
+        return future
+
+
+def test_a_worker_that_does_not_see_the_folder_says_which_and_why(tiny, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with Elsewhere(1, get_context("spawn")) as executor:
+        for change, said in (
+            (None, r"worker .* cannot read the sweep: .* every worker must see .*out"),
+            ({"digest": "0" * 32}, "finds another sweep"),
+            ({"versions": {"chemage": "0.0.1"}}, r"has chemage .*, but the sweep is run by 0\.0\.1"),
+        ):
+            executor.change = change
+            with pytest.raises(ExecutorError, match=said):
+                chemage.sweep(swept(tiny), "out", executor=executor)

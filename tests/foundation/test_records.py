@@ -11,7 +11,6 @@ import pytest
 from pydantic import ValidationError
 
 from chemage import InputError
-from chemage.foundation.records import Record
 
 
 @pytest.fixture
@@ -30,7 +29,7 @@ def make(request, examples):
     return getattr(examples, request.param)
 
 
-def arrays_of(record: Record):
+def arrays_of(record):
     for name, value in record.todict().items():
         if isinstance(value, np.ndarray):
             yield name, value

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import faults
 import numpy as np
 import pytest
 from made_inference import made_forecast, made_inference
@@ -67,7 +68,7 @@ def made_up(monkeypatch):
         unseen = {"notes": ("half of it is unseen",), "unseen": 0.5} if "temperature" in how else {}
         return made_forecast(**unseen)
 
-    monkeypatch.setattr("chemage.inference.infer.infer", infer)
+    faults.infer_by(monkeypatch, infer)
     monkeypatch.setattr(ca.Inference, "forecast", forecast)
     ranked = [{"hold_time": 1e6, "load": 20.0, "reduction": 0.4, "deviation": 0.1}]
     monkeypatch.setattr(
@@ -181,7 +182,7 @@ def test_interrupted_leaves_nothing(command, folder, monkeypatch):
     def infer(curves, scene, **how):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("chemage.inference.infer.infer", infer)
+    faults.infer_by(monkeypatch, infer)
     before = sorted(path.name for path in folder.iterdir())
     done = command("infer", "tip.csv", "--scene", "tip.toml")
     assert done.status == 130
@@ -190,12 +191,7 @@ def test_interrupted_leaves_nothing(command, folder, monkeypatch):
 
 
 def test_interrupted_drawing_keeps_the_result(command, folder, made_up, monkeypatch):
-    from chemage.inference import figures
-
-    def draw(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(figures, "draw_data", draw)
+    faults.interrupt_drawing(monkeypatch)
     done = command("infer", "tip.csv", "--scene", "tip.toml")
     assert done.status == 130
     assert "the result is in tip-inferred.h5" in done.err
@@ -219,7 +215,7 @@ def test_data_that_no_density_explains_come_with_the_best_fit(command, folder, m
         lines = {"energies": np.ones(2), "density": np.ones(2), "fitted": np.ones(size), "residuals": np.ones(size)}
         raise ca.plugin.UnexplainedError("values: no density of barriers explains them", chi2=99.0, **lines)
 
-    monkeypatch.setattr("chemage.inference.infer.infer", infer)
+    faults.infer_by(monkeypatch, infer)
     done = command("infer", "tip.csv", "--scene", "tip.toml")
     assert done.status == 2
     assert done.err.count("+1.0") == 25

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faults
 import numpy as np
 import pytest
 from made_inference import made_inference
@@ -16,9 +17,7 @@ SCALE = 300.0
 @pytest.fixture(autouse=True)
 def fewer_samples(monkeypatch):
     """Means and bands need fewer effective samples than users get."""
-    monkeypatch.setattr("chemage.inference.sampling.ENOUGH", 60)
-    monkeypatch.setattr("chemage.inference.sampling.AGREED", 1.1)
-    monkeypatch.setattr("chemage.inference.rounds.SHORT_SWEEPS", 40)
+    faults.fewer_samples(monkeypatch)
 
 
 def scene(strength=0.0, **changes):

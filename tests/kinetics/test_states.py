@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+from typing import ClassVar
+
 import numpy as np
 import pytest
 
 import chemage as ca
 from chemage import InputError
-from chemage.ageing.checkpoints import CheckpointWarning, run_with_checkpoints
 
 ENGINES = ("rejection-free", "bkl", "next-reaction", "independent", "auto")
 COUNTS = ("hold_times", "bonds", "formed", "broken", "state")
@@ -15,16 +17,22 @@ COUNTS = ("hold_times", "bonds", "formed", "broken", "state")
 TIMES = np.array([0.0, 1e-3, 1e-2, 0.1, 0.1, 1.0, 10.0, 1e3, 1e5])
 
 
-def lattice(interacting: bool = True) -> ca.ReactionLattice:
+def pressed() -> ca.ContactSolution:
     surface = ca.surface("self-affine", pixels=64, pixel_size=0.45, rms_slope=0.1, hurst=0.8, zeta=8, eta=3).make(1)
-    contact = ca.contact("fft-bem", modulus=35.3).solve(surface, 100.0)
-    silica = ca.chemistry(
+    return ca.contact("fft-bem", modulus=35.3).solve(surface, 100.0)
+
+
+def silica(interacting: bool = True) -> ca.Chemistry:
+    return ca.chemistry(
         forming=ca.barriers("md-silica"),
         breaking=ca.barriers("gaussian", mean=0.95, std=0.05),
         activation_volume="6.4 angstrom**3",
         interaction=ca.interaction("elastic-pairs", strength=0.5, bias=0.1) if interacting else None,
     )
-    return silica.on(contact, 3)
+
+
+def lattice(interacting: bool = True) -> ca.ReactionLattice:
+    return silica(interacting).on(pressed(), 3)
 
 
 @pytest.mark.parametrize("kind", ENGINES)
@@ -58,30 +66,57 @@ def test_a_history_with_states_can_be_resumed():
     assert first.then(engine.run(sites, TIMES[5:], temperature=300, seed=7, start=first)).states is None
 
 
-@pytest.mark.parametrize("every", [0.0, 60.0])
-def test_checkpoints_keep_the_states(every, tmp_path):
-    sites, engine = lattice(), ca.engine("rejection-free")
-    whole = ca.plugin.run_kinetics(engine, sites, TIMES, temperature=300, seed=7, states=True)
-    options = {"temperature": 300.0, "seed": 7, "path": tmp_path / "one.h5"}
+class Seen(ca.plugin.Observable):
+    """What an observable is shown."""
+
+    kind = "seen"
+    states = True
+    histories: ClassVar[list] = []
+
+    def measure(self, contact, lattice, history):
+        self.histories.append(history)
+        return {}
+
+
+class Unseen(Seen):
+    kind = "unseen"
+    states = False
+
+
+def history_of(observable, contact, **options) -> ca.plugin.BondHistory:
+    """The one replica of a run with this observable, as it sees it."""
+    engine, call = ca.engine("rejection-free"), {"temperature": 300.0, "replicas": 1, "seed": 7}
+    ca.age(contact, silica(), engine=engine, hold_times=TIMES, observe=[observable], **call, **options)
+    return Seen.histories.pop()
+
+
+@pytest.mark.parametrize("seconds", [0.0, 61.0])
+def test_checkpoints_keep_the_states(seconds, tmp_path, monkeypatch):
+    """Each piece of the run takes so long."""
+    contact, clock = pressed(), itertools.count(0.0, seconds)
+    whole = history_of(Seen(), contact)
     for _ in range(2):
-        kept = run_with_checkpoints(engine, sites, TIMES, every=every, states=True, **options)
+        with monkeypatch.context() as patch:
+            patch.setattr("time.monotonic", lambda: next(clock))
+            kept = history_of(Seen(), contact, checkpoints=tmp_path)
         for name in (*COUNTS, "states"):
             np.testing.assert_array_equal(getattr(kept, name), getattr(whole, name))
-    again = ca.read(tmp_path / "one.h5")
+    (file,) = tmp_path.iterdir()
+    again = ca.read(file)
     assert again.states.dtype == bool
     np.testing.assert_array_equal(again.states, whole.states)
     # not asked for: the same run without them
-    assert run_with_checkpoints(engine, sites, TIMES, **options).states is None
+    assert history_of(Unseen(), contact, checkpoints=tmp_path).states is None
 
 
 def test_a_checkpoint_without_states_is_computed_again_where_they_are_asked_for(tmp_path):
-    sites, engine = lattice(), ca.engine("rejection-free")
-    options = {"temperature": 300.0, "seed": 7, "path": tmp_path / "one.h5"}
-    plain = run_with_checkpoints(engine, sites, TIMES, **options)
-    with pytest.warns(CheckpointWarning, match="computed again: it was kept without the states"):
-        kept = run_with_checkpoints(engine, sites, TIMES, states=True, **options)
+    contact = pressed()
+    plain = history_of(Unseen(), contact, checkpoints=tmp_path)
+    with pytest.warns(UserWarning, match="computed again: it was kept without the states"):
+        kept = history_of(Seen(), contact, checkpoints=tmp_path)
     np.testing.assert_array_equal(kept.bonds, plain.bonds)
-    assert ca.read(tmp_path / "one.h5").states.shape == (TIMES.size, sites.sites.size)
+    (file,) = tmp_path.iterdir()
+    assert ca.read(file).states.shape == (TIMES.size, plain.state.size)
 
 
 class Forgetful(ca.plugin.Engine):

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 
 import numpy as np
 import pytest
+from scene_files import checked
 
 import chemage as ca
 from chemage import ContactSolution, InputError, parse_scene
-from chemage.lattices.site_grid import in_words, site_shape
 from chemage.plugin import contact_sites
 
 SPACING = 0.4518
@@ -30,6 +31,14 @@ def contacts():
 
 def chemistry(**options):
     return ca.chemistry(forming=ca.barriers("uniform", lower=0.8, upper=1.4), **options)
+
+
+def grid(shape, pixel_size, density):
+    """The grid of the sites on a contact of that many pixels, of which two are in contact."""
+    pressure = np.zeros(shape)
+    pressure[:2, 0] = 1.0
+    flat = ContactSolution(pressure=pressure, load=2 * pixel_size**2, pixel_size=pixel_size, modulus=1.0)
+    return contact_sites(flat, density)
 
 
 def load(sites):
@@ -53,12 +62,12 @@ def load(sites):
     ],
 )
 def test_sites_are_pixels_or_have_the_spacing_of_their_density(pixel_size, density, shape):
-    assert site_shape((100, 64), pixel_size, density) == shape
+    assert grid((100, 64), pixel_size, density).shape == shape
 
 
 @pytest.mark.parametrize("pixels", [2500, 16384])
 def test_the_reference_pixels_are_sites_whatever_their_number(pixels):
-    assert site_shape((pixels, pixels), SPACING, 4.9) == (pixels, pixels)
+    assert grid((pixels, 2), SPACING, 4.9).shape == (pixels, 2)
 
 
 def test_where_pixels_are_sites_nothing_changes(contacts):
@@ -83,18 +92,16 @@ def test_where_pixels_are_sites_nothing_changes(contacts):
 
 
 @pytest.mark.parametrize("pixels", [64, 128, 512])
-@pytest.mark.parametrize("density", [DENSITY, 0.37 * DENSITY, 1.7 * DENSITY])
 @pytest.mark.parametrize("gap", [True, False])
-@pytest.mark.parametrize("periodic", [True, False])
-def test_sites_carry_the_load(contacts, pixels, density, gap, periodic):
-    changes = {"periodic": periodic} if gap else {"periodic": periodic, "gap": None}
-    contact = contacts[pixels].model_copy(update=changes)
-    sites = contact_sites(contact, density)
-    assert sites.rule != "pixels"
-    assert load(sites) == pytest.approx(contact.pressure.sum(dtype=np.float64) * contact.pixel_size**2, rel=1e-12)
-    assert np.all(np.diff(sites.sites) > 0)
-    assert np.all(sites.pressure > 0)
-    assert sites.sites[-1] < math.prod(sites.shape)
+def test_sites_carry_the_load(contacts, pixels, gap):
+    for periodic, density in itertools.product((True, False), (DENSITY, 0.37 * DENSITY, 1.7 * DENSITY)):
+        contact = contacts[pixels].model_copy(update={"periodic": periodic, **({} if gap else {"gap": None})})
+        sites = contact_sites(contact, density)
+        assert sites.rule != "pixels"
+        assert load(sites) == pytest.approx(contact.pressure.sum(dtype=np.float64) * contact.pixel_size**2, rel=1e-12)
+        assert np.all(np.diff(sites.sites) > 0)
+        assert np.all(sites.pressure > 0)
+        assert sites.sites[-1] < math.prod(sites.shape)
 
 
 @pytest.mark.parametrize(
@@ -144,16 +151,15 @@ def test_the_error_of_the_number_of_sites_follows_the_rim(contacts, periodic):
 
 def test_pixels_that_are_nearly_sites_say_how_many_there_are():
     """One site per pixel within half a percent of the spacing: within one percent of the sites."""
-    assert in_words((100, 100), (100, 100), ratio=0.45**2 * 4.9) == "one site per pixel, 0.78 % more than site_density"
-    assert (
-        in_words((100, 100), (100, 100), ratio=0.4535**2 * 4.9) == "one site per pixel, 0.77 % fewer than site_density"
-    )
-    assert in_words((100, 100), (100, 100), ratio=SPACING**2 * 4.9) == "one site per pixel"
-    surface = ca.Surface(heights=-np.hypot(*np.indices((9, 9)) - 4.0), pixel_size=0.45)
-    contact = SOLVER.solve(surface, 20.0)
-    call = {"engine": ca.engine("independent"), "hold_times": [1.0], "temperature": 300.0, "replicas": 1}
-    assert ca.age(contact, chemistry(), **call).site_grid == "one site per pixel, 0.78 % more than site_density"
-    assert ca.age(contact, chemistry(site_density="pixel"), **call).site_grid == "one site per pixel"
+
+    def words(pixel_size, **options):
+        surface = ca.Surface(heights=-np.hypot(*np.indices((9, 9)) - 4.0), pixel_size=pixel_size)
+        call = {"engine": ca.engine("independent"), "hold_times": [1.0], "temperature": 300.0, "replicas": 1}
+        return ca.age(SOLVER.solve(surface, 20.0), chemistry(**options), **call).site_grid
+
+    assert words(0.45) == "one site per pixel, 0.78 % more than site_density"
+    assert words(0.4535) == "one site per pixel, 0.77 % fewer than site_density"
+    assert words(SPACING) == words(0.45, site_density="pixel") == "one site per pixel"
 
 
 def test_repeating_pixels_would_be_worse(contacts):
@@ -360,14 +366,12 @@ def scene(pixels=32, size="0.9036 nm", **chemical):
     }  # fmt: skip
 
 
-def test_a_scene_asks_for_the_gap_and_says_what_was_reconstructed(tmp_path):
-    from chemage.scene.plan import plan
-
+def test_a_scene_asks_for_the_gap_and_says_what_was_reconstructed(command, tmp_path):
     made = parse_scene(scene())
     words = "64 x 64 sites on 32 x 32 pixels, 4 sites per pixel: pressure and rim reconstructed below the pixel"
     assert made.contact.todict()["gap"] is False
     assert made.solver.todict()["gap"] is True
-    assert dict(plan(made).rows())["sites"] == words
+    assert checked(command, tmp_path, scene())["stages"]["sites"] == words
     result = ca.run(made)
     assert result.contact.gap is not None
     words += f"; their number within {100 * result.aging.provenance['sites']['relative_error']:.2g} %"
@@ -392,22 +396,20 @@ def test_keys_contain_the_sites_where_they_are_not_pixels():
     assert small[0] == small[1]
 
 
-def test_a_scene_whose_sites_do_not_fit_is_refused_before_it_runs():
-    from chemage.scene.plan import plan
-
+def test_a_scene_whose_sites_do_not_fit_is_refused_before_it_runs(command, tmp_path):
     for density in (1e40, 1e-40, 1e12):
-        with pytest.raises(InputError, match="site_density"):
-            plan(parse_scene(scene(site_density=density)))
+        with pytest.raises(ValueError, match="site_density"):
+            checked(command, tmp_path, scene(site_density=density))
     tip = scene(site_density=1e10)
     # a solver that does not estimate the area of contact beforehand
     tip["surface"] = {"kind": "sphere", "radius": 30, "pixels": 32, "pixel_size": 1.0}
-    with pytest.raises(InputError, match=r"sites per pixel: .*site_density"):
-        plan(parse_scene(tip))
+    with pytest.raises(ValueError, match=r"sites per pixel: .*site_density"):
+        checked(command, tmp_path, tip)
 
 
 def test_pressure_and_gap_at_the_rim_of_hertz_have_one_factor():
     """p = B √d inside and gap = 4B/(3E*) d^(3/2) outside, which the reconstruction takes for every rim."""
-    from chemage_contact.hertz import _gap
+    from chemage_contact.closed_forms import _gap
 
     radius, edge = 30.0, 6.0
     peak = 2 * 35.3 * edge / (math.pi * radius)

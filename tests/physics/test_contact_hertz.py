@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from chemage import InputError, Surface
 from chemage.plugin import patches
 from chemage_contact import Hertz
-from chemage_contact.hertz import _corner_force
+from chemage_contact.closed_forms import _corner_force
 from chemage_surfaces import Sphere
 
 

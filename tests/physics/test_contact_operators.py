@@ -11,12 +11,10 @@ from scipy.integrate import dblquad
 
 from chemage import Surface
 from chemage_contact import FFTBEM, _kernels, _operators
-from chemage_contact._convolution import Convolution, Split, _axis, suits
-from chemage_contact._grid import resampled
+from chemage_contact._grid import Convolution, Split, _axis, resampled, suits
 from chemage_contact._iteration import projected
 from chemage_contact._kernels import Blocks, Heights
-from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer
-from chemage_contact._team import Active, Team
+from chemage_contact._operators import Active, FreeHalfSpace, PeriodicHalfSpace, PeriodicLayer, Team
 from chemage_surfaces import SelfAffine
 
 TEAM = Team(1)

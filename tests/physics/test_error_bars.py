@@ -18,13 +18,12 @@ import error_bars
 #: what docs/how_accurate.md says holds the truth less often
 NARROW = ("skewed", "exponential", "bootstrap")
 #: of cases that take longer
-TRIALS = {"paired": 24, "replicas": 100, "arrhenius": 100}
+TRIALS = {"replicas": 100, "arrhenius": 100}
 
 
 CASES = [
     "replicas",
     "few_sites",
-    "paired",
     "measurements",
     "arrhenius",
     "two_levels",

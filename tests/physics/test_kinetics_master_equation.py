@@ -332,7 +332,7 @@ SHAPES = ((1, 2), (1, 2), (2, 2), (1, 2), (1, 3), (1, 2), (1, 2), (2, 3), (1, 2)
     ("numbers", "far"),
     [
         ([0, 1, 3, 59], 10**6),
-        pytest.param(range(60, 260), 10**6, marks=pytest.mark.long),
+        pytest.param(range(60, 100), 10**6, marks=pytest.mark.long),
         # on nine sites, as on a large lattice: predicting, with a list of fast sites
         pytest.param(range(269, 420, 10), 9, marks=pytest.mark.long),
     ],

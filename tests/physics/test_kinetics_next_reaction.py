@@ -13,7 +13,7 @@ from chemage import ReactionLattice
 from chemage.plugin import KB
 from chemage.plugin import random as cr
 from chemage_kinetics._common import STREAMS
-from chemage_kinetics._identity import noise_key
+from chemage_kinetics._driver import noise_key
 
 
 def lattice_of(side: int, spread: float) -> ReactionLattice:

@@ -11,7 +11,7 @@ import chemage
 from chemage import ReactionLattice
 from chemage.plugin import random as cr
 from chemage_kinetics._common import STREAMS
-from chemage_kinetics._identity import PROBES, noise_key
+from chemage_kinetics._driver import PROBES, noise_key
 
 RUNS = 600
 #: 4.5 standard deviations of the correlation of so many independent pairs

@@ -14,7 +14,7 @@ import chemage
 from chemage import ReactionLattice
 from chemage.plugin import KB
 from chemage.testing.small_systems import random_hold
-from chemage_kinetics._chain import gamma, sojourn
+from chemage_kinetics._common import gamma, sojourn
 
 CHANCE = 1e-5
 #: quick tests attack the others with this option as well, on random lattices

@@ -22,15 +22,15 @@ def cosine(shape, i, j, amplitude=1.0, phase=0.3):
 
 
 @pytest.mark.parametrize("shape", [(32, 32), (31, 17), (24, 9), (2, 16), (1, 9)])
-@pytest.mark.parametrize(("i", "j"), [(1, 0), (0, 1), (3, -2), (0, 4), (5, 3)])
-def test_slope_of_a_cosine_is_its_wavenumber_times_its_height(shape, i, j):
-    if abs(i) > (shape[0] - 1) // 2 or abs(j) > (shape[1] - 1) // 2 or (shape[0] == 1 and i):
-        i, j = 0, 1  # too short a wave for this grid
+def test_slope_of_a_cosine_is_its_wavenumber_times_its_height(shape):
     pixel = 0.45
-    heights = 7.0 + cosine(shape, i, j, amplitude=2.0)
-    wavenumber = 2 * np.pi * math.hypot(i / shape[0], j / shape[1]) / pixel
-    assert roughness.rms_height(heights) == pytest.approx(math.sqrt(2), rel=1e-12)
-    assert roughness.rms_slope(heights, pixel) == pytest.approx(math.sqrt(2) * wavenumber, rel=1e-12)
+    for i, j in ((1, 0), (0, 1), (3, -2), (0, 4), (5, 3)):
+        if abs(i) > (shape[0] - 1) // 2 or abs(j) > (shape[1] - 1) // 2:
+            continue  # too short a wave for this grid
+        heights = 7.0 + cosine(shape, i, j, amplitude=2.0)
+        wavenumber = 2 * np.pi * math.hypot(i / shape[0], j / shape[1]) / pixel
+        assert roughness.rms_height(heights) == pytest.approx(math.sqrt(2), rel=1e-12)
+        assert roughness.rms_slope(heights, pixel) == pytest.approx(math.sqrt(2) * wavenumber, rel=1e-12)
 
 
 def test_slopes_of_orthogonal_waves_add_in_squares():

@@ -1,6 +1,7 @@
 """The reference contact against Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018), on one typical surface.
 
-Means over many surfaces are in docs/reproduction.md. The bounds are the paper's value and the scatter between surfaces.
+Means over many surfaces are in plugins/chemage_li2018/docs/reproduction.md. The bounds are the paper's value and the
+scatter between surfaces.
 """
 
 from functools import cache

@@ -9,7 +9,6 @@ import pytest
 
 import chemage
 from chemage import InputError
-from chemage.studies.sweeps.running import read_grid
 from chemage_li2018 import (
     claims,
     command,
@@ -113,11 +112,18 @@ def test_contacts_are_shared_between_figures(coarse: tuple[dict[str, chemage.Swe
     assert len({rough.contact_key(point.index) for point in rough}) == 28
 
 
+def size(scene) -> int:
+    """The number of points of a sweep."""
+    axes = dict(scene["sweep"])
+    groups = [next(iter(group.values())) for group in axes.pop("zip", ())]
+    return math.prod(len(values) for values in [*groups, *axes.values()])
+
+
 def test_one_target_needs_only_its_own_points():
     data = sweeps.scenes(["fig6"], (101, 102), PIXELS)
     assert list(data) == ["rough"]
-    assert read_grid(data["rough"]).size == 2 * 5
-    assert read_grid(sweeps.scenes(["table1"], (101,), PIXELS)["rough"]).size == 7
+    assert size(data["rough"]) == 2 * 5
+    assert size(sweeps.scenes(["table1"], (101,), PIXELS)["rough"]) == 7
 
 
 def test_equal_points_of_two_targets_are_computed_once_with_the_most_replicas():
@@ -421,7 +427,7 @@ def test_published_numbers_are_the_ones_checked():
 
 # -- the page in the documentation ------------------------------------------------------------------------------------
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[2] / "plugins" / "chemage_li2018" / "docs"
 
 
 def test_the_page_uses_the_four_words_and_no_other():

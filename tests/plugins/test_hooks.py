@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import inspect
 import os
@@ -13,6 +14,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from internals import figures_of
 
 import chemage as ca
 from chemage import InputError
@@ -214,13 +216,11 @@ def test_observe(installed):
 
 
 def test_figures(installed, tmp_path):
-    from chemage.results.drawing import figures
-
     installed.register(as_plugin(example("chemage_figures")), "cut")
     sphere = {"kind": "sphere", "radius": "30 nm", "pixels": 32, "pixel_size": "0.45 nm"}
     contact = {"kind": "fft-bem", "modulus": "35.3 GPa", "load": "50 nN"}
     run = ca.run({"surface": sphere, "contact": contact})
-    axes = figures(run)["cut"].axes[0]
+    axes = figures_of(run)["cut"].axes[0]
     row, cut = axes.lines
     assert run.surface is not None
     assert np.array_equal(row.get_ydata(), run.surface.heights[:, 16])
@@ -228,13 +228,27 @@ def test_figures(installed, tmp_path):
 
 
 def test_published(installed):
-    from chemage.scene.published import published
+    run = ca.run(
+        {
+            "surface": {"kind": "sphere", "radius": "30 nm", "pixels": 32, "pixel_size": "0.9 nm"},
+            "contact": {"kind": "hertz", "modulus": "35.3 GPa", "load": "50 nN"},
+            "forming": {"kind": "uniform", "lower": 0.7, "upper": 1.2},
+            "engine": {"kind": "independent"},
+            "hold": {"start": "1 ms", "stop": "1e4 s", "replicas": 2},
+        }
+    )
 
-    scene = {"surface": {"kind": "sphere"}, "contact": {"load": 50.0}}
-    assert published(scene) == []
+    def published(of):
+        lines = [line for figure in figures_of(of).values() for axes in figure.axes for line in axes.lines]
+        return [line for line in lines if str(line.get_label()).startswith("published")]
+
+    assert published(run) == []
     installed.register(as_plugin(example("chemage_published")), "values")
-    assert published(scene) == [(0.8, "an example, not a measurement")]
-    assert published({**scene, "contact": {"load": 60.0}}) == []
+    (line,) = published(run)
+    assert line.get_label() == "published β = 0.8 (an example, not a measurement)"
+    assert np.polyfit(np.log10(line.get_xdata()), line.get_ydata(), 1)[0] == pytest.approx(0.8)
+    other = {**run.scene, "contact": {**run.scene["contact"], "load": 60.0}}
+    assert published(dataclasses.replace(run, scene=other)) == []
 
 
 def test_scenes(installed, site):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import subprocess
 import sys
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,6 @@ from plugin_api import recorded
 
 import chemage
 from chemage.plugin import registry
-from chemage.scaffold.stubs import stubs
 
 #: how many names users may have to look through
 MOST = 55
@@ -57,21 +57,36 @@ def test_importing_the_names_of_plugins_loads_nothing():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "0\n"
 
 
-@pytest.mark.parametrize("file", ["__init__.pyi", "plugin.pyi"])
-def test_the_stubs_know_every_name_and_every_option_of_every_component(file):
-    """``chemage plugins stubs --in . --force`` makes them again, where no other plugins are installed."""
-    stub = Path(chemage.__file__).with_name(file).read_text(encoding="utf-8")
-    missing = set(stubs("chemage")[file].splitlines()) ^ set(stub.splitlines())
-    assert stub == stubs("chemage")[file], "\n".join(sorted(missing))
+FILES = ("__init__.pyi", "plugin.pyi")
 
 
-def test_a_new_option_is_seen_in_the_stubs(monkeypatch):
+@pytest.fixture
+def stubs(command, tmp_path):
+    """``stubs()`` is what ``chemage plugins stubs`` writes where no other plugins are installed: file -> text."""
+
+    def stubs():
+        own = [point for point in metadata.entry_points(group=registry.GROUP) if point.dist.name == "chemage"]
+        with registry.using(registry.Registry(own)):
+            assert command("plugins", "stubs", "--in", tmp_path, "--force").status == 0
+        return {file: (tmp_path / "chemage" / file).read_text(encoding="utf-8") for file in FILES}
+
+    return stubs
+
+
+def test_the_stubs_know_every_name_and_every_option_of_every_component(stubs):
+    """``chemage plugins stubs --in . --force`` makes them again."""
+    for file, text in stubs().items():
+        stub = Path(chemage.__file__).with_name(file).read_text(encoding="utf-8")
+        missing = set(text.splitlines()) ^ set(stub.splitlines())
+        assert stub == text, "\n".join(sorted(missing))
+
+
+def test_a_new_option_is_seen_in_the_stubs(stubs, monkeypatch):
     hertz = registry.current().component("contact", "hertz")
     wider = type("Hertz", (hertz,), {"__annotations__": {"novelty": int}, "novelty": 1, "__module__": __name__})
     monkeypatch.setattr(importlib.import_module(hertz.__module__), "Hertz", wider)
     monkeypatch.setitem(vars(importlib.import_module("chemage_contact")), "Hertz", wider)
-    with registry.using(registry.Registry()):
-        changed = set(stubs("chemage")["__init__.pyi"].splitlines())
+    changed = set(stubs()["__init__.pyi"].splitlines())
     stub = Path(chemage.__file__).with_name("__init__.pyi").read_text(encoding="utf-8")
     (line,) = changed - set(stub.splitlines())
     assert 'Literal["hertz"]' in line

@@ -11,8 +11,7 @@ import pytest
 
 import chemage
 from chemage import InputError
-from chemage.plugin import API_VERSION, StoreError, registry
-from chemage.scaffold import new as scaffold
+from chemage.plugin import API_VERSION, registry
 
 #: one process for the plugins of all roles, because it takes longer to start than most of their tests to run
 PROGRAM = """
@@ -33,34 +32,47 @@ for role, folder in folders.items():
 """
 
 
+@pytest.fixture
+def new(command, tmp_path):
+    """``new(name, role)``: ``chemage plugins new`` in the folder of the test; the files that it made."""
+
+    def new(name: str, role: str = "barriers") -> list[Path]:
+        done = command("plugins", "new", "--role", role, "--in", tmp_path, "--", name)
+        if done.status:
+            raise InputError(" ".join(done.err.split()))
+        return [path for path in map(Path, done.out.split()) if path.is_absolute() and path.is_file()]
+
+    return new
+
+
 @pytest.mark.long
-def test_new_plugins_register_and_pass_their_own_tests(tmp_path: Path):
+def test_new_plugins_register_and_pass_their_own_tests(new, tmp_path: Path):
     roles = registry.current().roles
     words = [sys.executable, "-c", PROGRAM]
     for role in roles:
-        words += [role, str(scaffold.new(f"fresh-{role}", role, tmp_path)[0].parent)]
+        words += [role, str(new(f"fresh-{role}", role)[0].parent)]
     done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert all(f"{role}: its tests pass" in done.stdout for role in roles)
 
 
-def test_an_existing_folder_is_kept(tmp_path: Path):
+def test_an_existing_folder_is_kept(new, tmp_path: Path):
     (tmp_path / "chemage-mine").mkdir()
-    with pytest.raises(StoreError, match="already there"):
-        scaffold.new("mine", "barriers", tmp_path)
+    with pytest.raises(InputError, match="already there"):
+        new("mine")
     assert not list((tmp_path / "chemage-mine").iterdir())
 
 
 @pytest.mark.parametrize("name", ["Mine", "1st", "a b", "a--b", "lambda", "", "../up"])
-def test_names_that_cannot_be_kinds_are_refused(name: str, tmp_path: Path):
+def test_names_that_cannot_be_kinds_are_refused(new, name: str, tmp_path: Path):
     with pytest.raises(InputError, match="is not a valid kind"):
-        scaffold.new(name, "barriers", tmp_path)
+        new(name)
     assert not list(tmp_path.iterdir())
 
 
-def test_unknown_role_names_the_nearest(tmp_path: Path):
+def test_unknown_role_names_the_nearest(new):
     with pytest.raises(InputError, match=r"no role 'barrier' \(did you mean 'barriers'\?\)"):
-        scaffold.new("mine", "barrier", tmp_path)
+        new("mine", "barrier")
 
 
 def test_every_role_has_a_template():
@@ -69,20 +81,21 @@ def test_every_role_has_a_template():
     assert roles == set(registry.current().roles)
 
 
-def test_a_new_plugin_states_its_interface_and_the_versions_that_it_works_with(tmp_path: Path):
-    files = scaffold.new("mine", "barriers", tmp_path)
+def test_a_new_plugin_states_its_interface_and_the_versions_that_it_works_with(new):
+    files = new("mine")
     major, minor, *_ = chemage.__version__.split(".")
     project = tomllib.loads(files[0].read_text())["project"]
     assert project["dependencies"] == [f"chemage>={major}.{minor},<{int(major) + 1}"]
     assert f"CHEMAGE_API = {API_VERSION}\n" in (files[0].parent / "chemage_mine" / "__init__.py").read_text()
 
 
-def test_a_kind_or_a_name_that_is_taken_is_reported(tmp_path: Path, site):
-    with pytest.warns(
-        registry.PluginWarning, match=r"barriers 'gaussian' comes with 'barriers' \(chemage .*choose anoth"
-    ):
-        scaffold.new("gaussian", "barriers", tmp_path)
+@pytest.mark.filterwarnings("default")
+def test_a_kind_or_a_name_that_is_taken_is_reported(command, tmp_path: Path, site):
+    def reported(name: str) -> str:
+        return " ".join(command("plugins", "new", name, "--role", "barriers", "--in", tmp_path).err.split())
+
+    assert re.search(r"barriers 'gaussian' comes with 'barriers' \(chemage .*choose anoth", reported("gaussian"))
     source = "import chemage\n@chemage.plugin.hookimpl\ndef chemage_register():\n    return {}"
     site.install("chemage-mine", {"chemage_mine.py": source}, {"chemage_mine": "chemage_mine"})
-    with registry.using(registry.Registry()), pytest.warns(registry.PluginWarning, match="a plugin 'chemage_mine' is"):
-        scaffold.new("mine", "barriers", tmp_path)
+    with registry.using(registry.Registry()):
+        assert "a plugin 'chemage_mine' is" in reported("mine")

@@ -102,14 +102,10 @@ def python_block(text):
 def test_the_components_without_a_package_meet_their_roles_and_draw(project):
     use = """
 import chemage as ca
-from chemage.results.comparison import compare_files
-from chemage.results.drawing import comparison_figures
 from chemage.results.drawing import figures
 from chemage.testing import check_component
 
-ca.register(BondRadius)
 ca.register(DrawnWeibull)
-check_component(BondRadius())
 check_component(DrawnWeibull(scale=0.3, shape=3, threshold=0.8))
 check_component(barriers)
 scene = {
@@ -117,16 +113,10 @@ scene = {
     "contact": {"kind": "hertz", "modulus": "35.3 GPa", "load": "50 nN"},
     "forming": {"kind": "exponential"},
     "engine": {"kind": "rejection-free"},
-    "observe": [{"kind": "bond-radius"}],
     "hold": {"start": "1 ms", "stop": "1e5 s", "replicas": 4},
 }
 result = ca.run(scene)
-assert (result.aging.observables["radius_bonds"] > 0).all()
-assert "bond-radius" in figures(result)
 assert any(name.endswith("Exponential") and "source" in version for name, version in result.versions.items())
-ca.write("a.h5", result)
-ca.write("b.h5", result)
-assert "bond-radius" in comparison_figures(compare_files(["a.h5", "b.h5"]))
 drawn = {**scene, "forming": {"kind": "drawn-weibull", "scale": 0.3, "shape": 3, "threshold": 0.8}}
 assert len(figures(ca.run(drawn))["weibull"].axes[0].lines) == 1
 ca.unregister(Exponential)
@@ -138,7 +128,7 @@ else:
     raise AssertionError("still known")
 """
     file = project / "notebook.py"
-    blocks = ("class DrawnWeibull", "class BondRadius", "@chemage.register")
+    blocks = ("class DrawnWeibull", "@chemage.register")
     file.write_text("".join(python_block(text) for text in blocks) + use)
     run_python(project, "-W", "error", file.name)
 
@@ -189,6 +179,30 @@ assert "fullest_cell at the last hold time" in dict(made.table())
     file = project / "friction.py"
     file.write_text("".join(blocks) + use)
     run_python(project, "-W", "error", file.name)
+
+
+@pytest.mark.long
+def test_a_kind_of_result_is_shown_by_every_command(project):
+    use = """
+import chemage as ca
+from typer.testing import CliRunner
+from chemage.cli.app import app
+
+ca.register(WearReader)
+np.savetxt("a.wear", [[10, 0.5], [100, 0.8]])
+np.savetxt("b.wear", [[10, 0.4], [100, 1.2]])
+for words in ("show a.wear", "show a.wear --csv", "plot a.wear", "compare a.wear b.wear", "report a.wear"):
+    done = CliRunner().invoke(app, words.split())
+    assert done.exit_code == 0, (words, done.output, done.exception)
+    print(done.stdout)
+"""
+    file = project / "wear.py"
+    file.write_text(python_block("class WearTrack:") + use)
+    said = run_python(project, "-W", "error", file.name)
+    assert re.search(r"depth of the track +0\.8 nm", said)
+    assert "cycles,depth (nm)\n10.0,0.5\n100.0,0.8\n" in said
+    assert re.search(r"depth of the track +0\.8 nm +1\.2 nm", said)
+    assert (project / "a-figures" / "wear.png").is_file()
 
 
 @pytest.mark.long

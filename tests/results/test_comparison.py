@@ -7,16 +7,14 @@ import io
 import json
 import math
 
+import faults
 import numpy as np
 import pytest
+from seen import Comparison, Entry, comparison_figures
 
 import chemage as ca
 from chemage import InputError, Measurements, Run, compare_files, parse_scene
-from chemage.ageing.display import at
 from chemage.plugin import StoreError, figures, override
-from chemage.results import comparison as comparing
-from chemage.results.comparison import Comparison, Entry
-from chemage.results.drawing import comparison_figures
 
 TIP = {
     "name": "tip",
@@ -120,14 +118,12 @@ def test_a_time_between_hold_times_is_taken_evenly_in_log_time(results):
     assert aging is not None
     place = int(np.argmin(np.abs(aging.hold_times - 10.0)))
     between = math.sqrt(aging.hold_times[place] * aging.hold_times[place + 1])
-    values = at(aging.hold_times, aging.friction_drop, between)
-    halfway = 0.5 * (aging.friction_drop[:, place] + aging.friction_drop[:, place + 1])
-    assert values == pytest.approx(halfway, rel=1e-9)
-    assert np.array_equal(
-        at(aging.hold_times, aging.friction_drop, aging.hold_times[place]), aging.friction_drop[:, place]
-    )
-    for outside in (1e-4, 1e6):
-        assert math.isnan(at(aging.hold_times, aging.friction_drop, outside)[0])
+    times = [between, aging.hold_times[place], 1e-4, 1e6]
+    halfway, there, *outside = (one["friction_drop"] for one in of(results, "tip", times=times).numbers()[0]["at"][:4])
+    mean = aging.mean_friction_drop
+    assert halfway == pytest.approx(0.5 * (mean[place] + mean[place + 1]), rel=1e-9)
+    assert there == pytest.approx(mean[place], rel=1e-12)
+    assert outside == [None, None]
 
 
 def test_times_are_chosen_with_units_and_wrong_ones_are_named(results):
@@ -291,7 +287,7 @@ def test_wrong_points_of_a_sweep_are_named(swept):
 
 
 def test_more_results_than_a_table_holds_are_refused_with_the_remedy(swept, monkeypatch):
-    monkeypatch.setattr(comparing, "MOST", 2)
+    faults.most_compared(monkeypatch, 2)
     with pytest.raises(InputError, match=r"3 results are too many .* FOLDER/0"):
         compare_files([swept])
 

@@ -7,17 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from seen import figures, published, report, result_of
 
 import chemage
 import chemage_observables
 from chemage import Aging, ContactSolution, compare_files, load_scene
-from chemage.foundation.result import result_of
 from chemage.plugin import StoreError, statistics
 from chemage.plugin import figures as plots
 from chemage.plugin import text as wording
-from chemage.results.drawing import figures
-from chemage.results.page import html
-from chemage.scene.published import published
 
 pytestmark = pytest.mark.drawn
 
@@ -293,7 +290,7 @@ def test_the_line_and_the_range_of_a_fit_are_those_of_the_hold_times_there_are(r
     assert doubt in " ".join(shown.split())
     rows = dict(compare_files([tmp_path / "few.h5"]).table())
     assert rows["hold times of the fit"] == [f"10 to 100 s; {doubt}"]
-    page = html([tmp_path / "few.h5"])
+    page = report([tmp_path / "few.h5"])
     assert "line fitted 10–100 s" in page
     assert doubt in page
     assert "3 hold times from 10 to 100 s" in few._repr_html_()

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from seen import Compared, Table
 
 import chemage as ca
-from chemage.foundation.result import Compared, Rows, Table
 from chemage.plugin import Panel, Picture, Result
 
 SOURCES = Path(ca.__file__).parent
@@ -37,7 +37,7 @@ class Grains(Result):
     def name(self) -> str:
         return self._name
 
-    def rows(self) -> Rows:
+    def rows(self) -> list[tuple[str, str]]:
         return [("grains at the end", f"{self.counts[-1]} <b>"), ("largest step", str(np.diff(self.counts).max()))]
 
     def numbers(self):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from seen import window_figure
 
 import chemage
-from chemage.results import drawing
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def shown(figure):
 
 def test_a_window_shows_the_pixels_it_touches(large):
     contact, path = large
-    pressure, gap = shown(drawing.window_figure(path, "101 300 2 0.5um"))
+    pressure, gap = shown(window_figure(path, "101 300 2 0.5um"))
     assert pressure.get_extent() == gap.get_extent() == [100, 300, 2, 500]
     assert np.array_equal(np.ma.filled(pressure.get_array(), 0.0).T, contact.pressure[50:150, 1:250])
     assert np.array_equal(gap.get_array().T, contact.gap[50:150, 1:250])
@@ -103,4 +103,4 @@ def test_a_window_shows_the_pixels_it_touches(large):
 )
 def test_a_window_outside_is_refused(large, window):
     with pytest.raises(chemage.ChemageError, match=r"window|unit|kg"):
-        drawing.window_figure(large[1], window)
+        window_figure(large[1], window)

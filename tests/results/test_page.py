@@ -5,15 +5,15 @@ from __future__ import annotations
 import re
 import tomllib
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
+from seen import report, scene_toml
 
 import chemage as ca
 from chemage import InputError, parse_scene, write_report
-from chemage.foundation import files as written_files
 from chemage.plugin import StoreError, override
-from chemage.results.page import html, scene_toml
 
 BASE = {
     "name": "tip",
@@ -70,12 +70,12 @@ def files(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def one(files):
-    return html(files[:1])
+    return report(files[:1])
 
 
 @pytest.fixture(scope="module")
 def several(files):
-    return html(files)
+    return report(files)
 
 
 @pytest.mark.long
@@ -186,7 +186,7 @@ def test_several_files_are_compared_and_each_has_its_section(several):
 
 @pytest.mark.long
 def test_the_same_files_give_the_same_bytes(one, files):
-    assert html(files[:1]) == one
+    assert report(files[:1]) == one
 
 
 @pytest.mark.long
@@ -194,7 +194,7 @@ def test_measurements_are_fitted_and_shown(files, tmp_path):
     table = tmp_path / "afm.csv"
     rows = "".join(f"{t}, {2 * np.log10(1 + t):.6f}\n" for t in (0.5, 2, 10, 100, 1000, 9000))
     table.write_text(f"hold_time (s), friction_coefficient_drop\n{rows}", encoding="utf-8")
-    text = Page(html(files[:1], measured=[table])).text
+    text = Page(report(files[:1], measured=[table])).text
     assert "Measurements" in text
     assert "Δμ = β log10(1 + t/t_c), 6 points" in text
     assert "2.00000 [2.00000, 2.00000]" in text
@@ -205,7 +205,7 @@ def test_ageing_or_a_contact_alone_make_a_report_too(files, tmp_path):
     run = ca.read(files[0])
     ca.write(tmp_path / "aging.h5", run.aging)
     ca.write(tmp_path / "contact.h5", run.contact)
-    page = Page(html([tmp_path / "aging.h5", tmp_path / "contact.h5"]))
+    page = Page(report([tmp_path / "aging.h5", tmp_path / "contact.h5"]))
     assert page.problems == []
     assert run.aging.digest() in page.text
     assert run.contact.digest() in page.text
@@ -215,13 +215,15 @@ def test_a_contact_that_did_not_converge_says_so_first(files, tmp_path):
     contact = ca.read(files[0]).contact
     bad = contact.fromdict({**contact.todict(), "converged": False, "residual": 0.5, "notes": ("one <b>note</b>",)})
     ca.write(tmp_path / "bad.h5", bad)
-    text = Page(html([tmp_path / "bad.h5"])).text
+    text = Page(report([tmp_path / "bad.h5"])).text
     assert "did NOT converge: residual 0.5" in text
     assert "one <b>note</b>" in text
 
 
-def test_nothing_is_overwritten_and_nothing_half_written(files, tmp_path, monkeypatch):
-    monkeypatch.setattr("chemage.results.page.html", lambda files, measured=(): f"<!DOCTYPE html>{files}")
+def test_nothing_is_overwritten_and_nothing_half_written(tmp_path, monkeypatch, examples):
+    files = [tmp_path / "one.h5", tmp_path / "two.h5"]
+    for number, file in enumerate(files, 1):
+        ca.write(file, examples.history(temperature=100.0 * number))
     out = write_report(files[:1], tmp_path / "r.html")
     first = out.read_bytes()
     assert first.startswith(b"<!DOCTYPE html>")
@@ -235,12 +237,15 @@ def test_nothing_is_overwritten_and_nothing_half_written(files, tmp_path, monkey
             write_report([files[0]], given, measured=[tmp_path / "data.csv"], force=True)
     with pytest.raises(StoreError, match="does not exist"):
         write_report(files, tmp_path / "no" / "r.html")
-    monkeypatch.setattr(
-        written_files, "_place", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device"))
-    )
+
+    def full(self, *_, **__):
+        self.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
     with pytest.raises(StoreError, match="nothing was kept"):
         write_report(files[:1], tmp_path / "full.html")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["r.html"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["one.h5", "r.html", "two.h5"]
 
 
 def test_the_page_begins_with_the_curve_and_the_main_numbers(one):

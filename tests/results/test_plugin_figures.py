@@ -10,14 +10,12 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from nested import Outer
+from seen import Comparison, Entry, comparison_figures, figures, report
 
 import chemage as ca
 from chemage import compare_files, parse_scene
 from chemage.plugin import figures as plots
 from chemage.plugin import registry
-from chemage.results.comparison import Comparison, Entry
-from chemage.results.drawing import comparison_figures, figures
-from chemage.results.page import html
 
 
 def drawing(base, kind, named, draw):
@@ -86,7 +84,7 @@ def test_a_component_of_any_role_brings_figures(tiny, parts, tmp_path, role):
     assert [one.contact for one in seen[-1][1]] == [run.contact, run.contact]
     if role != "barriers":
         return
-    page = html([tmp_path / "a.h5", tmp_path / "b.h5"])
+    page = report([tmp_path / "a.h5", tmp_path / "b.h5"])
     assert page.count("<figcaption>What mine does.</figcaption>") == 3
 
 
@@ -145,7 +143,7 @@ def test_a_figure_that_fails_costs_nothing_else(tiny, parts, tmp_path):
         made = figures(run)
     assert list(made) == ["surface", "pressure", "friction", "right"]
     first, second = (str(one.message) for one in warned)
-    assert "'broken' of barriers 'mine' (plugin tests.reports.test_plugin_figures.Mine" in first
+    assert "'broken' of barriers 'mine' (plugin tests.results.test_plugin_figures.Mine" in first
     assert "ValueError: no such thing" in first
     assert "'formula' of barriers 'mine'" in second
     plots.save_figures(made, tmp_path / "figures")
@@ -259,8 +257,8 @@ def test_a_plugin_of_hooks_draws_the_results_in_which_it_took_part(tiny, tmp_pat
         ca.write(tmp_path / f"{load:g}.h5", run)
     made = compare_files([tmp_path / f"{load}.h5" for load in (10, 30, 40)])
     assert labels(comparison_figures(made)["cap"]) == ["30", "40"]
-    assert html([tmp_path / "30.h5"]).count("<figcaption>How much was capped.</figcaption>") == 1
-    assert "How much was capped" not in html([tmp_path / "10.h5"])
+    assert report([tmp_path / "30.h5"]).count("<figcaption>How much was capped.</figcaption>") == 1
+    assert "How much was capped" not in report([tmp_path / "10.h5"])
 
 
 def test_a_plugin_that_computes_nothing_draws_every_result(tiny):

@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 import threading
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -20,7 +21,6 @@ from hypothesis.extra import numpy as hnp
 
 import chemage
 from chemage import Aging, ContactSolution, ReactionLattice, Surface, load_scene
-from chemage.foundation import codec
 from chemage.plugin import BondHistory, DamagedError, StoreError, container
 
 TRICKY = {
@@ -299,7 +299,9 @@ def test_what_cannot_be_derived_is_absent(tmp_path):
 
 def test_derived_numbers_are_computed_again_and_never_read(finished, tmp_path):
     run, _ = finished
-    wrong = codec.Derived({"friction_drop": (("hold_time",), run.aging.hold_times, "nN", "wrong")}, {"beta": 7.0})
+    wrong = SimpleNamespace(
+        variables={"friction_drop": (("hold_time",), run.aging.hold_times, "nN", "wrong")}, attributes={"beta": 7.0}
+    )
     container.write(tmp_path / "x.h5", run.parts(), run.attributes(), derived={"aging": wrong})
     again = chemage.read(tmp_path / "x.h5")
     assert again.aging == run.aging
@@ -376,14 +378,14 @@ def test_two_threads_that_write_one_file_leave_one_whole_one(tmp_path):
 
 
 def test_an_object_that_fails_half_way_leaves_nothing(tmp_path, monkeypatch):
-    real, count = codec._write_array, iter(range(100))
+    real, count = h5py.Group.create_dataset, iter(range(100))
 
-    def fail(*args):
+    def fail(*args, **options):
         if next(count) == 2:
             raise ValueError("a bug")
-        real(*args)
+        return real(*args, **options)
 
-    monkeypatch.setattr(codec, "_write_array", fail)
+    monkeypatch.setattr(h5py.Group, "create_dataset", fail)
     with pytest.raises(ValueError, match="a bug"):
         chemage.write(tmp_path / "x.h5", OBJECTS["contact"])
     assert not list(tmp_path.iterdir())

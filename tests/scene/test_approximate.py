@@ -10,13 +10,11 @@ from typing import ClassVar
 
 import pytest
 from nested import Outer
+from seen import comparison_figures, figures, report
 
 import chemage as ca
 from chemage import compare_files, parse_scene
-from chemage.foundation import approximations
 from chemage.plugin import registry
-from chemage.results.drawing import comparison_figures, figures
-from chemage.results.page import html
 
 WORDS = "coarse (declared error 2 % of the mean number of bonds)"
 
@@ -35,13 +33,6 @@ def ran(tiny, **sections):
     return ca.run(parse_scene(tiny.scene(**sections)), threads=1)
 
 
-def test_in_words():
-    entries = [{"kind": "a", "declared_error": 0.02, "of": "x"}, {"kind": "b"}]
-    assert approximations.in_words(entries) == "a (declared error 2 % of x); b (no error declared)"
-    assert approximations.in_words([]) == ""
-    assert approximations.merged(entries, entries, None, "text", [1, {"no": "kind"}]) == entries
-
-
 ROLES = {
     "surface": ("Tip", {}, "the heights"),
     "contact": ("Even", {"load": 10.0}, "the pressure"),
@@ -58,6 +49,13 @@ def test_a_component_of_any_role_is_marked(tiny, parts, section):
     assert run.approximate == f"coarse (declared error 2 % of {of})"
     assert run.aging.approximate[0]["kind"] == "coarse"
     assert bool(run.contact.approximate) == (section in ("surface", "contact"))
+
+
+def test_several_components_are_named_each_once(tiny, parts):
+    approximate(parts.Flat, "rude", error=None)
+    approximate(parts.Coin)
+    run = ran(tiny, forming={"kind": "rude"}, breaking={"kind": "rude"}, engine={"kind": "coarse"})
+    assert sorted(run.approximate.split("; ")) == [WORDS, "rude (no error declared)"]
 
 
 def test_an_observable_is_marked(tiny):
@@ -155,7 +153,7 @@ def test_figures_and_reports_say_so():
     legend = comparison_figures(made)["friction-drop"].axes[0].get_legend()
     labels = [text.get_text() for text in legend.get_texts()]
     assert [label.partition(",")[0] for label in labels] == ["a (approximate)", "b", "aging (approximate)"]
-    page = html(["a.h5", "b.h5"])
+    page = report(["a.h5", "b.h5"])
     assert f"<strong>Note:</strong> approximate: {WORDS}" in page
     captions = [line.split("</figcaption>")[0] for line in page.split("<figcaption>")[1:]]
     assert sum(f"a is approximate: {WORDS}." in caption for caption in captions) >= 3
@@ -180,7 +178,7 @@ def test_exact_results_say_nothing(tiny, tmp_path):
 @pytest.mark.long
 def test_reports_of_exact_results_say_nothing(tiny, tmp_path):
     ca.write(tmp_path / "a.h5", ran(tiny))
-    assert "pproximate" not in html([tmp_path / "a.h5"])
+    assert "pproximate" not in report([tmp_path / "a.h5"])
 
 
 class Sometimes(ca.plugin.Engine):

@@ -8,7 +8,7 @@ import pytest
 
 import chemage
 from chemage.plugin import registry
-from chemage.scene.citations import bibtex, bibtex_problem, entries_of, latex, references
+from chemage.scene.provenance import bibtex, bibtex_problem, entries_of, latex, references
 
 ENTRY = "@article{someone2001,\n  title = {A {B} C},\n}"
 

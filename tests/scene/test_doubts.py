@@ -6,10 +6,10 @@ import warnings
 
 import numpy as np
 import pytest
+from seen import plan
 
 import chemage as ca
 from chemage import run
-from chemage.scene.plan import plan
 
 PATCH, TIP = "silica-patch", "silica-tip"
 BEM_TIP = {"contact": {"kind": "fft-bem", "modulus": 35.3, "load": "50 nN"}}

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import chemage as ca
-from chemage.scene.variants import vanishing_pixels
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+
+from grid_errors import vanishing_pixels
 
 
 def disc(pixels: int, radius: float, shift: tuple[float, float] = (0.0, 0.0)) -> ca.ContactSolution:

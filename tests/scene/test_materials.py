@@ -7,14 +7,10 @@ import tomllib
 
 import jsonschema
 import pytest
+from seen import plan, read_grid, scene_schema, survey_of
 
 import chemage as ca
 from chemage.plugin import registry, scene_data
-from chemage.scene.files import parse_toml
-from chemage.scene.materials import HOW, filled_sections, material_problems
-from chemage.scene.plan import plan
-from chemage.scene.schema import scene_schema
-from chemage.studies.sweeps.grid import Grid, survey
 from chemage.testing import CheckFailed, check_material
 
 CHEMISTRY = ("forming", "breaking", "interaction", "chemistry")
@@ -102,12 +98,12 @@ def test_a_contact_alone_takes_the_modulus_alone():
 
 def test_a_sweep_fills_every_point_and_may_leave_sections_out(bare):
     weak = {"kind": "elastic-pairs", "strength": "0.1 eV", "bias": 0.1}
-    grid = Grid.read({**bare, "sweep": {"interaction": [False, weak], "chemistry.hardness": ["9 GPa", "10 GPa"]}})
+    grid = read_grid({**bare, "sweep": {"interaction": [False, weak], "chemistry.hardness": ["9 GPa", "10 GPa"]}})
     points = [grid.scene(point) for point in range(grid.size)]
     assert [one.chemistry.interaction is None for one in points] == [True, True, False, False]
     assert [one.chemistry.hardness for one in points] == [9, 10, 9, 10]
-    assert survey(grid).units["chemistry.hardness"] == "GPa"
-    laws = Grid.read({**bare, "sweep": {"rupture": [False, {"kind": "mean-force"}]}})
+    assert survey_of(grid).units["chemistry.hardness"] == "GPa"
+    laws = read_grid({**bare, "sweep": {"rupture": [False, {"kind": "mean-force"}]}})
     assert [laws.scene(point).rupture is None for point in range(2)] == [True, False]
 
 
@@ -129,10 +125,8 @@ def test_an_unknown_material_names_those_there_are(bare):
 def test_every_value_has_a_source_and_says_how_it_is_known():
     silica = ca.material("silica")
     assert len(silica.values) == 14
-    assert all(one.source and one.how in HOW for one in silica.values)
-    assert {one.path.partition(".")[0] for one in silica.values} == set(filled_sections())
+    assert all(one.source and one.how in ("measured", "calculated", "calibrated", "estimated") for one in silica.values)
     check_material("silica")
-    assert material_problems() == []
 
 
 def test_it_makes_components_in_python(rough):
@@ -160,7 +154,6 @@ def test_a_scene_file_and_the_schema_know_it(bare, rough):
         jsonschema.validate(json.loads(json.dumps(data)), schema)
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate({**bare, "material": "granite"}, schema)
-    assert parse_toml('material = "silica"', "x") == {"material": "silica"}
 
 
 MATERIAL = """
@@ -234,10 +227,8 @@ def test_a_third_party_adds_one(glass, bare):
     ],
 )
 def test_what_is_wrong_with_a_material_is_said(glass, change, message):
-    with registry.using(glass(MATERIAL.replace(*change))):
-        with pytest.raises(CheckFailed, match=message):
-            check_material("glass")
-        assert len(material_problems()) >= 1
+    with registry.using(glass(MATERIAL.replace(*change))), pytest.raises(CheckFailed, match=message):
+        check_material("glass")
 
 
 def test_two_plugins_with_one_material_are_an_error(glass):

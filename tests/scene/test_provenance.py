@@ -8,11 +8,9 @@ from importlib import metadata
 import h5py
 import numpy as np
 import pytest
-from llvmlite import binding
 
 import chemage
 from chemage import load_scene, parse_scene
-from chemage.foundation.machine import processor
 from chemage.plugin import registry
 
 
@@ -26,27 +24,6 @@ def test_versions_name_the_distributions_in_use(scene):
     assert found["chemage"] == chemage.__version__ == metadata.version("chemage")
     for name in ("numpy", "scipy", "numba", "h5py"):
         assert found[name] == metadata.version(name)
-
-
-@pytest.mark.parametrize(
-    ("environment", "features", "text"),
-    [
-        ({}, {"avx2": True}, "host (avx2)"),
-        ({}, {"avx2": True, "avx512f": True}, "host (avx2, avx512f)"),
-        ({"NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL"}, {"avx512f": True}, "host (avx512f, numpy without AVX-512)"),
-        ({"NUMBA_CPU_NAME": "generic"}, {"avx2": True}, "generic (NUMBA_CPU_NAME)"),
-        ({"NUMBA_CPU_NAME": "generic"}, {"avx512f": True}, "generic (NUMBA_CPU_NAME, numpy with AVX-512)"),
-    ],
-)
-def test_processors_whose_bytes_differ_have_different_names(environment, features, text, monkeypatch):
-    """Heights depend on whether numpy uses AVX-512, whatever kernels are compiled for."""
-    for name in ("NUMBA_CPU_NAME", "NPY_DISABLE_CPU_FEATURES"):
-        monkeypatch.delenv(name, raising=False)
-    for name, value in environment.items():
-        monkeypatch.setenv(name, value)
-    monkeypatch.setattr(binding, "get_host_cpu_features", lambda: features)
-    monkeypatch.setattr(binding, "get_host_cpu_name", lambda: "host")
-    assert processor.__wrapped__() == text
 
 
 # -- a plugin that changes the pressure -------------------------------------------------------------------------------

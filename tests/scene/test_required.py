@@ -13,7 +13,7 @@ import pytest
 
 import chemage as ca
 from chemage import ensemble
-from chemage.ageing import kinetics, methods
+from chemage.ageing import methods
 from chemage.lattices import chemistry as lattices
 from chemage.studies import tasks
 from chemage_contact import FFTBEM, Hertz
@@ -144,8 +144,8 @@ def test_a_run_of_a_tip_imports_no_boundary_elements_and_no_figures(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
     loaded = done.stdout.split()
-    assert "chemage_contact.hertz" in loaded
-    for name in ("matplotlib", "chemage_contact.fft_bem", "chemage_contact._convolution", "xarray"):
+    assert "chemage_contact.closed_forms" in loaded
+    for name in ("matplotlib", "chemage_contact.fft_bem", "chemage_contact._grid", "xarray"):
         assert name not in loaded
 
 
@@ -201,7 +201,7 @@ def test_states_and_observables_are_kept_only_where_they_are_asked_for(calls):
 
 
 def test_an_ensemble_measures_no_more_than_it_averages(calls):
-    calls(kinetics, "measure")
+    calls(methods, "measure")
     spectra = {**ROUGH, "observe": [{"kind": "barrier-spectrum"}], "hold": {**ROUGH["hold"], "replicas": 1}}
     ensemble(ca.parse_scene(spectra), accuracy={"beta": 0.5})
     assert all(not one.values for one in calls.returned["measure"])

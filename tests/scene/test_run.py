@@ -10,7 +10,6 @@ import pytest
 
 import chemage
 from chemage import InputError, Run, load_scene
-from chemage.scene import run as experiment
 
 
 @pytest.fixture
@@ -65,10 +64,10 @@ def test_the_fit_window_is_that_of_the_scene(small):
 
 def test_finished_stages_are_not_computed_again(scene, monkeypatch):
     first = chemage.run(scene)
-    monkeypatch.setattr(experiment, "make_surface", lambda *_: pytest.fail("made the surface again"))
+    monkeypatch.setattr(type(scene.surface), "make", lambda *_: pytest.fail("made the surface again"))
     again = chemage.run(scene, surface=first.surface)
     assert again.aging == first.aging
-    monkeypatch.setattr(experiment, "solve_contact", lambda *_: pytest.fail("solved the contact again"))
+    monkeypatch.setattr(type(scene.contact), "_solve", lambda *_: pytest.fail("solved the contact again"))
     again = chemage.run(scene, contact=first.contact)
     assert again.aging == first.aging
     assert list(again.timings) == ["ageing"]

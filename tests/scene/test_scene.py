@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from seen import heading, read_grid
 
 from chemage import InputError, load_scene, parse_scene
 from chemage.plugin import SceneError, StoreError, convert, override, registry, scene_data
-from chemage.scene.scene import heading
-from chemage.studies.sweeps.running import read_grid
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ import tomllib
 
 import jsonschema
 import pytest
+from seen import options_of, scene_schema
 
 from chemage import load_scene, parse_scene
 from chemage.plugin import SceneError, override, registry, scene_data
-from chemage.scene.schema import options_of, scene_schema
 
 KINDS = [(role, kind) for role in registry.current().roles for kind in registry.current().kinds(role)]
 

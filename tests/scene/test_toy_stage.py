@@ -1,72 +1,27 @@
 """A stage that a room declares is read, checked, planned, keyed, stored and swept like those that chemage has.
 
-The stage of this test is declared here, and nothing of the framework is touched but the registry that is told of it.
+The stage of this test is declared in ``tests/stubs/wear.py``, and nothing of the framework is touched but the registry
+that is told of it.
 """
 
 from __future__ import annotations
 
 import re
-import sys
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
 
 import jsonschema
 import pytest
+import wear
+from seen import plan, read_grid, scene_schema, survey_of
 
 import chemage as ca
-from chemage.plugins.stages import Doubt, Parts, Stage, Stated
-from chemage.scene.plan import plan
-from chemage.scene.provenance import components_of
-from chemage.scene.schema import scene_schema
-from chemage.studies.sweeps.grid import Grid, survey
-
-
-class Wear(ca.plugin.Component, ABC):
-    """Role ``wear``: what a slip takes away."""
-
-    role = "wear"
-
-    @abstractmethod
-    def depth(self, load: float) -> float: ...
-
-
-class Archard(Wear):
-    """Proportional to the load."""
-
-    kind = "archard"
-    cite = ("J. F. Archard, J. Appl. Phys. 24, 981 (1953)",)
-    slip: ca.plugin.Length
-    """path of a slip, nm"""
-    table: ca.plugin.FilePath | None = None
-    """measured coefficients"""
-
-    def depth(self, load: float) -> float:
-        return load * self.slip
-
-
-class WearStage(Stage):
-    def problems(self, parts: Parts) -> Iterator[tuple[str, str]]:
-        if self.section in parts and parts[self.section].slip > 1e6:
-            yield f"{self.section}.slip", "is longer than any surface"
-
-    def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
-        return {"cpu_seconds": 1000.0 + stated["contact"]["area_fraction"]}
-
-    def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
-        if self.section in parts and parts[self.section].slip < 1:
-            yield Doubt("slip", f"a slip of {parts[self.section].slip:g} nm wears nothing off")
-
-
-ROLES = {"wear": f"{__name__}:Wear"}
-STAGES = (WearStage("wear", role="wear", needs="forming", inputs=("contact",), key="aging"),)
 
 
 @pytest.fixture(autouse=True)
 def registry():
     """A registry that knows the stage."""
     with ca.plugin.registry.using(ca.plugin.registry.Registry()) as installed:
-        installed.add_room(sys.modules[__name__])
-        ca.register(Archard)
+        installed.add_room(wear)
+        ca.register(wear.Archard)
         yield installed
 
 
@@ -76,12 +31,11 @@ def scene(**changes):
 
 def test_it_is_read_and_told(registry):
     worn = scene()
-    assert worn.component("wear") == Archard(slip=3.0)
+    assert worn.component("wear") == wear.Archard(slip=3.0)
     assert worn.todict()["wear"] == {"kind": "archard", "slip": 3.0}
     assert ca.parse_scene(worn.todict()) == worn
-    assert Archard.cite[0] in worn.cite()
+    assert wear.Archard.cite[0] in worn.cite()
     assert any("Archard" in name for name in ca.plugin.versions(worn))
-    assert components_of(worn.todict())[-1] == ("wear", worn.component("wear"))
     order = [stage.section for stage in registry.stages()]
     assert order.index("contact") < order.index("wear")
 
@@ -140,7 +94,7 @@ def test_the_plan_has_its_row_its_cost_and_its_doubts(command):
 
 def test_its_option_is_an_axis_of_a_sweep():
     data = ca.plugin.scene_data("silica-tip")[0] | {"wear": {"kind": "archard", "slip": 1.0}}
-    surveyed = survey(Grid.read({**data, "sweep": {"wear.slip": ["3 nm", "1 um"]}}))
+    surveyed = survey_of(read_grid({**data, "sweep": {"wear.slip": ["3 nm", "1 um"]}}))
     assert len(set(surveyed.keys)) == 2
     assert surveyed.units["wear.slip"] == "nm"
     assert surveyed.resolved[0] == [[3.0], [1000.0]]

@@ -10,9 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from llvmlite import binding
 
 import chemage as ca
 from chemage.foundation import compiling, machine
+from chemage.plugin import container
 from chemage.scene import warm_up
 
 #: most kernels that a scene compiles in a fresh installation: fewer is better, more needs a reason
@@ -113,7 +115,7 @@ def results_of(scene, folder, threads, options):
 @pytest.mark.parametrize("pixels", [128, 130, 63])
 def test_the_contact_calls_no_kernel_that_warm_up_leaves_out(monkeypatch, pixels, options):
     from chemage_contact import _iteration
-    from chemage_contact._team import Team
+    from chemage_contact._operators import Team
 
     solver = ca.contact("fft-bem", modulus=35.3, **options)
     maker = ca.surface("self-affine", pixels=pixels, pixel_size=0.5, rms_slope=0.1, hurst=0.8, zeta=8)
@@ -340,3 +342,58 @@ def test_a_kernel_that_is_kept_is_told_from_others():
     assert compiling._is_kept(Begun())
     Begun.data = {"dispatcher": numba.njit(lambda x: x)}
     assert not compiling._is_kept(Begun())
+
+
+# -- the machine -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("environment", "features", "text"),
+    [
+        ({}, {"avx2": True}, "host (avx2)"),
+        ({}, {"avx2": True, "avx512f": True}, "host (avx2, avx512f)"),
+        ({"NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL"}, {"avx512f": True}, "host (avx512f, numpy without AVX-512)"),
+        ({"NUMBA_CPU_NAME": "generic"}, {"avx2": True}, "generic (NUMBA_CPU_NAME)"),
+        ({"NUMBA_CPU_NAME": "generic"}, {"avx512f": True}, "generic (NUMBA_CPU_NAME, numpy with AVX-512)"),
+    ],
+)
+def test_processors_whose_bytes_differ_have_different_names(environment, features, text, monkeypatch):
+    """Heights depend on whether numpy uses AVX-512, whatever kernels are compiled for."""
+    for name in ("NUMBA_CPU_NAME", "NPY_DISABLE_CPU_FEATURES"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(binding, "get_host_cpu_features", lambda: features)
+    monkeypatch.setattr(binding, "get_host_cpu_name", lambda: "host")
+    assert machine.processor.__wrapped__() == text
+
+
+def test_the_speed_is_measured_once_and_kept(tmp_path, monkeypatch):
+    monkeypatch.setenv("CHEMAGE_CACHE", str(tmp_path))
+    measured = []
+    monkeypatch.setattr(machine, "_seconds_of_load", lambda: measured.append(1) or 2 * machine.REFERENCE_SECONDS)
+    slowness = machine.slowness.__wrapped__
+    assert (slowness(), slowness(), len(measured)) == (2.0, 2.0, 1)
+    (file,) = tmp_path.iterdir()
+    good = container.read_json(file)
+    other = {**good, "processor": "other"}
+    for content in (
+        "",
+        "{",
+        "[]",
+        "3",
+        json.dumps(good),
+        container.sealed_json({**good, "seconds": -1}).decode(),
+        container.sealed_json({"version": 0}).decode(),
+        container.sealed_json(other).decode(),
+    ):
+        file.write_text(content)
+        measured.clear()
+        assert (slowness(), len(measured)) == (2.0, 1), content
+        assert container.read_json(file) == good
+    monkeypatch.setenv("CHEMAGE_CACHE", str(file / "no folder"))
+    assert slowness() == 2.0
+
+
+def test_the_measured_speed_is_a_time():
+    assert 1e-5 < machine._seconds_of_load() < 1

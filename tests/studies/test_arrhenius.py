@@ -183,7 +183,7 @@ def curves(*kelvins, **fields):
         (curves(300, 320, 340), {"quantity": "friction"}, "choose friction_coefficient_drop"),
         (curves(300, 320, 340), {"confidence": 1}, "between 0 and 1"),
         (curves(300, 320, 340, load=0.0), {"quantity": "friction_coefficient_drop"}, "load = 0"),
-        ([1, 2, 3], {}, "int has no ageing curve; give runs or ageing curves"),
+        ([1, 2, 3], {}, "an int is no result"),
     ],
 )
 def test_what_makes_no_line_is_refused(results, options, message):

@@ -54,7 +54,7 @@ def test_same_seed_same_bytes_other_seed_other_surface():
 
 
 def test_bytes_do_not_depend_on_the_number_of_threads():
-    from chemage_surfaces._spectral import self_affine
+    from chemage_surfaces.generated import self_affine
 
     options = {"hurst": 0.8, "zeta": 100, "eta": 3, "rms_slope": 0.1, "seed": 2}
     one, four = (self_affine((300, 251), 0.5, workers=workers, **options) for workers in (1, 4))
@@ -246,9 +246,9 @@ def write(name, content):
 @pytest.mark.parametrize(
     ("name", "save", "error", "words"),
     [
-        ("gone.npy", lambda name: None, StoreError, "gone.npy: No such file"),
-        ("gone.txt", lambda name: None, StoreError, "gone.txt: No such file"),
-        ("gone.h5", lambda name: None, StoreError, "gone.h5: No such file"),
+        ("gone.npy", lambda name: None, StoreError, "gone.npy does not exist"),
+        ("gone.txt", lambda name: None, StoreError, "gone.txt does not exist"),
+        ("gone.h5", lambda name: None, StoreError, "gone.h5 does not exist"),
         ("empty.npy", lambda name: write(name, b""), StoreError, "not a numpy"),
         ("empty.txt", lambda name: write(name, b""), StoreError, "holds no numbers"),
         ("empty.h5", lambda name: write(name, b""), StoreError, "not an HDF5 file, or is truncated"),
@@ -351,7 +351,7 @@ def test_files_are_checked_before_a_run(folder):
     maker = from_file("map.npy", pixel_size=0.5)
     slope = maker.make().rms_slope
     assert maker.expected() == {"nx": 5, "ny": 7, "pixel_size": 0.5, "periodic": 0.0, "rms_slope": slope}
-    with pytest.raises(StoreError, match="No such file"):
+    with pytest.raises(StoreError, match="does not exist"):
         from_file("gone.npy", pixel_size=0.5).expected()
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import chemage
-import chemage_surfaces
 from chemage import InputError
 from chemage.plugin import PluginError, StoreError, hookimpl, reader_for, registry
 
@@ -76,12 +75,6 @@ def test_both_ways_give_the_same_surface(rival, tmp_path):
     assert type(reader_for(tmp_path / "map.RIV")).__name__ == "Rival"
 
 
-def test_there_is_one_look_up():
-    from chemage.results import files as results
-
-    assert results.reader_for is chemage_surfaces.from_file.reader_for is reader_for
-
-
 def test_a_reader_that_cannot_be_imported_does_not_stop_the_others(rival, tmp_path):
     with pytest.raises(PluginError, match="no_such_module_xyz"):
         registry.current().component("reader", "gone")
@@ -114,12 +107,14 @@ def test_of_two_plugins_for_one_ending_none_comes_first_unless_one_is_preferred(
         assert reader_for("map.both").kind == "rival"
 
 
-def test_shared_endings_are_reported_with_what_is_used_and_how_to_change_it(rival):
-    from chemage.surfaces.reading import shared_endings
+def test_shared_endings_are_reported_with_what_is_used_and_how_to_change_it(rival, command):
+    def notes():
+        said = " ".join(" ".join(command("plugins", "check")[1:]).split())
+        return [note for note in said.split("note: ") if "all read" in note]
 
-    none, own = shared_endings()
+    none, own = notes()
     assert none.startswith("the readers 'rival' (Rival) and 'third' (Third) all read .both; none is used by default")
     assert "all read .npy; 'npy' is used, because it comes with chemage" in own
     assert 'write reader = "rival" where the file is named, or write prefer = ["rival"] below [plugins]' in own
     with chemage.prefer_plugins("rival"):
-        assert all("'rival' is used, because its plugin is preferred" in said for said in shared_endings())
+        assert all("'rival' is used, because its plugin is preferred" in note for note in notes())

@@ -13,6 +13,7 @@ from chemage.ageing.fitting import short_doubt, span_text
 from chemage.contacts.display import COMPARED, compared_measures
 from chemage.contacts.options import force_text
 from chemage.foundation.figures import BLUE, GREY, ORANGE, legend, plain
+from chemage.foundation.names import __version__
 from chemage.foundation.result import (
     FILE,
     NONE,
@@ -27,7 +28,6 @@ from chemage.foundation.result import (
     displays,
 )
 from chemage.foundation.text import jsonable, percent, plus_minus, power_text, with_error
-from chemage.foundation.version import __version__
 from chemage.scene.display import chemistry_of_scene, of_scene
 from chemage.studies.ensembles.ensemble import SOURCES, Ensemble, ErrorPart, Estimate
 from chemage.studies.ensembles.goals import column_of

@@ -12,13 +12,11 @@ import numpy as np
 from pydantic import model_validator
 
 from chemage.ageing.fitting import why_not_fitted
-from chemage.foundation import pictures
-from chemage.foundation.approximations import in_words
-from chemage.foundation.datasets import dataset, frame
-from chemage.foundation.records import Doubles, Named, Number, Plain, Record
+from chemage.foundation.codec import dataset, frame
+from chemage.foundation.records import Doubles, Named, Number, Plain, Record, approximations_in_words
+from chemage.foundation.result import draw_result, notebook_html
 from chemage.scene.scene import heading
-from chemage.studies.ensembles.allocation import Spread, half_width, regressed, spread_of
-from chemage.studies.ensembles.quantities import CURVES, Quantities
+from chemage.studies.ensembles.quantities import CURVES, Quantities, Spread, half_width, regressed, spread_of
 
 if TYPE_CHECKING:
     import pandas
@@ -72,7 +70,7 @@ class Ensemble(Record):
 
     The mean is a sum over levels: of the cheapest computation over many surfaces, and of the difference between a
     better and a cheaper one over few. Where a control was used, the first level is regressed on it
-    (:mod:`chemage.studies.ensembles.allocation`).
+    (:mod:`chemage.studies.ensembles.quantities`).
     """
 
     arrays = {"hold_times": (("hold_time",), "s", "time since the contact was made")}
@@ -288,7 +286,7 @@ class Ensemble(Record):
         InputError
             matplotlib is missing.
         """
-        return pictures.draw(self, ax, singles=singles, color=color, label=label)
+        return draw_result(self, ax, singles=singles, color=color, label=label)
 
     def to_xarray(self) -> xarray.Dataset:
         """The arrays with the names, dimensions and units of the file, and the mean curves of friction with half the
@@ -337,7 +335,7 @@ class Ensemble(Record):
         return columns
 
     def _repr_html_(self) -> str:
-        return pictures.html(self)
+        return notebook_html(self)
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the estimates, their intervals and the parts of their errors; β, the curves and the
@@ -353,7 +351,7 @@ class Ensemble(Record):
                 ]
         if self.quantities.has_beta:
             estimates["b"] = _plain(self.b)
-        approximate = in_words(self.approximate)
+        approximate = approximations_in_words(self.approximate)
         return {
             "name": self.name,
             "surfaces": self.surfaces if self.random else 1,

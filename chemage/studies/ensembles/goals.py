@@ -10,18 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from chemage.contacts.role import ContactTheory
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.threads import available
 from chemage.foundation.units import convert
-from chemage.scene import sections as asked
-from chemage.scene.plan import cost
-from chemage.scene.scene import Scene
-from chemage.scene.variants import is_random
+from chemage.lattices.independent import expected_kinetics, rough_pressures, smooth_pressures
+from chemage.scene.plan import Plan, cost
+from chemage.scene.scene import LEAST, EnsembleOptions, Scene, accuracies, budget_seconds, is_random
 from chemage.studies.ensembles import stages
-from chemage.studies.ensembles.allocation import limit
 from chemage.studies.ensembles.computations import (
     DIFFERENCE,
     Computation,
@@ -30,7 +27,7 @@ from chemage.studies.ensembles.computations import (
     mapped_computations,
     replicas_of_difference,
 )
-from chemage.studies.ensembles.quantities import Quantities
+from chemage.studies.ensembles.quantities import Quantities, limit
 from chemage.studies.trade.trade_map import TradeMap
 
 #: scatter of a quantity between surfaces that is expected where nothing is known, over the mean
@@ -76,7 +73,7 @@ class Request:
         InputError
             The request contradicts itself or the scene.
         """
-        options = scene.ensemble or asked.EnsembleOptions()
+        options = scene.ensemble or EnsembleOptions()
         surfaces = None if options.surfaces is None else checked_count("surfaces", options.surfaces, least=2)
         if surfaces is not None and (scene.accuracy or options.budget is not None):
             raise InputError(
@@ -84,7 +81,7 @@ class Request:
             )
         if surfaces is None and not scene.accuracy and options.budget is None:
             raise InputError("surfaces: give how many, or an accuracy, or a budget")
-        if isinstance(scene.contact, ContactTheory):
+        if not scene.contact.gives_map:
             raise InputError(
                 f"contact {scene.contact.kind!r} is a theory of the mean; it has no surfaces to average over"
             )
@@ -180,7 +177,7 @@ def with_request(
     InputError
         A value is not valid, or they contradict each other.
     """
-    options: dict[str, Any] = (scene.ensemble or asked.EnsembleOptions()).model_dump()
+    options: dict[str, Any] = (scene.ensemble or EnsembleOptions()).model_dump()
     goals = dict(scene.accuracy)
     if surfaces is not None:
         if accuracy or budget is not None:
@@ -190,15 +187,15 @@ def with_request(
         none: dict[str, Any] = {"budget": None, "map": None}
         options, goals = options | none | {"surfaces": checked_count("surfaces", surfaces, least=2)}, {}
     if accuracy:
-        options["surfaces"], goals = None, asked.accuracies(accuracy)
+        options["surfaces"], goals = None, accuracies(accuracy)
     if budget is not None:
-        options |= {"surfaces": None, "budget": asked.budget(budget)}
+        options |= {"surfaces": None, "budget": budget_seconds(budget)}
     if map is not None:
         options["map"] = str(map)
     if most is not None:
-        options["most"] = checked_count("most", most, least=asked.LEAST)
-    wish = asked.EnsembleOptions(**options)
-    nothing = scene.ensemble is None and wish == asked.EnsembleOptions()
+        options["most"] = checked_count("most", most, least=LEAST)
+    wish = EnsembleOptions(**options)
+    nothing = scene.ensemble is None and wish == EnsembleOptions()
     return scene.model_copy(update={"ensemble": None if nothing else wish, "accuracy": goals})
 
 
@@ -210,7 +207,7 @@ def goals(accuracy: Mapping[str, Any], quantities: Quantities) -> list[Goal]:
     InputError
         A quantity that the scene does not have, an accuracy that is none, or a time that is no hold time.
     """
-    return [Goal(name, column_of(name, quantities), value) for name, value in asked.accuracies(accuracy).items()]
+    return [Goal(name, column_of(name, quantities), value) for name, value in accuracies(accuracy).items()]
 
 
 def column_of(text: str, quantities: Quantities) -> int:
@@ -229,3 +226,76 @@ def wanted(goals: list[Goal], count: int) -> np.ndarray:
     for goal in goals:
         accuracy[goal.column] = min(accuracy[goal.column], goal.accuracy)
     return accuracy
+
+
+@dataclass(frozen=True)
+class Scatters:
+    """Standard deviations over the mean that are expected, of each quantity; nan: not known."""
+
+    #: (quantities,) between surfaces
+    surfaces: np.ndarray
+    #: (quantities,) between replicas on one surface
+    replicas: np.ndarray
+    #: how that between surfaces is known, in words
+    source: str
+
+    def sample(self, replicas: int) -> np.ndarray:
+        """(quantities,) between samples of ``replicas`` on each surface."""
+        return np.sqrt(self.surfaces**2 + self.replicas**2 / replicas)
+
+
+def is_about_zero(scatter: np.ndarray | float) -> np.ndarray | bool:
+    """Whether a mean of this relative scatter is that of too few bonds for one in each of the first samples."""
+    return scatter**2 > stages.FIRST
+
+
+def scatters(request: Request, costs: Plan, contact: Mapping[str, float]) -> Scatters:
+    """The scatter of what ``request`` averages, of which ``known`` are the estimates and ``contact`` the expected
+    measures of the contact."""
+    quantities, scene = request.quantities, request.scene
+    first, times = int(quantities.has_beta), quantities.hold_times.size
+    surfaces, source = np.full(quantities.count, np.nan), ""
+    if not request.random:
+        surfaces[:] = 0.0
+    elif (scatter := scene.surface.scatter(contact)) is not None:
+        source = scatter.source
+        if scatter.relative is not None:
+            # the friction drop scatters as much as β does
+            surfaces[: first + times] = scatter.relative
+    replicas = np.zeros(quantities.count)
+    replicas[: first + times] = _replicas(scene, costs, request)
+    return Scatters(surfaces, replicas, source)
+
+
+def _replicas(scene: Scene, costs: Plan, request: Request) -> np.ndarray:
+    """(β and hold times,) standard deviation between replicas over the mean: that of sites which react independently.
+
+    Of N sites that are bonded with the probability p(t), the bonds at t ≤ u have the covariance N p(t) (1 − p(u)).
+    """
+    quantities, chemistry, hold = request.quantities, scene.chemistry, scene.hold
+    first, times = int(quantities.has_beta), quantities.hold_times.size
+    scatter = np.full(first + times, np.nan)
+    if chemistry is None or hold is None or costs.mean_pressure is None or not costs.sites:
+        return scatter
+    if scene.ageing is not None and not scene.ageing.replicates:
+        return np.zeros(first + times)
+    spread = smooth_pressures if "radius" in costs.surface else rough_pressures
+    pressures = spread(costs.mean_pressure)
+    needed = {goal.column - first for goal in request.goals} | set(np.flatnonzero(quantities.fitted) if first else ())
+    bonded = np.full(times, np.nan)
+    for number in needed:
+        if 0 <= number < times:
+            time = float(quantities.hold_times[number])
+            bonded[number] = expected_kinetics(chemistry, pressures, time, hold.temperature).bonded
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scatter[first:] = np.sqrt((1 - bonded) / (costs.sites * bonded))
+    if first:
+        share = bonded[quantities.fitted]
+        x = np.log10(quantities.hold_times[quantities.fitted])
+        x = x - x.mean()
+        earlier, later = np.minimum.outer(share, share), np.maximum.outer(share, share)
+        variance, slope = float(x @ (earlier * (1 - later)) @ x) / costs.sites, float(x @ share)
+        # the quadrature of shares that are all 0 or all 1 rounds
+        rises = slope > 1e-12 * float(np.abs(x).sum())
+        scatter[0] = math.sqrt(max(variance, 0.0)) / slope if rises else math.inf if slope == slope else math.nan
+    return scatter

@@ -1,11 +1,16 @@
-"""What an ensemble will do and cost, estimated before anything is computed."""
+"""What an ensemble will do and cost, estimated before anything is computed.
+
+What the rule that stops an ensemble will do, found by applying it to imagined samples of the expected scatter.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
@@ -13,11 +18,217 @@ from chemage.scene import plan as estimate
 from chemage.scene.plan import Plan, in_hours
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages
-from chemage.studies.ensembles.allocation import limit
-from chemage.studies.ensembles.computations import PROGRAM, Computation, fitting, replicas_of_difference, sketched
-from chemage.studies.ensembles.goals import Request
+from chemage.studies.ensembles.computations import (
+    DIFFERENCE,
+    DIFFERENCE_REPLICAS,
+    PROGRAM,
+    REPLICA_SHARE,
+    Computation,
+    fitting,
+    replicas_of_difference,
+    sketched,
+)
+from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, scatters
+from chemage.studies.ensembles.quantities import limit
 from chemage.studies.ensembles.running import Sampler, needing
-from chemage.studies.ensembles.trials import Expectation, Scatters, expected_of, is_about_zero, scatters
+
+#: how often the rule is applied, for the median and the range
+TRIALS = 31
+#: part of the trials on each side of the range
+TAIL = 0.1
+#: correlation of the area of a sketch with what β has in common on a surface (``tests/benchmarks/sketches.py``)
+CORRELATION = 0.95
+
+
+@dataclass
+class _Spent:
+    """CPU and wall seconds of imagined samples."""
+
+    cpu: float = 0.0
+    wall: float = 0.0
+
+
+@dataclass
+class _Imagined:
+    """A level of which the samples are normal numbers."""
+
+    cost: float
+    mean: np.ndarray
+    deviation: np.ndarray
+    rng: np.random.Generator
+    workers: int
+    spent: _Spent
+    #: (quantities,) correlation with the number that each surface has
+    correlation: np.ndarray
+    #: of the numbers of the surfaces, the same for the levels that have them in common
+    seed: int
+
+    def sample(self, begin: int, end: int) -> np.ndarray:
+        """See :class:`chemage.studies.ensembles.stages.Level`."""
+        self.spent.cpu += self.cost * (end - begin)
+        self.spent.wall += self.cost * (end - begin) / min(self.workers, max(1, end - begin))
+        own = self.rng.normal(size=(end - begin, self.mean.size))
+        common = np.random.default_rng(self.seed).normal(size=end)[begin:, None]
+        return self.mean + self.deviation * (self.correlation * common + np.sqrt(1 - self.correlation**2) * own)
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """Medians over trials of what the rule does, and ranges of 80 % of the trials."""
+
+    #: samples of the first level, and of the corrections
+    samples: tuple[int, ...]
+    #: of the first level
+    range: tuple[int, int]
+    cpu_seconds: float
+    cpu_range: tuple[float, float]
+    wall_seconds: float
+    #: quantity -> half the width of its interval over its mean
+    intervals: dict[str, float] = field(default_factory=dict)
+    #: part of the trials in which the accuracy is reached
+    reached: float = 1.0
+    #: why it is not: the reasons of :class:`chemage.studies.ensembles.stages.Unreachable`
+    reason: str = ""
+    #: samples of the control
+    sketches: int = 0
+
+    def scaled(self, factor: float) -> Expectation:
+        """The same where everything takes ``factor`` times as long."""
+        low, high = self.cpu_range
+        return replace(
+            self,
+            cpu_seconds=self.cpu_seconds * factor,
+            cpu_range=(low * factor, high * factor),
+            wall_seconds=self.wall_seconds * factor,
+        )
+
+
+def expected_of(
+    request: Request, routes: list[stages.Route], expected: Scatters, means: Mapping[str, float], workers: int
+) -> Expectation | None:
+    """Apply the rule to imagined samples; None where the scatter of a quantity is not known.
+
+    Parameters
+    ----------
+    routes
+        Those of the ensemble; their levels state their costs and are not sampled.
+    means
+        Measures of the contact that are expected, of which errors of coarse grids may depend.
+    workers
+        Surfaces that are computed at the same time.
+    """
+    columns = sorted({goal.column for goal in request.goals}) or [0]
+    replicas = [_replicas_of(level) for level in routes[0].levels]
+    scatter = expected.sample(replicas[0])[columns]
+    if np.any(is_about_zero(scatter)):
+        cost, count = routes[0].levels[0].cost, stages.FIRST
+        if request.budget is not None:
+            count = max(count, int(workers * request.budget / cost))
+        cpu = count * cost
+        return Expectation((count,), (count, count), cpu, (cpu, cpu), cpu / workers, {}, 0.0, "zero")
+    if not np.isfinite(scatter).all():
+        return None
+    full = _mean(request, means)
+    trials = [_trial(request, routes, expected, full, columns, workers, seed) for seed in range(TRIALS)]
+    firsts = sorted(trial.samples[0] for trial in trials)
+    cpu = sorted(trial.cpu_seconds for trial in trials)
+    levels = max(len(trial.samples) for trial in trials)
+    counts = [[(*trial.samples, *[0] * levels)[k] for trial in trials] for k in range(levels)]
+    low, high = int(TAIL * (TRIALS - 1)), int((1 - TAIL) * (TRIALS - 1))
+    middle = {name: float(np.median([trial.intervals[name] for trial in trials])) for name in trials[0].intervals}
+    reasons = [trial.reason for trial in trials if trial.reason]
+    return Expectation(
+        samples=tuple(round(float(np.median(one))) for one in counts),
+        range=(firsts[low], firsts[high]),
+        cpu_seconds=float(np.median(cpu)),
+        cpu_range=(cpu[low], cpu[high]),
+        wall_seconds=float(np.median([trial.wall_seconds for trial in trials])),
+        intervals=middle,
+        reached=1 - len(reasons) / TRIALS,
+        reason=max(set(reasons), key=reasons.count) if reasons else "",
+        sketches=round(float(np.median([trial.sketches for trial in trials]))),
+    )
+
+
+def _replicas_of(level: stages.Level) -> int:
+    return level.parts[0].computation.replicas  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _mean(request: Request, means: Mapping[str, float]) -> np.ndarray:
+    """(quantities,): 1 where only the relative scatter counts, measures of the contact as far as they are known."""
+    quantities = request.quantities
+    measures = [means.get(name, math.nan) for name in quantities.measures]
+    return np.concatenate([np.ones(quantities.count - len(measures)), measures])
+
+
+def _trial(
+    request: Request,
+    routes: list[stages.Route],
+    expected: Scatters,
+    full: np.ndarray,
+    columns: list[int],
+    workers: int,
+    seed: int,
+) -> Expectation:
+    """One application of the rule."""
+    rng, spent = np.random.default_rng(seed), _Spent()
+    levels: dict[int, _Imagined] = {}
+
+    def imagined(level: stages.Level, number: int) -> _Imagined:
+        if id(level) not in levels:
+            replicas = _replicas_of(level)
+            deviation = expected.sample(replicas)[columns]
+            mean, correlation = np.ones(len(columns)), np.zeros(len(columns))
+            if number:
+                per_surface = (1 + REPLICA_SHARE / replicas) / (1 + REPLICA_SHARE / DIFFERENCE_REPLICAS)
+                deviation, mean = np.full(len(columns), DIFFERENCE * math.sqrt(per_surface)), np.zeros(len(columns))
+            else:
+                correlation = CORRELATION * expected.surfaces[columns] / np.maximum(deviation, 1e-300)
+            levels[id(level)] = _Imagined(level.cost, mean, deviation, rng, workers, spent, correlation, seed)
+        return levels[id(level)]
+
+    def sketched(level: stages.Level | None) -> _Imagined | None:
+        one = np.ones(1)
+        return None if level is None else _Imagined(level.cost, one, one, rng, workers, spent, one, seed)
+
+    def errors(route: stages.Route) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda mean: route.known(full)[columns]
+
+    drawn = [
+        stages.Route(
+            one.name,
+            tuple(imagined(level, k) for k, level in enumerate(one.levels)),
+            errors(one),
+            sketched(one.control),
+        )
+        for one in routes
+    ]
+    clock = stages.Clock(math.inf if request.budget is None else request.budget, now=lambda: spent.wall)
+    accuracy = request.accuracy()[columns]
+    reason = ""
+    try:
+        state = stages.run_stages(drawn, accuracy, most=request.most, clock=clock)
+        counts = state.counts
+    except stages.Unreachable as error:
+        state, reason = error.state, error.reason
+        counts = error.needed or state.counts
+    half = state.half_width() / np.abs(state.mean)
+    names = [goal.name for goal in request.goals] or [request.quantities.names[0]]
+    places = [columns.index(goal.column) for goal in request.goals] or [0]
+    cpu, wall = spent.cpu, spent.wall
+    if reason == "most":
+        cpu = sum(count * one.level.cost for count, one in zip(counts, state.sampled, strict=True))
+        wall = cpu / workers
+    return Expectation(
+        samples=tuple(counts[: len(counts) - state.controlled]),
+        sketches=counts[-1] if state.controlled else 0,
+        range=(counts[0], counts[0]),
+        cpu_seconds=cpu,
+        cpu_range=(cpu, cpu),
+        wall_seconds=wall,
+        intervals={name: float(half[place]) for name, place in zip(names, places, strict=True)},
+        reason=reason or ("" if state.reached(accuracy) else "time"),
+    )
 
 
 @dataclass(frozen=True)

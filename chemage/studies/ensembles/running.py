@@ -12,36 +12,38 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.members import BARRIERS
-from chemage.foundation.approximations import merged
+from chemage.ageing.age import BARRIERS
 from chemage.foundation.errors import InputError, PlanWarning
 from chemage.foundation.progress import Report
+from chemage.foundation.records import merged_approximations
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
-from chemage.scene.files import load_scene
-from chemage.scene.parsing import parse_scene
+from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.plan import cost, in_hours
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages
-from chemage.studies.ensembles.allocation import MOST
 from chemage.studies.ensembles.computations import (
     Computation,
+    Control,
+    Difference,
+    Parts,
+    Samples,
+    Single,
+    Taken,
     barriers_error,
     fitting,
     own_error,
     replicas_of_difference,
     sketched,
+    within,
 )
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.goals import Goal, Request, with_request
-from chemage.studies.ensembles.quantities import Quantities, Sample
-from chemage.studies.ensembles.sampling import Control, Difference, Parts, Samples, Single, Taken, within
-from chemage.studies.selection import Selection
-from chemage.studies.study import Archive, Part, Study
-from chemage.studies.tasks import Outcome, Task
+from chemage.studies.ensembles.quantities import MOST, Quantities, Sample
+from chemage.studies.study import Archive, Part, Selection, Study
+from chemage.studies.tasks import Outcome, Task, registered_classes
 from chemage.studies.trade.trade_map import TradeMap
-from chemage.studies.workers import registered_classes
 
 #: seconds between two intervals that are shown
 PERIOD = 0.25
@@ -110,8 +112,8 @@ def ensemble(
     if not isinstance(scene, Scene):
         scene = parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
     request: dict[str, Any] = {"surfaces": surfaces, "accuracy": accuracy, "budget": budget, "most": most}
-    map = measured if isinstance(measured, TradeMap) else None
-    asked = with_request(scene.completed(), **request, map=None if isinstance(measured, TradeMap) else measured)
+    map, file = (measured, None) if isinstance(measured, TradeMap) else (None, measured)
+    asked = with_request(scene.completed(), **request, map=file)
     where: dict[str, Any] = {"executor": executor, "workers": workers, "threads": threads, "patience": patience}
     where["points"] = points
     return Sampler(asked, samples=samples, measured=map, **where).run(progress)
@@ -522,7 +524,7 @@ class Sampler:
     def _provenance(self, state: stages.State) -> dict[str, Any]:
         samples = [sample for level in state.sampled for part in _of(level.level).parts for sample in part.samples]
         plugins = {name: source for sample in samples for name, source in sample.plugins.items()}
-        approximate = merged(*(sample.approximate for sample in samples))
+        approximate = merged_approximations(*(sample.approximate for sample in samples))
         return {
             "scene": self.scene.todict(),
             "versions": {**versions(self.scene), **plugins},

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from chemage.studies.ensembles.allocation import Spread, allocated, half_width, regressed, spread_of
+from chemage.studies.ensembles.quantities import Spread, allocated, half_width, regressed, spread_of
 
 #: samples of the first stage: of a level that is sampled often, and of one that corrects it
 FIRST, FIRST_DIFFERENCES = 6, 5

@@ -14,9 +14,9 @@ import numpy as np
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, PALETTE, plain
+from chemage.foundation.names import __version__
 from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Table, displays, result_of
 from chemage.foundation.text import jsonable
-from chemage.foundation.version import __version__
 from chemage.studies.sweeps.grid import Grid
 from chemage.studies.sweeps.result import Point, SweepResult
 from chemage.studies.sweeps.views import HOLD_TIME, Quantity, SweepData, View, swept_rows

@@ -7,7 +7,6 @@ whole section given as an inline table, or ``false`` for a section to be left ou
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping
@@ -18,18 +17,15 @@ from typing import Any
 import numpy as np
 
 from chemage.contacts.options import nominal_pressure
-from chemage.contacts.role import ContactTheory, no_map
-from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError
-from chemage.foundation.messages import nearest
-from chemage.foundation.records import content_hash
+from chemage.contacts.role import no_map
+from chemage.foundation.errors import ChemageError, InputError, PluginError, SceneError, nearest
+from chemage.foundation.records import content_hash, text_hash
 from chemage.plugins.sources import implementing, stage_hooks
-from chemage.scene.files import override
+from chemage.scene.files import override, parse_scene, required_sections, section_names
 from chemage.scene.materials import filled_sections
-from chemage.scene.parsing import parse_scene, required_sections, section_names
 from chemage.scene.plan import cost
 from chemage.scene.scene import Scene
-from chemage.studies.tasks import Task
-from chemage.studies.workers import registered_classes
+from chemage.studies.tasks import Task, registered_classes
 
 
 @dataclass(frozen=True)
@@ -329,10 +325,7 @@ def survey(grid: Grid, progress: Callable[[int, int], None] | None = None) -> Su
                 _resolve(result, axis, place, scene)
     if wrong:
         raise SceneError(grid.source, [_located(grid, problem, *where) for problem, where in wrong.items()])
-    digest = hashlib.blake2b(json.dumps([[axis.paths for axis in grid.axes], []]).encode(), digest_size=16)
-    for key in result.keys:
-        digest.update(key.encode())
-    result.digest = digest.hexdigest()
+    result.digest = text_hash("".join([json.dumps([[axis.paths for axis in grid.axes], []]), *result.keys]))
     return result
 
 
@@ -370,7 +363,7 @@ def shown(value: Any) -> str:
 
 
 def _add(result: Survey, point: int, scene: Scene, numbers: dict[str, int]) -> None:
-    if isinstance(scene.contact, ContactTheory):
+    if not scene.contact.gives_map:
         raise InputError(no_map(scene.contact, "a sweep has no contact to store; run each scene by itself"))
     keys, costs = scene.task_keys(), cost(scene)
     if point and scene.is_ensemble != result.means:

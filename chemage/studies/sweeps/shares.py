@@ -12,7 +12,7 @@ from pathlib import Path
 from chemage.foundation.container import read_json, sealed_json
 from chemage.foundation.errors import DamagedError, InputError
 from chemage.studies.folder import Folder
-from chemage.studies.selection import Selection, in_ranges
+from chemage.studies.study import Selection, in_ranges
 from chemage.studies.sweeps.grid import Survey, order_of
 
 #: the folder of divisions within that of a sweep

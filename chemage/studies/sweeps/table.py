@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.ageing import elasticity
-from chemage.ageing.aging import CURVES, FIT
+from chemage.ageing.aging import CURVES, ELASTIC_MEASURES, FIT
 from chemage.ageing.fitting import LN10
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.container import seal
@@ -33,7 +32,7 @@ SCALARS: dict[str, tuple[str, str]] = {
     "replicas": ("1", "replicas"),
     "events": ("1", "bonds formed and broken, all replicas"),
     **FIT,
-    **elasticity.MEASURES,
+    **ELASTIC_MEASURES,
 }
 #: those of SCALARS that only repeat a field of the scene; where that is swept, it has their place in the dataset
 GIVEN = {"load", "nominal_pressure", "modulus", "replicas", "hardness", "shear_strength"}
@@ -369,7 +368,7 @@ def error_text(error: Mapping[str, Any] | None) -> str:
 def _unknown(name: str, column: np.ndarray, means: bool) -> bool:
     """Whether a column is left out: of a limit of the material with which no point was compared, or of what means over
     surfaces do not have."""
-    return (means or name in elasticity.MEASURES) and bool(np.isnan(column).all())
+    return (means or name in ELASTIC_MEASURES) and bool(np.isnan(column).all())
 
 
 def _column(values: Sequence[Any]) -> np.ndarray:

@@ -11,9 +11,8 @@ import numpy as np
 
 from chemage.ageing.aging import CURVES
 from chemage.ageing.fitting import FIT_WINDOW, few_hold_times
-from chemage.ageing.hold_times import within
-from chemage.foundation.errors import InputError, UnitError
-from chemage.foundation.messages import nearest
+from chemage.foundation.checks import within
+from chemage.foundation.errors import InputError, UnitError, nearest
 from chemage.foundation.statistics import crossed_half_width, student_limit
 from chemage.foundation.text import plus_minus
 from chemage.foundation.units import convert

@@ -21,32 +21,31 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.kinetics import EVERY_SITE
-from chemage.contacts.role import ContactTheory, no_map
-from chemage.foundation.approximations import in_words
+from chemage.ageing.methods import EVERY_SITE
+from chemage.contacts.role import no_map
 from chemage.foundation.checks import checked_count
 from chemage.foundation.errors import ChemageError, InputError
+from chemage.foundation.records import approximations_in_words
 from chemage.plugins.sources import approximations
 from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
-from chemage.scene.scene import Scene
-from chemage.scene.variants import is_random, question
+from chemage.scene.scene import Scene, is_random, question
 from chemage.studies.ensembles.quantities import Quantities
 from chemage.studies.study import Archive, Study
-from chemage.studies.tasks import Outcome, Task
+from chemage.studies.tasks import Outcome, Task, registered_classes
 from chemage.studies.trade.choices import (
     ENGINE,
     Choice,
     Combination,
+    Timed,
+    Timing,
     applied,
     changes,
     choices,
     go_together,
     most_accurate,
 )
-from chemage.studies.trade.timing import Timed, Timing
 from chemage.studies.trade.trade_map import BETA, DISTRIBUTION, DROP, SHOWN_MEASURES, Point, TradeMap, machine, pareto
-from chemage.studies.workers import registered_classes
 
 #: called with what was measured
 Report = Callable[[str], None]
@@ -96,7 +95,7 @@ def tradeoff(
         checked_count("rounds", rounds)
     if executor == "threads":
         raise InputError.of("executor", executor, "CPU times of threads cannot be told apart", "choose processes")
-    if isinstance(scene.contact, ContactTheory):
+    if not scene.contact.gives_map:
         raise InputError(no_map(scene.contact, "there is no pressure whose error could be measured"))
     with scene.in_use():
         archive = Archive(folder, scene, processor=True)
@@ -482,7 +481,7 @@ class Mapper:
             replicates=(method or EVERY_SITE).replicates,
             exact=bool(trial.combination) and all(choice.exact for choice in trial.combination),
             own=not trial.combination,
-            remark=in_words(approximations(*_replaced(self.scene, trial.scene))),
+            remark=approximations_in_words(approximations(*_replaced(self.scene, trial.scene))),
         )
 
 

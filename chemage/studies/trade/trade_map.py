@@ -20,10 +20,8 @@ from chemage.foundation.statistics import NORMAL_LIMIT, student_limit
 from chemage.foundation.text import jsonable, percent, power_text
 from chemage.foundation.threads import processors
 from chemage.scene.provenance import versions
-from chemage.scene.scene import Scene
-from chemage.scene.variants import question
-from chemage.studies.trade.choices import pasted
-from chemage.studies.trade.timing import DISTRIBUTION
+from chemage.scene.scene import Scene, question
+from chemage.studies.trade.choices import DISTRIBUTION, pasted
 
 #: the accuracies for which the cheapest settings are named
 WITHIN = (0.1, 0.03, 0.01, 0.003)
@@ -210,7 +208,7 @@ class TradeMap:
 
     #: the scene, see :meth:`Scene.todict`
     scene: dict[str, Any]
-    #: content hash of what the scene asks, see :func:`chemage.scene.variants.question`
+    #: content hash of what the scene asks, see :func:`chemage.scene.scene.question`
     question: str
     versions: dict[str, str]
     machine: dict[str, Any]

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import faults
 import numpy as np
 import pytest
 
 import chemage as ca
-from chemage.studies import tasks
-from chemage.studies.ensembles.stages import FIRST
 
 SCENE = """
 name = "rough"
@@ -146,16 +145,8 @@ def test_a_budget_ends_sampling_and_says_so(command, scene):
 @pytest.mark.long
 def test_an_interrupted_ensemble_says_its_interval_and_goes_on(command, scene, monkeypatch):
     words = ("run", scene, "--accuracy", "beta=6%", "--threads", 1, "--no-figures")
-    inner, calls = tasks.run, []
-
-    def stopping(*given, **more):
-        calls.append(given)
-        if len(calls) > 8:
-            raise KeyboardInterrupt
-        return inner(*given, **more)
-
     with monkeypatch.context() as patch:
-        patch.setattr(tasks, "run", stopping)
+        faults.interrupt_after(patch, 8)
         stopped = command(*words)
     assert stopped.status == 130
     assert "interrupted; so far beta ± " in stopped.err
@@ -226,11 +217,11 @@ def test_check_foresees_the_computations_of_an_accuracy(command, scene):
     assert "beta ± 2 %, 0.001 s of wall time, whichever comes first" in done.out
     assert "128 x 128 pixels, 1 replica, about" in done.out
     assert "the time will be over before" in done.out
-    assert f"warning: the first {FIRST} surfaces, without which there is no interval, take about" in done.out
+    assert "warning: the first 6 surfaces, without which there is no interval, take about" in done.out
     done = command("check", scene, "--accuracy", "beta=2%")
     assert "estimated from the spectrum" in done.out
     done = command("check", scene, "--accuracy", "patches=2%")
-    assert f"decided after the first {FIRST}" in done.out
+    assert "decided after the first 6" in done.out
 
 
 def test_points_of_a_sweep_may_be_means(command, scene):

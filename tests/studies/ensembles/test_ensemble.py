@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import faults
 import numpy as np
 import pytest
 
 import chemage as ca
 from chemage import Ensemble, InputError, ensemble
-from chemage.studies import tasks
 
 ROUGH = {
     "name": "small",
@@ -92,9 +92,7 @@ def test_measures_of_contacts_do_not_scatter_between_replicas(four):
 
 def test_samples_are_kept_and_taken_up_again(rough, four, tmp_path, monkeypatch):
     first = ensemble(rough, surfaces=3, samples=tmp_path)
-    calls = []
-    inner = tasks.run
-    monkeypatch.setattr(tasks, "run", lambda *given, **more: calls.append(given) or inner(*given, **more))
+    calls = faults.counted_samples(monkeypatch)
     again = ensemble(rough, surfaces=4, samples=tmp_path)
     assert len(calls) == 1
     assert np.array_equal(again.rows["0"], four.rows["0"])
@@ -111,15 +109,7 @@ def test_a_damaged_sample_is_computed_again(rough, four, tmp_path):
 
 
 def test_an_interruption_says_what_is_known_so_far(rough, tmp_path, monkeypatch):
-    inner, calls = tasks.run, []
-
-    def stopping(*given, **more):
-        calls.append(given)
-        if len(calls) > 25:
-            raise KeyboardInterrupt
-        return inner(*given, **more)
-
-    monkeypatch.setattr(tasks, "run", stopping)
+    faults.interrupt_after(monkeypatch, 25)
     with pytest.raises(KeyboardInterrupt, match=r"beta ± .* from .* samples, kept in"):
         ensemble(rough, accuracy={"beta": 0.005}, samples=tmp_path, threads=1)
 

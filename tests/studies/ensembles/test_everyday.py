@@ -11,13 +11,10 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
+from seen import comparison_figures, report, result_of
 
 import chemage as ca
 from chemage import Ensemble, compare_files
-from chemage.contacts.solution import MEASURES
-from chemage.foundation.result import result_of
-from chemage.results.drawing import comparison_figures
-from chemage.results.page import html
 
 SCENE = {
     "name": "rough",
@@ -224,7 +221,7 @@ def test_in_a_figure_bands_are_of_surfaces_and_bars_of_one(files):
 
 
 def test_a_page_of_an_ensemble_has_its_curve_its_errors_and_its_seeds(files):
-    page = html([files / "mean.h5"])
+    page = report([files / "mean.h5"])
     for words in (
         "mean over 20 surfaces", "Parts of the error", "scatter between surfaces, each with its own replica",
         "measured before on other surfaces", "1 2, 3 4", "A. Author", "6 % asked",
@@ -232,12 +229,12 @@ def test_a_page_of_an_ensemble_has_its_curve_its_errors_and_its_seeds(files):
     ):  # fmt: skip
         assert words in page, words
     assert page.count("<svg") == 2
-    assert html([files / "mean.h5"]) == page
+    assert report([files / "mean.h5"]) == page
 
 
 @pytest.mark.long
 def test_a_page_of_several_says_whose_errors_are_which(files):
-    page = html([files / name for name in ("mean.h5", "one.h5", "tip.h5", "bare.h5")])
+    page = report([files / name for name in ("mean.h5", "one.h5", "tip.h5", "bare.h5")])
     assert "Errors of mean, bare are 95 % intervals (Student&#39;s t) that include the scatter" in page
     assert "Errors of one, tip are 95 % intervals over replicas on one surface" in page
     assert "Bands are intervals of means over surfaces, bars of means over replicas on one surface." in page
@@ -271,9 +268,14 @@ def test_commands_take_its_file(command, files, tmp_path, monkeypatch):
 def test_json_has_what_json_of_a_run_has_where_that_has_it(command, files):
     """A script that reads β of a run reads that of a mean over surfaces."""
     mean, one = (json.loads(command("show", files / name, "--json").out) for name in ("mean.h5", "one.h5"))
-    missing = set(one) - set(mean) - set(MEASURES)
+    missing = (
+        set(one)
+        - set(mean)
+        - set(ca.run(ca.parse_scene({name: SCENE[name] for name in ("name", "surface", "contact")})).contact.summary())
+    )
     assert missing == {
-        *("solver", "engine", "rupture", "converged", "residual", "iterations", "sites", "site_grid", "events"),
+        *("solver", "engine", "ageing", "rupture", "converged", "residual", "iterations", "sites"),
+        *("site_grid", "events"),
         *("common_random_numbers", "observables", "cutoff_time", "cutoff_time_stderr", "cutoff_time_low"),
         *("cutoff_time_high", "cutoff_reason", "timings", "keys", "mean_shear_stress"),
     }  # which are of one surface

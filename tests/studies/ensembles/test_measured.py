@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from seen import Point, TradeMap
 
 import chemage as ca
 from chemage import InputError, ensemble
 from chemage.plugin import versions
-from chemage.scene.variants import question
+from chemage.scene.scene import question
 from chemage.studies.ensembles.goals import Request
 from chemage.studies.ensembles.running import Sampler
-from chemage.studies.trade.trade_map import Point, TradeMap
 
 ROUGH = {
     "name": "small",

@@ -11,8 +11,7 @@ import chemage as ca
 from chemage.scene.plan import cost
 from chemage.studies.ensembles import computations, stages
 from chemage.studies.ensembles.goals import Request, with_request
-from chemage.studies.ensembles.planning import plan
-from chemage.studies.ensembles.trials import scatters
+from chemage.studies.ensembles.planning import plan, scatters
 
 DATA = {
     "name": "small",

@@ -1,13 +1,16 @@
-"""Executors: whatever they run on, the same answers; a worker that dies costs its own task a second try."""
+"""Executors and clusters: whatever they run on, the same answers; what keeps them from starting is one message."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor, wait
+from pathlib import Path
 from textwrap import dedent
 
 import pytest
@@ -16,8 +19,12 @@ from distributed import LocalCluster
 import chemage
 from chemage import InputError
 from chemage.plugin import ExecutorError, StoreError, WorkerLost, threads
-from chemage.studies.clusters import Dask
-from chemage.studies.executors import Processes, Serial, open_pool
+from chemage.studies import clusters
+from chemage.studies.clusters import Dask, seconds
+from chemage.studies.runner import Processes, Serial, open_pool
+
+# -- executors: whatever they run on, the same answers; a worker that dies costs its own task a second try ------------
+
 
 WORK = """
 import os, signal, sys, time
@@ -151,7 +158,7 @@ def test_processes_end_when_their_parent_is_killed(work, tmp_path):
         import sys
         sys.path.insert(0, {str(tmp_path)!r})
         import chemage_work
-        from chemage.studies.executors import Processes
+        from chemage.studies.runner import Processes
         made = Processes(2)
         print(*made.map(chemage_work.whoami, range(8)), flush=True)
         [made.submit(chemage_work.slowly, 1, 600) for _ in range(2)]
@@ -184,7 +191,7 @@ def test_a_process_knows_its_share_of_threads(work):
 
 
 def test_no_process_no_answer(work, monkeypatch, capfd):
-    monkeypatch.setattr("chemage.studies.executors._begin", work.refuse)
+    monkeypatch.setattr("chemage.studies.runner._begin", work.refuse)
     with Processes(1) as processes, pytest.raises(ExecutorError, match="a worker process could not start"):
         processes.submit(work.double, 1).result()
     assert "no such interpreter" in capfd.readouterr().err
@@ -430,3 +437,165 @@ def test_workers_of_somebody_else_may_stand_in_a_queue(monkeypatch):
     for _ in range(100):
         now[0] += 100
         assert pool.width() == 1
+
+
+# -- clusters that submit jobs: what keeps them from starting is one message, in seconds; a fake ``sbatch`` runs jobs -
+
+
+STUBS = Path(__file__).parents[2] / "stubs"
+WORDS = "Batch job submission failed: Invalid account or account/partition combination specified"
+REFUSES = f'#!/bin/sh\necho "sbatch: error: {WORDS}" >&2\nexit 1\n'
+NEVER = "#!/bin/sh\necho Submitted batch job 17\n"
+RUNS = """#!/bin/sh
+cp "$1" "$HERE/$$.sh"
+sh "$HERE/$$.sh" > "$HERE/$$.log" 2>&1 < /dev/null &
+echo "Submitted batch job $!"
+"""
+CANCELS = '#!/bin/sh\necho "$1" >> "$HERE/cancelled"\nkill "$1" 2> /dev/null\nexit 0\n'
+
+
+@pytest.fixture
+def queue(tmp_path, monkeypatch):
+    """``queue(text)`` puts a program ``sbatch`` on the PATH; the cluster file is in the working folder."""
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    monkeypatch.setenv("PATH", str(programs), prepend=os.pathsep)
+    monkeypatch.setenv("HERE", str(programs))
+    monkeypatch.setenv("CHEMAGE_CLUSTERS", "job_queue.Queue")
+    monkeypatch.syspath_prepend(str(STUBS))
+    monkeypatch.setenv("PYTHONPATH", str(STUBS), prepend=os.pathsep)
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    (work / "cluster.toml").write_text('cluster = "job_queue.Queue"\nworkers = 2\n')
+
+    def install(text):
+        for name, content in (("sbatch", text), ("scancel", CANCELS)):
+            (programs / name).write_text(content)
+            (programs / name).chmod(0o755)
+        return programs
+
+    return install
+
+
+def fails(message, executor="dask:cluster.toml", **options):
+    """The error of a pool that cannot be opened, after which no thread is left that keeps a program alive."""
+    before = {thread for thread in threading.enumerate() if not thread.daemon}
+    begin = time.monotonic()
+    with pytest.raises(ExecutorError, match=message) as caught, open_pool(executor, **options):
+        pass
+    assert "\n" not in str(caught.value)
+    assert {thread for thread in threading.enumerate() if not thread.daemon} <= before
+    return time.monotonic() - begin
+
+
+def test_without_sbatch_the_program_is_named(queue, monkeypatch):
+    assert shutil.which("sbatch") is None
+    fails(r"jobs cannot be submitted: the program sbatch is not on the PATH: run this on a login node")
+
+
+@pytest.mark.parametrize("more", ["workers = 2", "adapt = { minimum = 0, maximum = 4 }"])
+def test_what_sbatch_says_is_quoted(queue, capfd, more):
+    queue(REFUSES)
+    Path("cluster.toml").write_text(f'cluster = "job_queue.Queue"\n{more}\n')
+    fails(f"jobs cannot be submitted: RuntimeError: .*Exit code: 1 .*stderr: sbatch: error: {WORDS}$")
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_an_sbatch_that_does_not_return_is_an_error(queue, monkeypatch):
+    monkeypatch.setattr(clusters, "SUBMIT_TIME", 0.5)
+    queue("#!/bin/sh\nexec sleep 3\n")
+    fails("submitting jobs has taken more than 0 s; check that the scheduler of the cluster answers")
+
+
+def test_a_cluster_without_a_number_of_workers_is_refused(queue):
+    queue(RUNS)
+    with (
+        pytest.raises(
+            InputError, match="starts without workers; say how many: --workers, or workers or adapt in its file"
+        ),
+        open_pool("dask:job_queue.Queue"),
+    ):
+        pass
+
+
+def test_jobs_that_do_not_start_are_waited_for_as_long_as_said(queue, tiny, capfd):
+    queue(NEVER)
+    scene = {**tiny.scene(), "sweep": {"hold.seed": [0, 1]}}
+    with pytest.raises(ExecutorError, match=r"no worker for \d s: its jobs have not started.*--patience"):
+        chemage.sweep(scene, "out", executor="dask:cluster.toml", patience="1 s")
+    assert "Traceback" not in capfd.readouterr().err
+    Path("cluster.toml").write_text('cluster = "job_queue.Queue"\nworkers = 1\npatience = "1500 ms"\n')
+    with pytest.raises(ExecutorError, match=r"no worker for \d s"):
+        chemage.sweep(scene, "out", executor="dask:cluster.toml")
+    assert chemage.sweep(scene, "out").states() == ["done", "done"]
+
+
+def test_jobs_that_may_be_queued_are_waited_for_with_a_warning(monkeypatch):
+    now = [1000.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    pool = Dask(Deserted())
+    now[0] += 50
+    assert pool.width() == 1
+    now[0] += 50
+    with pytest.warns(
+        UserWarning, match="no worker for 100 s: its jobs may be queued; waiting for them, without limit"
+    ):
+        pool.width()
+    for _ in range(100):
+        now[0] += 1e4
+        pool.width()
+
+
+@pytest.mark.parametrize(("value", "expected"), [(3, 3.0), ("3", 3.0), ("2 min", 120.0), ("1.5 h", 5400.0)])
+def test_patience_in_any_unit(value, expected):
+    assert seconds(value) == expected
+
+
+@pytest.mark.parametrize("address", ["tcp://", "tcp://node17", "tcp://node17:", "tls://:8786"])
+def test_an_address_needs_host_and_port(address):
+    with (
+        pytest.raises(InputError, match="has no host and port; write it as dask:tcp://host:8786"),
+        open_pool(f"dask:{address}"),
+    ):
+        pass
+
+
+def command(*words, timeout=300):
+    begin = time.monotonic()
+    words = [sys.executable, "-m", "chemage.cli", *words]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=timeout)
+    return done, time.monotonic() - begin
+
+
+@pytest.fixture
+def study(queue, tiny):
+    text = "\n".join(
+        f"{name} = {value!r}" if name == "name" else f"[{name}]\n" + "\n".join(f"{k} = {v!r}" for k, v in value.items())
+        for name, value in tiny.scene().items()
+    )
+    Path("study.toml").write_text(f'{text}\n[sweep]\n"hold.seed" = [0, 1, 2, 3]\n')
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("script", [None, REFUSES])
+def test_the_program_ends_with_one_message_and_status_2(study, queue, script):
+    if script is not None:
+        queue(script)
+    done, _ = command("run", "study.toml", "--out", "out", "--executor", "dask:cluster.toml", timeout=120)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    lines = done.stderr.splitlines()
+    said = [line for line in lines if "warning:" not in line and not line.startswith("loading chemage")]
+    assert len(said) == 1, done.stderr
+    assert not Path("out").exists()
+
+
+@pytest.mark.long
+def test_a_sweep_through_sbatch(study, queue, tiny):
+    programs = queue(RUNS)
+    done, _ = command("sweep", "study.toml", "--out", "out", "--executor", "dask:cluster.toml", "--patience", "5 min")
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    assert chemage.load_sweep("out").states() == ["done"] * 4
+    assert len((programs / "cancelled").read_text().split()) == 2, "its jobs are cancelled at the end"

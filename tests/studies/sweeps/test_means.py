@@ -7,16 +7,15 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
+import faults
 import numpy as np
 import pytest
 
 import chemage as ca
 from chemage import InputError
 from chemage.plugin import SceneError, StoreError
-from chemage.studies import tasks
 
 SCENE = """
 name = "means"
@@ -108,7 +107,7 @@ def test_accuracy_may_be_an_argument(whole, file, tmp_path):
 def test_a_finished_sweep_computes_nothing(file, tmp_path, monkeypatch):
     file.write_text(SCENE.replace("15 %", "40 %"))
     ca.sweep(file, tmp_path / "out")
-    monkeypatch.setattr("chemage.studies.tasks.run", None)
+    faults.interrupt_after(monkeypatch, 0)
     assert ca.sweep(file, tmp_path / "out").states() == ["done"] * 2
 
 
@@ -129,12 +128,7 @@ def test_what_cannot_be_reached_fails_at_its_point(file, tmp_path):
 
 def test_samples_of_another_version_end_the_mean(file, tmp_path, monkeypatch):
     """As of a worker on another machine."""
-    inner = tasks.content_of
-
-    def other(made, *more):
-        return inner(replace(made, versions={**made.versions, "chemage": "0.0.1"}), *more)
-
-    monkeypatch.setattr(tasks, "content_of", other)
+    faults.other_version(monkeypatch, "0.0.1")
     result = ca.sweep(file, tmp_path / "out")
     assert result.states() == ["failed"] * 2
     assert "a worker has chemage 0.0.1, but the study is run by" in result[0].error

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from seen import read_grid, survey_of
 
 import chemage
 from chemage import InputError
 from chemage.plugin import StoreError
 from chemage.studies.folder import Folder
-from chemage.studies.selection import Selection, in_ranges
-from chemage.studies.sweeps.running import read_grid, survey_of
+from chemage.studies.study import Selection, in_ranges
 from chemage.studies.sweeps.shares import agree, partition, points_of, shares_cost
 
 AXES = {"surface.seed": [1, 2], "contact.load": [5.0, 10.0], "hold.seed": [0, 1, 2, 3]}
@@ -287,7 +287,7 @@ def test_shares_and_a_whole_sweep_exclude_each_other(scene, tmp_path):
 def test_plugins_that_changed_are_no_work_for_shares(tiny, scene, tmp_path, monkeypatch):
     out = tmp_path / "out"
     chemage.sweep(scene, out, points="1/2")
-    monkeypatch.setattr("chemage.studies.sweeps.outdated.changed", lambda *_, **__: {"tiny": ("1", "2")})
+    monkeypatch.setattr("chemage.studies.sweeps.points.changed", lambda *_, **__: {"tiny": ("1", "2")})
     with pytest.raises(StoreError, match="one process must do so: rerun the command without --points"):
         chemage.sweep(scene, out, points="2/2")
 

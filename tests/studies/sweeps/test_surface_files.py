@@ -8,10 +8,10 @@ import os
 
 import numpy as np
 import pytest
+from seen import read_grid, survey_of
 
 import chemage
 import chemage_surfaces
-from chemage.studies.sweeps.running import read_grid, survey_of
 
 
 @pytest.fixture

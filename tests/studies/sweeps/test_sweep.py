@@ -13,16 +13,15 @@ from textwrap import dedent
 import numpy as np
 import pytest
 import xarray
+from seen import read_grid, scene_schema, survey_of
 
 import chemage
 from chemage import Aging, InputError, parse_scene
 from chemage.foundation.codec import from_json, to_json
 from chemage.kinetics.hooks import REPLICA_SECONDS
 from chemage.plugin import SceneError, StoreError, override
-from chemage.scene.schema import scene_schema
 from chemage.studies.sweeps.grid import Grid, order_of
-from chemage.studies.sweeps.progress import SweepProgress
-from chemage.studies.sweeps.running import read_grid, survey_of
+from chemage.studies.sweeps.running import SweepProgress
 from chemage.studies.sweeps.table import short_names
 
 AXES = """

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import stats
+from seen import HOLD_TIME, SweepData, swept_rows
+from seen import figures as sweep_figures
 
 import chemage
 from chemage import InputError
 from chemage.plugin import statistics, text
-from chemage.results.drawing import figures as sweep_figures
-from chemage.studies.sweeps.views import HOLD_TIME, SweepData, swept_rows
 
 GRID = {
     "contact.load": ["5 nN", "10 nN"],

@@ -10,12 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import wasserstein_distance
+from seen import Point, TradeMap, figures, tradeoff
 
 import chemage as ca
-from chemage.cli.app import main
-from chemage.results.drawing import figures
-from chemage.studies.trade.mapping import tradeoff
-from chemage.studies.trade.trade_map import Point, TradeMap
 from chemage_contact import FFTBEM
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "physics"))
@@ -161,18 +158,14 @@ def test_the_figure_has_a_panel_for_each_observable(found: TradeMap):
     ]
 
 
-def test_command_line(tmp_path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_command_line(tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     arguments = ["tradeoff", "silica-tip", "--set", "hold.replicas=2", "--set", "hold.per_decade=2"]
-    monkeypatch.setattr("sys.argv", ["chemage", *arguments, "--rounds", "1", "--json", "--out", "trade.svg"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 0
-    printed = json.loads(capsys.readouterr().out)
+    done = command(*arguments, "--rounds", 1, "--json", "--out", "trade.svg")
+    assert done.status == 0
+    printed = json.loads(done.out)
     assert printed["scene"] == "silica-tip"
     assert (tmp_path / "trade.svg").read_text().startswith("<?xml")
-    monkeypatch.setattr("sys.argv", ["chemage", *arguments, "--out", "trade.svg"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
-    assert "already there" in capsys.readouterr().err
+    done = command(*arguments, "--out", "trade.svg")
+    assert done.status == 2
+    assert "already there" in done.err

@@ -9,15 +9,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from seen import Point, TradeMap, figures, tradeoff
 
 import chemage as ca
 from chemage import ContactSolution, InputError
 from chemage.plugin import ContactSolver, DamagedError, Pressure, StoreError, options, override
-from chemage.results.drawing import figures
-from chemage.studies.trade.choices import changes, choices, go_together, pasted
-from chemage.studies.trade.mapping import tradeoff
-from chemage.studies.trade.timing import Timed
-from chemage.studies.trade.trade_map import Deviation, Point, TradeMap, pareto, words
+from chemage.studies.trade.choices import Timed, changes, choices, go_together, pasted
+from chemage.studies.trade.trade_map import Deviation, pareto, words
 
 ROUNDS = 3
 

@@ -7,11 +7,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from seen import planned, tradeoff, tried_values
 
 import chemage as ca
 from chemage.plugin import Choice, Length
-from chemage.studies.trade.choices import MOST_VALUES, choices
-from chemage.studies.trade.mapping import planned, tradeoff
 
 #: methods that first make a table are left out
 pytestmark = pytest.mark.usefixtures("without_preparation")
@@ -222,9 +221,9 @@ def test_few_of_many_values_are_tried():
     ca.register(Many)
     made = ca.parse_scene({**SCENE, "forming": {"kind": "many", "levels": 37}})
     ca.unregister(Many)
-    notes: list[str] = []
-    values = [int(one.label) for one in choices(made, notes) if one.knob == "forming.levels"]
-    assert len(values) == MOST_VALUES - 1  # and that of the scene
+    tried, notes = tried_values(made, "forming.levels")
+    values = [int(label) for label in tried]
+    assert len(values) == 7  # and that of the scene
     assert {1, 100} <= set(values)
     assert values == sorted(values)
     assert "forming.levels: 8 of 100 values are tried" in notes

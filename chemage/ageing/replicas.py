@@ -1,0 +1,253 @@
+"""The random numbers of each replica, and its state on disk."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, TypeVar
+
+import numpy as np
+
+from chemage.contacts.solution import ContactSolution
+from chemage.foundation import container
+from chemage.foundation.checks import Seed, check_times, checked_seed, temperature_value
+from chemage.foundation.errors import DamagedError, InputError, StoreError
+from chemage.foundation.random import CommonSeed
+from chemage.foundation.records import Record, content_hash
+from chemage.foundation.units import QuantityLike
+from chemage.kinetics.history import BondHistory
+from chemage.kinetics.role import Engine, run_kinetics
+from chemage.lattices.chemistry import Chemistry
+from chemage.lattices.lattice import ReactionLattice
+from chemage.lattices.site_grid import site_shape
+from chemage.plugins.context import Plugins
+from chemage.plugins.sources import changed, implementing, would_change
+
+#: the random numbers that replica r of every run with one seed has in common
+Common = Literal["none", "disorder", "all"]
+#: `Common` -> what it means, for users
+COMMON: dict[str, str] = {
+    "none": "independent of every other run",
+    "disorder": "disorder in common with runs of this seed, kinetic noise independent",
+    "all": "disorder and kinetic noise in common with runs of this seed",
+}
+
+#: The contact is recognised by the load on so many blocks of pixels along each side, ...
+BLOCKS = 16
+#: ... each rounded to this part of the load, coarse enough that the last bits of a processor hardly ever matter.
+SHARE = 1e-3
+
+
+class ReplicaSeeds(NamedTuple):
+    """Seeds of one replica."""
+
+    disorder: np.random.SeedSequence
+    noise: np.random.SeedSequence
+
+
+def replica_seeds(seed: Seed, replica: int, common: Common, run: tuple[int, ...]) -> ReplicaSeeds:
+    """Seeds of a replica's disorder and of its kinetics: functions of the arguments alone.
+
+    Parameters
+    ----------
+    seed, replica
+        The seed of the run, and the number of the replica from 0.
+    common
+        What replica ``replica`` of every run with this seed has in common.
+    run
+        What is simulated, see :func:`identity`.
+    """
+    if isinstance(seed, np.random.SeedSequence):
+        entropy, path = seed.entropy, tuple(seed.spawn_key)
+    else:
+        entropy, path = checked_seed(seed), ()
+    disorder = np.random.SeedSequence(entropy, spawn_key=(*path, *(run if common == "none" else ()), replica, 0))
+    if common == "all":
+        return ReplicaSeeds(disorder, CommonSeed(entropy, spawn_key=(*path, replica, 1)))
+    return ReplicaSeeds(disorder, np.random.SeedSequence(entropy, spawn_key=(*path, *run, replica, 1)))
+
+
+def check_common(common: str) -> None:
+    """Refuse what is not one of :data:`COMMON`."""
+    if not isinstance(common, str) or common not in COMMON:
+        raise InputError.of("common", common, f"is not one of {', '.join(COMMON)}", "the default is 'none'")
+
+
+def identity(contact: ContactSolution, chemistry: Chemistry, engine: Engine, temperature: float) -> tuple[int, ...]:
+    """Four 32-bit words that differ between runs that simulate different things.
+
+    Of the contact enter its grid, that of the sites where it is another, its load, and how the pressure is distributed
+    over it; of the chemistry what decides the bonds; of the engine its kind. Options that only change the speed do not
+    enter, nor do the hold times.
+    """
+    chemical = chemistry.identity()
+    for name in ("bond_force", "front_factor", "site_density"):
+        chemical.pop(name, None)
+    sites = site_shape(contact.shape, contact.pixel_size, chemistry.site_density)
+    content = [
+        contact.shape,
+        f"{contact.pixel_size:.9g} {contact.load:.9g} {contact.modulus:.9g}",
+        _distribution(contact.pressure),
+        chemical,
+        engine.kind,
+        temperature,
+        *([sites] if sites != contact.shape else []),
+    ]
+    return tuple(int(word) for word in np.frombuffer(bytes.fromhex(content_hash(content)), "<u4"))
+
+
+def _distribution(pressure: np.ndarray) -> list[int]:
+    """The share of the load on each block of pixels, and the mean pressure that the load sees, rounded."""
+    rows, columns = (np.unique(np.arange(BLOCKS) * side // BLOCKS) for side in pressure.shape)
+    sums = np.add.reduceat(np.add.reduceat(pressure, rows, axis=0, dtype=np.float64), columns, axis=1)
+    total = float(sums.sum())
+    if not total > 0:
+        return []
+    seen = float(np.einsum("ij,ij->", pressure, pressure, dtype=np.float64)) / total
+    return [*np.rint(sums.ravel() / (SHARE * total)).astype(int).tolist(), round(math.log(seen) / SHARE)]
+
+
+def origin(seed: Seed) -> list[object]:
+    """A seed as plain JSON values, equal for equal seeds only."""
+    if isinstance(seed, np.random.SeedSequence):
+        return [isinstance(seed, CommonSeed), str(seed.entropy), list(seed.spawn_key)]
+    return [int(seed)]
+
+
+_R = TypeVar("_R", bound=Record)
+_HOOKS = ("chemage_run_kinetics",)
+
+
+class CheckpointWarning(UserWarning):
+    """A checkpoint is computed again."""
+
+
+def resumed(
+    path: Path,
+    name: str,
+    kind: type[_R],
+    key: str,
+    other: str,
+    *,
+    run: str,
+    before: Plugins,
+    hooks: Sequence[str],
+    **arguments: Any,
+) -> _R | None:
+    """The object ``name`` that :func:`keep` wrote to ``path`` under ``key``; None if nothing is there.
+
+    It is None as well, with a warning, if the plugins in use now would not make the same object: one that took part
+    has another version, one that was not asked then would answer or change the last of ``hooks``, which are those of
+    the stage, when called with ``arguments``, or others took part in the stages ``before``.
+
+    Raises
+    ------
+    StoreError
+        With the message ``other``: the file was kept for another ``run`` (a key of its options alone), or under another
+        key although the same plugins took part before.
+    """
+    if not path.exists():
+        return None
+    try:
+        records, attributes = container.read(path, {name: kind})
+    except DamagedError as error:
+        warnings.warn(f"{error}; it is computed again", CheckpointWarning, stacklevel=2)
+        return None
+    record = records.get(name)
+    earlier = json.loads(attributes.get("before", "{}"))
+    of_this_run = attributes.get("run") == run and (earlier != before or attributes.get("checkpoint") == key)
+    if not of_this_run or not isinstance(record, kind):
+        raise StoreError(other)
+    reasons = []
+    if earlier != before:
+        reasons.append(f"{_listed(earlier)} took part in the stages before, and now {_listed(before)}")
+    reasons += [f"{plugin} was {then} and is {now}" for plugin, (then, now) in changed(record.plugins).items()]
+    asked = json.loads(attributes.get("asked", "{}"))
+    new = [plugin for plugin, source in implementing(*hooks).items() if asked.get(plugin) != source]
+    if not reasons and new and would_change(new, hooks[-1], record, **arguments):
+        reasons = [f"{', '.join(new)} would answer or change it"]
+    if reasons:
+        warnings.warn(f"{path} is computed again: {'; '.join(reasons)}", CheckpointWarning, stacklevel=2)
+        return None
+    return record
+
+
+def keep(path: Path, name: str, record: Record, key: str, *, run: str, before: Plugins, hooks: Sequence[str]) -> None:
+    """Write ``record`` to ``path``, in place of what was kept there before; arguments as for :func:`resumed`."""
+    plugins = {"asked": json.dumps(implementing(*hooks)), "before": json.dumps(dict(before))}
+    container.write(path, {name: record}, {"checkpoint": key, "run": run, **plugins}, force=True)
+
+
+def _listed(plugins: Plugins) -> str:
+    return ", ".join(f"{name} ({source})" for name, source in plugins.items()) or "no plugin"
+
+
+def run_with_checkpoints(
+    engine: Engine,
+    lattice: ReactionLattice,
+    hold_times: np.ndarray,
+    *,
+    temperature: QuantityLike,
+    seed: Seed,
+    path: Path,
+    run: str = "",
+    before: Plugins | None = None,
+    every: float = 60.0,
+    states: bool = False,
+    contact: ContactSolution | None = None,
+    chemistry: Chemistry | None = None,
+) -> BondHistory:
+    """One replica, written to ``path`` about every ``every`` seconds and at its end, and resumed if it is there.
+
+    ``run`` is a key of the options of the whole run, ``before`` the plugins that took part in the stages before;
+    ``contact`` and ``chemistry`` are for plugins. With ``states`` the history has the state of every site at every hold
+    time; a checkpoint without them is computed again.
+
+    Raises
+    ------
+    InputError
+        The engine cannot resume from a history.
+    StoreError
+        ``path`` holds the checkpoint of another run, or cannot be written.
+    """
+    if not engine.restart:
+        raise InputError(f"engine {engine.kind!r} cannot resume from a history; run it without checkpoints")
+    times, kelvin = check_times(hold_times), temperature_value(temperature)
+    key = _key(engine, lattice, times, kelvin, seed)
+    other = f"{path} is the checkpoint of another run; remove it, or choose another folder"
+    plugins = before or {}
+    origins = {"contact": contact, "chemistry": chemistry}
+    call = {"engine": engine, "lattice": lattice, "hold_times": times, "temperature": kelvin, "seed": seed, **origins}
+    done = resumed(path, "history", BondHistory, key, other, run=run, before=plugins, hooks=_HOOKS, **call, start=None)
+    if done is not None and states and done.states is None:
+        problem = "it was kept without the states at every hold time"
+        warnings.warn(f"{path} is computed again: {problem}", CheckpointWarning, stacklevel=2)
+        done = None
+    elif done is not None and not states and done.states is not None:
+        done = done.model_copy(update={"states": None})
+    at = 0 if done is None else done.hold_times.size
+    piece = 1
+    written = time.monotonic()
+    while at < times.size:
+        begin = time.monotonic()
+        history = run_kinetics(
+            engine, lattice, times[at : at + piece], temperature=kelvin, seed=seed, start=done, states=states, **origins
+        )
+        done = history if done is None else done.then(history)
+        at += piece
+        now = time.monotonic()
+        # short pieces are joined, so that restarting the engine stays a small part of the work
+        piece = piece * 2 if now - begin < every / 8 else max(1, piece // 2)
+        if now - written > every or at >= times.size:
+            keep(path, "history", done, key, run=run, before=plugins, hooks=_HOOKS)
+            written = time.monotonic()
+    assert done is not None
+    return done
+
+
+def _key(engine: Engine, lattice: ReactionLattice, times: np.ndarray, temperature: float, seed: Seed) -> str:
+    return content_hash([engine.digest(), lattice.digest(), times.tolist(), temperature, origin(seed)])

@@ -1,0 +1,323 @@
+"""Scenes with ``[accuracy]`` or ``[sweep]``: the parts of ``run`` and ``check`` that are theirs, and ``status``."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from chemage.cli import output
+from chemage.cli.options import user_error
+from chemage.cli.output import drawn, figures_of, preflight_folder, result_written
+from chemage.foundation import compiling
+from chemage.foundation.errors import ChemageError, printable
+from chemage.foundation.progress import LOGGER, progress_bars, reported
+from chemage.foundation.result import result_of
+from chemage.foundation.text import jsonable
+from chemage.studies.study import Selection, in_ranges
+from chemage.studies.sweeps.grid import Survey, shown
+from chemage.studies.sweeps.points import expected_seconds
+from chemage.studies.sweeps.result import SweepResult, collect_sweep, load_sweep
+from chemage.studies.sweeps.running import Report, SweepProgress, read_grid, room_for, show_progress, survey_of, sweep
+from chemage.studies.sweeps.shares import ShareCost, agreed_points, shares_cost
+from chemage.studies.sweeps.views import swept_rows
+
+if TYPE_CHECKING:
+    from chemage.scene.scene import Scene
+
+
+def samples_of(path: Path) -> Path:
+    """The folder of the samples of a result file."""
+    return path.with_name(f"{path.stem}-samples")
+
+
+def run_ensemble(
+    scene: Scene,
+    path: Path,
+    *,
+    threads: int | None,
+    early: compiling.Helpers,
+    figures: bool,
+    as_json: bool,
+    force: bool,
+    executor: str | None = None,
+    workers: int | None = None,
+    patience: str | None = None,
+    points: str | None = None,
+) -> None:
+    """Sample the ensemble that a scene asks for, write it to ``path`` and print it."""
+    from chemage.foundation.files import preflight
+    from chemage.foundation.result import result_of
+    from chemage.results.files import write
+    from chemage.scene.warm_up import compiled_ahead
+    from chemage.studies.ensembles.running import CORRECTING, SAMPLING, SKETCHING, Sampler
+
+    folder = samples_of(path)
+    preflight(path, force=force)
+    if figures:
+        preflight_folder(figures_of(path), force)
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise user_error(f"{folder}, the folder for the samples, is a file or a link; choose another --out")
+    pictures: list[Path] = []
+    where = {"executor": executor or ("processes" if (workers or 1) > 1 else "threads"), "workers": workers}
+    sampler = Sampler(scene, samples=folder, threads=threads, patience=patience, points=points, **where)
+    counted = sampler.request.counted
+    with progress_bars({SAMPLING: counted, SKETCHING: counted, CORRECTING: counted}) as report:
+        with compiled_ahead(scene, report, threads, early) as told:
+            mean = sampler.run(told)
+        if not sampler.writes:
+            output.show_result(result_of(mean))
+            return output.say(f"the first share writes {path}")
+        with reported(report, "writing"):
+            write(path, mean, force=force)
+        if figures:
+            with result_written(path), reported(report, "drawing"):
+                pictures = drawn(result_of(mean), path)
+    kept = sampler.archive.taken
+    taken = [f"{kept} sample{'s' if kept > 1 else ''} taken from {folder}"] if kept else []
+    more = "a run with a smaller interval takes these samples up; the folder may be removed otherwise"
+    written = {"file": path, "samples": folder, "samples_taken": kept, "figures": pictures}
+    output.answer(result_of(mean), as_json, [*taken, more], **written)
+
+
+#: failures are listed up to this many points
+_LISTED = 24
+
+
+def confirm(yes: bool) -> Any:
+    """Make a function that asks for confirmation on a terminal; without one only ``yes`` confirms."""
+
+    def ask(question: str) -> bool:
+        if yes:
+            return True
+        return sys.stdin.isatty() and sys.stderr.isatty() and typer.confirm(f"{question}; continue?", err=True)
+
+    return ask
+
+
+def run_sweep(
+    scene: str,
+    out: Path | None,
+    changes: dict[str, Any],
+    *,
+    executor: str | None,
+    workers: int | None,
+    threads: int | None,
+    yes: bool,
+    as_json: bool,
+    force: bool,
+    points: str | None = None,
+    patience: str | None = None,
+) -> None:
+    """Compute a sweep, or some of its points; exit status 1 if points failed, 130 or 143 if it was
+    stopped."""
+    folder = out or Path(f"{read_grid(scene, changes).base.get('name', 'scene')}-sweep")
+    chosen = None if points is None else Selection.read(points)
+    try:
+        with show_progress() as report:
+            result = sweep(
+                scene,
+                folder,
+                executor=executor,
+                workers=workers,
+                threads=threads,
+                changes=changes,
+                progress=_logged(report),
+                confirm=confirm(yes),
+                force=force,
+                points=None if chosen is None else str(chosen),
+                patience=patience,
+            )
+    except KeyboardInterrupt:
+        word, status = output.stopped()
+        print(printable(f"\n{word}; {_kept(folder)}"), file=sys.stderr, flush=True)
+        os._exit(status)  # without waiting for threads that may still be in a compiled kernel
+    if chosen is not None:
+        return _print_share(result, folder, chosen, as_json=as_json)
+    _print_whole(result, {**result.status(), "folder": str(folder)}, as_json=as_json)
+
+
+def _print_whole(result: SweepResult, state: dict[str, Any], *, as_json: bool) -> None:
+    folder = Path(state["folder"])
+    tables = {"csv": str(folder / "results.csv"), "hdf5": str(folder / "results.h5")}
+    if as_json:
+        print(json.dumps(jsonable({**state, "results": tables})))
+    else:
+        output.show_result(result_of(result))
+        _print_failures(state)
+        output.say("\n".join(f"results  {file}" for file in tables.values()))
+    if state["failed"]:
+        raise typer.Exit(1)
+
+
+def _logged(report: Report) -> Report:
+    """Log the progress of a sweep whenever a contact or a point is complete, and pass all of it on."""
+    last: tuple[int, ...] = ()
+
+    def tell(state: SweepProgress) -> None:
+        nonlocal last
+        now = (state.done, state.failed, state.contacts_done)
+        if state.stage == "computing" and now != last:
+            last = now
+            LOGGER.info("%s", state)
+        report(state)
+
+    return tell
+
+
+def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_json: bool) -> None:
+    """Print what has become of the points of one process; exit status 1 if some of them failed."""
+    whole = result.means and chosen.share is not None
+    points = range(len(result)) if whole else agreed_points(chosen, result.store, result.digest, len(result))
+    states = [result.store.state(result.keys[point]) for point in points]
+    counts = {state: states.count(state) for state in ("done", "failed", "missing", "damaged")}
+    failures = [
+        {"point": point, "changes": result[point].changes, "error": result[point].error}
+        for point, state in zip(points, states, strict=True)
+        if state == "failed"
+    ]
+    if as_json:
+        share = {"points": str(chosen), "numbers": list(points), **counts, "failures": failures}
+        print(json.dumps(jsonable({"name": result.name, "folder": str(folder), "share": share})))
+    else:
+        output.say(f"{chosen.describe()}: {counts['done']} of {len(points)} points done in {folder}")
+        output.say(f"when all are done: chemage sweep --collect {folder}")
+        _print_failures({"failures": failures})
+    if counts["done"] < len(points):
+        raise typer.Exit(1)
+
+
+def collect(folder: Path, *, as_json: bool) -> None:
+    """Verify the points of a sweep and write its tables; exit status 1 if points failed or are missing."""
+    survey = collect_sweep(folder)
+    state = {**survey.result.status(), "folder": str(folder), "points_to_compute": survey.points}
+    if survey.written:
+        return _print_whole(survey.result, state, as_json=as_json)
+    if as_json:
+        print(json.dumps(jsonable({**state, "results": None})))
+        raise typer.Exit(1)
+    say = partial(output.say, file=sys.stderr)
+    _print_failures(state)
+    say(f"{len(survey.missing)} of {state['points']} points are missing in {folder}; no tables were written")
+    say(f"missing: points {in_ranges(survey.missing)}")
+    if survey.computing:
+        say("a process of this machine computes points at present")
+    scene = survey.result.grid.source if Path(survey.result.grid.source).is_file() else "SCENE"
+    *parts, everything = survey.points
+    for part in parts[:_LISTED]:
+        say(f"computes some of them: chemage sweep {scene} --out {folder} --points {part}")
+    say(f"computes all of them: chemage sweep {scene} --out {folder} --points {everything}")
+    raise typer.Exit(1)
+
+
+def _kept(folder: Path) -> str:
+    try:
+        states = load_sweep(folder).states()
+    except ChemageError:
+        return "nothing was computed yet"
+    done = states.count("done")
+    return f"{done} of {len(states)} points are done and kept in {folder}; rerun the same command to resume"
+
+
+def check_sweep(scene: str, changes: dict[str, Any], *, yes: bool, as_json: bool, shares: int | None = None) -> None:
+    """Validate every point and estimate the cost of the sweep, and of its shares, without computing anything."""
+    with show_progress() as report:
+        survey = survey_of(read_grid(scene, changes), progress=report, confirm=confirm(yes))
+    numbers = _numbers(survey)
+    each = [] if shares is None or survey.means else shares_cost(survey, shares)
+    if each:
+        numbers["shares"] = [vars(share) for share in each]
+    if as_json:
+        print(json.dumps(jsonable(numbers)))
+        return
+
+    rows = swept_rows(survey.grid.axes)
+    rows.append(("points", f"{survey.grid.size}" + (f" ({survey.grid.product})" if len(survey.grid.axes) > 1 else "")))
+    if survey.means:
+        rows.append(("each point", "a mean over surfaces; points have surfaces in common where they can"))
+    else:
+        rows.append(("contacts to solve", f"{len(survey.contacts)} on {survey.surfaces} surfaces"))
+    if survey.hooks:
+        rows.append(
+            ("plugins that implement hooks", ", ".join(f"{name} ({source})" for name, source in survey.hooks.items()))
+        )
+    cost, memory = numbers["cpu_seconds"], numbers["memory"]
+    time = "unknown" if cost is None else f"about {_duration(cost)} of CPU time once kernels are compiled"
+    rows.append(("expected cost", time))
+    if memory is not None:
+        rows.append(("expected memory", f"about {memory / 1e9:.2g} GB per worker"))
+    rows.append(
+        ("expected disk space", f"{numbers['disk'] / 1e6:.3g} MB of {numbers['disk_free'] / 1e6:.3g} MB free here")
+    )
+    rows += _share_rows(each)
+    output.show_rows(f"{scene} is valid at every point", (), rows)
+    for text in survey.warnings():
+        output.say(f"warning: {text}")
+
+
+def _share_rows(each: Sequence[ShareCost]) -> list[tuple[str, str]]:
+    """What the smallest and the largest of the shares cost."""
+    if not each:
+        return []
+    points = [share.points for share in each]
+    costs = [share.cpu_seconds for share in each if share.cpu_seconds is not None]
+    rows = [(f"points in each of {len(each)} shares", f"{min(points)} to {max(points)}")]
+    if len(costs) == len(each):
+        rows.append(("CPU time of a share", f"{_duration(min(costs))} to {_duration(max(costs))}"))
+    return rows
+
+
+def _numbers(survey: Survey) -> dict[str, Any]:
+    return {
+        "name": survey.grid.base.get("name", "scene"),
+        "points": survey.grid.size,
+        "axes": {axis.name: len(axis) for axis in survey.grid.axes},
+        "contacts": len(survey.contacts),
+        "surfaces": survey.surfaces,
+        "hooks": survey.hooks,
+        "cpu_seconds": expected_seconds(survey) if survey.means else survey.total_cpu_seconds,
+        "memory": None if survey.memory is None else 2e8 + survey.memory,
+        "disk": survey.total_bytes,
+        "disk_free": room_for(Path.cwd()),
+        "digest": survey.digest,
+        "notes": survey.warnings(),
+    }
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.2g} s"
+    return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"
+
+
+def status(folder: Path, *, as_json: bool) -> None:
+    """Print the number of points done, failed and missing, in total and for each value of each axis."""
+    state = load_sweep(folder).status()
+    if as_json:
+        print(json.dumps(jsonable(state)))
+        return
+
+    table = output.table(f"{state['name']} in {folder}", ("", "points", "done", "failed", "missing"))
+    counts = ("points", "done", "failed", "missing")
+    for axis in state["axes"]:
+        for row in axis["rows"]:
+            name = ", ".join(f"{path} = {shown(value)}" for path, value in row["values"].items())
+            table.add_row(name, *(str(row[count]) for count in counts))
+    table.add_row("all", *(str(state[count]) for count in counts))
+    table.add_row("contacts", str(state["contacts"]), str(state["contacts_done"]), "", "")
+    output.show(table)
+    _print_failures(state)
+
+
+def _print_failures(state: dict[str, Any]) -> None:
+    for failed in state["failures"][:_LISTED]:
+        where = ", ".join(f"{path} = {shown(value)}" for path, value in failed["changes"].items())
+        output.say(f"failed: point {failed['point']} ({where}): {failed['error']}", file=sys.stderr)
+    if (more := len(state["failures"]) - _LISTED) > 0:
+        output.say(f"failed: {more} more points; `chemage status --json` lists them all", file=sys.stderr)

@@ -1,0 +1,337 @@
+"""Checks of a distribution of barriers, and of an interaction between neighbouring sites."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from chemage.foundation.components import call_with
+from chemage.foundation.errors import InputError
+from chemage.lattices.lattice import ReactionLattice
+from chemage.lattices.role import Barriers, Interaction
+from chemage.testing.checks import (
+    calls_are_independent,
+    check_of,
+    options_of,
+    require,
+    seeds_are_harmless,
+    speed_changes_nothing,
+    trade_variants,
+    whole,
+)
+
+check_barriers = whole(Barriers)
+
+
+_LOWEST, _HIGHEST = 2.0**-53, 1 - 2.0**-53
+#: no bond is stronger than about 11 eV, and a barrier of 0.001 eV is none at any temperature
+_SMALL, _LARGE = 1e-3, 20.0
+
+
+@check_of(Barriers)
+def _quantile_is_monotone(component: Barriers) -> None:
+    """Barriers are finite doubles that do not fall as the uniform number rises, from 2^-53 to 1 - 2^-53."""
+    uniform = np.concatenate([[_LOWEST, 1e-12, 1e-6], np.linspace(1e-4, 1 - 1e-4, 2001), [1 - 1e-6, _HIGHEST]])
+    energy = component.quantile(uniform)
+    require(
+        energy.shape == uniform.shape and energy.dtype == np.float64,
+        f"quantile() returned {energy.dtype} of shape {energy.shape} for float64 of {uniform.shape}",
+    )
+    require(np.isfinite(energy).all(), "a barrier is not finite for a uniform number between 2^-53 and 1 - 2^-53")
+    falls = np.flatnonzero(np.diff(energy) < 0)
+    require(not falls.size, f"the quantile function falls at u = {uniform[falls[:1]]}")
+
+
+@check_of(Barriers)
+def _barriers_are_in_ev(component: Barriers) -> None:
+    """Barriers are energies in eV of a chemical bond, and lie between options named ``lower`` and ``upper``."""
+    middle = float(component.quantile(np.array([0.5]))[0])
+    require(
+        middle == 0 or _SMALL <= abs(middle) <= _LARGE,
+        f"half of the barriers are below {middle:.4g} eV; expected {_SMALL} to {_LARGE} eV: are they in k_BT, kJ/mol "
+        "or J? (1 eV is 38.7 k_BT at 300 K, 96.5 kJ/mol, 1.6e-19 J)",
+    )
+    options = options_of(component)
+    ends = component.quantile(np.array([_LOWEST, _HIGHEST]))
+    for name, sign, end in (("lower", 1, ends[0]), ("upper", -1, ends[1])):
+        bound = getattr(component, name, None)
+        if isinstance(bound, float) and options.get(name, ((), None, ""))[1] == "eV":
+            slack = 1e-9 * max(abs(bound), 1.0)
+            require(sign * (end - bound) >= -slack, f"{name} = {bound} eV, but barriers reach {end} eV")
+
+
+@check_of(Barriers)
+def _barrier_is_the_pixels_own(component: Barriers) -> None:
+    """The barrier of a pixel depends only on its own number, neither on other pixels nor on earlier or concurrent
+    calls; the numbers stay as they were."""
+    uniform = np.random.default_rng(1).random(1000)
+    kept = uniform.copy()
+    energy = component.quantile(uniform)
+    require(np.array_equal(uniform, kept), "quantile() changed the array of uniform numbers")
+    first = energy.tobytes()
+    component.quantile(np.full(1000, 0.3))
+    require(energy.tobytes() == first, "a later call changed the barriers that an earlier one returned")
+    uniform.setflags(write=False)
+    calls_are_independent(lambda numbers: component.quantile(numbers).tobytes(), [uniform, np.full(1000, 0.3)])
+    for part in (slice(None, None, -1), slice(10, 11), slice(3, 700, 7)):
+        alone = component.quantile(np.ascontiguousarray(uniform[part]))
+        require(
+            np.allclose(alone, energy[part], rtol=1e-13, atol=0), "a barrier depends on the other numbers in the call"
+        )
+    grid = component.quantile(uniform.reshape(20, 50))
+    require(
+        grid.shape == (20, 50) and np.allclose(grid.ravel(), energy, rtol=1e-13),
+        "the barriers do not have the shape of the numbers",
+    )
+    require(component.quantile(np.empty(0)).shape == (0,), "no pixels: expected an empty array")
+
+
+@check_of(Barriers)
+def _density_agrees_with_quantile(component: Barriers) -> None:
+    """∫ density (1/eV) between two quantiles is the probability between them; a point mass has density inf."""
+    levels = np.linspace(1e-3, 1 - 1e-3, 1999)
+    energies = component.quantile(levels)
+    low, high = energies[:-1], energies[1:]
+    masses = np.unique(high[high == low])
+    if masses.size:
+        require(np.isposinf(component.density(masses)).all(), f"a point mass (at {masses[:3]} eV) has density inf")
+    # intervals at a point mass hold an unknown part of it
+    usable = ~np.isin(low, masses) & ~np.isin(high, masses)
+    low, high = low[usable], high[usable]
+    # midpoints: a density may jump at a quantile
+    count = 16
+    middle = low[:, None] + (np.arange(count) + 0.5) * (high - low)[:, None] / count
+    density = component.density(middle)
+    require(density.shape == middle.shape, f"density of shape {density.shape} for energies of {middle.shape}")
+    require(
+        (density >= 0).all() and np.isfinite(density).all(), "the density is negative or infinite between quantiles"
+    )
+    total = density.mean(axis=1) * (high - low)
+    for part in np.array_split(np.arange(low.size), 12):
+        integral, wanted = float(total[part].sum()), part.size * float(levels[1] - levels[0])
+        if part.size:
+            require(
+                abs(integral - wanted) < 1e-3,
+                f"the density integrates to {integral:.5f} between {low[part[0]]:.5f} and {high[part[-1]]:.5f} eV; the "
+                f"quantile function puts {wanted:.5f} there",
+            )
+    far = component.density(np.array([energies[0] - 1e3, energies[-1] + 1e3]))
+    require(np.allclose(far, 0, atol=1e-6), f"density {far} a thousand eV away")
+
+
+@check_of(Barriers)
+def _members_are_other_distributions(component: Barriers) -> None:
+    """``members(count)`` returns at most ``count`` distributions that differ from this one, always the same ones, and
+    that have no members themselves: a run ages each of them."""
+    members = list(component.members(3))
+    require(len(members) <= 3, f"members(3) returned {len(members)} distributions")
+    require(len(component.members(0)) == 0, "members(0) returned a distribution")
+    if not members:
+        return
+    for member in members:
+        require(isinstance(member, Barriers), f"members() returned {member!r}, which is no distribution of barriers")
+        require(not len(member.members(3)), f"{member!r} is a member and has members itself")
+    uniform = np.linspace(0.005, 0.995, 199)
+    own, *others = (member.quantile(uniform) for member in [component, *members])
+    require(
+        all(np.isfinite(member).all() and not np.array_equal(member, own) for member in others),
+        "a member has the same barriers as the distribution itself, or barriers that are not finite",
+    )
+    again = [member.quantile(uniform) for member in component.members(3)]
+    require(
+        [member.tobytes() for member in again] == [member.tobytes() for member in others],
+        "members() returned other distributions at the second call, so that a run would not repeat",
+    )
+
+
+@check_of(Barriers)
+def _speed_does_not_change_the_barriers(component: Barriers) -> None:
+    """Options in ``speed_only`` do not change a bit of any barrier; ``trade`` changes the median by a tenth at most."""
+    uniform = np.linspace(0.01, 0.99, 99)
+    speed_changes_nothing(component, lambda variant: variant.quantile(uniform).tobytes(), "barriers")
+    for name, variants in trade_variants(component):
+        medians = [float(variant.quantile(np.array([0.5]))[0]) for _, variant in variants]
+        require(
+            np.allclose(medians, medians[-1], rtol=0.1),
+            f"trade of {name!r} is another distribution and not one at another accuracy: medians {medians} eV",
+        )
+
+
+check_interaction = whole(Interaction)
+
+
+def _neighbours(component: Interaction, grid: tuple[int, int], periodic: bool, sites: np.ndarray) -> np.ndarray:
+    return call_with(component.neighbours, grid, periodic, sites, pixel_size=_PIXEL, positions=None)
+
+
+def _coupling(
+    component: Interaction, grid: tuple[int, int], periodic: bool, sites: np.ndarray, neighbours: np.ndarray, seed: Any
+) -> np.ndarray:
+    where = {"pixel_size": _PIXEL, "positions": None, "pixels": grid, "periodic": periodic}
+    return call_with(component.coupling, sites, neighbours, seed, **where)
+
+
+#: edge of a pixel, nm
+_PIXEL = 0.4518
+_GRIDS = ((1, 1), (1, 2), (2, 2), (1, 7), (2, 5), (3, 3), (7, 5), (13, 11))
+
+
+def _patches_of_sites(grid: tuple[int, int]) -> Iterator[np.ndarray]:
+    size = grid[0] * grid[1]
+    yield np.arange(size, dtype=np.int64)
+    some = np.flatnonzero(np.random.default_rng(size).random(size) < 0.6).astype(np.int64)
+    if some.size < size:
+        yield some
+    yield np.empty(0, np.int64)
+
+
+@check_of(Interaction)
+def _graph_is_sound(component: Interaction) -> None:
+    """The graph is symmetric, with one energy per pair, no self-loops and no double edges, on all small grids."""
+    for grid in _GRIDS:
+        for periodic in (True, False):
+            for sites in _patches_of_sites(grid):
+                where = f"{grid[0]}x{grid[1]} grid, periodic={periodic}, {sites.size} sites"
+                neighbours = _neighbours(component, grid, periodic, sites)
+                require(neighbours.dtype == np.int32, f"{where}: neighbours are {neighbours.dtype}, not int32")
+                require(neighbours.ndim == 2 and neighbours.shape[0] == sites.size, f"{where}: {neighbours.shape}")
+                coupling = _coupling(component, grid, periodic, sites, neighbours, 0)
+                require(coupling.shape == neighbours.shape, f"{where}: coupling {coupling.shape}")
+                require((coupling[neighbours < 0] == 0).all(), f"{where}: energy without a neighbour")
+                try:
+                    ReactionLattice(
+                        pixels=grid,
+                        sites=sites,
+                        forming=np.ones(sites.size),
+                        neighbours=neighbours,
+                        coupling=coupling,
+                    )
+                except InputError as error:
+                    raise AssertionError(f"{where}: {error}") from error
+
+
+def _edges(component: Interaction, grid: tuple[int, int], periodic: bool, sites: np.ndarray) -> set[tuple[int, int]]:
+    """Pairs of neighbours as pixels, each from both ends."""
+    neighbours = _neighbours(component, grid, periodic, sites)
+    i, s = np.nonzero(neighbours >= 0)
+    return set(zip(sites[i].tolist(), sites[neighbours[i, s]].tolist(), strict=True))
+
+
+def _pairs(component: Interaction, grid: tuple[int, int], sites: np.ndarray, seed: Any) -> dict[tuple[int, int], float]:
+    neighbours = _neighbours(component, grid, True, sites)
+    coupling = _coupling(component, grid, True, sites, neighbours, seed)
+    i, s = np.nonzero(neighbours >= 0)
+    return {
+        (int(sites[a]), int(sites[b])): float(energy)
+        for a, b, energy in zip(i, neighbours[i, s], coupling[i, s], strict=True)
+    }
+
+
+@check_of(Interaction)
+def _calls_do_not_interfere(component: Interaction) -> None:
+    """Graph and energies depend on the arguments alone, not on earlier or concurrent calls; the arguments stay as they
+    were, and may be read-only."""
+    grids = ((12, 10), (10, 12), (7, 5))
+    every = [np.arange(nx * ny, dtype=np.int64) for nx, ny in grids]
+
+    def found(number: int) -> tuple[bytes, bytes]:
+        sites = every[number]
+        neighbours = _neighbours(component, grids[number], True, sites)
+        given = np.array(neighbours)
+        given.setflags(write=False)
+        return neighbours.tobytes(), _coupling(component, grids[number], True, sites, given, 4).tobytes()
+
+    answers = [found(number) for number in range(3)]
+    require(all(np.array_equal(sites, np.arange(sites.size)) for sites in every), "the array of sites was changed")
+    for sites in every:
+        sites.setflags(write=False)
+    require([found(number) for number in range(3)] == answers, "read-only arrays of sites gave another result")
+    calls_are_independent(found, range(3))
+
+
+@check_of(Interaction)
+def _graph_is_the_same_everywhere(component: Interaction) -> None:
+    """On a full periodic grid that is not square, all sites have the same neighbours around them, across the edges too:
+    rows and columns are not mixed up, and nothing is missing at the edges."""
+    for nx, ny in ((24, 18), (18, 24)):
+        graph = _edges(component, (nx, ny), True, np.arange(nx * ny, dtype=np.int64))
+        require(graph, f"no site has a neighbour on a full {nx}x{ny} grid")
+        # rows or columns may be staggered, so the graph must repeat after two
+        for step in ((2, 0), (0, 2)):
+            missing = sorted({(_moved(a, step, nx, ny), _moved(b, step, nx, ny)) for a, b in graph} - graph)
+            if missing:
+                a, b = missing[0]
+                raise AssertionError(
+                    f"full periodic grid of {nx}x{ny} pixels: the graph is not the same everywhere. Pixels "
+                    f"{divmod(a, ny)} and {divmod(b, ny)} are no neighbours, but those {step} before them are "
+                    f"({len(missing)} such pairs); a pixel (x, y) has the index x·ny + y, and the grid repeats in both "
+                    "directions"
+                )
+
+
+def _moved(pixel: int, step: tuple[int, int], nx: int, ny: int) -> int:
+    x, y = divmod(pixel, ny)
+    return (x + step[0]) % nx * ny + (y + step[1]) % ny
+
+
+@check_of(Interaction)
+def _patch_keeps_its_graph(component: Interaction) -> None:
+    """A patch has the same graph at the edges of a grid that is not periodic as inside a larger grid: nothing wraps
+    where nothing is periodic."""
+    small, large, corner = (8, 6), (60, 52), (26, 22)
+    inside = np.arange(small[0] * small[1], dtype=np.int64)
+    for sites in (inside, inside[np.random.default_rng(3).random(inside.size) < 0.7]):
+        x, y = np.divmod(sites, small[1])
+        embedded = (x + corner[0]) * large[1] + y + corner[1]
+        back = dict(zip(embedded.tolist(), sites.tolist(), strict=True))
+        mine = _edges(component, small, False, sites)
+        for periodic in (False, True):
+            its = {(back[a], back[b]) for a, b in _edges(component, large, periodic, embedded)}
+            if mine == its:
+                continue
+            a, b = min(mine ^ its)
+            have, lack = ("8x6", "larger") if (a, b) in mine else ("larger", "8x6")
+            raise AssertionError(
+                f"pixels {divmod(a, small[1])} and {divmod(b, small[1])} of a patch are neighbours on the {have} grid "
+                f"and not on the {lack} one (8x6, not periodic; larger: 60x52, periodic={periodic}, the patch in its "
+                "middle)"
+            )
+
+
+@check_of(Interaction)
+def _pair_keeps_its_energy(component: Interaction) -> None:
+    """The energy of a pair of pixels does not depend on the other sites of the contact."""
+    grid = (13, 11)
+    everywhere, here = list(_patches_of_sites(grid))[:2]
+    all_pairs, some = _pairs(component, grid, everywhere, 3), _pairs(component, grid, here, 3)
+    require(all_pairs and some, "no site has a neighbour on a full 13x11 grid")
+    chosen = set(here.tolist())
+    expected = {pair: energy for pair, energy in all_pairs.items() if chosen.issuperset(pair)}
+    require(some == expected, "pairs or their energies changed when other sites were removed")
+
+
+@check_of(Interaction)
+def _energies_are_in_ev(component: Interaction) -> None:
+    """Energies are in eV: the largest is between 1e-6 and 10 eV, unless all are zero."""
+    energies = np.abs(list(_pairs(component, (13, 11), np.arange(143, dtype=np.int64), 1).values()))
+    largest = float(energies.max())
+    require(
+        largest == 0 or 1e-6 <= largest <= 10,
+        f"the largest energy of a pair is {largest:.3g} eV; expected 1e-6 to 10 eV: is it in k_BT, kJ/mol or J?",
+    )
+
+
+@check_of(Interaction)
+def _coupling_follows_its_seed(component: Interaction) -> None:
+    """The same seed gives the same energies, other seeds give others or none does."""
+    grid, sites = (13, 11), np.arange(143, dtype=np.int64)
+    seeds_are_harmless(lambda seed: tuple(_pairs(component, grid, sites, seed).items()), "coupling")
+
+
+@check_of(Interaction)
+def _speed_does_not_change_the_energies(component: Interaction) -> None:
+    """Options in ``speed_only`` change neither the graph nor a bit of any energy."""
+    grid, sites = (13, 11), np.arange(143, dtype=np.int64)
+    speed_changes_nothing(component, lambda variant: _pairs(variant, grid, sites, 2), "the energies")
