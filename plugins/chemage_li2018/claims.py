@@ -12,7 +12,7 @@ import numpy as np
 from chemage_li2018 import shapes
 from chemage_li2018.comparisons import COMMON, Claim, Studies, by_volume, circle, rows
 from chemage_li2018.published import SLOPES
-from chemage_li2018.sweeps import LOAD, SEED, SLOPE, VOLUME, VOLUMES, Mean, Point, by, curve, grouped, mean
+from chemage_li2018.sweeps import LOAD, MEMBER, SEED, SLOPE, VOLUME, VOLUMES, Mean, Point, by, curve, grouped, mean
 
 #: largest factor between a time and one that the paper calls about so long
 ABOUT = 3.0
@@ -106,23 +106,23 @@ def _coefficient_claim(points: list[Point]) -> Claim:
 
 def _pressure_claim(points: list[Point]) -> Claim:
     groups = by(points, LOAD)
-    reference = _cumulative(groups[20000.0], "pressures")
+    reference = [_cumulative(point) for point in groups[20000.0]]
     distances = {
-        load / 1000: float(np.max(np.abs(_cumulative(group, "pressures") - reference)))
+        load / 1000: mean(np.abs(_cumulative(p) - of_20).max() for p, of_20 in zip(group, reference, strict=True))
         for load, group in groups.items()
     }
-    small = max(value for load, value in distances.items() if load <= 100)
+    small = max(distance.value for load, distance in distances.items() if load <= 100)
     return Claim(
         "fig2",
         "the distribution of the contact pressure does not depend on the load at small loads",
         "largest distance of the cumulative distributions from that at 20 µN: "
-        + ", ".join(f"{load:g} µN {value:.3f}" for load, value in distances.items()),
-        bool(small < 0.06 and distances[500.0] > 2 * distances[50.0]),
+        + ", ".join(f"{load:g} µN {distance}" for load, distance in distances.items()),
+        bool(small < 0.06 and distances[500.0].value > 2 * distances[50.0].value),
     )
 
 
-def _cumulative(points: list[Point], name: str) -> np.ndarray:
-    density = curve(points, lambda p: p.observables[name])
+def _cumulative(point: Point) -> np.ndarray:
+    density = point.observables["pressures"]
     return np.cumsum(density) / np.sum(density)
 
 
@@ -172,12 +172,13 @@ def _reversal_claim(points: list[Point]) -> Claim:
     found = {}
     for row, group in rows(points):
         by_slope = by(group, SLOPE)
-        found[row.name] = crossing(by_slope[SLOPES[0]], by_slope[SLOPES[-1]])
+        pairs = zip(by_slope[SLOPES[0]], by_slope[SLOPES[-1]], strict=True)
+        found[row.name] = mean(crossing([smooth], [rough]) for smooth, rough in pairs)
     return Claim(
         "fig3",
         "with ΔV, the order of the slopes reverses between 1 and 10 s, for every row",
-        "Δμ of h' = 0.05 passes that of h' = 0.2 at " + ", ".join(f"{t:.2g} s ({row})" for row, t in found.items()),
-        all(1 <= time <= 10 for time in found.values()),
+        "Δμ of h' = 0.05 passes that of h' = 0.2 at " + ", ".join(f"{t} s ({row})" for row, t in found.items()),
+        all(1 <= time.value <= 10 for time in found.values()),
     )
 
 
@@ -195,13 +196,12 @@ def onset(points: list[Point]) -> float:
 
 
 def _onset_claim(volumes: dict[float, list[Point]]) -> Claim:
-    found = {volume: onset([p for p in group if p.changes[SLOPE] == 0.1]) for volume, group in volumes.items()}
-    with_pressure, without = found[6.4], found[0.0]
+    with_pressure, without = (mean(onset([p]) for p in by(volumes[volume], SLOPE)[0.1]) for volume in (6.4, 0.0))
     return Claim(
         "fig3",
         "the logarithmic regime starts at about 1 s with ΔV and at about 10 s without",
-        f"the slope reaches half of β at {with_pressure:.2g} s with ΔV and at {without:.2g} s without (h' = 0.1)",
-        bool(1 / ABOUT <= with_pressure <= ABOUT and 10 / ABOUT <= without <= 10 * ABOUT),
+        f"the slope reaches half of β at {with_pressure} s with ΔV and at {without} s without (h' = 0.1)",
+        bool(1 / ABOUT <= with_pressure.value <= ABOUT and 10 / ABOUT <= without.value <= 10 * ABOUT),
     )
 
 
@@ -289,7 +289,8 @@ def _others_claim(volumes: dict[float, list[Point]]) -> Claim:
 def _fig4(studies: Studies) -> Iterable[Claim]:
     with_volume = by_volume(studies["slopes"])[6.4]
     groups = by(with_volume, SLOPE)
-    pressure = [mean(p.summary["mean_contact_pressure"] for p in groups[h]).value for h in SLOPES]
+    pressures = [mean(p.summary["mean_contact_pressure"] for p in groups[h]) for h in SLOPES]
+    pressure = [of_slope.value for of_slope in pressures]
     means, widths = [], []
     for slope in SLOPES:
         edges = groups[slope][0].observables["barrier_edges"]
@@ -298,8 +299,8 @@ def _fig4(studies: Studies) -> Iterable[Claim]:
         means.append(float(np.average(centre, weights=density)))
         widths.append(float(np.sqrt(np.average((centre - means[-1]) ** 2, weights=density))))
     listed = ", ".join(
-        f"h' = {h:g}: {p:.2f} GPa, {m:.3f} ± {w:.3f} eV"
-        for h, p, m, w in zip(SLOPES, pressure, means, widths, strict=True)
+        f"h' = {h:g}: {p} GPa, {m:.3f} and {w:.3f} eV"
+        for h, p, m, w in zip(SLOPES, pressures, means, widths, strict=True)
     )
     yield Claim(
         "fig4",
@@ -397,25 +398,32 @@ def summit(kelvin: Sequence[float], values: Sequence[float]) -> float:
     return float(-b / (2 * a))
 
 
+def _summits(points: list[Point], value: Callable[[Point], float] = Point.beta) -> Mean:
+    """Temperature of the largest value, mean over surfaces."""
+    surfaces = by(points, SEED).values() if SEED in points[0].changes else [points]
+    groups = [by(group, "hold.temperature") for group in surfaces]
+    return mean(summit(list(group), [value(one[0]) for one in group.values()]) for group in groups)
+
+
 def _temperature(studies: Studies) -> Iterable[Claim]:
     for study, name in (("warm rough", "rough contact"), ("warm tip", "tip")):
-        groups = by(studies[study], "hold.temperature")
-        kelvin = list(groups)
-        betas = [mean(p.beta() for p in group).value for group in groups.values()]
-        tops = {
-            time: summit(kelvin, [mean(p.at(time) for p in group).value for group in groups.values()])
-            for time in (1e2, 1e4)
-        }
-        top = summit(kelvin, betas)
-        windows = [(1.0, 1e3), (1e2, 1e4)]
-        other = [summit(kelvin, [mean(p.beta(w) for p in g).value for g in groups.values()]) for w in windows]
+        top = _summits(studies[study])
+        early, late = (_summits(studies[study], lambda p, w=w: p.beta(w)) for w in ((1.0, 1e3), (1e2, 1e4)))
+        members = by(studies["warm members"], MEMBER).values() if study == "warm rough" else []
+        of_members = [_summits(group).value for group in members]
+        over = f"over the members of the density {min(of_members):.0f} to {max(of_members):.0f} K; " if members else ""
+        drops = ((time, _summits(studies[study], lambda p, t=time: p.at(t))) for time in (1e2, 1e4))
         yield Claim(
             "temperature",
             f"ageing is not monotonic in temperature and is largest near room temperature, {name}",
-            f"β (10 to 1e4 s) is largest at {top:.0f} K, over 1 to 1e3 s at {other[0]:.0f} K and over 100 to 1e4 s at "
-            f"{other[1]:.0f} K; ΔF at " + ", ".join(f"{time:g} s at {t:.0f} K" for time, t in tops.items()),
-            abs(top - 300) <= 30,
+            f"β (10 to 1e4 s) is largest at {_kelvin(top)}, over 1 to 1e3 s at {_kelvin(early)} and over 100 to 1e4 s "
+            f"at {_kelvin(late)}; {over}ΔF at " + ", ".join(f"{time:g} s at {_kelvin(t)}" for time, t in drops),
+            abs(top.value - 300) <= 30,
         )
+
+
+def _kelvin(temperature: Mean) -> str:
+    return f"{temperature if temperature.count > 1 else format(temperature.value, '.0f')} K"
 
 
 def _tips(studies: Studies) -> Iterable[Claim]:
@@ -461,7 +469,7 @@ def _tips_over_rough(studies: Studies) -> Claim:
 
 def _calibration(studies: Studies) -> Iterable[Claim]:
     failing = []
-    members = by(studies["members"], "forming.member")
+    members = by(studies["members"], MEMBER)
     for number, points in members.items():
         groups = grouped((p for p in points if p.changes[SLOPE] in SLOPES), VOLUME, SLOPE)
         for volume in VOLUMES:

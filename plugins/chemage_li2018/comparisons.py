@@ -38,7 +38,8 @@ class Line(NamedTuple):
     def shown(self) -> str:
         """The difference, in whole per cent if the mean is not known better than to one per cent."""
         error = self.ours.scatter / math.sqrt(self.ours.count) / abs(self.ours.value)
-        return f"{self.difference:+.{0 if error > 0.01 else 1}%}"
+        shown = f"{self.difference:+.{0 if error > 0.01 else 1}%}"
+        return shown if float(shown[:-1]) else shown[1:]
 
     @property
     def word(self) -> str:

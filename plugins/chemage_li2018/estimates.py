@@ -20,7 +20,19 @@ from chemage_li2018.comparisons import (
 )
 from chemage_li2018.published import SLOPES, Published
 from chemage_li2018.shapes import exponent
-from chemage_li2018.sweeps import LITERAL_VOLUME, PARTIAL, SLOPE, VOLUME, WITH_PRESSURE, Mean, Point, by, grouped, mean
+from chemage_li2018.sweeps import (
+    LITERAL_VOLUME,
+    MEMBER,
+    PARTIAL,
+    SLOPE,
+    VOLUME,
+    WITH_PRESSURE,
+    Mean,
+    Point,
+    by,
+    grouped,
+    mean,
+)
 
 #: by which plasticity multiplies the elastic contact area at h' = 1: the paper has 2 × 0.2/1.0 = 0.4 times the area at
 #: h' = 0.2, of which 0.2/1.0 are the slopes
@@ -139,11 +151,8 @@ def _corrections(studies: Studies) -> Estimate:
     )
 
 
-MEMBER = "forming.member"
-
-
 class Band(NamedTuple):
-    """β over the members of the density, relative to the best, and the residual of the best from the paper."""
+    """β over the members of the density, relative to member 0, and the residual of member 0 from the paper."""
 
     quantity: str
     paper: str
@@ -155,7 +164,7 @@ class Band(NamedTuple):
 
 
 def bands(studies: Studies) -> list[Band]:
-    """The bands of the β of Fig. 3 and Fig. 6 over the members, and the comparisons of the best with the paper."""
+    """The bands of the β of Fig. 3 and Fig. 6 over the members, and the comparisons of member 0 with the paper."""
     compared = lines(studies, ["fig3", "fig6"])
     groups = by(studies["members"], SLOPE)
     bands_of_fit = []
@@ -169,8 +178,8 @@ def bands(studies: Studies) -> list[Band]:
 
 
 def times(studies: Studies) -> dict[str, tuple[float, float]]:
-    """The least and the largest of three times of Fig. 3 over the members, s, of which none was fitted."""
-    by_member = by(studies["members"], MEMBER).values()
+    """The least and the largest of three times of Fig. 3 over the members from 1 on, s."""
+    by_member = [group for member, group in by(studies["members"], MEMBER).items() if member]
     seconds: dict[str, list[float]] = {"reversal": [], "onset with ΔV": [], "onset without": []}
     for group in by_member:
         chosen = grouped(group, SLOPE, VOLUME)
@@ -183,6 +192,6 @@ def times(studies: Studies) -> dict[str, tuple[float, float]]:
 
 def _band(quantity: str, paper: str, points: list[Point], lines: list[Line]) -> Band:
     by_member = {member: mean(p.beta() for p in group).value for member, group in by(points, MEMBER).items()}
-    relative = [value / by_member[0] - 1 for value in by_member.values()]
+    relative = [value / by_member[0] - 1 for member, value in by_member.items() if member]
     line = next(line for line in lines if line.quantity == quantity)
-    return Band(quantity, paper, line.difference, min(relative), max(relative), len(relative) - 1, line.word)
+    return Band(quantity, paper, line.difference, min(relative), max(relative), len(relative), line.word)

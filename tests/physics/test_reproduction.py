@@ -65,8 +65,8 @@ def test_every_target_is_drawn_and_written(coarse: tuple[dict[str, chemage.Sweep
     found = command.write({"rough": results["rough"]}, names, folder, seeds=(SEED,), pixels=PIXELS)
     text = (folder / "reproduction.md").read_text(encoding="utf-8")
     for name in figures_supplement.DRAW.keys() & set(names):
-        assert (folder / "figures" / f"{name}.png").stat().st_size > 10_000
-        assert f"figures/{name}.png" in text
+        assert (folder / reproduction_page.FIGURES / f"{name}.png").stat().st_size > 10_000
+        assert f"{reproduction_page.FIGURES}/{name}.png" in text
     assert {line.target for line in found.lines} == {"kappa", "table1", "fig3", "fig6"}
     assert {claim.target for claim in found.claims} == {"fig2", "fig3", "fig4", "fig5", "table1", "interaction"} | {
         "estimates",
@@ -146,6 +146,7 @@ def test_a_mean_has_the_digits_of_its_own_error():
     assert str(Mean(95.7, 25.0, 4)) == "96 ± 25"
     assert line("113", 95.7, 25.0).shown == "-15%"
     assert line("1.0", 1.0123, 0.001).shown == "+1.2%"
+    assert line("1.0", 0.998, 0.1).shown == "0%"
 
 
 def line(paper: str, value: float, scatter: float = math.nan, *, calibrated: bool = False) -> Line:
@@ -190,7 +191,6 @@ def test_the_six_fitted_beta_are_called_calibrated(coarse: tuple[dict[str, chema
         ["fig3"],
         seeds=(101,),
         pixels=PIXELS,
-        figures="f",
         versions=NO_VERSIONS,
     )
     assert "| yes |" not in text
@@ -206,7 +206,6 @@ def test_what_disagrees_is_listed():
         ["fig2"],
         seeds=(101, 102),
         pixels=2500,
-        figures="f",
         versions=NO_VERSIONS,
     )
     assert "Disagree: β (+100.0%)" in text
@@ -277,7 +276,7 @@ def test_the_literal_activation_volume():
     assert chemage.plugin.convert("0.04 angstrom**3", "nm**3") == pytest.approx(sweeps.LITERAL_VOLUME)
 
 
-def test_bands_over_the_members_are_relative_to_the_best():
+def test_bands_over_the_members_are_relative_to_the_default():
     def point(member: int, beta: float, slope: float, volume: float) -> Point:
         one = straight(beta, 1.0)
         changes = {"forming.member": member, SLOPE: slope, "chemistry.activation_volume": volume}
@@ -319,7 +318,7 @@ def test_times_over_the_members():
     """2 log10 t and 1 + log10 t meet at 10 s; onsets are those of lines that begin at 0.3 and 3 s."""
 
     def point(line: Point, slope: float, volume: float) -> Point:
-        changes = {"forming.member": 0, SLOPE: slope, "chemistry.activation_volume": volume}
+        changes = {"forming.member": 1, SLOPE: slope, "chemistry.activation_volume": volume}
         return Point(changes, line.summary, line.hold_times, line.friction_drop, line.friction_drop_half_width)
 
     group = [
@@ -444,9 +443,29 @@ def test_the_page_uses_the_four_words_and_no_other():
             assert {line.split(" | ")[column].strip() for line in table} <= words
 
 
+def test_the_page_is_what_the_command_writes_of_the_stored_points():
+    assert reproduction_page.of_points(DOCS / "reproduction.npz")[1] == (DOCS / "reproduction.md").read_text("utf-8")
+
+
+def test_stored_points_are_those_that_were_computed(tmp_path):
+    one = straight(0.3, 1.0)
+    changes = {**sweeps.members("loads")[0], "surface.seed": 101}
+    point = replace(one, changes=changes, observables={"pressures": np.arange(3.0)})
+    other = replace(straight(0.5, 2.0), hold_times=np.logspace(-3, 4, 33))
+    sweeps.save_points(tmp_path / "points.npz", [point, other], {"pixels": 320})
+    (first, second), about = sweeps.read_points(tmp_path / "points.npz")
+    assert about == {"pixels": 320}
+    assert (first.changes, first.summary) == (point.changes, point.summary)
+    np.testing.assert_array_equal(second.hold_times, other.hold_times)
+    np.testing.assert_allclose(first.friction_drop, point.friction_drop, rtol=1e-6)
+    np.testing.assert_array_equal(first.observables["pressures"], [0, 1, 2])
+    np.testing.assert_array_equal(second.friction_drop_half_width, other.friction_drop_half_width)
+    assert not second.observables
+
+
 def test_the_page_is_of_several_surfaces_that_tuned_nothing():
     text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
-    assert "4 surfaces per row (seeds 101 to 104)" in text
+    assert "8 surfaces per row (seeds 101 to 108)" in text
     assert "2500 x 2500 pixels" in " ".join(text.split())
 
 
