@@ -161,10 +161,6 @@ class Exponent(NamedTuple):
     value: float
     half_width: float
 
-    def holds(self, claim: float, *rivals: float) -> bool:
-        """Whether the interval holds the claim and none of the rivals."""
-        return abs(self.value - claim) <= self.half_width and all(abs(self.value - r) > self.half_width for r in rivals)
-
     def within(self, claim: float, distance: float) -> bool:
         """Whether all of the interval is at most ``distance`` from the claim: close, even if not equal to it."""
         return abs(self.value - claim) + self.half_width <= distance
