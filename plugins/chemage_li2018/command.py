@@ -35,7 +35,7 @@ def reproduce(
     ] = Path("reproduction"),
     seeds: Annotated[
         int, typer.Option(min=1, max=32, metavar="N", help="number of surfaces per row, 1 to 32; the paper has one")
-    ] = 4,
+    ] = 8,
     executor: Annotated[
         str, typer.Option(metavar="NAME", help="where points are computed: serial, processes or dask[:ADDRESS]")
     ] = "processes",
@@ -139,7 +139,7 @@ def _show(results: Reproduction) -> None:
     for line in results.lines:
         typer.echo(
             f"{line.target:7} {line.quantity:{width}}  paper {line.paper.text:<8} ours {line.ours!s:18} "
-            f"{line.difference:+7.1%}  {line.word}"
+            f"{line.shown:>7}  {line.word}"
         )
     for claim in results.claims:
         typer.echo(f"{claim.target:7} {claim.word}: {claim.statement}\n{'':8}{claim.ours}")
@@ -153,21 +153,16 @@ def write(
     """Write figures and page of completed sweeps, by base, into ``folder``, and return the comparisons."""
 
     from chemage.plugin import figures, fresh_file, versions
-    from chemage_li2018 import comparisons, estimates, figures_supplement, reproduction_page
-    from chemage_li2018.sweeps import Point, studies_of
+    from chemage_li2018 import figures_supplement, reproduction_page
+    from chemage_li2018.sweeps import Point, save_points, studies_of
 
-    computed = studies_of((Point.of(point) for result in results.values() for point in result), names)
-    compared = reproduction_page.Reproduction(
-        comparisons.lines(computed, names),
-        comparisons.claims(computed, names),
-        estimates.estimates(computed) if "estimates" in names else [],
-        estimates.variants(computed) if "fig6" in names else [],
-        estimates.bands(computed) if "calibration" in names else [],
-        estimates.times(computed) if "calibration" in names else {},
-    )
-    drawn = {name: figures_supplement.DRAW[name](computed) for name in names if name in figures_supplement.DRAW}
-    figures.save_figures(drawn, folder / "figures", force=True)
-    text = reproduction_page.page(compared, names, seeds=seeds, pixels=pixels, figures="figures", versions=versions())
+    points = [Point.of(point) for result in results.values() for point in result]
+    about = {"targets": names, "seeds": list(seeds), "pixels": pixels, "versions": versions()}
+    save_points(folder / "reproduction.npz", points, about)
+    compared, text = reproduction_page.of_points(folder / "reproduction.npz")
     with fresh_file(folder / "reproduction.md", force=True) as part:
         part.write_text(text, encoding="utf-8")
+    computed = studies_of(points, names)
+    drawn = {name: figures_supplement.DRAW[name](computed) for name in names if name in figures_supplement.DRAW}
+    figures.save_figures(drawn, folder / reproduction_page.FIGURES, force=True)
     return compared

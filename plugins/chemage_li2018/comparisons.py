@@ -6,13 +6,12 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from chemage_li2018 import published
-from chemage_li2018.published import SLOPES, Published
-from chemage_li2018.sweeps import LOAD, ROW, SEED, SLOPE, VOLUME, WITH_PRESSURE, Mean, Point, by, curve, grouped, mean
+from chemage_li2018.published import Published
+from chemage_li2018.shapes import Law
+from chemage_li2018.sweeps import LOAD, ROW, SLOPE, VOLUME, WITH_PRESSURE, Mean, Point, by, grouped, mean
 
-CALIBRATED, PREDICTED, DISAGREES = "calibrated", "predicted", "disagrees"
+CALIBRATED, PREDICTED, DISAGREES, UNTESTED = "calibrated", "predicted", "disagrees", "not tested"
 #: largest accepted relative distance from a published number
 COMMON = 0.10
 
@@ -34,6 +33,13 @@ class Line(NamedTuple):
             return self.ours.value / self.paper.value - 1
         nearest = min(max(self.ours.value, self.paper.low), self.paper.high)
         return self.ours.value / nearest - 1
+
+    @property
+    def shown(self) -> str:
+        """The difference, in whole per cent if the mean is not known better than to one per cent."""
+        error = self.ours.scatter / math.sqrt(self.ours.count) / abs(self.ours.value)
+        shown = f"{self.difference:+.{0 if error > 0.01 else 1}%}"
+        return shown if float(shown[:-1]) else shown[1:]
 
     @property
     def word(self) -> str:
@@ -60,13 +66,19 @@ class Claim(NamedTuple):
     """A statement of the paper, our result, and whether the statement holds for it."""
 
     target: str
+    #: as in the paper; for a statement that cannot be tested, ``ours`` is the reason
     statement: str
     ours: str
-    holds: bool
+    #: None if it is not tested
+    holds: bool | None
+    #: the laws that were compared, the best first, if the statement is about a shape
+    laws: tuple[Law, ...] = ()
 
     @property
     def word(self) -> str:
-        """``predicted`` or ``disagrees``."""
+        """``predicted``, ``disagrees`` or ``not tested``."""
+        if self.holds is None:
+            return UNTESTED
         return PREDICTED if self.holds else DISAGREES
 
 
@@ -153,402 +165,4 @@ _LINES: dict[str, Callable[[Studies], Iterable[Line]]] = {
     "fig3": _fig3_lines,
     "fig6": _fig6_lines,
     "tips": _tips_lines,
-}
-
-
-#: largest factor between a time and one that the paper calls about so long
-ABOUT = 3.0
-#: largest rms deviation from a line, relative to the values, that a figure shows as straight
-STRAIGHT = 0.05
-
-
-def claims(studies: Studies, targets: Sequence[str]) -> list[Claim]:
-    """Compare the claims of ``targets`` in the paper with the computed ``studies``."""
-    return [claim for target in targets if target in _CLAIMS for claim in _CLAIMS[target](studies)]
-
-
-# -- Fig. 2: load -----------------------------------------------------------------------------------------------------
-
-
-def _fig2(studies: Studies) -> Iterable[Claim]:
-    points = studies["loads"]
-    yield _logarithmic(points)
-    yield _load_claim(points)
-    yield _area_claim(points)
-    yield _coefficient_claim(points)
-    yield _pressure_claim(points)
-
-
-def _logarithmic(points: list[Point]) -> Claim:
-    chosen = by(points, LOAD)[20000.0]
-    times, drop = chosen[0].hold_times, curve(chosen, lambda p: p.friction_drop)
-    inside = (times >= 0.999) & (times <= 1.001e5)
-    straight = np.corrcoef(np.log10(times[inside]), drop[inside])[0, 1] ** 2
-    return Claim(
-        "fig2",
-        "ΔF grows with log t from 1 s to 1e5 s",
-        f"R² of the line over 1 s to 1e5 s: {straight:.4f}",
-        bool(straight > 0.98),
-    )
-
-
-def _over_loads(points: list[Point], time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    groups = by(points, LOAD)
-    loads = np.array(list(groups))
-    drop = np.array([mean(p.at(time) for p in group).value for group in groups.values()])
-    area = np.array([mean(p.summary["area_fraction"] for p in group).value for group in groups.values()])
-    return loads, drop, area
-
-
-def _load_claim(points: list[Point]) -> Claim:
-    loads, drop, _ = _over_loads(points, 1e3)
-    ratio = drop / loads
-    low = ratio[(loads >= 20e3) & (loads <= 50e3)]
-    reference = ratio[loads == 20e3][0]
-    return Claim(
-        "fig2",
-        "ΔF is linear in the load at small loads, and sublinear at large loads",
-        f"ΔF/F_N at 50 µN is {low[-1] / reference:.3f} of that at 20 µN, at 500 µN {ratio[-1] / reference:.3f} (1e3 s)",
-        bool(abs(low[-1] / reference - 1) < 0.1 and ratio[-1] / reference < 0.97),
-    )
-
-
-def _area_claim(points: list[Point]) -> Claim:
-    _, drop, area = _over_loads(points, 1e3)
-    slope = float(area @ drop / (area @ area))
-    worst = float(np.max(np.abs(drop / (slope * area) - 1)[area > 0.005]))
-    straight = np.corrcoef(area, drop)[0, 1] ** 2
-    return Claim(
-        "fig2",
-        "ΔF is linear in A up to A/A0 = 0.22",
-        f"R² = {straight:.5f}; largest deviation from proportionality {worst:.1%} up to A/A0 = {area.max():.3f}",
-        bool(straight > 0.995),
-    )
-
-
-def _coefficient_claim(points: list[Point]) -> Claim:
-    loads, drop, _ = _over_loads(points, 1e3)
-    ratio = drop / loads
-    return Claim(
-        "fig2",
-        "Δμ is constant at small loads and falls at large loads",
-        ", ".join(f"{load / 1000:g} µN {value:.3f}" for load, value in zip(loads, ratio, strict=True)) + " (1e3 s)",
-        bool(np.ptp(ratio[loads <= 50e3]) / ratio[loads <= 50e3].mean() < 0.15 and ratio[-1] < ratio[:4].min()),
-    )
-
-
-def _pressure_claim(points: list[Point]) -> Claim:
-    groups = by(points, LOAD)
-    reference = _cumulative(groups[20000.0], "pressures")
-    distances = {
-        load / 1000: float(np.max(np.abs(_cumulative(group, "pressures") - reference)))
-        for load, group in groups.items()
-    }
-    small = max(value for load, value in distances.items() if load <= 100)
-    return Claim(
-        "fig2",
-        "the distribution of the contact pressure does not depend on the load at small loads",
-        "largest distance of the cumulative distributions from that at 20 µN: "
-        + ", ".join(f"{load:g} µN {value:.3f}" for load, value in distances.items()),
-        bool(small < 0.06 and distances[500.0] > 2 * distances[50.0]),
-    )
-
-
-def _cumulative(points: list[Point], name: str) -> np.ndarray:
-    density = curve(points, lambda p: p.observables[name])
-    return np.cumsum(density) / np.sum(density)
-
-
-# -- Fig. 3: roughness ------------------------------------------------------------------------------------------------
-
-
-def _fig3(studies: Studies) -> Iterable[Claim]:
-    volumes = by_volume(studies["rows"])
-    yield _trend_claim(volumes)
-    yield _reversal_claim(volumes[6.4])
-    yield _onset_claim({volume: circle(points) for volume, points in volumes.items()})
-    yield _offset_claim(volumes[6.4])
-    yield _proportional_claim(volumes[0.0])
-    yield _others_claim(volumes)
-
-
-def _trend_claim(volumes: dict[float, list[Point]]) -> Claim:
-    parts, holds = [], []
-    for volume, points in volumes.items():
-        by_slope = by(circle(points), SLOPE)
-        for time in (1.0, 1e3):
-            values = [mean(p.at(time) / p.summary["load"] for p in by_slope[h]).value for h in SLOPES]
-            trend = "rises" if values[-1] > values[0] else "falls"
-            parts.append(f"ΔV = {volume:g} Å³, {time:g} s: {trend} from {values[0]:.3f} to {values[-1]:.3f}")
-            holds.append(trend == ("rises" if volume and time == 1.0 else "falls"))
-    return Claim(
-        "fig3",
-        "with ΔV, Δμ rises with h' at 1 s and falls by 1e3 s; without, it falls at both",
-        "; ".join(parts),
-        all(holds),
-    )
-
-
-def crossing(lower: list[Point], upper: list[Point]) -> float:
-    """Hold time at which Δμ of the points ``lower`` first exceeds that of ``upper``, s; nan if it never does."""
-    times = lower[0].hold_times
-    gap = curve(lower, lambda p: p.coefficient) - curve(upper, lambda p: p.coefficient)
-    below = np.flatnonzero(gap < 0)
-    if not below.size or below[-1] + 1 == times.size:
-        return math.nan
-    last, x = below[-1], np.log10(times)
-    share = -gap[last] / (gap[last + 1] - gap[last])
-    return float(10 ** (x[last] + share * (x[last + 1] - x[last])))
-
-
-def _reversal_claim(points: list[Point]) -> Claim:
-    found = {}
-    for row, group in rows(points):
-        by_slope = by(group, SLOPE)
-        found[row.name] = crossing(by_slope[SLOPES[0]], by_slope[SLOPES[-1]])
-    return Claim(
-        "fig3",
-        "with ΔV, the order of the slopes reverses between 1 and 10 s, for every row",
-        "Δμ of h' = 0.05 passes that of h' = 0.2 at " + ", ".join(f"{t:.2g} s ({row})" for row, t in found.items()),
-        all(1 <= time <= 10 for time in found.values()),
-    )
-
-
-def onset(points: list[Point]) -> float:
-    """Hold time at which the local slope dΔF/dlog10 t first reaches half of the fitted slope, s."""
-    times, drop = points[0].hold_times, curve(points, lambda p: p.friction_drop)
-    x = np.log10(times)
-    slope = np.gradient(drop, x)
-    beta = mean(p.summary["beta"] * p.summary["load"] for p in points).value
-    first = int(np.argmax(slope >= 0.5 * beta))
-    if first == 0:
-        return float(times[0])
-    share = (0.5 * beta - slope[first - 1]) / (slope[first] - slope[first - 1])
-    return float(10 ** (x[first - 1] + share * (x[first] - x[first - 1])))
-
-
-def _onset_claim(volumes: dict[float, list[Point]]) -> Claim:
-    found = {volume: onset([p for p in group if p.changes[SLOPE] == 0.1]) for volume, group in volumes.items()}
-    with_pressure, without = found[6.4], found[0.0]
-    return Claim(
-        "fig3",
-        "the logarithmic regime starts at about 1 s with ΔV and at about 10 s without",
-        f"the slope reaches half of β at {with_pressure:.2g} s with ΔV and at {without:.2g} s without (h' = 0.1)",
-        bool(1 / ABOUT <= with_pressure <= ABOUT and 10 / ABOUT <= without <= 10 * ABOUT),
-    )
-
-
-def against_area(points: Sequence[Point], time: float) -> tuple[np.ndarray, np.ndarray]:
-    """A/A0 and Δμ at a hold time (s), means over surfaces, (rows, slopes)."""
-    groups = [list(by(group, SLOPE).values()) for _, group in rows(points)]
-    area = [[mean(p.summary["area_fraction"] for p in g).value for g in groups_of_slope] for groups_of_slope in groups]
-    drop = [
-        [mean(p.at(time) / p.summary["load"] for p in g).value for g in groups_of_slope] for groups_of_slope in groups
-    ]
-    return np.array(area), np.array(drop)
-
-
-class _Line(NamedTuple):
-    """The line of Δμ against A/A0 over rows and slopes."""
-
-    #: rms of Δμ over the line, less one
-    deviation: float
-    r2: float
-    #: relative to the mean Δμ, over surface seeds
-    offset: Mean
-
-    @classmethod
-    def of(cls, points: Sequence[Point], time: float) -> _Line:
-        area, drop = (part.ravel() for part in against_area(points, time))
-        offsets = []
-        for group in by(points, SEED).values():
-            x, y = (part.ravel() for part in against_area(group, time))
-            offsets.append(float(np.polyfit(x, y, 1)[1] / y.mean()))
-        line = np.polynomial.Polynomial.fit(area, drop, 1)
-        deviation = float(np.sqrt(np.mean((drop / line(area) - 1) ** 2)))
-        return cls(deviation, float(np.corrcoef(area, drop)[0, 1] ** 2), mean(offsets))
-
-    def __str__(self) -> str:
-        return f"{self.deviation:.1%} (R² = {self.r2:.3f})"
-
-
-def _offset_claim(points: list[Point]) -> Claim:
-    early, late = _Line.of(points, 1.0), _Line.of(points, 1e3)
-    offset = late.offset
-    return Claim(
-        "fig3",
-        "with ΔV, Δμ is linear in A/A0, with a positive offset at 1e3 s",
-        f"rms deviation from the line {early} at 1 s, where Δμ falls with A, and {late} at 1e3 s; "
-        f"offset at 1e3 s {offset} of the mean Δμ",
-        bool(
-            max(early.deviation, late.deviation) < STRAIGHT
-            and offset.value > 2 * (offset.scatter if offset.count > 1 else 0.0)
-        ),
-    )
-
-
-def _proportional_claim(points: list[Point]) -> Claim:
-    early, late = _Line.of(points, 1.0), _Line.of(points, 1e3)
-    return Claim(
-        "fig3",
-        "without ΔV, Δμ is proportional to A/A0 at all times",
-        f"rms deviation from the line {early} at 1 s and {late} at 1e3 s; offset {early.offset} and {late.offset} "
-        "of the mean Δμ",
-        bool(
-            max(early.deviation, late.deviation) < STRAIGHT
-            and max(abs(early.offset.value), abs(late.offset.value)) < STRAIGHT
-        ),
-    )
-
-
-def _others_claim(volumes: dict[float, list[Point]]) -> Claim:
-    parts, worst = [], []
-    for volume, points in volumes.items():
-        for time in (1.0, 1e3):
-            found = _Line.of(points, time).deviation
-            parts.append(f"ΔV = {volume:g} Å³, {time:g} s: {found:.1%}")
-            worst.append(found)
-    return Claim(
-        "fig3",
-        "at equal A/A0 the other parameters of the roughness hardly matter",
-        "rms deviation of the rows from the line in A/A0: " + "; ".join(parts),
-        max(worst) < STRAIGHT,
-    )
-
-
-# -- Fig. 4 to 6, Table 1, κ ------------------------------------------------------------------------------------------
-
-
-def _fig4(studies: Studies) -> Iterable[Claim]:
-    with_volume = by_volume(studies["slopes"])[6.4]
-    groups = by(with_volume, SLOPE)
-    pressure = [mean(p.summary["mean_contact_pressure"] for p in groups[h]).value for h in SLOPES]
-    means, widths = [], []
-    for slope in SLOPES:
-        edges = groups[slope][0].observables["barrier_edges"]
-        density = curve(groups[slope], lambda p: p.observables["barriers_start"])
-        centre = 0.5 * (edges[1:] + edges[:-1])
-        means.append(float(np.average(centre, weights=density)))
-        widths.append(float(np.sqrt(np.average((centre - means[-1]) ** 2, weights=density))))
-    listed = ", ".join(
-        f"h' = {h:g}: {p:.2f} GPa, {m:.3f} ± {w:.3f} eV"
-        for h, p, m, w in zip(SLOPES, pressure, means, widths, strict=True)
-    )
-    yield Claim(
-        "fig4",
-        "a larger slope raises and widens the pressure, and lowers and widens E_form(t = 0)",
-        f"mean pressure, and mean and standard deviation of the barrier: {listed}",
-        pressure == sorted(pressure) and means == sorted(means, reverse=True) and widths == sorted(widths),
-    )
-
-
-def morphology(points: Sequence[Point]) -> tuple[np.ndarray, np.ndarray]:
-    """C/A (1/nm) and Δμ·A0/A at 1e3 s of every point."""
-    x = np.array([p.summary["perimeter_to_area"] for p in points])
-    return x, np.array([p.at(1e3) / p.summary["load"] / p.summary["area_fraction"] for p in points])
-
-
-def _fig5(studies: Studies) -> Iterable[Claim]:
-    for slope, group in by(by_volume(studies["rows"])[0.0], SLOPE).items():
-        x, y = morphology(group)
-        rise, height = np.polyfit(x, y, 1)
-        change = rise * (x.max() - x.min()) / (height + rise * x.mean())
-        means = np.array(
-            [[part.mean() for part in morphology(groups_of_slope)] for _, groups_of_slope in rows(group)]
-        ).T
-        straight, of_means = np.corrcoef(x, y)[0, 1], np.corrcoef(means)[0, 1]
-        yield Claim(
-            "fig5",
-            f"Δμ·A0/A rises linearly, and weakly, with C/A at h' = {slope:g} (ΔV = 0)",
-            f"correlation {straight:.3f} of the {x.size} surfaces, {of_means:.3f} of the means of the rows; "
-            f"change by {change:.1%} between C/A = {x.min():.2f} and {x.max():.2f} /nm",
-            bool(min(straight, of_means) > 0.95 and 0 < change < 0.4),
-        )
-
-
-def _table1(studies: Studies) -> Iterable[Claim]:
-    ratios, errors = [], []
-    for row, group in rows(studies["table"]):
-        found = mean(p.summary["patches"] for p in group)
-        ratios.append(found.value / float(row.patches) - 1)
-        errors.append(found.scatter / float(row.patches) * math.sqrt(1 + 1 / found.count))
-    low, shift = sum(r < 0 for r in ratios), float(np.mean(ratios))
-    error = math.sqrt(sum(e * e for e in errors)) / len(errors)
-    known = math.isfinite(error)
-    yield Claim(
-        "table1",
-        "N_p of the seven rows together: ours do not differ from the paper's on the whole",
-        f"ours are lower in {low} of 7 rows, by {-shift:.1%} on average"
-        + (f"; the scatter between surfaces allows ±{2 * error:.1%} (two standard deviations)" if known else ""),
-        abs(shift) <= (2 * error if known else 0.1) and 0 < low < 7,
-    )
-
-
-def _interaction(studies: Studies) -> Iterable[Claim]:
-    groups = by(studies["interaction"], "interaction.strength")
-    drop = {strength: mean(p.at(1e3) for p in group).value for strength, group in groups.items()}
-    shown = ", ".join(f"{strength:g} eV {value / drop[0.0]:.3f}" for strength, value in drop.items())
-    early, late = drop[0.0] - drop[0.5], drop[0.5] - drop[1.0]
-    yield Claim(
-        "interaction",
-        "ΔF falls with I_b and saturates from about 0.5 eV",
-        f"ΔF relative to I_b = 0 at 1e3 s: {shown}",
-        bool(early > 0 and abs(late) < 0.2 * early),
-    )
-
-
-# -- temperature and tips ---------------------------------------------------------------------------------------------
-
-
-def summit(kelvin: Sequence[float], values: Sequence[float]) -> float:
-    """Temperature of the largest of ``values``, from the parabola through it and its neighbours, or an end."""
-    top = int(np.argmax(values))
-    if top in (0, len(values) - 1):
-        return float(kelvin[top])
-    a, b, _ = np.polyfit(kelvin[top - 1 : top + 2], values[top - 1 : top + 2], 2)
-    return float(-b / (2 * a))
-
-
-def _temperature(studies: Studies) -> Iterable[Claim]:
-    for study, name in (("warm rough", "rough contact"), ("warm tip", "tip")):
-        groups = by(studies[study], "hold.temperature")
-        kelvin = list(groups)
-        betas = [mean(p.beta() for p in group).value for group in groups.values()]
-        tops = {
-            time: summit(kelvin, [mean(p.at(time) for p in group).value for group in groups.values()])
-            for time in (1e2, 1e4)
-        }
-        top = summit(kelvin, betas)
-        yield Claim(
-            "temperature",
-            f"ageing is not monotonic in temperature and is largest near room temperature, {name}",
-            f"β (10 to 1e4 s) is largest at {top:.0f} K; ΔF at "
-            + ", ".join(f"{time:g} s at {t:.0f} K" for time, t in tops.items()),
-            abs(top - 300) <= 30,
-        )
-
-
-def _tips(studies: Studies) -> Iterable[Claim]:
-    for radius, group in by(studies["tips"], "surface.radius").items():
-        load = np.array([p.changes[LOAD] for p in group])
-        drop = np.array([p.at(1e3) for p in group])
-        slope, offset = np.polyfit(load, drop, 1)
-        straight = np.corrcoef(load, drop)[0, 1] ** 2
-        yield Claim(
-            "tips",
-            f"ΔF of a tip is linear in the load, with an offset (radius {radius:g} nm)",
-            f"R² = {straight:.3f}; {offset:.0f} nN + {slope:.2f} F_N at 1e3 s",
-            bool(straight > 0.95 and offset > 0),
-        )
-
-
-_CLAIMS: dict[str, Callable[[Studies], Iterable[Claim]]] = {
-    "fig2": _fig2,
-    "fig3": _fig3,
-    "fig4": _fig4,
-    "fig5": _fig5,
-    "table1": _table1,
-    "interaction": _interaction,
-    "temperature": _temperature,
-    "tips": _tips,
 }

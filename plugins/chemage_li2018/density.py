@@ -1,32 +1,26 @@
-"""``chemage study density``: calibration of the density of barriers to the published ageing rates.
+"""``chemage study density``: calibration of the density of barriers to what the paper reports.
 
-Families of densities with at most three parameters age the contacts of the paper; the family and the parameters closest
-to the six published β are found by interpolation between computed densities, and computed again on every surface,
-together with the set of densities that fit equally well.
+Families of densities with at most three parameters age the contacts of the paper. Between computed densities the curves
+are interpolated, so that every family is drawn all over its box; each draw is weighted by the published rates, the
+start of the logarithmic regime and the order of the slopes. Members that span what this leaves open are computed again
+on every surface. Densities drawn from the prior test the calibration.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 import chemage
 from chemage_li2018 import density_fit as fit
-from chemage_li2018.density_fit import FAMILIES, Family
-from chemage_li2018.density_rates import SLOPES, SURFACES, TIMES, Rates, logarithms, mean_logarithms, slope_of
+from chemage_li2018.density_fit import FAMILIES, FREE_END, OURS, PAPER, Emulator, Prior, Reported
+from chemage_li2018.density_rates import FITTED, SURFACES, TIMES, TIP, UNUSED, Rates
 from chemage_silica import MDSilica
 
-#: the density of versions before 0.2.0, and one that differs from it: their scatter between surfaces is the error model
+#: the density of versions before 0.2.0, and member 0 of md-silica; their scatter between surfaces is the error model
 TRIANGLE = chemage.barriers("tabulated", energies=[0.8, 1.1, 1.4], weights=[0, 1, 0])
-OTHER = chemage.barriers("tabulated", energies=[0.8, 0.88, 1.12, 1.4], weights=[0, 0.6, 1, 0])
-
-
-#: candidates for the set beyond its size
-SPARE = 2
-#: candidates for the best density
-CANDIDATES = 6
+SHIPPED = chemage.barriers("tabulated", energies=[0.8, 1.1536, 1.1992, 1.4], weights=[0.136, 1, 0, 0])
 
 
 @dataclass(frozen=True)
@@ -35,18 +29,15 @@ class Size:
 
     surfaces: tuple[int, ...] = SURFACES
     #: surfaces that every density of the search ages
-    search: tuple[int, ...] = SURFACES[:4]
-    #: densities of a family, by the number of its parameters, and further ones about the best of them
-    design: tuple[int, int, int] = (8, 16, 32)
-    refined: int = 8
-    #: densities of the chosen family in the region that fits equally well
-    final: int = 16
-    #: surfaces that those and the set age
-    closer: tuple[int, ...] = SURFACES[:12]
+    search: int = 4
+    #: densities of a family, by the number of its parameters
+    design: tuple[int, int, int] = (12, 24, 56)
+    #: densities that test the calibration
+    cases: int = 40
     pixels: int = 2500
 
 
-QUICK = Size(SURFACES[:3], SURFACES[:1], (4, 6, 16), 2, 12, SURFACES[:2], 400)
+QUICK = Size(SURFACES[:3], 1, (8, 12, 20), 4, 400)
 
 
 @dataclass(frozen=True)
@@ -55,56 +46,28 @@ class Density:
 
     name: str
     barriers: chemage.plugin.Barriers
-    #: parameters of the family; empty for the triangle
-    parameters: np.ndarray
-    #: Δμ, mean over surfaces, (volumes, slopes, m)
+    #: Δμ, mean over surfaces, (conditions, m), and what the paper would report of it, one density
     curves: np.ndarray
-    #: β, geometric mean over surfaces, (6,), with ΔV first
-    beta: np.ndarray
-    chi_squared: float
+    reported: Reported
+    #: χ² of the six rates with an error of the method of 1 %, by window, and of the times with our own window
+    rates: np.ndarray
+    times: float
 
     @property
-    def excess(self) -> float:
-        """The largest deviation of a rate or a ratio over its bound; see :func:`chemage_li2018.density_fit.excess`."""
-        return float(fit.excess(self.beta))
-
-    @property
-    def onsets(self) -> tuple[float, float]:
-        """Hold times at which the slope of Δμ first reaches half of β for h' = 0.1, with ΔV and without, s."""
-        first, second = (_onset(curve) for curve in self.curves[:, SLOPES.index(0.1)])
-        return first, second
-
-    @property
-    def crossing(self) -> float:
-        """Hold time at which Δμ of the largest slope falls below that of the smallest, with ΔV, s; nan if never."""
-        # no bond at all on few sites after a short time is far below any bond
-        rough, smooth = np.log(np.maximum(self.curves[0, [-1, 0]], 1e-300))
-        difference = rough - smooth
-        below = np.flatnonzero(difference < 0)
-        if not below.size or below[0] == 0:
-            return float("nan")
-        at = int(below[0])
-        part = difference[at - 1] / (difference[at - 1] - difference[at])
-        return float(TIMES[at - 1] * (TIMES[at] / TIMES[at - 1]) ** part)
-
-    def claims(self) -> dict[str, bool]:
-        """Whether each published claim that was not fitted holds."""
-        one_second, later = (int(np.argmin(np.abs(np.log(TIMES / time)))) for time in (1.0, 1e3))
-        with_volume, without = self.onsets
-        return {
-            "6.4 Å³: Δμ rises with h' at 1 s": bool((np.diff(self.curves[0, :, one_second]) > 0).all()),
-            "6.4 Å³: Δμ falls with h' at 1000 s": bool((np.diff(self.curves[0, :, later]) < 0).all()),
-            "6.4 Å³: the crossing is between 1 and 10 s": 1 <= self.crossing <= 10,
-            "6.4 Å³: the logarithmic regime starts at about 1 s (0.3 to 3 s)": 0.3 <= with_volume <= 3,
-            "ΔV = 0: the logarithmic regime starts at about 10 s (3 to 30 s)": 3 <= without <= 30,
-            "ΔV = 0: Δμ falls with h' at all times": bool((np.diff(self.curves[1], axis=0) < 0).all()),
-        }
+    def beta(self) -> np.ndarray:
+        """β, geometric mean over surfaces, (6,), with ΔV first, over the window of our own scenes."""
+        return np.exp(self.reported.beta[0, OURS])
 
 
-def _onset(curve: np.ndarray) -> float:
-    x = np.log10(TIMES)
-    steep = np.flatnonzero(np.gradient(curve, x) >= 0.5 * slope_of(curve))
-    return float(TIMES[steep[0]])
+@dataclass(frozen=True)
+class Tips:
+    """One density for the rough contacts, for a tip in atomic force microscopy, and for both."""
+
+    #: parameters of the best density for rough, tip and both, (3, k); misfit of rough and tip of each, (3, 2); start of
+    #: the logarithmic regime on the tip (s), and exponent of the growth before, (3, 2)
+    parameters: np.ndarray
+    misfit: np.ndarray
+    growth: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -112,118 +75,135 @@ class Study:
     """What the study found."""
 
     size: Size
-    errors: fit.Errors
-    #: best of each family by interpolation: family, parameters, β, χ², excess
-    families: list[tuple[Family, np.ndarray, np.ndarray, float, float]]
-    family: Family
+    #: covariance of ln β between surfaces, (6, 6)
+    surface: np.ndarray
+    prior: Prior
+    #: (N, windows, methods)
+    weight: np.ndarray
     triangle: Density
-    best: Density
+    shipped: Density
     members: list[Density]
-    #: rms difference between interpolated and computed ln β of the members
-    interpolation_error: float
+    #: ln β of each member as interpolated, over the window of our own scenes, (members, 6)
+    interpolated: np.ndarray
+    #: of each case, whether the range of the members holds β under each unused condition, (cases, conditions)
+    held: np.ndarray
+    tips: Tips
 
 
 def compute(rates: Rates, size: Size) -> Study:
-    """Calibrate every family, choose the best, and age its best density and the set on every surface."""
-    references = rates.curves("error model", [TRIANGLE, OTHER], size.surfaces, 1)
-    every = logarithms(references)
-    errors = fit.Errors.between(every)
-
+    """Weigh the draws of every family, and age the members on every surface."""
+    search = size.surfaces[: size.search]
+    references = rates.curves("error model", [TRIANGLE, SHIPPED], size.surfaces)
+    every = np.stack([Reported.of(curves).beta for curves in references])
+    surface = np.mean([np.cov(beta[:, OURS].T) for beta in every], axis=0)
     # what the surfaces of the search lack to the mean over all of them, which hardly depends on the density
-    def lacking(seeds: Sequence[int]) -> np.ndarray:
-        positions = [size.surfaces.index(seed) for seed in seeds]
-        return (every.mean(axis=1) - every[:, positions].mean(axis=1)).mean(axis=0)
-
-    fits = [_searched(rates, size, family, lacking(size.search), errors) for family in FAMILIES]
-    families = []
-    for fitted in fits:
-        value = fitted.interpolated(fitted.best)[0]
-        beta = np.exp(value)
-        families.append((fitted.family, fitted.best, beta, float(errors.chi_squared(value)), float(fit.excess(beta))))
-    chosen = _chosen(fits, errors)
-    final = _final(rates, size, chosen, lacking(size.closer), errors)
-    close = [np.round(values, 4) for values in fit.within_bounds(final, errors, CANDIDATES)]
-    best = min(_aged(rates, size, chosen.family, close, "best", errors), key=lambda density: density.excess)
-    candidates = [
-        np.round(values, 4) for values in fit.equally_good(final, errors, MDSilica.MEMBERS + SPARE, best.parameters)
-    ]
-    aged = _aged(rates, size, chosen.family, candidates, "members", errors, size.closer, lacking(size.closer))
-    # the interpolation has an error: those that turn out to fit worst are left out
-    members = sorted(
-        sorted(aged, key=lambda density: density.chi_squared)[: MDSilica.MEMBERS], key=lambda density: int(density.name)
-    )
-    predicted = final.interpolated(np.stack([density.parameters for density in aged]))
-    computed = np.log([density.beta for density in aged])
+    shift = (every.mean(axis=1) - every[:, : size.search].mean(axis=1)).mean(axis=0)
+    emulators = [_emulated(rates, size, family) for family in FAMILIES]
+    prior = Prior.of(emulators, shift)
+    # our own mean has the error of its surfaces as well
+    surface = surface * (1 + 1 / len(size.surfaces))
+    weight = prior.posterior(PAPER, surface)
+    chosen = _members(prior, weight)
+    barriers = [prior.barriers(at) for at in chosen]
+    aged = rates.curves("members", barriers, size.surfaces)
+    names = [prior.families[int(prior.family[at])].name for at in chosen]
+    tip = rates.curves("tip", [FREE_END.barriers(row) for row in _design(size, FREE_END)], [0], [TIP])[:, 0]
     return Study(
         size,
-        errors,
-        families,
-        chosen.family,
-        _made("triangle", TRIANGLE, np.array([]), references[0], errors),
-        best,
-        members,
-        float(np.sqrt(np.mean((predicted - computed) ** 2))),
+        surface,
+        prior,
+        weight,
+        _density("triangle", TRIANGLE, references[0], surface),
+        _density("rates alone", SHIPPED, references[1], surface),
+        [_density(*row, surface) for row in zip(names, barriers, aged, strict=True)],
+        prior.reported.beta[chosen, OURS, :6],
+        _held(rates, size, search, prior, surface, shift),
+        _tips(
+            rates, _emulated(rates, size, FREE_END), Emulator(FREE_END, _design(size, FREE_END), tip), surface, shift
+        ),
     )
 
 
-def _chosen(fits: Sequence[fit.Fitted], errors: fit.Errors) -> fit.Fitted:
-    """Of the families that fit equally well, χ² within 1 of the least, choose that with the fewest nodes."""
-    least = [float(errors.chi_squared(fitted.interpolated(fitted.best))[0]) for fitted in fits]
-    good = [(len(fitted.family.nodes(*fitted.best)[0]), chi, fitted) for fitted, chi in zip(fits, least, strict=True)]
-    return min((row for row in good if row[1] <= min(least) + 1), key=lambda row: row[:2])[2]
+def _design(size: Size, family: fit.Family) -> np.ndarray:
+    return family.design(size.design[len(family.bounds) - 1])
 
 
-def _searched(rates: Rates, size: Size, family: Family, shift: np.ndarray, errors: fit.Errors) -> fit.Fitted:
-    """Find the best of a family, from densities all over its bounds and then from more about the best of these."""
-
-    def aged(parameters: np.ndarray) -> np.ndarray:
-        barriers = [family.barriers(values) for values in parameters]
-        return mean_logarithms(rates.curves(family.name, barriers, size.search, 1)) + shift
-
-    parameters = fit.design(family, size.design[len(family.bounds) - 1])
-    values = aged(parameters)
-    first = fit.fitted(family, parameters, values, errors)
-    more = fit.design(family, size.refined, first.best)
-    return fit.fitted(family, np.vstack([parameters, more]), np.vstack([values, aged(more)]), errors)
-
-
-def _final(rates: Rates, size: Size, chosen: fit.Fitted, shift: np.ndarray, errors: fit.Errors) -> fit.Fitted:
-    """Age densities of the chosen family on more surfaces, all over the part of its bounds that fits equally well."""
-    box = fit.region(chosen, errors)
-    family = Family(chosen.family.name, chosen.family.parameters, box, chosen.family.nodes)
-    parameters = fit.design(family, size.final)
+def _emulated(rates: Rates, size: Size, family: fit.Family) -> Emulator:
+    parameters = _design(size, family)
     barriers = [family.barriers(values) for values in parameters]
-    values = mean_logarithms(rates.curves(f"{family.name}, closer", barriers, size.closer, 1)) + shift
-    return fit.fitted(family, parameters, values, errors)
+    curves = rates.curves(family.name, barriers, size.surfaces[: size.search], (*FITTED, *UNUSED))
+    return Emulator(family, parameters, curves.mean(axis=1))
 
 
-def _aged(
-    rates: Rates,
-    size: Size,
-    family: Family,
-    parameters: Sequence[np.ndarray],
-    stage: str,
-    errors: fit.Errors,
-    surfaces: Sequence[int] | None = None,
-    shift: np.ndarray | float = 0.0,
-) -> list[Density]:
-    """Age densities of a family, on all surfaces or on some and corrected by ``shift``."""
-    barriers = [family.barriers(values) for values in parameters]
-    curves = rates.curves(stage, barriers, surfaces or size.surfaces, 1)
-    return [
-        _made(str(number), density, values, of_surfaces, errors, shift)
-        for number, (density, values, of_surfaces) in enumerate(zip(barriers, parameters, curves, strict=True))
-    ]
+def _members(prior: Prior, weight: np.ndarray) -> np.ndarray:
+    """The draw of least misfit, and those that span what is open."""
+    of_draws = weight.sum(axis=(1, 2))
+    best = int(np.argmax(of_draws))
+    return fit.spanning(fit.predictions(prior.reported), of_draws, best, MDSilica.MEMBERS)
 
 
-def _made(
-    name: str,
-    barriers: chemage.plugin.Barriers,
-    parameters: np.ndarray,
-    curves: np.ndarray,
-    errors: fit.Errors,
-    shift: np.ndarray | float = 0.0,
-) -> Density:
-    """Summarise the curves of one density, (surfaces, volumes, slopes, m)."""
-    value = mean_logarithms(curves[None])[0] + shift
-    return Density(name, barriers, parameters, curves.mean(axis=0), np.exp(value), float(errors.chi_squared(value)))
+def _density(name: str, barriers: chemage.plugin.Barriers, curves: np.ndarray, surface: np.ndarray) -> Density:
+    """Summarise the curves of one density, (surfaces, conditions, m)."""
+    # β is the geometric mean over surfaces, as in the error model; times are those of the mean curve
+    reported = Reported.of(curves.mean(axis=0)[None])._replace(beta=Reported.of(curves).beta.mean(axis=0)[None])
+    errors = fit.covariance(surface, fit.PUBLISHED, fit.METHODS[0])
+    times = float(fit.misfit_of_times(reported, PAPER)[0, OURS])
+    return Density(name, barriers, curves.mean(axis=0), reported, fit.chi_squared(reported, PAPER, errors)[0], times)
+
+
+def _held(
+    rates: Rates, size: Size, search: tuple[int, ...], prior: Prior, surface: np.ndarray, shift: np.ndarray
+) -> np.ndarray:
+    """Calibrate to rates of known densities, and compare β under conditions without a rate with the computed one."""
+    rng = np.random.default_rng(27)
+    within = np.exp(prior.log_weight)
+    truths = rng.choice(len(within), size.cases, p=within / within.sum())
+    curves = rates.curves("synthetic", [prior.barriers(at) for at in truths], search, (*FITTED, *UNUSED)).mean(axis=1)
+    computed = Reported.of(curves)
+    held = []
+    for case in range(size.cases):
+        window, method = rng.integers(len(fit.WINDOWS)), fit.METHODS[rng.integers(len(fit.METHODS))]
+        beta = computed.beta[case, window, :6] + shift[window]
+        beta = np.exp(rng.multivariate_normal(beta, surface) + method * rng.standard_normal(6))
+        published = Reported(
+            np.log(np.maximum(beta.round(2), fit.ROUNDING)),
+            computed.onsets[case, window] + fit.ONSET_ERROR * rng.standard_normal(2),
+            computed.crossing[case] + fit.CROSSING_ERROR * rng.standard_normal(1),
+        )
+        members = _members(prior, prior.posterior(published, surface))
+        ours = prior.reported.beta[members, OURS, 6:]
+        true = computed.beta[case, OURS, 6:]
+        held.append((ours.min(axis=0) <= true) & (true <= ours.max(axis=0)))
+    return np.array(held)
+
+
+#: of atomic force microscopy (Tian et al., Phys. Rev. Lett. 124, 026801 (2020)): a logarithmic regime from 0.1 s on;
+#: from 5 to 90 ms friction grows as a power of time, 1 with these two standard deviations
+TIP_ONSET, TIP_LINEAR, TIP_EXPONENT = 0.1, (5e-3, 90e-3), 0.2
+
+
+def _tips(rates: Rates, rough: Emulator, tip: Emulator, surface: np.ndarray, shift: np.ndarray) -> Tips:
+    """Fit a density whose lower end is free to the rough contacts, to a tip, and to both."""
+    prior = Prior.of([rough], shift)
+    with_method = prior.chi_squared(PAPER, surface, 0.04)
+    of_rough = (with_method + fit.misfit_of_times(prior.reported, PAPER)).min(axis=1)
+    start, exponent = _growth(tip(np.array(prior.parameters))[:, 0])
+    of_both = of_rough + _misfit_of_tip(start, exponent)
+    best = [int(np.argmin(misfit)) for misfit in (of_rough, of_both - of_rough, of_both)]
+    # the chosen ones are aged, because a curve between others has an error where few sites have reacted
+    start, exponent = _growth(rates.curves("tips", [prior.barriers(at) for at in best], [0], [TIP])[:, 0, 0])
+    misfit = np.stack([of_rough[best], _misfit_of_tip(start, exponent)], axis=1)
+    return Tips(np.array([prior.parameters[at] for at in best]), misfit, np.stack([np.exp(start), exponent], axis=1))
+
+
+def _growth(curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """ln of the start of the logarithmic regime (s), and the exponent of the growth before, of curves (n, m)."""
+    half = 0.5 * fit.slope(curves, (1.0, 1e3))
+    first, last = TIP_LINEAR
+    inside = (first <= TIMES) & (last >= TIMES)
+    exponent = np.polyfit(np.log(TIMES[inside]), np.log(np.maximum(curves[:, inside], 1e-6)).T, 1)[0]
+    return fit.first_reaching(np.gradient(curves, np.log10(TIMES), axis=-1), half), exponent
+
+
+def _misfit_of_tip(start: np.ndarray, exponent: np.ndarray) -> np.ndarray:
+    return ((start - np.log(TIP_ONSET)) / fit.ONSET_ERROR) ** 2 + ((exponent - 1) / (0.5 * TIP_EXPONENT)) ** 2

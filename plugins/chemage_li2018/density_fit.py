@@ -1,27 +1,32 @@
-"""Shapes of the density of barriers, the published rates with a model of their errors, and the densities that fit.
+"""Shapes of the density of barriers, what the paper says of it with a model of the errors, and what this leaves open.
 
-Families have at most three parameters on 0.8 to 1.4 eV. The published β are one realisation of each surface, printed
-with two digits. With ``b`` the mean over surfaces of a density, ln β(published) = ln b + surface + rounding + method:
+The published β are one realisation of each surface, printed with two digits, and fitted over hold times that the paper
+does not state. With ``b`` the mean over surfaces of a density over one of :data:`WINDOWS`,
+ln β(published) = ln b + surface + rounding + method:
 
 - *surface*: how one surface differs from the mean, with the covariance between our surfaces. Slopes and volumes of one
   surface deviate together, so that this covers a common factor and leaves the ratios nearly exact;
 - *rounding*: uniform, ±0.005 in β, through its variance;
-- *method*: what the paper does not state, such as the width of the breaking barriers, hold times of the fit, and the
-  noise of ten replicas, ±1 % for each rate.
+- *method*: what else the paper does not state, such as the width of the breaking barriers and the noise of ten
+  replicas; one of :data:`METHODS` for each rate.
+
+Window and method are nuisance parameters with equal prior weights, as the families have. The parameters of a family are
+uniform in their box.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.stats import qmc
 
 import chemage
-from chemage_li2018.density_rates import SLOPES
-from chemage_li2018.published import BETA
+from chemage_li2018.density_rates import TIMES
+from chemage_li2018.published import BETA, SLOPES
 
 #: eV
 LOWER, UPPER = 0.8, 1.4
@@ -38,7 +43,7 @@ class Family:
     name: str
     #: parameters, in the order of the arguments of ``nodes``, with units
     parameters: tuple[str, ...]
-    #: range in which the parameters are searched, one pair each
+    #: range of the parameters, one pair each
     bounds: tuple[tuple[float, float], ...]
     #: parameters -> energies (eV) and weights
     nodes: Callable[..., Nodes]
@@ -48,37 +53,19 @@ class Family:
         energies, weights = self.nodes(*(float(value) for value in parameters))
         return chemage.barriers("tabulated", energies=list(energies), weights=list(weights))
 
-
-def _triangle(peak: float) -> Nodes:
-    return (LOWER, peak, UPPER), (0, 1, 0)
-
-
-def _trapezoid(left: float, width: float) -> Nodes:
-    return (LOWER, left, left + width, UPPER), (0, 1, 1, 0)
-
-
-def _mixture(peak: float, floor: float) -> Nodes:
-    return (LOWER, peak, UPPER), (floor, 1, floor)
+    def design(self, count: int, seed: int = 5) -> np.ndarray:
+        """Spread parameters evenly over the box (Sobol'), (count, k)."""
+        low, high = np.array(self.bounds).T
+        # scipy before 1.15 has no argument rng
+        sequence = qmc.Sobol(len(low), seed=seed)  # pyright: ignore[reportCallIssue]
+        return (low + sequence.random(1 << (count - 1).bit_length())[:count] * (high - low)).round(4)
 
 
 def _beta(a: float, b: float) -> Nodes:
     x = np.linspace(0, 1, 121)
-    # in logarithms, with the ends left out: both exponents are at least 0
+    # in logarithms, with the ends left out, where it vanishes: both exponents are above 0
     inside = np.exp((a - 1) * np.log(x[1:-1]) + (b - 1) * np.log1p(-x[1:-1]))
-    ends = (1.0 if a == 1 else 0.0), (1.0 if b == 1 else 0.0)
-    return (LOWER + (UPPER - LOWER) * x).tolist(), [ends[0], *inside.tolist(), ends[1]]
-
-
-def _four_nodes(first: float, second: float, last: float) -> Nodes:
-    return (0.8, 1.0, 1.2, 1.4), (first, second, 1, last)
-
-
-def _shoulder(left: float, peak: float, height: float) -> Nodes:
-    return (LOWER, left, peak, UPPER), (0, height, 1, 0)
-
-
-def _ramp(peak: float, fall: float, start: float) -> Nodes:
-    return (LOWER, peak, peak + fall, UPPER), (start, 1, 0, 0)
+    return (LOWER + (UPPER - LOWER) * x).tolist(), [0.0, *inside.tolist(), 0.0]
 
 
 def _power(end: float, start: float, power: float) -> Nodes:
@@ -87,199 +74,280 @@ def _power(end: float, start: float, power: float) -> Nodes:
     return [*energies.tolist(), end + STEP, UPPER], [*weights.tolist(), 0, 0]
 
 
-FAMILIES = (
-    Family("triangle", ("peak (eV)",), ((0.9, 1.3),), _triangle),
-    Family("trapezoid", ("start of the plateau (eV)", "width (eV)"), ((0.82, 1.1), (0.05, 0.28)), _trapezoid),
-    Family("uniform + triangle", ("peak (eV)", "floor/peak"), ((0.9, 1.3), (0.0, 0.6)), _mixture),
-    Family("beta distribution", ("a", "b"), ((1.2, 4.0), (1.2, 4.0)), _beta),
-    Family(
-        "four nodes (0.8, 1.0, 1.2, 1.4 eV)",
-        ("at 0.8 eV", "at 1.0 eV", "at 1.4 eV"),
-        ((0.0, 0.6), (0.3, 1.3), (0.0, 0.4)),
-        _four_nodes,
+#: parameters with their ranges, and nodes
+_SHAPES: dict[str, tuple[dict[str, tuple[float, float]], Callable[..., Nodes]]] = {
+    "triangle": ({"peak (eV)": (0.9, 1.3)}, lambda peak: ((LOWER, peak, UPPER), (0, 1, 0))),
+    "trapezoid": (
+        {"start of the plateau (eV)": (0.82, 1.1), "width (eV)": (0.05, 0.28)},
+        lambda left, width: ((LOWER, left, left + width, UPPER), (0, 1, 1, 0)),
     ),
-    Family(
-        "shoulder and peak",
-        ("shoulder (eV)", "peak (eV)", "shoulder/peak"),
-        ((0.82, 0.96), (1.0, 1.25), (0.1, 0.8)),
-        _shoulder,
+    "uniform + triangle": (
+        {"peak (eV)": (0.9, 1.3), "floor/peak": (0.0, 0.6)},
+        lambda peak, floor: ((LOWER, peak, UPPER), (floor, 1, floor)),
     ),
-    Family(
-        "ramp",
-        ("peak (eV)", "width of the fall (eV)", "at 0.8 eV/peak"),
-        ((1.10, 1.26), (STEP, 0.12), (0.0, 0.45)),
-        _ramp,
+    "beta distribution": ({"a": (1.2, 4.0), "b": (1.2, 4.0)}, _beta),
+    "four nodes (0.8, 1.0, 1.2, 1.4 eV)": (
+        {"at 0.8 eV": (0.0, 0.6), "at 1.0 eV": (0.3, 1.3), "at 1.4 eV": (0.0, 0.4)},
+        lambda first, second, last: ((0.8, 1.0, 1.2, 1.4), (first, second, 1, last)),
     ),
-    Family(
-        "rise by a power, cut off",
-        ("end (eV)", "at 0.8 eV/at the end", "power"),
-        ((1.10, 1.26), (0.0, 0.45), (0.4, 3.0)),
+    "shoulder and peak": (
+        {"shoulder (eV)": (0.82, 0.96), "peak (eV)": (1.0, 1.25), "shoulder/peak": (0.1, 0.8)},
+        lambda left, peak, height: ((LOWER, left, peak, UPPER), (0, height, 1, 0)),
+    ),
+    "ramp": (
+        {"peak (eV)": (1.0, 1.26), "fall/(1.4 eV − peak)": (0.01, 0.99), "at 0.8 eV/peak": (0.0, 0.45)},
+        lambda peak, fall, start: ((LOWER, peak, peak + fall * (UPPER - peak), UPPER), (start, 1, 0, 0)),
+    ),
+    "rise by a power, cut off": (
+        {"end (eV)": (1.10, 1.39), "at 0.8 eV/at the end": (0.0, 0.45), "power": (0.4, 3.0)},
         _power,
     ),
+    # the lower end below 0.8 eV, which tips in atomic force microscopy ask for
+    "triangle with a free lower end": (
+        {"lower end (eV)": (0.66, 0.8), "peak − lower end (eV)": (0.02, 0.5), "at the lower end/peak": (0.0, 0.5)},
+        lambda lower, rise, start: ((lower, lower + rise, UPPER), (start, 1, 0)),
+    ),
+}
+*FAMILIES, FREE_END = (
+    Family(name, tuple(ranges), tuple(ranges.values()), nodes) for name, (ranges, nodes) in _SHAPES.items()
 )
 
-
-#: published β, with ΔV first, (6,)
-PUBLISHED = np.array([BETA[volume][slope] for volume in (6.4, 0.0) for slope in SLOPES])
+#: hold times over which the paper may have fitted β, s
+WINDOWS = ((1.0, 1e3), (1.0, 1e5), (10.0, 1e4), (10.0, 1e5), (1e2, 1e5))
+#: that of our own scenes
+OURS = WINDOWS.index((10.0, 1e4))
+#: relative error of each rate from what else the paper does not state, one standard deviation
+METHODS = (0.01, 0.02, 0.04, 0.08)
 ROUNDING = 0.005
-#: relative error of each published rate from what the paper does not state, one standard deviation
-METHOD = 0.01
-#: the bounds asked for: each rate relative, each ratio absolute
-WITHIN_BETA, WITHIN_RATIO = 0.06, 0.04
-#: χ² above the least within which a density fits equally well: 68 % of three parameters
-EQUAL = 3.53
+#: factor from "about" a time that is two standard deviations
+ABOUT = 3.0
+#: the published range ends at 0.8 and 1.4 eV: the share of barriers in its first and its last END (eV) is SHARE at
+#: least, or less by a factor of 2, which is two standard deviations
+END, SHARE = 0.1, 0.02
+_X = np.log10(TIMES)
 
 
-def ratios(beta: np.ndarray) -> np.ndarray:
-    """β(6.4 Å³)/β(0) of each slope: (..., 6) to (..., 3)."""
-    return beta[..., :3] / beta[..., 3:]
+class Reported(NamedTuple):
+    """What the paper reports, of the paper itself or of n densities; all are natural logarithms."""
 
-
-#: the published ratios, with as many digits as the rates
-PUBLISHED_RATIOS = ratios(PUBLISHED).round(2)
-
-
-def rounded_ratios() -> np.ndarray:
-    """The least and the largest ratio that round to the published rates, (2, 3)."""
-    with_volume, without = PUBLISHED[:3], PUBLISHED[3:]
-    return np.stack([(with_volume - ROUNDING) / (without + ROUNDING), (with_volume + ROUNDING) / (without - ROUNDING)])
-
-
-@dataclass(frozen=True)
-class Errors:
-    """The error model: covariance of ln β(published) about the mean over surfaces, (6, 6)."""
-
-    covariance: np.ndarray
-    #: standard deviations between surfaces, of ln β (6,) and of the ratios, relative (3,)
-    surface: np.ndarray
-    surface_of_ratios: np.ndarray
+    #: β, with ΔV first: (6,), of densities (n, windows, conditions)
+    beta: np.ndarray
+    #: hold time at which the slope first reaches half of β at h' = 0.1, with ΔV and without, s: (2,) or (n, windows, 2)
+    onsets: np.ndarray
+    #: hold time at which Δμ of h' = 0.05 passes that of h' = 0.2, with ΔV, s: (1,) or (n, 1)
+    crossing: np.ndarray
 
     @classmethod
-    def between(cls, logarithms: np.ndarray) -> Errors:
-        """Make the error model from ln β of some densities on every surface, (densities, surfaces, 6)."""
-        surfaces = logarithms.shape[1]
-        scatter = np.mean([np.cov(values.T) for values in logarithms], axis=0)
-        differences = logarithms[..., :3] - logarithms[..., 3:]
-        return cls(
-            # our own mean has the error of its surfaces as well
-            scatter * (1 + 1 / surfaces) + np.diag(ROUNDING**2 / 3 / PUBLISHED**2 + METHOD**2),
-            np.sqrt(np.diag(scatter)),
-            differences.std(axis=1, ddof=1).mean(axis=0),
-        )
-
-    def chi_squared(self, logarithms: np.ndarray) -> np.ndarray:
-        """χ² of ln β (..., 6), (...)."""
-        rest = np.log(PUBLISHED) - logarithms
-        return np.einsum("...i,ij,...j->...", rest, np.linalg.inv(self.covariance), rest)
+    def of(cls, curves: np.ndarray) -> Reported:
+        """Read curves Δμ (n, conditions, m), of which the first six are :data:`FITTED`."""
+        beta = np.stack([slope(curves, window) for window in WINDOWS], axis=1)
+        rough, smooth = curves[:, 2], curves[:, 0]
+        # a time before the first or after the last hold time is that one
+        above = np.where((rough > smooth).any(axis=1), TIMES.size - 1 - np.argmax((rough > smooth)[:, ::-1], axis=1), 0)
+        gap = rough - smooth
+        crossing = _between(gap, np.minimum(above + 1, TIMES.size - 1), 0.0)
+        half = 0.5 * beta[:, :, [1, 4]]
+        steep = np.gradient(curves[:, None, [1, 4]], _X, axis=-1)
+        onsets = first_reaching(np.broadcast_to(steep, (*half.shape, TIMES.size)), half)
+        return cls(np.log(np.maximum(beta, 1e-12)), onsets, crossing[:, None])
 
 
-def excess(beta: np.ndarray) -> np.ndarray:
-    """The largest deviation over its bound, of the six rates and the three ratios: at most 1 where all are within."""
-    rates = np.abs(beta / PUBLISHED - 1).max(axis=-1) / WITHIN_BETA
-    of_ratios = np.abs(ratios(beta) - PUBLISHED_RATIOS).max(axis=-1) / WITHIN_RATIO
-    return np.maximum(rates, of_ratios)
+def slope(curves: np.ndarray, window: tuple[float, float]) -> np.ndarray:
+    """β, the slope of the line through curves (..., m) of Δμ against log10 t over hold times (s), (...)."""
+    inside = (window[0] * (1 - 1e-9) <= TIMES) & (window[1] * (1 + 1e-9) >= TIMES)
+    x = _X[inside] - _X[inside].mean()
+    return curves[..., inside] @ x / (x @ x)
+
+
+def first_reaching(values: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """ln of the hold time (s) at which ``values`` (..., m) first reach ``level`` (...), (...)."""
+    return _between(values, np.argmax(values >= level[..., None], axis=-1), level)
+
+
+def _between(values: np.ndarray, at: np.ndarray, level: np.ndarray | float) -> np.ndarray:
+    """ln of the hold time between at − 1 and at where ``values`` (..., m) have ``level``."""
+    before = np.maximum(at - 1, 0)
+    first, last = (np.take_along_axis(values, place[..., None], -1)[..., 0] for place in (before, at))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.nan_to_num(np.clip((level - first) / (last - first), 0, 1))
+    return np.log(10) * (_X[before] + share * (_X[at] - _X[before]))
+
+
+PUBLISHED = np.array([BETA[volume][slope] for volume in (6.4, 0.0) for slope in SLOPES])
+#: the order of the slopes reverses between 1 and 10 s; the regime starts at about 1 s with ΔV and 10 s without
+PAPER = Reported(np.log(PUBLISHED), np.log([1.0, 10.0]), np.log([10**0.5]))
+#: two standard deviations are 1 to 10 s
+CROSSING_ERROR = 0.25 * np.log(10)
+ONSET_ERROR = 0.5 * np.log(ABOUT)
+
+
+def covariance(surface: np.ndarray, beta: np.ndarray, method: float) -> np.ndarray:
+    """(6, 6) of ln β of one surface, printed with two digits, about the mean over surfaces with covariance (6, 6)."""
+    return surface + np.diag(ROUNDING**2 / 3 / beta**2 + method**2)
+
+
+def misfit_of_times(reported: Reported, paper: Reported) -> np.ndarray:
+    """χ² of the two onsets and the order of the slopes of n densities, (n, windows)."""
+    onsets = (((reported.onsets - paper.onsets) / ONSET_ERROR) ** 2).sum(axis=-1)
+    return onsets + ((reported.crossing - paper.crossing) / CROSSING_ERROR) ** 2
 
 
 @dataclass(frozen=True)
-class Fitted:
-    """A family, the densities of it that were computed, and the best of all."""
+class Emulator:
+    """Curves of a family between computed densities."""
 
     family: Family
-    #: parameters (n, k) and ln β, mean over surfaces, (n, 6), of the computed densities
+    #: (n, k), and Δμ, mean over surfaces, (n, conditions, m)
     parameters: np.ndarray
-    logarithms: np.ndarray
-    #: parameters of the best density (k,), by interpolation between the computed ones
-    best: np.ndarray
+    curves: np.ndarray
 
-    def interpolated(self, parameters: np.ndarray) -> np.ndarray:
-        """ln β at ``parameters`` (m, k), (m, 6)."""
+    def __call__(self, parameters: np.ndarray) -> np.ndarray:
+        """Δμ at parameters (p, k), (p, conditions, m)."""
+        return self._of(self.parameters, self.curves, parameters)
+
+    def _of(self, known: np.ndarray, curves: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         low, high = np.array(self.family.bounds).T
+        values = curves.reshape(len(curves), -1)
         surface = RBFInterpolator(
-            (self.parameters - low) / (high - low), self.logarithms, kernel="cubic", degree=2, smoothing=1e-4
+            (known - low) / (high - low), values, kernel="cubic", degree=2 if len(low) > 1 else 1, smoothing=1e-4
         )
-        return surface((np.atleast_2d(parameters) - low) / (high - low))
+        return surface((parameters - low) / (high - low)).reshape(len(parameters), *curves.shape[1:])
+
+    @property
+    def error(self) -> np.ndarray:
+        """Covariance (6, 6) of ln β of :data:`FITTED`, each computed density against those of all others."""
+        rest = []
+        for at in range(len(self.parameters)):
+            others = np.arange(len(self.parameters)) != at
+            curves = self._of(self.parameters[others], self.curves[others], self.parameters[[at]])
+            both = Reported.of(np.concatenate([curves, self.curves[[at]]])).beta[:, :, :6]
+            rest.append(both[0] - both[1])
+        every = np.concatenate(rest)
+        return every.T @ every / len(every)
 
 
-def design(
-    family: Family, count: int, centre: np.ndarray | None = None, width: float = 0.25, *, share: bool = False
-) -> np.ndarray:
-    """Spread parameters evenly over the bounds of a family, or over this part of them about ``centre``; (count, k).
+@dataclass(frozen=True)
+class Prior:
+    """Draws of all families, equally many of each; N altogether."""
 
-    With ``share`` they are given as shares of the range, from 0 to 1.
+    families: Sequence[Family]
+    #: position of the family, (N,), its parameters, and what the paper would report of it
+    family: np.ndarray
+    parameters: list[np.ndarray]
+    reported: Reported
+    #: ln of the prior weight by the published range, (N,)
+    log_weight: np.ndarray
+    #: error of the interpolation, (families, 6, 6)
+    errors: np.ndarray
+
+    @classmethod
+    def of(cls, emulators: Sequence[Emulator], shift: np.ndarray, count: int = 1 << 12) -> Prior:
+        """Draw from families; ``shift`` (windows, 6) is what ln β lacks to the mean over all surfaces."""
+        families = [emulator.family for emulator in emulators]
+        parameters = [family.design(count, seed=11) for family in families]
+        parts = [Reported.of(emulator(values)) for emulator, values in zip(emulators, parameters, strict=True)]
+        reported = Reported(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+        reported.beta[:, :, :6] += shift
+        every = [family.nodes(*row) for family, rows in zip(families, parameters, strict=True) for row in rows]
+        return cls(
+            families,
+            np.repeat(np.arange(len(families)), count),
+            [row for rows in parameters for row in rows],
+            reported,
+            np.array([range_weight(nodes) for nodes in every]),
+            np.array([emulator.error for emulator in emulators]),
+        )
+
+    def barriers(self, at: int) -> chemage.plugin.Barriers:
+        """Make the barriers of a draw."""
+        return self.families[self.family[at]].barriers(self.parameters[at])
+
+    def chi_squared(self, paper: Reported, surface: np.ndarray, method: float) -> np.ndarray:
+        """χ² of six rates over each window, (N, windows)."""
+        return self._joined(
+            lambda part, error: chi_squared(part, paper, covariance(surface, np.exp(paper.beta), method) + error)
+        )
+
+    def log_likelihood(self, paper: Reported, surface: np.ndarray) -> np.ndarray:
+        """ln of the likelihood of every draw, (N, windows, methods); see :func:`log_likelihood`."""
+        return self._joined(lambda part, error: log_likelihood(part, paper, surface + error))
+
+    def _joined(self, of: Callable[[Reported, np.ndarray], np.ndarray]) -> np.ndarray:
+        each = [self.family == number for number in range(len(self.families))]
+        parts = (Reported(*(column[chosen] for column in self.reported)) for chosen in each)
+        return np.concatenate([of(part, error) for part, error in zip(parts, self.errors, strict=True)])
+
+    def posterior(self, paper: Reported, surface: np.ndarray) -> np.ndarray:
+        """Weights that sum to 1, (N, windows, methods)."""
+        log = self.log_likelihood(paper, surface) + self.log_weight[:, None, None]
+        weight = np.exp(log - log.max())
+        return weight / weight.sum()
+
+
+def chi_squared(reported: Reported, paper: Reported, errors: np.ndarray) -> np.ndarray:
+    """χ² of the six rates of n densities over each window, with the covariance of the errors, (n, windows)."""
+    rest = paper.beta - reported.beta[:, :, :6]
+    return np.einsum("nwi,ij,nwj->nw", rest, np.linalg.inv(errors), rest)
+
+
+def log_likelihood(reported: Reported, paper: Reported, surface: np.ndarray) -> np.ndarray:
+    """ln of the likelihood of n densities by their rates and times, but for a constant: (n, windows, methods)."""
+    misfits = []
+    for method in METHODS:
+        errors = covariance(surface, np.exp(paper.beta), method)
+        misfits.append(chi_squared(reported, paper, errors) + np.linalg.slogdet(errors)[1])
+    return -0.5 * (np.stack(misfits, axis=-1) + misfit_of_times(reported, paper)[..., None])
+
+
+def range_weight(nodes: Nodes) -> float:
+    """ln of the prior weight of a density: whether both ends of the published range have some barriers."""
+    energies, weights = (np.array(column, dtype=float) for column in nodes)
+    grid = np.unique(np.concatenate([energies, [LOWER + END, UPPER - END]]))
+    values = np.interp(grid, energies, weights)
+    below = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(grid) * (values[1:] + values[:-1]))])
+    low, high = np.interp([LOWER + END, UPPER - END], grid, below) / below[-1]
+    shares = np.maximum([low, 1 - high], 1e-6)
+    return float(-0.5 * np.sum((2 * np.minimum(0.0, np.log2(shares / SHARE))) ** 2))
+
+
+def interval(values: np.ndarray, weight: np.ndarray, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the central interval of ``values`` (N, k) with weights (N,); (k,) each."""
+    ends = []
+    for column in values.T:
+        order = np.argsort(column)
+        total = np.cumsum(weight[order])
+        ends.append(np.interp([0.5 - level / 2, 0.5 + level / 2], total, column[order]))
+    low, high = np.array(ends).T
+    return low, high
+
+
+#: least distance of members in one prediction, relative to the 95 % interval
+_APART = 0.1
+
+
+def spanning(values: np.ndarray, weight: np.ndarray, first: int, count: int) -> np.ndarray:
+    """Choose draws whose range over each of k predictions is its central 95 % interval as nearly as can be; (count,).
+
+    ``values`` (N, k) are the predictions and ``weight`` (N,) their weights. After the draw
+    ``first``, each next member is that which brings the ends of all ranges closest to those of the intervals, in units
+    of their widths.
     """
-    low, high = np.array(family.bounds).T
-    if centre is not None:
-        half = 0.5 * width * (high - low)
-        low, high = np.maximum(low, centre - half), np.minimum(high, centre + half)
-    # scipy before 1.15 has no argument rng
-    sequence = qmc.Sobol(len(low), seed=5)  # pyright: ignore[reportCallIssue]
-    points = sequence.random(1 << (count - 1).bit_length())[:count]
-    return points if share else low + points * (high - low)
+    low, high = interval(values, weight)
+    # of a draw far outside of every interval no member is made
+    candidates = np.flatnonzero(weight > 1e-3 * weight.max())
+    scaled = (values[candidates] - low) / np.maximum(high - low, 1e-9)
+    least, most = np.full(scaled.shape[1], np.inf), np.full(scaled.shape[1], -np.inf)
+    chosen = [int(np.searchsorted(candidates, first))]
+    while len(chosen) < count:
+        least, most = np.minimum(least, scaled[chosen[-1]]), np.maximum(most, scaled[chosen[-1]])
+        miss = (np.minimum(least, scaled) ** 2 + (np.maximum(most, scaled) - 1) ** 2).sum(axis=1)
+        # nearly the same draw twice says nothing more
+        near = np.abs(scaled[:, None] - scaled[chosen]).max(axis=2).min(axis=1) < _APART
+        chosen.append(int(np.argmin(miss + 1e6 * near)))
+    return candidates[chosen]
 
 
-def fitted(family: Family, parameters: np.ndarray, logarithms: np.ndarray, errors: Errors) -> Fitted:
-    """Find the density of least χ², by interpolation between the computed ones."""
-    closest = Fitted(family, parameters, logarithms, parameters[int(np.argmin(errors.chi_squared(logarithms)))])
-    best = closest.best
-    for width in (None, 0.2, 0.05, 0.01):
-        trial = design(family, 4096, None if width is None else best, width or 1.0)
-        trial = np.vstack([best, trial])
-        best = trial[int(np.argmin(errors.chi_squared(closest.interpolated(trial))))]
-    return Fitted(family, parameters, logarithms, best)
-
-
-def region(closest: Fitted, errors: Errors, margin: float = 0.15) -> tuple[tuple[float, float], ...]:
-    """Find the box of parameters that holds the densities which fit equally well, a little wider; k pairs."""
-    trial = np.vstack([closest.best, design(closest.family, 1 << 14)])
-    chi = errors.chi_squared(closest.interpolated(trial))
-    inside = trial[chi <= chi.min() + EQUAL]
-    low, high = np.array(closest.family.bounds).T
-    wider = np.maximum(margin * np.ptp(inside, axis=0), 0.05 * (high - low))
-    least, most = np.maximum(low, inside.min(axis=0) - wider), np.minimum(high, inside.max(axis=0) + wider)
-    return tuple((float(a), float(b)) for a, b in zip(least, most, strict=True))
-
-
-def within_bounds(closest: Fitted, errors: Errors, count: int) -> np.ndarray:
-    """Choose candidates for the best density: those that fit equally well with the least :func:`excess`; (count, k).
-
-    They are chosen far from each other, because the interpolation has an error: the one with the least excess first.
-    """
-    trial = np.vstack([closest.best, design(closest.family, 1 << 15)])
-    values = closest.interpolated(trial)
-    chi = errors.chi_squared(values)
-    inside = chi <= chi.min() + EQUAL
-    trial, values = trial[inside], excess(np.exp(values[inside]))
-    least = np.argsort(values)[: max(count, len(values) // 100)]
-    return np.vstack([trial[least[0]], _apart(trial[least[1:]], trial[least[0]], count - 1)])
-
-
-def _apart(points: np.ndarray, first: np.ndarray, count: int) -> np.ndarray:
-    """Choose points, each the farthest from ``first`` and those chosen before, in units of their range; (count, k)."""
-    span = np.maximum(np.ptp(points, axis=0), 1e-12)
-    distance = np.linalg.norm((points - first) / span, axis=1)
-    chosen: list[int] = []
-    for _ in range(count):
-        chosen.append(int(np.argmax(distance)))
-        distance = np.minimum(distance, np.linalg.norm((points - points[chosen[-1]]) / span, axis=1))
-    return points[chosen]
-
-
-def equally_good(closest: Fitted, errors: Errors, count: int, best: np.ndarray) -> np.ndarray:
-    """Choose ``count`` members of a family that fit equally well, far from each other; parameters, (count, k).
-
-    Of the densities whose χ² is at most :data:`EQUAL` above the least, each next member is the one farthest from those
-    chosen before, beginning with ``best``; distances are those of the parameters, in units of their range in the
-    region.
-    """
-    box = np.array(closest.family.bounds)
-    while True:
-        trial = box[:, 0] + design(closest.family, 1 << 15, share=True) * (box[:, 1] - box[:, 0])
-        chi = errors.chi_squared(closest.interpolated(np.vstack([closest.best, trial])))
-        inside = chi[1:] <= chi.min() + EQUAL
-        if inside.sum() >= count or np.ptp(box, axis=1).max() < 1e-6:
-            break
-        # a region much smaller than the bounds: look closer about the best
-        half = 0.25 * np.ptp(box, axis=1)
-        box = np.stack([np.maximum(box[:, 0], closest.best - half), np.minimum(box[:, 1], closest.best + half)], axis=1)
-    trial = trial[inside]
-    return _apart(trial, best, count)
+def predictions(reported: Reported) -> np.ndarray:
+    """What members are to span: ln β of :data:`FITTED` over all windows, and the times, (N, k)."""
+    beta = reported.beta[:, :, :6]
+    return np.concatenate([beta.reshape(len(beta), -1), reported.onsets[:, OURS], reported.crossing], axis=1)

@@ -7,41 +7,53 @@ and differences between densities have small errors.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Sequence
+import hashlib
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import chemage
 from chemage import ContactSolution, ReactionLattice, Scene
-from chemage.plugin import EV_PER_GPA_NM3, FIT_WINDOW, fresh_file, override, random, threads
+from chemage.plugin import EV_PER_GPA_NM3, fresh_file, override, random, scene_data, threads
 
-#: rms slopes at the load of the scene silica-rough, and activation volumes, nm³
-SLOPES = (0.05, 0.1, 0.2)
-VOLUMES = (0.0064, 0.0)
 #: seeds of the surfaces; the first is that of the scene silica-rough
-SURFACES = tuple(range(7, 39))
-#: draws of the disorder that are kept in memory
-KEPT = 16
-TIMES = chemage.hold_times("0.1 s", "1e4 s", per_decade=4)
+SURFACES = tuple(range(7, 23))
+#: hold times, s, (33,)
+TIMES = chemage.hold_times("1 ms", "1e5 s", per_decade=4)
+#: draws of the disorder on a tip, which has few sites
+TIP_DRAWS = 40
 
 Report = Callable[[str, int, int], None]
 
 
-def slope_of(curves: np.ndarray) -> np.ndarray:
-    """β, the slope of the line through curves (..., m) of Δμ against log10 t over the window of the paper, (...)."""
-    inside = (FIT_WINDOW[0] * (1 - 1e-9) <= TIMES) & (FIT_WINDOW[1] * (1 + 1e-9) >= TIMES)
-    x = np.log10(TIMES[inside])
-    x = x - x.mean()
-    return curves[..., inside] @ x / (x @ x)
+class Condition(NamedTuple):
+    """What a density ages: a rough contact at 20 µN, or the tip of the scene silica-afm-tip (``slope`` 0)."""
+
+    slope: float
+    #: nm³, K
+    volume: float = 0.0064
+    temperature: float = 300.0
+
+
+#: those of the six published rates, with ΔV first
+FITTED = tuple(Condition(slope, volume) for volume in (0.0064, 0.0) for slope in (0.05, 0.1, 0.2))
+#: those that no published rate covers
+UNUSED = (
+    Condition(0.07),
+    Condition(0.14),
+    Condition(0.1, volume=0.0032),
+    Condition(0.1, temperature=275.0),
+    Condition(0.1, temperature=325.0),
+)
+TIP = Condition(0.0)
 
 
 @dataclass(frozen=True)
-class _Replica:
+class _Draw:
     """One draw of the disorder on one contact; only the barriers depend on the density."""
 
     lattice: ReactionLattice
@@ -59,107 +71,76 @@ class Rates:
     report: Report
     #: pixels per side; fewer than 2500 coarsen the surface, for tests
     pixels: int = 2500
-    _known: dict[tuple[str, int, float, int], np.ndarray] = field(default_factory=dict)
-    _replicas: dict[tuple[int, float, int], _Replica] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
-        data, _ = chemage.plugin.scene_data("silica-rough")
-        scale: dict[str, Any] = {"surface.pixels": self.pixels, "surface.pixel_size": 2500 * 0.4518 / self.pixels}
-        # each pixel is a site of a coarser surface
-        scale["chemistry.site_density"] = "pixel"
-        self._data = override(data, scale) if self.pixels != 2500 else data
-        if self._file.exists():
-            for line in self._file.read_text(encoding="utf-8").splitlines():
-                try:
-                    row = json.loads(line)
-                except json.JSONDecodeError:  # the last line of an interrupted run
-                    continue
-                self._known[row["density"], row["seed"], row["slope"], row["replicas"]] = np.array(row["curves"])
-
-    @property
-    def _file(self) -> Path:
-        return self.folder / f"rates-{self.pixels}.jsonl"
 
     def curves(
-        self, stage: str, densities: Sequence[chemage.plugin.Barriers], seeds: Sequence[int], replicas: int
+        self,
+        stage: str,
+        densities: Sequence[chemage.plugin.Barriers],
+        seeds: Iterable[int],
+        conditions: Sequence[Condition] = FITTED,
     ) -> np.ndarray:
-        """Δμ, mean over replicas: (densities, seeds, volumes, slopes, m).
+        """Δμ of every density on every surface under every condition: (densities, seeds, conditions, m).
 
-        Parameters
-        ----------
-        stage
-            Name of the progress bar.
-        densities, seeds, replicas
-            Each density ages every surface, with as many draws of the disorder.
+        ``stage`` is the name of the progress bar.
         """
-        keys = [density.digest() for density in densities]
-        jobs = [(seed, slope) for seed in seeds for slope in SLOPES]
-        self.report(stage, 0, len(jobs))
-        for done, (seed, slope) in enumerate(jobs):
-            missing = {
-                key: density
-                for key, density in zip(keys, densities, strict=True)
-                if (key, seed, slope, replicas) not in self._known
-            }
-            # drawn before the threads start, so that none is drawn twice
-            draws = [self._replica(seed, slope, number) for number in range(replicas)] if missing else []
+        seeds = list(seeds)
+        named = repr(([density.digest() for density in densities], conditions, self.pixels))
+        key = hashlib.blake2b(named.encode(), digest_size=8).hexdigest()
+        curves = []
+        for done, seed in enumerate(seeds):
+            self.report(stage, done, len(seeds))
+            path = self.folder / f"curves-{key}-{seed}.npy"
+            if not path.exists():
+                values = self._of_surface(densities, seed, conditions)
+                with fresh_file(path, force=True) as part, part.open("wb") as file:
+                    np.save(file, values)
+            curves.append(np.load(path))
+        self.report(stage, len(seeds), len(seeds))
+        return np.stack(curves, axis=1)
+
+    def _of_surface(
+        self, densities: Sequence[chemage.plugin.Barriers], seed: int, conditions: Sequence[Condition]
+    ) -> np.ndarray:
+        values = np.zeros((len(densities), len(conditions), TIMES.size))
+        for slope in dict.fromkeys(condition.slope for condition in conditions):
+            scene = self._scene(seed, slope)
+            draws = self._draws(scene, seed, slope)
+            chosen = [at for at, condition in enumerate(conditions) if condition.slope == slope]
             with ThreadPoolExecutor(threads.available()) as pool:
-                every = pool.map(lambda density: self._aged(density, draws), missing.values())  # noqa: B023
-                for key, curves in zip(missing, every, strict=True):
-                    self._keep(key, seed, slope, replicas, curves)
-            self.report(stage, done + 1, len(jobs))
-        return np.array(
-            [
-                [np.stack([self._known[key, seed, slope, replicas] for slope in SLOPES], axis=1) for seed in seeds]
-                for key in keys
-            ]
-        )
-
-    def _keep(self, key: str, seed: int, slope: float, replicas: int, curves: np.ndarray) -> None:
-        self._known[key, seed, slope, replicas] = curves
-        row = {"density": key, "seed": seed, "slope": slope, "replicas": replicas, "curves": curves.round(9).tolist()}
-        with self._file.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
-
-    def _aged(self, density: chemage.plugin.Barriers, draws: Sequence[_Replica]) -> np.ndarray:
-        """Δμ on one contact, mean over draws of the disorder, (volumes, m)."""
-        scene = self._scene(SURFACES[0], SLOPES[0])
-        assert scene.chemistry is not None
-        assert scene.engine is not None
-        assert scene.hold is not None
-        bonds = np.zeros((len(VOLUMES), TIMES.size))
-        for draw in draws:
-            intrinsic = density.quantile(draw.uniform)
-            for row, volume in zip(bonds, VOLUMES, strict=True):
-                forming = intrinsic - volume * EV_PER_GPA_NM3 * draw.pressure
-                lattice = draw.lattice.model_copy(update={"forming": forming})
-                row += scene.engine.run(lattice, TIMES, temperature=scene.hold.temperature, seed=draw.noise).bonds
-        return bonds * scene.chemistry.bond_force / scene.load / len(draws)
+                every = pool.map(
+                    lambda density: [_aged(scene, density, draws, conditions[at]) for at in chosen],  # noqa: B023
+                    densities,
+                )
+                values[:, chosen] = list(every)
+        return values
 
     def _scene(self, seed: int, slope: float) -> Scene:
-        return chemage.parse_scene(override(self._data, {"surface.seed": seed, "surface.rms_slope": slope}))
+        data, _ = scene_data("silica-rough" if slope else "silica-afm-tip")
+        changes: dict[str, Any] = {"surface.seed": seed, "surface.rms_slope": slope} if slope else {}
+        if slope and self.pixels != 2500:  # each pixel is a site of a coarser surface
+            changes |= {"surface.pixels": self.pixels, "surface.pixel_size": 2500 * 0.4518 / self.pixels}
+            changes |= {"chemistry.site_density": "pixel"}
+        return chemage.parse_scene(override(data, changes))
 
-    def _replica(self, seed: int, slope: float, number: int) -> _Replica:
-        if (seed, slope, number) not in self._replicas:
-            scene = self._scene(seed, slope)
-            assert scene.chemistry is not None
-            # those of a few surfaces are kept, which serve many densities
-            if len(self._replicas) >= KEPT:
-                self._replicas.clear()
-            contact = self._contact(scene, seed, slope)
+    def _draws(self, scene: Scene, seed: int, slope: float) -> list[_Draw]:
+        assert scene.chemistry is not None
+        contact = self._contact(scene, seed, slope)
+        draws = []
+        for number in range(1 if slope else TIP_DRAWS):
             disorder = np.random.SeedSequence([number, 0])
             lattice = scene.chemistry.on(contact, disorder)
-            self._replicas[seed, slope, number] = _Replica(
-                lattice,
-                random.uniforms(disorder, random.FORMING, lattice.sites),
-                lattice.pressures(contact).astype(np.float64),
-                random.CommonSeed([number, 1]),
-            )
-        return self._replicas[seed, slope, number]
+            uniform = random.uniforms(disorder, random.FORMING, lattice.sites)
+            pressure = lattice.pressures(contact).astype(np.float64)
+            draws.append(_Draw(lattice, uniform, pressure, random.CommonSeed([number, 1])))
+        return draws
 
     def _contact(self, scene: Scene, seed: int, slope: float) -> ContactSolution:
-        """The contact, of which the folder keeps the pressures in contact."""
+        """The contact; of rough ones the folder keeps the pressures."""
+        if not slope:
+            return scene.contact.solve(scene.surface.make(seed), scene.load)
         path = self.folder / f"contact-{slope:g}-{seed}-{self.pixels}.npz"
         if not path.exists():
             solution = scene.contact.solve(scene.surface.make(seed), scene.load)
@@ -179,12 +160,13 @@ class Rates:
         )
 
 
-def logarithms(curves: np.ndarray) -> np.ndarray:
-    """ln β of curves (densities, seeds, volumes, slopes, m): (densities, seeds, 6), with ΔV first."""
-    beta = np.log(slope_of(curves))
-    return beta.reshape(*beta.shape[:2], -1)
-
-
-def mean_logarithms(curves: np.ndarray) -> np.ndarray:
-    """ln β, mean over surfaces, (densities, 6)."""
-    return logarithms(curves).mean(axis=1)
+def _aged(scene: Scene, density: chemage.plugin.Barriers, draws: Sequence[_Draw], condition: Condition) -> np.ndarray:
+    """Δμ under one condition, mean over draws of the disorder, (m,)."""
+    assert scene.chemistry is not None
+    assert scene.engine is not None
+    bonds = np.zeros(TIMES.size)
+    for draw in draws:
+        forming = density.quantile(draw.uniform) - condition.volume * EV_PER_GPA_NM3 * draw.pressure
+        lattice = draw.lattice.model_copy(update={"forming": forming})
+        bonds += scene.engine.run(lattice, TIMES, temperature=condition.temperature, seed=draw.noise).bonds
+    return bonds * scene.chemistry.bond_force / scene.load / len(draws)

@@ -9,7 +9,8 @@ import numpy as np
 
 from chemage.plugin import figures
 from chemage_li2018 import published
-from chemage_li2018.comparisons import Studies, by_volume, circle, front, morphology, rows
+from chemage_li2018.claims import morphology
+from chemage_li2018.comparisons import Studies, by_volume, circle, front, rows
 from chemage_li2018.estimates import variants
 from chemage_li2018.sweeps import LOAD, SEED, SLOPE, Mean, Point, by, curve, mean, spread
 

@@ -5,9 +5,11 @@ And the points of these sweeps, with their means over surface seeds.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,7 @@ from scipy import stats
 
 import chemage
 from chemage import InputError
-from chemage.plugin import FIT_WINDOW, nearest, override, scene_data, text
+from chemage.plugin import FIT_WINDOW, fresh_file, nearest, override, scene_data, text
 from chemage_li2018.published import SLOPES, TABLE_1
 from chemage_silica import MDSilica
 
@@ -60,7 +62,7 @@ _TIP: dict[str, Any] = {
     "hold.stop": 1e5,
     "hold.replicas": 200,
 }
-_PATCH: dict[str, Any] = {"hold.temperature": 300.0, "hold.replicas": 10}
+_PATCH: dict[str, Any] = {"hold.temperature": 300.0, "forming.member": 0, "hold.replicas": 10}
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ def _loads() -> Iterable[dict[str, Any]]:
     return ({"contact.load": load, "hold.replicas": 10 if load < 100e3 else 2} for load in LOADS)
 
 
-def _rows(slopes: Sequence[float], volumes: Sequence[float], replicas: int = 4) -> Iterable[dict[str, Any]]:
+def _rows(slopes: Sequence[float], volumes: Sequence[float], replicas: int = 2) -> Iterable[dict[str, Any]]:
     return (
         {
             "surface.rms_slope": slope,
@@ -160,9 +162,19 @@ STUDIES: dict[str, Study] = {
     "slopes": Study("rough", _slopes),
     "front": Study("rough", _front),
     "interaction": Study(
-        "rough", lambda: ({"interaction.strength": strength, "hold.replicas": 4} for strength in STRENGTHS)
+        "rough", lambda: ({"interaction.strength": strength, "hold.replicas": 2} for strength in STRENGTHS)
     ),
     "warm rough": Study("patch", lambda: _temperatures(10)),
+    "warm members": Study(
+        "patch",
+        lambda: (
+            {**changes, "forming.member": member}
+            for member in range(MDSilica.MEMBERS + 1)
+            for changes in _temperatures(10)
+            if changes["hold.temperature"] <= 350
+        ),
+        surfaces=1,
+    ),
     "warm tip": Study("tip", lambda: ({"hold.stop": 1e4, **changes} for changes in _temperatures(40))),
     "tips": Study(
         "tip", lambda: ({"surface.radius": r, "contact.load": load} for r in TIP_RADII for load in TIP_LOADS)
@@ -183,7 +195,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "areas": ("loads",),
     "barriers": ("loads",),
     "interaction": ("interaction",),
-    "temperature": ("warm rough", "warm tip"),
+    "temperature": ("warm rough", "warm members", "warm tip"),
     "tips": ("tips",),
     "estimates": ("slopes", "front"),
     "calibration": ("members", "slopes", "front"),
@@ -276,6 +288,7 @@ def _data(base: str, pixels: int | None) -> dict[str, Any]:
 
 
 SLOPE, SEED, LOAD, VOLUME = "surface.rms_slope", "surface.seed", "contact.load", "chemistry.activation_volume"
+MEMBER = "forming.member"
 ROW = ("surface.hurst", "surface.zeta", "surface.eta")
 
 
@@ -341,6 +354,51 @@ class Point:
         return chemage.make_surface(scene.surface, scene.surface_seed)
 
 
+#: what the page needs of a point, beside its curves
+_SUMMED = ("load", "area_fraction", "kappa", "patches", "perimeter_to_area", "mean_contact_pressure", "beta")
+_OBSERVED = ("pressures", "barriers_start", "barrier_edges")
+
+
+def save_points(path: Path, points: Sequence[Point], about: dict[str, Any]) -> None:
+    """Store what the page needs of the points, and a dictionary ``about`` them; curves in single precision."""
+    observed = {content(member) for study in ("loads", "slopes") for member in members(study)}
+    none = np.zeros(0)
+    columns: dict[str, list[np.ndarray]] = {name: [] for name in ("times", "drop", "error", *_OBSERVED)}
+    for point in points:
+        columns["times"].append(point.hold_times)
+        columns["drop"].append(point.friction_drop)
+        # errors of replicas are those of tips; rough contacts have the scatter between surfaces
+        columns["error"].append(none if point.observables else point.friction_drop_half_width)
+        values = point.observables if content(point.changes) in observed else {}
+        for name in _OBSERVED:
+            columns[name].append(values.get(name, none))
+    arrays = {}
+    for name, rows in columns.items():
+        # rows of different lengths end with nan
+        arrays[name] = np.full((len(rows), max(map(len, rows), default=0)), np.nan, "f8" if name == "times" else "f4")
+        for row, values in zip(arrays[name], rows, strict=True):
+            row[: len(values)] = values
+    summaries = [{name: point.summary[name] for name in _SUMMED if name in point.summary} for point in points]
+    text = json.dumps({**about, "changes": [point.changes for point in points], "summaries": summaries})
+    with fresh_file(path, force=True) as part, part.open("wb") as file:
+        np.savez_compressed(file, about=np.frombuffer(text.encode(), np.uint8), **arrays)
+
+
+def read_points(path: Path) -> tuple[list[Point], dict[str, Any]]:
+    """Read what :func:`save_points` stored."""
+    with np.load(path) as stored:
+        about = json.loads(stored["about"].tobytes())
+        columns = {name: stored[name] for name in stored.files if name != "about"}
+    points = []
+    for at, (changes, summary) in enumerate(zip(about.pop("changes"), about.pop("summaries"), strict=True)):
+        rows = {name: values[at][~np.isnan(values[at])].astype("f8") for name, values in columns.items()}
+        times, drop, error = (rows.pop(name) for name in ("times", "drop", "error"))
+        points.append(
+            Point(changes, summary, times, drop, error, {name: row for name, row in rows.items() if row.size})
+        )
+    return points, about
+
+
 @dataclass(frozen=True)
 class Mean:
     """Mean and scatter of a number over surface seeds."""
@@ -351,7 +409,12 @@ class Mean:
     count: int
 
     def __str__(self) -> str:
-        return text.plus_minus(self.value, self.scatter)
+        if not self.scatter > text.ROUNDING * abs(self.value):
+            return text.plus_minus(self.value, self.scatter)
+        # the mean is better known than one surface
+        digits = text.decimals(self.scatter / math.sqrt(self.count))
+        value, scatter = (f"{round(number, digits):.{max(digits, 0)}f}" for number in (self.value, self.scatter))
+        return f"{value} ± {scatter}"
 
     def times(self, factor: float) -> Mean:
         """This mean multiplied by a positive number."""

@@ -12,7 +12,7 @@ from pydantic import Field
 from chemage.plugin import Barriers, content_hash
 from chemage_bonds import PiecewiseLinearDensity, parse_columns
 
-#: members of the set in ``md_silica_barriers.csv`` beside the best density, which is member 0
+#: members of ``md_silica_barriers.csv`` beside member 0
 _MEMBERS = 16
 
 
@@ -39,11 +39,11 @@ _LIU = """@article{liu2012,
 class MDSilica(Barriers):
     """Barriers to forming a siloxane bridge: a stand-in for the published distribution, calibrated to the published β.
 
-    The published distribution spans 0.8 to 1.4 eV and is not tabulated. ``member`` 0 is the density of a family of
-    three parameters whose six ageing rates are closest to the published ones; ``member`` 1 to 16 are densities of the
-    family that fit equally well within the errors of the published rates. The spread of a result over the members is
-    its calibration error. The study ``chemage study density`` calibrates them. The table and its provenance are in
-    ``md_silica_barriers.csv`` in this package; the kind ``tabulated`` reads other tables or samples.
+    The published distribution spans 0.8 to 1.4 eV and is not tabulated. ``member`` 0, on which the scenes rest, is
+    calibrated to the six published ageing rates alone. ``member`` 1 to 16 span what these rates and the published times
+    leave open, 1 with the least misfit; the range of a result over them is its calibration error. The study
+    ``chemage study density`` calibrates them. The table and its provenance are in ``md_silica_barriers.csv`` in this
+    package; the kind ``tabulated`` reads other tables or samples.
     """
 
     kind = "md-silica"
@@ -52,11 +52,11 @@ class MDSilica(Barriers):
         "Y. Liu, I. Szlufarska, Phys. Rev. Lett. 109, 186102 (2012)",
     )
     bibtex: ClassVar[tuple[str, ...]] = ("", _LIU)
-    #: number of members beside the best density: ``member`` is from 0 to this
+    #: number of members beside member 0: ``member`` is from 0 to this
     MEMBERS: ClassVar[int] = _MEMBERS
 
     member: int = Field(default=0, ge=0, le=_MEMBERS)
-    """0: the best density; 1 to 16: a density of the set that fits equally well; default: 0"""
+    """0: calibrated to the published rates alone; 1 to 16: span what rates and times leave open; default: 0"""
 
     def content(self) -> dict[str, str]:
         """A hash of the density, so that results of another table are not taken for those of this one."""

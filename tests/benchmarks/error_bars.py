@@ -33,7 +33,6 @@ from chemage.studies.arrhenius import activation_energies
 from chemage.studies.ensembles.quantities import Spread, half_width, regressed, spread_of
 from chemage_ageing import _table
 from chemage_ageing._table import bonded_share
-from chemage_li2018.density_fit import EQUAL, METHOD, PUBLISHED, ROUNDING, Errors
 from chemage_li2018.sweeps import mean
 from chemage_surfaces import fit_roughness
 
@@ -390,24 +389,6 @@ def spectra(rng: np.random.Generator, trials: int) -> Iterable[Held]:
             if found.roll_off_interval is not None:
                 low, high = found.roll_off_interval
                 yield Held(f"roll-off, {words}", low <= 256 / 8 <= high, 0.683)
-
-
-@case
-def density(rng: np.random.Generator, trials: int) -> Iterable[Held]:
-    """Densities that fit equally well, with the covariance of 32 surfaces: ln β linear in three parameters."""
-    slopes = rng.standard_normal((6, 3))
-    mixing = 0.05 * (np.eye(6) + 0.8)
-    noise = np.diag(ROUNDING**2 / 3 / PUBLISHED**2 + METHOD**2)
-    for _ in range(trials):
-        surfaces_of = rng.standard_normal((3, 32, 6)) @ mixing.T
-        errors = Errors.between(surfaces_of)
-        true = mixing @ mixing.T * (1 + 1 / 32) + noise
-        published = rng.multivariate_normal(np.zeros(6), true)
-        inverse = np.linalg.inv(errors.covariance)
-        best = np.linalg.solve(slopes.T @ inverse @ slopes, slopes.T @ inverse @ published)
-        rest = published - slopes @ best
-        excess = published @ inverse @ published - rest @ inverse @ rest
-        yield Held("density study, densities that fit equally well", bool(excess <= EQUAL), 0.68)
 
 
 @case

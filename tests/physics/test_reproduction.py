@@ -10,6 +10,7 @@ import pytest
 import chemage
 from chemage import InputError
 from chemage_li2018 import (
+    claims,
     command,
     comparisons,
     estimates,
@@ -64,10 +65,13 @@ def test_every_target_is_drawn_and_written(coarse: tuple[dict[str, chemage.Sweep
     found = command.write({"rough": results["rough"]}, names, folder, seeds=(SEED,), pixels=PIXELS)
     text = (folder / "reproduction.md").read_text(encoding="utf-8")
     for name in figures_supplement.DRAW.keys() & set(names):
-        assert (folder / "figures" / f"{name}.png").stat().st_size > 10_000
-        assert f"figures/{name}.png" in text
+        assert (folder / reproduction_page.FIGURES / f"{name}.png").stat().st_size > 10_000
+        assert f"{reproduction_page.FIGURES}/{name}.png" in text
     assert {line.target for line in found.lines} == {"kappa", "table1", "fig3", "fig6"}
-    assert {claim.target for claim in found.claims} == {"fig2", "fig3", "fig4", "fig5", "table1", "interaction"}
+    assert {claim.target for claim in found.claims} == {"fig2", "fig3", "fig4", "fig5", "table1", "interaction"} | {
+        "estimates",
+        "calibration",
+    }
     assert all(claim.statement in text for claim in found.claims)
     assert all(one.statement in text for one in [*found.estimates])
     assert all(one.name in text for one in found.variants)
@@ -80,7 +84,7 @@ def test_claims_about_kinetics_do_not_need_fine_pixels(coarse: tuple[dict[str, c
     The times in the claims on Fig. 3 depend on the density, which is fitted to none of them; the page has them.
     """
     found = points(coarse, "fig3", "fig4", "interaction")
-    made = comparisons.claims(found, ["fig3", "fig4", "interaction"])
+    made = claims.claims(found, ["fig3", "fig4", "interaction"])
     chosen = [one for one in made if one.target != "fig3" or one.statement.startswith("with ΔV, Δμ rises")]
     assert len(chosen) == 3
     assert [claim.statement for claim in chosen if not claim.holds] == []
@@ -91,13 +95,13 @@ def test_fig5_is_straight_at_every_slope_without_activation_volume(
     coarse: tuple[dict[str, chemage.SweepResult], Path],
 ):
     """At 320 pixels with four replicas a few hundred sites are left, hence the margin; the page has 0.95."""
-    found = comparisons.claims(points(coarse, "fig5"), ["fig5"])
+    found = claims.claims(points(coarse, "fig5"), ["fig5"])
     assert len(found) == 3
     for claim in found:
         assert "ΔV = 0" in claim.statement
     group = studies_of([Point.of(p) for p in coarse[0]["rough"]], ["fig5"])["rows"]
     chosen = [p for p in group if p.changes["chemistry.activation_volume"] == 0 and p.changes[SLOPE] == 0.05]
-    x, y = comparisons.morphology(chosen)
+    x, y = claims.morphology(chosen)
     assert np.corrcoef(x, y)[0, 1] > 0.9
 
 
@@ -135,6 +139,14 @@ def test_seeds_were_not_used_to_fit_the_barriers():
 
 
 # -- words ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_mean_has_the_digits_of_its_own_error():
+    """Four surfaces with 95.7 ± 25: the mean is known to ± 12.5, and is not 100."""
+    assert str(Mean(95.7, 25.0, 4)) == "96 ± 25"
+    assert line("113", 95.7, 25.0).shown == "-15%"
+    assert line("1.0", 1.0123, 0.001).shown == "+1.2%"
+    assert line("1.0", 0.998, 0.1).shown == "0%"
 
 
 def line(paper: str, value: float, scatter: float = math.nan, *, calibrated: bool = False) -> Line:
@@ -179,7 +191,6 @@ def test_the_six_fitted_beta_are_called_calibrated(coarse: tuple[dict[str, chema
         ["fig3"],
         seeds=(101,),
         pixels=PIXELS,
-        figures="f",
         versions=NO_VERSIONS,
     )
     assert "| yes |" not in text
@@ -195,7 +206,6 @@ def test_what_disagrees_is_listed():
         ["fig2"],
         seeds=(101, 102),
         pixels=2500,
-        figures="f",
         versions=NO_VERSIONS,
     )
     assert "Disagree: β (+100.0%)" in text
@@ -215,11 +225,11 @@ def synthetic(strength: float, drop: float) -> Point:
 def test_a_claim_that_is_false_is_reported_as_false():
     """Friction that keeps falling beyond 0.5 eV is no saturation."""
     falling = [synthetic(strength, 100 - 60 * strength) for strength in sweeps.STRENGTHS]
-    (claim,) = comparisons.claims({"interaction": falling}, ["interaction"])
+    (claim,) = claims.claims({"interaction": falling}, ["interaction"])
     assert not claim.holds
     assert claim.word == "disagrees"
     level = [synthetic(strength, 100 - 60 * min(strength, 0.5)) for strength in sweeps.STRENGTHS]
-    (claim,) = comparisons.claims({"interaction": level}, ["interaction"])
+    (claim,) = claims.claims({"interaction": level}, ["interaction"])
     assert claim.holds
     assert claim.word == "predicted"
 
@@ -234,7 +244,7 @@ def straight(beta: float, start: float) -> Point:
 
 def test_onset_of_an_exact_line():
     """ΔF = max(0, log10 t/3 s) has half its slope at 3 s, to within the spacing of the hold times."""
-    assert comparisons.onset([straight(1.0, 3.0)]) == pytest.approx(3.0, rel=0.4)
+    assert claims.onset([straight(1.0, 3.0)]) == pytest.approx(3.0, rel=0.4)
 
 
 def test_slope_over_a_window():
@@ -244,14 +254,14 @@ def test_slope_over_a_window():
 def test_crossing_of_two_exact_lines():
     """2 log10 t and 1 + log10 t meet at 10 s; lines that do not cross have none."""
     lower, upper = straight(2.0, 1.0), straight(1.0, 0.1)
-    assert comparisons.crossing([lower], [upper]) == pytest.approx(10.0, rel=0.01)
-    assert math.isnan(comparisons.crossing([upper], [straight(2.0, 0.1)]))
+    assert claims.crossing([lower], [upper]) == pytest.approx(10.0, rel=0.01)
+    assert math.isnan(claims.crossing([upper], [straight(2.0, 0.1)]))
 
 
 def test_summit_of_a_parabola():
     kelvin = [250.0, 300.0, 350.0]
-    assert comparisons.summit(kelvin, [-((t - 310.0) ** 2) for t in kelvin]) == pytest.approx(310.0)
-    assert comparisons.summit(kelvin, [3.0, 2.0, 1.0]) == 250.0
+    assert claims.summit(kelvin, [-((t - 310.0) ** 2) for t in kelvin]) == pytest.approx(310.0)
+    assert claims.summit(kelvin, [3.0, 2.0, 1.0]) == 250.0
 
 
 def test_adhesive_force_that_explains_the_tips():
@@ -266,7 +276,7 @@ def test_the_literal_activation_volume():
     assert chemage.plugin.convert("0.04 angstrom**3", "nm**3") == pytest.approx(sweeps.LITERAL_VOLUME)
 
 
-def test_bands_over_the_members_are_relative_to_the_best():
+def test_bands_over_the_members_are_relative_to_the_default():
     def point(member: int, beta: float, slope: float, volume: float) -> Point:
         one = straight(beta, 1.0)
         changes = {"forming.member": member, SLOPE: slope, "chemistry.activation_volume": volume}
@@ -286,11 +296,29 @@ def test_bands_over_the_members_are_relative_to_the_best():
     assert [band.word for band in found] == ["calibrated"] * 6 + ["disagrees"]
 
 
+@pytest.mark.parametrize("steady", [True, False])
+def test_every_density_must_have_the_trends_of_the_paper(steady: bool):
+    """Lines that cross at 10 s (with ΔV) and parallel lines (without); one density may have parallel ones in both."""
+
+    def point(member: int, lines: tuple[Point, Point], volume: float) -> list[Point]:
+        return [
+            replace(line, changes={"forming.member": member, SLOPE: slope, "chemistry.activation_volume": volume})
+            for slope, line in zip((0.05, 0.2), lines, strict=True)
+        ]
+
+    crossing, parallel = (straight(2.0, 1.0), straight(1.0, 0.1)), (straight(2.0, 0.1), straight(1.0, 0.1))
+    group = [*point(0, crossing, 0.0064), *point(0, parallel, 0.0)]
+    group += [*point(1, crossing if steady else parallel, 0.0064), *point(1, parallel, 0.0)]
+    (found,) = claims.claims({"members": group}, ["calibration"])
+    assert found.holds is steady
+    assert f"{1 + steady} of 2 densities" in found.ours
+
+
 def test_times_over_the_members():
     """2 log10 t and 1 + log10 t meet at 10 s; onsets are those of lines that begin at 0.3 and 3 s."""
 
     def point(line: Point, slope: float, volume: float) -> Point:
-        changes = {"forming.member": 0, SLOPE: slope, "chemistry.activation_volume": volume}
+        changes = {"forming.member": 1, SLOPE: slope, "chemistry.activation_volume": volume}
         return Point(changes, line.summary, line.hold_times, line.friction_drop, line.friction_drop_half_width)
 
     group = [
@@ -314,7 +342,7 @@ def front_point() -> Point:
 @pytest.mark.long
 def test_estimates_are_labelled(coarse: tuple[dict[str, chemage.SweepResult], Path]):
     found = estimates.estimates(points(coarse, "estimates"))
-    assert [one.word in ("predicted", "disagrees", estimates.NONE) for one in found] == [True] * 5
+    assert [one.word in ("predicted", "disagrees", estimates.NONE) for one in found] == [True] * 6
     assert any("extrapolation" in one.how for one in found)
 
 
@@ -401,12 +429,12 @@ def test_published_numbers_are_the_ones_checked():
 DOCS = Path(__file__).parents[2] / "plugins" / "chemage_li2018" / "docs"
 
 
-def test_the_page_uses_the_three_words_and_no_other():
+def test_the_page_uses_the_four_words_and_no_other():
     text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
     fitted = [line for line in text.splitlines() if line.startswith("| fig3 | β")]
     assert len(fitted) == 6
     assert all("| calibrated |" in line for line in fitted)
-    words = {"calibrated", "predicted", "**disagrees**", estimates.NONE}
+    words = {"calibrated", "predicted", "**disagrees**", comparisons.UNTESTED, estimates.NONE}
     for title, column in (("Numbers", -2), ("Calibration", -1), ("Claims", -1), ("Estimates of the text", -1)):
         table = text.partition(f"## {title}\n\n")[2].partition("\n\n")[0].splitlines()[2:]
         assert table, title
@@ -415,9 +443,29 @@ def test_the_page_uses_the_three_words_and_no_other():
             assert {line.split(" | ")[column].strip() for line in table} <= words
 
 
+def test_the_page_is_what_the_command_writes_of_the_stored_points():
+    assert reproduction_page.of_points(DOCS / "reproduction.npz")[1] == (DOCS / "reproduction.md").read_text("utf-8")
+
+
+def test_stored_points_are_those_that_were_computed(tmp_path):
+    one = straight(0.3, 1.0)
+    changes = {**sweeps.members("loads")[0], "surface.seed": 101}
+    point = replace(one, changes=changes, observables={"pressures": np.arange(3.0)})
+    other = replace(straight(0.5, 2.0), hold_times=np.logspace(-3, 4, 33))
+    sweeps.save_points(tmp_path / "points.npz", [point, other], {"pixels": 320})
+    (first, second), about = sweeps.read_points(tmp_path / "points.npz")
+    assert about == {"pixels": 320}
+    assert (first.changes, first.summary) == (point.changes, point.summary)
+    np.testing.assert_array_equal(second.hold_times, other.hold_times)
+    np.testing.assert_allclose(first.friction_drop, point.friction_drop, rtol=1e-6)
+    np.testing.assert_array_equal(first.observables["pressures"], [0, 1, 2])
+    np.testing.assert_array_equal(second.friction_drop_half_width, other.friction_drop_half_width)
+    assert not second.observables
+
+
 def test_the_page_is_of_several_surfaces_that_tuned_nothing():
     text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
-    assert "4 surfaces per row (seeds 101 to 104)" in text
+    assert "8 surfaces per row (seeds 101 to 108)" in text
     assert "2500 x 2500 pixels" in " ".join(text.split())
 
 

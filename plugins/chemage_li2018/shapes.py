@@ -1,0 +1,179 @@
+"""Claims of shape against their rivals: a logarithm of time against a power and a stretched exponential, and a line in
+the load against powers.
+
+Each law is fitted to the increments between hold times, whose errors come from the scatter of independent curves
+(surfaces, or replicas): increments of counts are nearly independent of each other, values of a curve are not. Laws are
+compared by Akaike's information criterion for few values (Hurvich & Tsai, Biometrika 76, 297 (1989)).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import least_squares
+
+#: laws whose criteria differ by no more explain the data equally well (Burnham & Anderson, Model Selection, 2002)
+EQUAL = 2.0
+
+
+class Law(NamedTuple):
+    """A law of growth fitted to a mean curve."""
+
+    name: str
+    #: fitted numbers, such as the exponent of a power
+    parameters: tuple[float, ...]
+    #: χ² of the increments, and the criterion
+    chi_squared: float
+    criterion: float
+
+
+class Comparison(NamedTuple):
+    """Laws of growth with time, the one with the least criterion first."""
+
+    laws: tuple[Law, ...]
+    #: local slope per decade in the first and the last decade, and standard errors
+    first: tuple[float, float]
+    last: tuple[float, float]
+
+    def criterion(self, name: str) -> float:
+        """Criterion of a law over the least of all."""
+        return next(law.criterion for law in self.laws if law.name == name) - self.laws[0].criterion
+
+    @property
+    def change(self) -> tuple[float, float]:
+        """Change of the local slope from the first to the last decade over the first, and its standard error."""
+        ratio = self.last[0] / self.first[0]
+        error = abs(ratio) * math.hypot(self.first[1] / self.first[0], self.last[1] / (self.last[0] or math.nan))
+        return ratio - 1, error
+
+    def holds(self, name: str) -> bool:
+        """Whether no rival explains the increments better; one with the law as its limit may explain them as well."""
+        return self.criterion(name) <= EQUAL
+
+
+def _logarithm(times: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    return parameters[0] * np.log10(times)
+
+
+def _power(times: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    return parameters[0] * (times / times[0]) ** parameters[1]
+
+
+def _stretched(times: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    return -parameters[0] * np.exp(-((times / 10.0 ** parameters[1]) ** parameters[2]))
+
+
+_LAWS: dict[str, tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], tuple[tuple[float, ...], ...]]] = {
+    "logarithm": (_logarithm, ((1.0,),)),
+    "power": (_power, ((3.0, 0.1), (1.0, 0.4))),
+    "stretched exponential": (_stretched, ((1.0, 3.0, 0.2), (1.0, 5.0, 0.5), (3.0, 6.0, 0.1))),
+}
+
+
+def growth(times: np.ndarray, curves: np.ndarray, window: tuple[float, float]) -> Comparison:
+    """Compare the laws by which curves grow with hold time.
+
+    Parameters
+    ----------
+    times
+        (m,) s.
+    curves
+        (n, m) independent curves of one kind, n of at least 3.
+    window
+        First and last hold time, s; two decades at least.
+    """
+    inside = (times >= window[0] * 0.999) & (times <= window[1] * 1.001)
+    x, y = times[inside], curves[:, inside]
+    # a factor of all of a curve, such as the area of a contact, is no error of its shape
+    y = y / (y[:, -1:] - y[:, :1])
+    increments = np.diff(y, axis=1)
+    scale = increments.mean()
+    middle = increments.mean(axis=0) / scale
+    # the scatter of single increments is known badly from few curves: pooled over the window, as a smooth function of t
+    spread = increments.std(axis=0, ddof=1) / abs(scale) / math.sqrt(len(y))
+    error = np.exp(np.polynomial.Polynomial.fit(np.log(x[1:]), np.log(np.maximum(spread, 1e-12)), 1)(np.log(x[1:])))
+    laws = sorted((_fitted(name, x, middle, error) for name in _LAWS), key=lambda law: law.criterion)
+    decades = np.log10(x)
+    return Comparison(
+        tuple(laws),
+        _slope(y, decades <= decades[0] + 1.001, decades),
+        _slope(y, decades >= decades[-1] - 1.001, decades),
+    )
+
+
+def _slope(y: np.ndarray, inside: np.ndarray, decades: np.ndarray) -> tuple[float, float]:
+    slopes = np.polyfit(decades[inside], y[:, inside].T, 1)[0]
+    return float(slopes.mean()), float(slopes.std(ddof=1) / math.sqrt(len(y)))
+
+
+def _fitted(name: str, times: np.ndarray, increments: np.ndarray, error: np.ndarray) -> Law:
+    law, starts = _LAWS[name]
+
+    def rest(parameters: np.ndarray) -> np.ndarray:
+        with np.errstate(over="ignore", under="ignore"):
+            return np.nan_to_num(
+                (np.diff(law(times, parameters)) - increments) / error, nan=1e6, posinf=1e6, neginf=-1e6
+            )
+
+    total = increments.sum()
+    fits = [least_squares(rest, [start[0] * total, *start[1:]], x_scale="jac", max_nfev=2000) for start in starts]
+    best = min(fits, key=lambda fit: fit.cost)
+    return _law(name, best.x, 2.0 * float(best.cost), increments.size)
+
+
+def _law(name: str, parameters: np.ndarray, chi: float, count: int) -> Law:
+    numbers = len(parameters)
+    correction = 2.0 * numbers * (numbers + 1) / max(count - numbers - 1, 1)
+    return Law(name, tuple(float(value) for value in parameters), chi, chi + 2.0 * numbers + correction)
+
+
+def of_load(load: np.ndarray, y: np.ndarray, error: np.ndarray, area: float = 2 / 3) -> tuple[Law, ...]:
+    """Compare a line with an offset with powers of the load, the law with the least criterion first.
+
+    Parameters
+    ----------
+    load, y, error
+        (m,) loads, and values with their standard errors, in one unit.
+    area
+        Exponent of the contact area of a tip: Hertz.
+    """
+    start = float(y[-1] / load[-1])
+    laws: dict[str, tuple[Callable[[np.ndarray], np.ndarray], list[float]]] = {
+        "line": (lambda p: p[0] + p[1] * load, [0.0, start]),
+        "power": (lambda p: p[0] * load ** p[1], [start, 1.0]),
+        "area": (lambda p: p[0] * load**area, [start]),
+    }
+    fits = {
+        name: least_squares(lambda p, law=law: (law(p) - y) / error, first, x_scale="jac")
+        for name, (law, first) in laws.items()
+    }
+    fitted = (_law(name, fit.x, 2.0 * float(fit.cost), load.size) for name, fit in fits.items())
+    return tuple(sorted(fitted, key=lambda law: law.criterion))
+
+
+class Exponent(NamedTuple):
+    """The exponent of a power law, with the 95 % interval from the scatter of independent curves."""
+
+    value: float
+    half_width: float
+
+    def within(self, claim: float, distance: float) -> bool:
+        """Whether all of the interval is at most ``distance`` from the claim: close, even if not equal to it."""
+        return abs(self.value - claim) + self.half_width <= distance
+
+    def __str__(self) -> str:
+        return f"{self.value:.3f} ± {self.half_width:.3f}"
+
+
+def exponent(x: np.ndarray, y: np.ndarray) -> Exponent:
+    """The exponent n of y ∝ xⁿ from curves y (k, m) of k independent surfaces at x (m,) or (k, m); one has no error."""
+    x = np.broadcast_to(x, y.shape)
+    slopes = np.array([np.polyfit(np.log(a), np.log(b), 1)[0] for a, b in zip(x, y, strict=True)])
+    if len(slopes) == 1:
+        return Exponent(float(slopes[0]), math.nan)
+    half = float(stats.t.ppf(0.975, len(slopes) - 1)) * slopes.std(ddof=1) / math.sqrt(len(slopes))
+    return Exponent(float(slopes.mean()), float(half))
