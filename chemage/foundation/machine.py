@@ -108,7 +108,7 @@ def slowness() -> float:
     result is kept in :func:`cache_folder`. A file that is damaged, or of another processor, is measured again.
     """
     from chemage.foundation.container import read_json, sealed_json
-    from chemage.foundation.files import fresh_file
+    from chemage.foundation.files import write_file
 
     file = cache_folder() / "speed.json"
     identity = {"version": _VERSION, "processor": processor(), "node": platform.node()}
@@ -119,8 +119,7 @@ def slowness() -> float:
     seconds = _seconds_of_load()
     with suppress(Exception):  # a folder that cannot be written is no reason to fail
         file.parent.mkdir(parents=True, exist_ok=True)
-        with fresh_file(file, force=True) as part:
-            part.write_bytes(sealed_json({**identity, "seconds": seconds}))
+        write_file(file, sealed_json({**identity, "seconds": seconds}), force=True)
     return seconds / REFERENCE_SECONDS
 
 

@@ -46,7 +46,7 @@ NAMES = {
     "foundation.components": "Component",
     "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PlanWarning PluginError "
     "SceneError StoreError UnitError UnknownKindError WorkerLost nearest",
-    "foundation.files": "fresh_file preflight regular_file",
+    "foundation.files": "fresh_file log_file open_file preflight regular_file write_file",
     "foundation.result": "Panel Picture Result displays",
     "foundation.units": "EV_PER_GPA_NM3 Energy FilePath Force Frequency KB Length Pressure Temperature Time Unit "
     "Volume convert",

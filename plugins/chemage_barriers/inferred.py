@@ -5,14 +5,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from functools import lru_cache
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from chemage import Inference, InputError, read
-from chemage.plugin import Barriers, FilePath, StoreError, regular_file
+from chemage.plugin import Barriers, FilePath, open_file, regular_file
 from chemage_barriers.distributions import PiecewiseLinearDensity
 
 #: eV above the last energy, and width of the range, where barriers lie that do not react within the measured times
@@ -43,10 +42,8 @@ def _read(path: str, stamp: _Stamp) -> _Table:
     result = read(path)
     if not isinstance(result, Inference):
         raise InputError(f"{path} holds a {type(result).__name__}, not an inference; `chemage infer` makes such files")
-    try:
-        content = hashlib.blake2b(Path(path).read_bytes(), digest_size=16).hexdigest()
-    except OSError as error:
-        raise StoreError(f"{path}: {error.strerror or error}") from None
+    with open_file(path) as file:
+        content = hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
     return _Table(content, result.energies, result.density, result.samples)
 
 

@@ -18,7 +18,17 @@ import numpy as np
 
 import chemage
 from chemage import ContactSolution, ReactionLattice, Scene
-from chemage.plugin import EV_PER_GPA_NM3, FIT_WINDOW, fresh_file, override, random, threads
+from chemage.plugin import (
+    EV_PER_GPA_NM3,
+    FIT_WINDOW,
+    StoreError,
+    container,
+    log_file,
+    override,
+    random,
+    tables,
+    threads,
+)
 
 #: rms slopes at the load of the scene silica-rough, and activation volumes, nm³
 SLOPES = (0.05, 0.1, 0.2)
@@ -70,7 +80,7 @@ class Rates:
         scale["chemistry.site_density"] = "pixel"
         self._data = override(data, scale) if self.pixels != 2500 else data
         if self._file.exists():
-            for line in self._file.read_text(encoding="utf-8").splitlines():
+            for line in tables.read_text(self._file).splitlines():
                 try:
                     row = json.loads(line)
                 except json.JSONDecodeError:  # the last line of an interrupted run
@@ -119,7 +129,7 @@ class Rates:
     def _keep(self, key: str, seed: int, slope: float, replicas: int, curves: np.ndarray) -> None:
         self._known[key, seed, slope, replicas] = curves
         row = {"density": key, "seed": seed, "slope": slope, "replicas": replicas, "curves": curves.round(9).tolist()}
-        with self._file.open("a", encoding="utf-8") as file:
+        with log_file(self._file) as file:
             file.write(json.dumps(row) + "\n")
 
     def _aged(self, density: chemage.plugin.Barriers, draws: Sequence[_Replica]) -> np.ndarray:
@@ -159,24 +169,14 @@ class Rates:
         return self._replicas[seed, slope, number]
 
     def _contact(self, scene: Scene, seed: int, slope: float) -> ContactSolution:
-        """The contact, of which the folder keeps the pressures in contact."""
+        """The contact, which the folder keeps."""
         path = self.folder / f"contact-{slope:g}-{seed}-{self.pixels}.npz"
-        if not path.exists():
+        try:
+            return container.read(path, {"contact": ContactSolution})[0]["contact"]
+        except StoreError:  # missing, or damaged
             solution = scene.contact.solve(scene.surface.make(seed), scene.load)
-            with fresh_file(path, force=True) as part, part.open("wb") as file:
-                np.savez(file, sites=solution.sites, pressure=solution.pressure.ravel()[solution.sites])
-        with np.load(path) as kept:
-            pressure = np.zeros(self.pixels**2)
-            pressure[kept["sites"]] = kept["pressure"]
-        maker: Any = scene.surface
-        solver: Any = scene.contact
-        return ContactSolution(
-            pressure=pressure.reshape(self.pixels, self.pixels),
-            load=scene.load,
-            pixel_size=maker.pixel_size,
-            modulus=solver.modulus,
-            periodic=True,
-        )
+            container.write(path, {"contact": solution}, compact=True, force=True)
+            return solution
 
 
 def logarithms(curves: np.ndarray) -> np.ndarray:

@@ -23,9 +23,9 @@ from chemage.plugin import (
     Reader,
     Scatter,
     Seed,
-    StoreError,
     SurfaceMaker,
     Unit,
+    open_file,
     regular_file,
 )
 
@@ -119,11 +119,8 @@ def stamp(path: str) -> Stamp:
 @lru_cache(maxsize=64)
 def content_hash(path: str, stamp: Stamp) -> str:
     """The hash of the content of a file, which is read once as long as its stamp stays."""
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
-    except OSError as error:
-        raise StoreError(f"{path}: {error.strerror or error}") from None
+    with open_file(path) as file:
+        return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
 
 
 class ImageMaker(SurfaceMaker):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import tomllib
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -238,11 +237,11 @@ def test_nothing_is_overwritten_and_nothing_half_written(tmp_path, monkeypatch, 
     with pytest.raises(StoreError, match="does not exist"):
         write_report(files, tmp_path / "no" / "r.html")
 
-    def full(self, *_, **__):
-        self.write_bytes(b"half")
+    def full(part, content):
+        part.write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr("chemage.foundation.files.create", full)
     with pytest.raises(StoreError, match="nothing was kept"):
         write_report(files[:1], tmp_path / "full.html")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["one.h5", "r.html", "two.h5"]
