@@ -202,7 +202,7 @@ DOOR = ("chemage.foundation.files", "chemage.foundation.container", "chemage.fou
 #: methods of paths, and functions of libraries, that do so as well
 _METHODS = {"open", "read_bytes", "read_text", "write_bytes", "write_text", "touch"}
 _FUNCTIONS = re.compile(
-    r"open|(io|os|gzip|codecs)\.open|os\.fdopen|tomllib\.load|zipfile\.ZipFile|ZipFile|shutil\.(copy\w*|move)|"
+    r"open|(io|os|gzip|codecs)\.open|os\.fdopen|logging\.FileHandler|tomllib\.load|zipfile\.ZipFile|ZipFile|shutil\.(copy\w*|move)|"
     r"(np|numpy)\.(load|loadtxt|genfromtxt|fromfile|memmap|save\w*)|(h5py|h5netcdf)\.File|(xr|xarray)\.\w*open\w*"
 )
 #: what looks like one of these, and is none: the door itself, files of packages, what has no name
@@ -210,6 +210,7 @@ _OTHERS = re.compile(r"(tables|files)\.read_text|(importlib\.)?resources\.files\
 #: (module, call) -> why
 OPENS = {
     ("chemage.cli.app", "os.open"): "what is printed after the reader of a pipe has gone",
+    ("chemage.cli.output", "logging.FileHandler"): "a new file, which is not there before",
     ("chemage.foundation.tables", "np.loadtxt"): "lines in memory",
     ("chemage.studies.sweeps.table", "h5netcdf.File"): "an image in memory",
 }

@@ -6,7 +6,10 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -239,3 +242,166 @@ def after_damage(rng: np.random.Generator, folder: Path, expected: str) -> str:
         return f"{what}: other results"
     left = after["points"] - after["done"] + after["contacts"] - after["contacts_done"]
     return f"{what}: not repaired" if left else "repaired" if spoilt else "identical"
+
+
+# -- campaigns --------------------------------------------------------------------------------------------------------
+
+#: how a case may end
+GOOD = ("refused", "repaired", "identical")
+#: the kinds of :func:`written` in the layout of NetCDF-4
+HDF5 = ("run", "contact", "aging", "surface", "inference")
+
+
+def outcome(read: Callable[[], Any], expected: Any, what: str) -> str:
+    """What reading a damaged file came to; ``expected`` is what it says undamaged."""
+    try:
+        value = read()
+    except ca.ChemageError:
+        return "refused"
+    except Exception as error:
+        return f"{what}: {type(error).__name__}: {error}"
+    return "identical" if value == expected else f"{what}: believed"
+
+
+# -- odd files where paths stand ------------------------------------------------------------------------------------
+
+#: a user who may write nothing, where this process may be another one
+NOBODY: dict[str, Any] = {"user": 65534, "group": 65534, "extra_groups": []} if os.getuid() == 0 else {}
+ODD = ("pipe", "device", "folder", "loop", "null")
+
+
+@contextmanager
+def odd_file(path: Path, kind: str) -> Iterator[None]:
+    """An odd file, or none, at ``path`` in the block; a link leads to a file, or a folder, that nothing may change."""
+    victim = path.with_name("victim")
+    match kind:
+        case "pipe":
+            os.mkfifo(path)
+        case "device":
+            path.symlink_to("/dev/zero")
+        case "null":
+            path.symlink_to("/dev/null")
+        case "folder":
+            path.mkdir()
+        case "loop":
+            path.symlink_to(path)
+        case "link":
+            victim.write_text("mine")
+            path.symlink_to(victim)
+        case "link to a folder":
+            victim.mkdir()
+            path.symlink_to(victim)
+        case "read-only":
+            path.parent.chmod(0o555)
+    try:
+        yield
+        if kind.startswith("link"):
+            assert (victim.read_text() if victim.is_file() else list(victim.iterdir())) in ("mine", []), path
+    finally:
+        path.parent.chmod(0o777)
+        for left in (path, victim):
+            if left.is_dir() and not left.is_symlink():
+                shutil.rmtree(left)
+            else:
+                left.unlink(missing_ok=True)
+
+
+def _toml(scene: dict[str, Any], **more: Any) -> str:
+    """A scene as TOML; ``more`` are fields by section."""
+    lines = [f'name = "{scene["name"]}"']
+    for section in {**scene, **more}:
+        fields = scene.get(section, {})
+        if section != "name":
+            lines += [f"[{section}]"]
+            lines += [f"{name} = {json.dumps(value)}" for name, value in {**fields, **more.get(section, {})}.items()]
+    return "\n".join(lines)
+
+
+def places(folder: Path) -> Iterator[tuple[str, list[str], Path, str]]:
+    """Commands with an odd file where a path stands: (what, words, path, kind of file)."""
+    run, mean = _toml(SCENE), _toml(SCENE, accuracy={"beta": "60 %"})
+    scenes = {
+        "run": run,
+        "mean": mean,
+        "sweep": run + '\n[sweep]\n"hold.seed" = [0, 1]',
+        "map": _toml(SCENE, accuracy={"beta": "60 %"}, ensemble={"map": "odd.json"}),
+        "table": _toml({**SCENE, "forming": {"kind": "tabulated", "path": "odd.csv"}}),
+        "inferred": _toml({**SCENE, "forming": {"kind": "inferred", "path": "odd.h5"}}),
+    }
+    for ending in ("npy", "txt", "h5", "x3p"):
+        surface = {"kind": "from-file", "path": f"odd.{ending}", "pixel_size": "1 nm"}
+        scenes[f"surface-{ending}"] = _toml({**SCENE, "surface": surface})
+    folder.chmod(0o777)
+    for name, text in scenes.items():
+        (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+    ca.write(folder / "done.h5", ca.run(SCENE, warn=False))
+    ca.sweep(SWEEP, folder / "swept")
+    (folder / "measured.csv").write_text("hold_time (s),friction_drop (nN)\n1,1\n10,2\n100,3\n")
+    reading = [(name, [word, f"{name}.toml"], "odd.csv" if name == "table" else "") for word in ("check", "run")
+               for name in scenes if name not in ("run", "mean", "sweep")]  # fmt: skip
+    files = {"map": "odd.json", "inferred": "odd.h5", **{name: f"odd.{name[8:]}" for name in scenes if "-" in name}}
+    reading = [(f"{words[0]} {name}", words, file or files[name]) for name, words, file in reading]
+    reading += [(word, [word, "odd.h5"], "odd.h5") for word in ("show", "plot", "report", "compare", "cite")]
+    reading += [
+        ("scene", ["run", "odd.toml"], "odd.toml"),
+        ("map shown", ["show", "odd.json"], "odd.json"),
+        ("option map", ["check", "mean.toml", "--map", "odd.json"], "odd.json"),
+        ("cluster", ["run", "sweep.toml", "--executor", "dask:odd.toml"], "odd.toml"),
+        ("measured", ["infer", "odd.csv", "--scene", "run.toml"], "odd.csv"),
+        ("planned", ["infer", "measured.csv", "--scene", "run.toml", "--next", "odd.csv"], "odd.csv"),
+        ("scene of infer", ["infer", "measured.csv", "--scene", "odd.toml"], "odd.toml"),
+        ("report measured", ["report", "done.h5", "--measured", "odd.csv"], "odd.csv"),
+    ]
+    for what, words, file in reading:
+        for kind in ODD:
+            yield f"{what}: {kind}", words, folder / file, kind
+    (folder / "checkpoints").mkdir()
+    for kind in (*ODD, "link"):
+        yield (
+            f"checkpoint: {kind}",
+            ["run", "run.toml", "--checkpoints", "checkpoints"],
+            folder / "checkpoints/contact.h5",
+            kind,
+        )
+    writing = [
+        ("run", ["run", "run.toml", "-o", "odd.h5", "--force"], "odd.h5"),
+        ("sweep", ["run", "sweep.toml", "-o", "odd"], "odd"),
+        ("report", ["report", "done.h5", "-o", "odd.html", "--force"], "odd.html"),
+        ("figures", ["run", "run.toml", "-o", "new.h5"], "new-figures"),
+        ("samples", ["run", "mean.toml", "-o", "new.h5"], "new-samples"),
+        ("checkpoints", ["run", "run.toml", "-o", "new.h5", "--checkpoints", "odd"], "odd"),
+        ("init", ["init", "odd.toml"], "odd.toml"),
+        ("log", ["check", "run.toml", "--log", "odd.log"], "odd.log"),
+        ("compared figures", ["compare", "done.h5", "--figures", "odd"], "odd"),
+    ]
+    for what, words, file in writing:
+        folders = file in ("odd", "new-figures", "new-samples")
+        kinds = ["pipe", "device", *([] if folders else ["folder"]), "link to a folder" if folders else "link"]
+        for kind in [*kinds, *(["read-only"] if NOBODY else [])]:
+            yield f"write {what}: {kind}", words, folder / file, kind
+
+
+def placed(what: str, words: list[str], path: Path, kind: str, **options: Any) -> str:
+    """What a command comes to with an odd file in its way: ``refused`` by one error and exit status 2, or, where a link
+    is in place of a file to write, ``identical`` if the link is replaced and what it leads to stays."""
+    folder = next(place for place in path.parents if (place / "run.toml").exists())
+    before = set(folder.iterdir())
+    user = NOBODY if kind == "read-only" else {}
+    with odd_file(path, kind):
+        command = [sys.executable, "-m", "chemage.cli", *words]
+        try:
+            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, **user, **options)
+        except subprocess.TimeoutExpired:
+            return f"{what}: hangs"
+    for left in set(folder.iterdir()) - before:
+        shutil.rmtree(left) if left.is_dir() else left.unlink()
+    errors = [line for line in done.stderr.splitlines() if line.startswith("chemage: ") and "warning" not in line]
+    if "Traceback" in done.stderr or len(errors) != (done.returncode == 2):
+        return f"{what}: exit {done.returncode}, {done.stderr[-300:]}"
+    if done.returncode == 2:
+        return "refused"
+    return (
+        "identical"
+        if not done.returncode and kind.startswith(("link", "device"))
+        else f"{what}: exit {done.returncode}"
+    )

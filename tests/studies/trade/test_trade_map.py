@@ -380,7 +380,7 @@ def test_a_damaged_map_is_refused(found, tmp_path):
     with pytest.raises(DamagedError, match="is damaged"):
         TradeMap.read(path)
     path.write_text('{"a": 1}')
-    with pytest.raises(StoreError, match="cannot read the map: .* is no file of chemage"):
+    with pytest.raises(StoreError, match=r"cannot read the map: .* is no file of chemage"):
         TradeMap.read(path)
     path.write_bytes(container.sealed_json({"a": 1}))
     with pytest.raises(StoreError, match="is no map"):
