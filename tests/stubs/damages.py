@@ -265,8 +265,8 @@ def outcome(read: Callable[[], Any], expected: Any, what: str) -> str:
 
 # -- odd files where paths stand ------------------------------------------------------------------------------------
 
-#: a user who may write nothing, where this process may be another one
-NOBODY: dict[str, Any] = {"user": 65534, "group": 65534, "extra_groups": []} if os.getuid() == 0 else {}
+#: what begins the command of a user who cannot write in a read-only folder; the superuser can
+BOUND = ["setpriv", "--bounding-set=-dac_override"] if os.getuid() == 0 else []
 ODD = ("pipe", "device", "folder", "loop", "null")
 
 
@@ -377,7 +377,7 @@ def places(folder: Path) -> Iterator[tuple[str, list[str], Path, str]]:
     for what, words, file in writing:
         folders = file in ("odd", "new-figures", "new-samples")
         kinds = ["pipe", "device", *([] if folders else ["folder"]), "link to a folder" if folders else "link"]
-        for kind in [*kinds, *(["read-only"] if NOBODY else [])]:
+        for kind in (*kinds, "read-only"):
             yield f"write {what}: {kind}", words, folder / file, kind
 
 
@@ -386,11 +386,10 @@ def placed(what: str, words: list[str], path: Path, kind: str, **options: Any) -
     is in place of a file to write, ``identical`` if the link is replaced and what it leads to stays."""
     folder = next(place for place in path.parents if (place / "run.toml").exists())
     before = set(folder.iterdir())
-    user = NOBODY if kind == "read-only" else {}
     with odd_file(path, kind):
-        command = [sys.executable, "-m", "chemage.cli", *words]
+        command = [*(BOUND if kind == "read-only" else []), sys.executable, "-m", "chemage.cli", *words]
         try:
-            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, **user, **options)
+            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, **options)
         except subprocess.TimeoutExpired:
             return f"{what}: hangs"
     for left in set(folder.iterdir()) - before:
