@@ -173,8 +173,9 @@ class Folder:
             return {"status": "missing"}
         except StoreError:
             return {"status": "damaged"}
-        # the file of another point is no less wrong than a damaged one
-        return content if content.pop("key", key) == key else {"status": "damaged"}
+        # the file of another point, or of something else, is no less wrong than a damaged one
+        right = content.pop("key", key) == key and content.get("status") in ("done", "failed")
+        return content if right else {"status": "damaged"}
 
     def write_point(self, key: str, content: Mapping[str, Any]) -> None:
         """Write the file of a point."""

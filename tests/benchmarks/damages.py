@@ -30,7 +30,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "stubs"))
 import damages
 
 #: s after which a command hangs
-PATIENCE = 60
+PATIENCE = 300
 
 
 def files(count: int, rng: np.random.Generator, folder: Path) -> Iterator[str]:

@@ -204,12 +204,12 @@ def test_a_damaged_sweep_is_counted_and_made_again_or_refused(swept, tmp_path, c
             assert damages.after_damage(rng, folder, expected) in ("refused", "repaired", "identical")
 
 
-@pytest.mark.parametrize("place", ["contacts", "points"])
-def test_the_file_of_another_point_is_not_believed(swept, tmp_path, place):
+@pytest.mark.parametrize(("place", "source"), [("contacts", ""), ("points", ""), ("points", "sweep.json")])
+def test_the_file_of_another_point_is_not_believed(swept, tmp_path, place, source):
     whole, expected = swept
     shutil.copytree(whole, tmp_path / "out")
     one, other, *_ = sorted(path for path in (tmp_path / "out" / place).rglob("*") if path.is_file())
-    shutil.copy(other, one)
+    shutil.copy(whole / source if source else other, one)
     state = chemage.load_sweep(tmp_path / "out").status()
     assert (state["damaged"], state["contacts_damaged"]) == ((1, 0) if place == "points" else (0, 1))
     with pytest.warns(UserWarning, match=rf"1 files are damaged and are computed again: {place}/"):
