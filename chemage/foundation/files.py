@@ -19,7 +19,7 @@ import uuid
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import IO, Any, BinaryIO
+from typing import IO, Any
 
 from chemage.foundation.errors import AbsentError, InputError, StoreError, shortened
 from chemage.foundation.memory import capacity, readable
@@ -241,7 +241,7 @@ def regular_file(path: str | os.PathLike[str], most: float | None = None, *, lin
         return _checked(os.stat(path, follow_symlinks=links), shown, most)
 
 
-def open_file(path: str | os.PathLike[str], most: float | None = None, *, links: bool = True) -> BinaryIO:
+def open_file(path: str | os.PathLike[str], most: float | None = None, *, links: bool = True) -> io.BufferedReader:
     """Open an ordinary file for reading, in bytes; arguments and errors as for :func:`regular_file`.
 
     Where others may write beside it, ``links`` are not followed.
