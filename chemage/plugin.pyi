@@ -90,8 +90,10 @@ from chemage.plugins.registry import fromdict as fromdict
 from chemage.plugins.hooks import hookimpl as hookimpl
 from chemage.contacts.patches import label_patches as label_patches
 from chemage.plugins.hooks import lazy_attributes as lazy_attributes
+from chemage.foundation.files import log_file as log_file
 from chemage.foundation import memory as memory
 from chemage.foundation.errors import nearest as nearest
+from chemage.foundation.files import open_file as open_file
 from chemage.cli import options as options
 from chemage.scene.files import override as override
 from chemage.contacts import patches as patches
@@ -113,3 +115,4 @@ from chemage.contacts import theory as theory
 from chemage.foundation import threads as threads
 from chemage.foundation import units as units
 from chemage.scene.provenance import versions as versions
+from chemage.foundation.files import write_file as write_file

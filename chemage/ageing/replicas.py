@@ -15,7 +15,7 @@ import numpy as np
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation import container
 from chemage.foundation.checks import Seed, check_times, checked_seed, temperature_value
-from chemage.foundation.errors import DamagedError, InputError, StoreError
+from chemage.foundation.errors import AbsentError, DamagedError, InputError, StoreError
 from chemage.foundation.random import CommonSeed
 from chemage.foundation.records import Record, content_hash
 from chemage.foundation.units import QuantityLike
@@ -150,10 +150,10 @@ def resumed(
         With the message ``other``: the file was kept for another ``run`` (a key of its options alone), or under another
         key although the same plugins took part before.
     """
-    if not path.exists():
-        return None
     try:
-        records, attributes = container.read(path, {name: kind})
+        records, attributes = container.read(path, {name: kind}, links=False)
+    except AbsentError:
+        return None
     except DamagedError as error:
         warnings.warn(f"{error}; it is computed again", CheckpointWarning, stacklevel=2)
         return None

@@ -92,7 +92,9 @@ def _scene() -> Mapping[str, Any]:
         name = next(word for word in words if word in plugins.scenes() or word.endswith(".toml"))
         if name in plugins.scenes():
             return tomllib.loads(registry.scene_text(plugins.scene_target(name)))
-        return tomllib.loads(Path(name).read_text(encoding="utf-8"))
+        from chemage.foundation.files import described
+
+        return tomllib.loads(described(Path(name)))
     except Exception:  # the shell cannot show an error
         return {}
 

@@ -336,7 +336,7 @@ def init(
     The file is a copy of an installed scene, with comments, and NAME as its name.
     """
     from chemage.foundation.errors import nearest
-    from chemage.foundation.files import fresh_file
+    from chemage.foundation.files import write_file
     from chemage.plugins import registry
     from chemage.scene.files import installed_text, named
     from chemage.scene.scene import file_name
@@ -353,8 +353,7 @@ def init(
         known = sorted(plugins.scenes())
         raise user_error(f"no installed scene {like!r}{nearest(like, known)}; installed: {', '.join(known) or 'none'}")
     text = named(installed_text(like), file.stem)
-    with fresh_file(file, force=force) as part:
-        part.write_text(text, encoding="utf-8")
+    write_file(file, text, force=force)
     others = ", ".join(sorted(set(plugins.scenes()) - {like}))
     output.remark(f"another scene to begin with: --like SCENE ({others})")
     output.say(f"{file} is a copy of {like}; change it, then: chemage check {file} && chemage run {file}")

@@ -201,13 +201,12 @@ def plugins_stubs(
 
     With them, an editor knows the options of every installed component.
     """
-    from chemage.foundation.files import fresh_file
+    from chemage.foundation.files import write_file
     from chemage.scaffold import stubs
 
     (folder / "chemage").mkdir(parents=True, exist_ok=True)
     for name, text in stubs().items():
-        with fresh_file(folder / "chemage" / name, force=force) as part:
-            part.write_text(text, encoding="utf-8")
+        write_file(folder / "chemage" / name, text, force=force)
         output.say(folder / "chemage" / name)
 
 

@@ -23,7 +23,7 @@ from chemage.foundation.text import jsonable
 from chemage.studies.study import Selection, in_ranges
 from chemage.studies.sweeps.grid import Survey, shown
 from chemage.studies.sweeps.points import expected_seconds
-from chemage.studies.sweeps.result import SweepResult, collect_sweep, load_sweep
+from chemage.studies.sweeps.result import NOT_DONE, SweepResult, collect_sweep, in_words, load_sweep
 from chemage.studies.sweeps.running import Report, SweepProgress, read_grid, room_for, show_progress, survey_of, sweep
 from chemage.studies.sweeps.shares import ShareCost, agreed_points, shares_cost
 from chemage.studies.sweeps.views import swept_rows
@@ -62,8 +62,8 @@ def run_ensemble(
     preflight(path, force=force)
     if figures:
         preflight_folder(figures_of(path), force)
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise user_error(f"{folder}, the folder for the samples, is a file or a link; choose another --out")
+    if folder.exists() and not folder.is_dir():
+        raise user_error(f"{folder}, the folder for the samples, is a file; choose another --out")
     pictures: list[Path] = []
     where = {"executor": executor or ("processes" if (workers or 1) > 1 else "threads"), "workers": workers}
     sampler = Sampler(scene, samples=folder, threads=threads, patience=patience, points=points, **where)
@@ -176,7 +176,7 @@ def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_jso
     whole = result.means and chosen.share is not None
     points = range(len(result)) if whole else agreed_points(chosen, result.store, result.digest, len(result))
     states = [result.store.state(result.keys[point]) for point in points]
-    counts = {state: states.count(state) for state in ("done", "failed", "missing", "damaged")}
+    counts = {state: states.count(state) for state in ("done", *NOT_DONE)}
     failures = [
         {"point": point, "changes": result[point].changes, "error": result[point].error}
         for point, state in zip(points, states, strict=True)
@@ -186,7 +186,10 @@ def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_jso
         share = {"points": str(chosen), "numbers": list(points), **counts, "failures": failures}
         print(json.dumps(jsonable({"name": result.name, "folder": str(folder), "share": share})))
     else:
-        output.say(f"{chosen.describe()}: {counts['done']} of {len(points)} points done in {folder}")
+        left = in_words(counts)
+        output.say(
+            f"{chosen.describe()}: {counts['done']} of {len(points)} points done{left and ', '}{left} in {folder}"
+        )
         output.say(f"when all are done: chemage sweep --collect {folder}")
         _print_failures({"failures": failures})
     if counts["done"] < len(points):
@@ -194,7 +197,7 @@ def _print_share(result: SweepResult, folder: Path, chosen: Selection, *, as_jso
 
 
 def collect(folder: Path, *, as_json: bool) -> None:
-    """Verify the points of a sweep and write its tables; exit status 1 if points failed or are missing."""
+    """Verify the points of a sweep and write its tables; exit status 1 if some are not done."""
     survey = collect_sweep(folder)
     state = {**survey.result.status(), "folder": str(folder), "points_to_compute": survey.points}
     if survey.written:
@@ -204,8 +207,10 @@ def collect(folder: Path, *, as_json: bool) -> None:
         raise typer.Exit(1)
     say = partial(output.say, file=sys.stderr)
     _print_failures(state)
-    say(f"{len(survey.missing)} of {state['points']} points are missing in {folder}; no tables were written")
-    say(f"missing: points {in_ranges(survey.missing)}")
+    for word, numbers in (("missing", survey.missing), ("damaged", survey.damaged)):
+        if numbers:
+            say(f"{len(numbers)} of {state['points']} points are {word} in {folder}; no tables were written")
+            say(f"{word}: points {in_ranges(numbers)}")
     if survey.computing:
         say("a process of this machine computes points at present")
     scene = survey.result.grid.source if Path(survey.result.grid.source).is_file() else "SCENE"
@@ -297,20 +302,22 @@ def _duration(seconds: float) -> str:
 
 
 def status(folder: Path, *, as_json: bool) -> None:
-    """Print the number of points done, failed and missing, in total and for each value of each axis."""
+    """Print the number of points in each state, in total and for each value of each axis."""
     state = load_sweep(folder).status()
     if as_json:
         print(json.dumps(jsonable(state)))
         return
 
-    table = output.table(f"{state['name']} in {folder}", ("", "points", "done", "failed", "missing"))
-    counts = ("points", "done", "failed", "missing")
+    counts = ("points", "done", *NOT_DONE)
+    table = output.table(f"{state['name']} in {folder}", ("", *counts))
     for axis in state["axes"]:
         for row in axis["rows"]:
             name = ", ".join(f"{path} = {shown(value)}" for path, value in row["values"].items())
             table.add_row(name, *(str(row[count]) for count in counts))
     table.add_row("all", *(str(state[count]) for count in counts))
-    table.add_row("contacts", str(state["contacts"]), str(state["contacts_done"]), "", "")
+    table.add_row(
+        "contacts", str(state["contacts"]), str(state["contacts_done"]), "", "", str(state["contacts_damaged"])
+    )
     output.show(table)
     _print_failures(state)
 

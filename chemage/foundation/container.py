@@ -6,6 +6,9 @@ archive, in which a small, mostly empty map is written twenty times as fast into
 seal: the SHA-256 of each of its parts, and of this list. Readers of HDF5 and zip ignore what follows their content;
 chemage compares before it parses, because a damaged file can crash the library that reads it. A text for people is a
 JSON object with the SHA-256 of what comes before in its last field.
+
+A seal says that nothing was damaged, and not who wrote it. So no link, virtual dataset or external storage is followed
+out of a container, and what it announces must fit into memory before any of it is read.
 """
 
 from __future__ import annotations
@@ -13,19 +16,21 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
-from zipfile import BadZipFile
+from zipfile import ZipFile
 
 import numpy as np
 
 from chemage.foundation import codec
 from chemage.foundation.errors import ChemageError, DamagedError, StoreError
-from chemage.foundation.files import fresh_file
+from chemage.foundation.files import LARGEST_DESCRIPTION, create, fresh_file, open_file, read_bytes
+from chemage.foundation.memory import capacity, readable
 from chemage.foundation.records import Named, Record
 
 #: layout of the file; a reader refuses a newer one
@@ -74,11 +79,15 @@ def write(
     size = sum(0.02 * array.nbytes if codec.compresses(array) else array.nbytes for array in arrays)
     with fresh_file(path, force=force, size=size) as part:
         # made in memory and written at once: HDF5 crashes the process when the disk fills up under it
-        part.write_bytes(archive(parts, about or {}) if compact else _hdf5(parts, about or {}, derived or {}))
+        create(part, archive(parts, about or {}) if compact else _hdf5(parts, about or {}, derived or {}))
 
 
-def read(path: str | os.PathLike[str], kinds: Mapping[str, type[Record]]) -> tuple[dict[str, Any], dict[str, Any]]:
+def read(
+    path: str | os.PathLike[str], kinds: Mapping[str, type[Record]], *, links: bool = True
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """The records in a container whose names are among ``kinds``, and what they are about.
+
+    Without ``links``, a path that is one is refused.
 
     Raises
     ------
@@ -88,15 +97,17 @@ def read(path: str | os.PathLike[str], kinds: Mapping[str, type[Record]]) -> tup
         What it holds is not what was written.
     """
     source = Path(path)
-    if _begin(source).startswith(_ARCHIVE):
-        return _read_archive(source, kinds)
-    with opened(source) as file:
-        about = {name: codec.scalar(value) for name, value in file.attrs.items() if not name.startswith("_")}
-        records = {}
-        for name, kind in kinds.items():
-            if name in file:
-                with _decoding(source, name):
-                    records[name] = codec.read_group(file[name], kind)
+    with open_file(source, links=links) as stream:
+        if stream.read(len(_ARCHIVE)) == _ARCHIVE:
+            return _read_archive(stream, source, kinds)
+        with _parsed(stream, source) as file, decoding(source):
+            _check_ours(file, source)
+            about = {name: codec.scalar(value) for name, value in file.attrs.items() if not name.startswith("_")}
+            records = {}
+            for name, kind in kinds.items():
+                if name in file:
+                    with decoding(source, name):
+                        records[name] = codec.read_group(file[name], kind)
     return records, about
 
 
@@ -111,33 +122,41 @@ def opened(path: Path) -> Iterator[Any]:
     DamagedError
         What it holds is not what was written.
     """
-    verified = is_intact(path)
-    with _unverified(path) as file:
-        if "chemage_format" not in file.attrs:
-            raise StoreError(f"{path} is an HDF5 file, but not one of chemage's")
-        version = codec.scalar(file.attrs.get("chemage", "of another version"))
-        layout = int(codec.scalar(file.attrs["chemage_format"]))
-        if layout > FORMAT:
-            raise StoreError(f"{path} was written by chemage {version}; update chemage to read it")
-        if layout < FORMAT:
-            raise StoreError(f"{path} was written by chemage {version}; read it with chemage 0.2, and write it again")
-        if not verified:
-            raise DamagedError(f"{path} is damaged: its checksums are missing; {_CUT}")
+    with hdf5(path) as file:
+        with decoding(path):
+            _check_ours(file, path)
+        yield file
+
+
+@contextmanager
+def hdf5(path: str | os.PathLike[str]) -> Iterator[Any]:
+    """An HDF5 file of any program, open for reading (an h5py file); one of chemage's is verified.
+
+    Links in it, and datasets for which :func:`check_dataset` was not called, may lead to other files.
+
+    Raises
+    ------
+    StoreError
+        The file is missing, not in HDF5, or of another version of chemage.
+    DamagedError
+        What it holds is not what was written, or cannot be read.
+    """
+    with open_file(path) as stream, _parsed(stream, Path(path)) as file:
         yield file
 
 
 def is_ours(path: Path) -> bool:
     """Whether ``path`` is a file in the layout of NetCDF-4 that chemage wrote; a damaged HDF5 file is an error."""
-    if _begin(path) != _HDF5:
-        return False
-    with open(path, "rb") as stream:
+    with open_file(path) as stream:
+        if stream.read(len(_HDF5)) != _HDF5:
+            return False
         if _end_of(stream)[1] is not None:
             return True
-    with _unverified(path) as file:
-        return "chemage_format" in file.attrs
+        with _parsed(stream, path) as file:
+            return _is_marked(file)
 
 
-def is_intact(path: Path) -> bool:
+def is_intact(path: Path, *, links: bool = True) -> bool:
     """Whether a container carries a seal, which then fits; nothing of it is parsed.
 
     Raises
@@ -147,54 +166,105 @@ def is_intact(path: Path) -> bool:
     StoreError
         The file cannot be read.
     """
-    try:
-        with open(path, "rb") as stream:
-            return _is_checked(stream, path)
-    except DamagedError:
-        raise
-    except OSError as error:
-        raise _unreadable(path, error) from error
-
-
-def _begin(path: Path) -> bytes:
-    """The first bytes of a file."""
-    try:
-        with open(path, "rb") as stream:
-            return stream.read(len(_HDF5))
-    except OSError as error:
-        raise _unreadable(path, error) from error
-
-
-def _unreadable(path: Path, error: OSError) -> StoreError:
-    if isinstance(error, FileNotFoundError):
-        return StoreError(f"{path} does not exist")
-    return StoreError(f"{path} cannot be read: {error.strerror or error}")
+    with open_file(path, links=links) as stream:
+        return _is_checked(stream, path)
 
 
 @contextmanager
-def _unverified(path: Path) -> Iterator[Any]:
-    """An HDF5 file."""
+def _parsed(stream: IO[bytes], path: Path) -> Iterator[Any]:
+    """An HDF5 file, of which a seal fits; one that chemage wrote has one."""
     import h5py
 
+    verified = _is_checked(stream, path)
+    stream.seek(0)
+    begin = stream.read(len(_HDF5))
     try:
-        file = h5py.File(path, "r")
-    except (OSError, KeyError) as error:
-        kind = DamagedError if _begin(path) in (_HDF5, b"") else StoreError
-        raise kind(f"{path} cannot be read: it is damaged or was cut short ({error})") from error
-    with _decoding(path), file:
+        file = h5py.File(stream, "r")
+    except (OSError, KeyError, RuntimeError) as error:
+        kind = DamagedError if begin in (_HDF5, b"") else StoreError
+        raise kind(f"{path} cannot be read: it is not an HDF5 file, or is truncated or damaged ({error})") from error
+    with file:
+        with decoding(path):
+            if not verified and _is_marked(file):
+                _check_layout(file, path)
+                raise DamagedError(f"{path} is damaged: its checksums are missing; {_CUT}")
         yield file
 
 
+def _is_marked(file: Any) -> bool:
+    """Whether anything in an HDF5 file says that chemage wrote it."""
+    links = {name: file.get(name, getlink=True) for name in file}
+    own = [file[name] for name, link in links.items() if type(link).__name__ == "HardLink"]
+    return any(name.startswith("chemage") for place in (file, *own) for name in place.attrs)
+
+
+def _check_layout(file: Any, path: Path) -> None:
+    version = codec.scalar(file.attrs.get("chemage", "of another version"))
+    layout = int(codec.scalar(file.attrs.get("chemage_format", FORMAT)))
+    if layout > FORMAT:
+        raise StoreError(f"{path} was written by chemage {version}; update chemage to read it")
+    if layout < FORMAT:
+        raise StoreError(f"{path} was written by chemage {version}; read it with chemage 0.2, and write it again")
+
+
+def _check_ours(file: Any, path: Path) -> None:
+    """Refuse an HDF5 file that is no container, or that leads to other files."""
+    if "chemage_format" not in file.attrs:
+        raise StoreError(f"{path} is an HDF5 file, but not one of chemage's")
+    _check_layout(file, path)
+    size = sum(check_dataset(dataset, path) for dataset in _datasets(file, path, set()))
+    _check_size(size, str(path))
+
+
+def _datasets(group: Any, path: Path, groups: set[int]) -> Iterator[Any]:
+    """All datasets in a group and below it, each by its hard links, of which none may be missing."""
+    import h5py
+
+    for name in group:
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            raise DamagedError(f"{path}: {group.name.rstrip('/')}/{name} is a link, which chemage never writes")
+        item = group[name]
+        if isinstance(item, h5py.Group):
+            place = hash(item.id)
+            if place in groups:
+                raise DamagedError(f"{path}: {item.name} contains itself")
+            yield from _datasets(item, path, groups | {place})
+        elif isinstance(item, h5py.Dataset):
+            yield item
+
+
+def check_dataset(dataset: Any, path: str | os.PathLike[str]) -> int:
+    """The size in bytes of a dataset of an HDF5 file, which is within the file and fits into memory.
+
+    Raises
+    ------
+    StoreError
+        It does not, or has its data in other files.
+    """
+    name = f"{path}:{dataset.name}"
+    if dataset.external or dataset.is_virtual:
+        raise StoreError(f"{name} keeps its data in other files, which are not read; copy the data into this file")
+    size = dataset.size * dataset.dtype.itemsize
+    _check_size(size, name)
+    return size
+
+
+def _check_size(size: float, name: str) -> None:
+    there = capacity()
+    if there is not None and size > there:
+        raise StoreError(f"{name} has {readable(size)} of data, but there are {readable(there)} of memory")
+
+
 @contextmanager
-def _decoding(path: str | os.PathLike[str], part: str = "") -> Iterator[None]:
-    """What cannot be read of a file, or of a part of it, is damage: libraries raise errors of many kinds."""
+def decoding(path: str | os.PathLike[str], part: str = "") -> Iterator[None]:
+    """What cannot be read of a file, or of a part of it, is damage: libraries raise errors of all kinds."""
     try:
         yield
     except ChemageError as error:
         if not part:
             raise
         raise DamagedError(f"{path}: {part} is damaged: {error}") from error
-    except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError, BadZipFile) as error:
+    except Exception as error:
         named = f"{path}: {part}" if part else path
         raise DamagedError(f"{named} is damaged: {' '.join(str(error).split())}") from error
 
@@ -246,11 +316,20 @@ def archive(parts: Mapping[str, Record], about: Mapping[str, Any] | None = None)
     return seal(image)
 
 
-def _read_archive(path: Path, kinds: Mapping[str, type[Record]]) -> tuple[dict[str, Any], dict[str, Any]]:
-    if not is_intact(path):
+def _read_archive(
+    stream: IO[bytes], path: Path, kinds: Mapping[str, type[Record]]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    if not _is_checked(stream, path):
         raise DamagedError(f"{path} is damaged: its checksum is missing; {_CUT}")
-    with _decoding(path), np.load(path, allow_pickle=False) as file:
-        stored: dict[str, Any] = json.loads(bytes(file["record"]))
+    with decoding(path), ZipFile(stream) as file:
+        lengths = {info.filename.removesuffix(".npy"): info.file_size for info in file.infolist()}
+        _check_size(sum(lengths.values()), str(path))
+
+        def array(name: str) -> np.ndarray:
+            with file.open(f"{name}.npy") as member:
+                return read_array(member, lengths[name])
+
+        stored: dict[str, Any] = json.loads(bytes(array("record")))
         if "parts" in stored:
             entries, prefix = dict(stored["parts"]), "{}/"
         else:  # chemage 0.2.0 kept one record, without a name
@@ -258,25 +337,46 @@ def _read_archive(path: Path, kinds: Mapping[str, type[Record]]) -> tuple[dict[s
         records = {}
         for name, kind in kinds.items():
             if name in entries:
-                with _decoding(path, name):
-                    arrays = _arrays_in(file, prefix.format(name), entries[name]["sparse"])
+                with decoding(path, name):
+                    arrays = _arrays_in(array, list(lengths), prefix.format(name), entries[name]["sparse"])
                     records[name] = codec.decode(kind, codec.inexact(entries[name]["values"]), arrays)
     return records, codec.inexact(stored.get("about", {}))
 
 
-def _arrays_in(file: Any, prefix: str, sparse: Mapping[str, Sequence[int]]) -> dict[str, np.ndarray]:
+def _arrays_in(
+    array: Callable[[str], np.ndarray], names: Sequence[str], prefix: str, sparse: Mapping[str, Sequence[int]]
+) -> dict[str, np.ndarray]:
     """The arrays of an archive whose names begin with ``prefix``; ``sparse``: the shapes of those with zeros."""
     arrays: dict[str, np.ndarray] = {}
     for name, shape in sparse.items():
-        values = file[f"{prefix}{name}:values"]
+        values = array(f"{prefix}{name}:values")
+        _check_size(math.prod(shape) * values.itemsize, f"{prefix}{name}")
         arrays[name] = np.zeros(tuple(shape), dtype=values.dtype)
-        arrays[name].ravel()[file[f"{prefix}{name}:where"]] = values
-    for name in file.files:
+        arrays[name].ravel()[array(f"{prefix}{name}:where")] = values
+    for name in names:
         if name.startswith(prefix) and name != "record" and ":" not in name:
-            arrays[name.removeprefix(prefix)] = file[name]
-    for array in arrays.values():
-        array.setflags(write=False)
+            arrays[name.removeprefix(prefix)] = array(name)
+    for values in arrays.values():
+        values.setflags(write=False)
     return arrays
+
+
+def read_array(stream: IO[bytes], length: int) -> np.ndarray:
+    """An array in the format of ``numpy.save`` from a stream of ``length`` bytes, as it was written.
+
+    Raises
+    ------
+    ValueError
+        The stream holds objects, less than its header announces, or something else.
+    """
+    version = np.lib.format.read_magic(stream)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(stream)
+    # a short file may announce an array that does not fit into any memory
+    if math.prod(int(side) for side in shape) * dtype.itemsize > length:
+        raise ValueError("it holds less than it announces")
+    stream.seek(0)
+    return np.lib.format.read_array(stream, allow_pickle=False)
 
 
 # -- the seal ---------------------------------------------------------------------------------------------------------
@@ -349,21 +449,21 @@ def sealed_json(content: Mapping[str, Any], **layout: Any) -> bytes:
     return body + b', "sha256": "' + _sha256(body) + b'"}\n'
 
 
-def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
+def read_json(path: str | os.PathLike[str], *, links: bool = True) -> dict[str, Any]:
     """The mapping that :func:`sealed_json` made into the content of a file, without its checksum.
+
+    Without ``links``, a path that is one is refused.
 
     Raises
     ------
     StoreError
-        It is a JSON object of another program, without a checksum.
+        The file is missing, cannot be read, or is a JSON object of another program, without a checksum.
     DamagedError
         The checksum is missing or does not fit.
-    OSError
-        The file is missing, or cannot be read.
     """
-    text = Path(path).read_bytes()
+    text = read_bytes(path, LARGEST_DESCRIPTION, links=links)
     is_sealed = check_json(text, path)
-    with _decoding(path):
+    with decoding(path):
         content = json.loads(text)
         if is_sealed:
             del content["sha256"]

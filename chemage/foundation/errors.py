@@ -9,6 +9,7 @@ ChemageError
 ├── PluginError          a plugin is broken, or two plugins claim one kind
 ├── ConvergenceError     a contact solver stopped short of its tolerance; carries the residual history
 ├── StoreError           a file is missing, foreign, or already there
+│   ├── AbsentError      there is no such file
 │   └── DamagedError     what a file holds is not what was written
 └── ExecutorError        the workers of a sweep cannot be started, or do not answer
     └── WorkerLost       a worker died with a task, again and again
@@ -129,6 +130,10 @@ class ConvergenceError(ChemageError):
 
 class StoreError(ChemageError, OSError):
     """A file is missing, not one of ours, or already there."""
+
+
+class AbsentError(StoreError, FileNotFoundError):
+    """There is no such file."""
 
 
 class DamagedError(StoreError):

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.foundation.errors import StoreError
-from chemage.foundation.files import fresh_file, preflight
+from chemage.foundation.files import fresh_file, make_folder, preflight
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -144,10 +143,7 @@ def save_figures(named: Mapping[str, Figure], folder: Path, *, force: bool = Fal
     StoreError
         A file exists and ``force`` is false, or the folder cannot be written; nothing is drawn in the first case.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StoreError(f"cannot make the folder {folder}: {error.strerror}") from error
+    make_folder(folder)
     made = {folder / f"{name}.{suffix}": figure for name, figure in named.items()}
     for path in made:
         preflight(path, force=force)

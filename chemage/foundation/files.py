@@ -1,4 +1,4 @@
-"""Files: what is read of them, and how they are written.
+"""The one door to files: nothing else in chemage or its plugins opens one by its name.
 
 They may come from strangers: a pipe would block for ever, a device never end, and a short file can hold data whose
 depth ends the interpreter; see docs/security.md. They are written whole or not at all: under a temporary name beside
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import itertools
 import os
 import shutil
@@ -18,9 +19,9 @@ import uuid
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from chemage.foundation.errors import InputError, StoreError, shortened
+from chemage.foundation.errors import AbsentError, InputError, StoreError, shortened
 from chemage.foundation.memory import capacity, readable
 
 #: identifies the content of a file without reading it: size, modification time (ns), inode, device
@@ -130,6 +131,55 @@ def fresh_file(path: str | os.PathLike[str], *, force: bool = False, size: float
         part.unlink(missing_ok=True)
 
 
+def write_file(path: str | os.PathLike[str], content: str | bytes | memoryview, *, force: bool = False) -> None:
+    """Write a whole file: bytes, or a text in UTF-8.
+
+    Raises
+    ------
+    StoreError
+        ``path`` exists (unless ``force``), or cannot be written; nothing is left behind.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    with fresh_file(path, force=force, size=len(data)) as part:
+        create(part, data)
+
+
+def create(path: Path, content: bytes | memoryview) -> None:
+    """Write a file of a new name; where that is a link, it is not followed."""
+    with os.fdopen(_handle(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, links=False), "wb") as stream:
+        stream.write(content)
+
+
+def log_file(path: Path) -> IO[str]:
+    """Open a text file of ours to read it and to add to it; it is made where there is none.
+
+    Raises
+    ------
+    StoreError
+        It is a link, which is not followed, or no ordinary file.
+    """
+    if os.path.lexists(path):
+        regular_file(path, links=False)
+    with _named(str(path)):
+        return os.fdopen(_handle(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, links=False), "a+", encoding="utf-8")
+
+
+def make_folder(path: Path, *, links: bool = False) -> None:
+    """Make a folder for files of ours, unless it is there.
+
+    Raises
+    ------
+    StoreError
+        It is a link, which without ``links`` is not followed, or cannot be made.
+    """
+    if path.is_symlink() and not links:
+        raise StoreError(f"{path} is a link, which is not followed; remove it, or name another folder")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"cannot make the folder {path}: {error.strerror}") from error
+
+
 def on_disk(path: Path) -> None:
     """Return when the content of a file, or the names in a folder, would survive a power failure."""
     try:
@@ -178,25 +228,66 @@ def put(part: Path, target: Path, *, over: bool) -> bool:
 # -- reading ----------------------------------------------------------------------------------------------------------
 
 
-def regular_file(path: str | os.PathLike[str], most: float | None = None) -> os.stat_result:
+def regular_file(path: str | os.PathLike[str], most: float | None = None, *, links: bool = True) -> os.stat_result:
     """Check that ``path`` is an ordinary file, of at most ``most`` bytes (default: what fits into memory).
 
     Raises
     ------
+    AbsentError
+        It is missing.
     StoreError
-        It is missing, a folder, a pipe, a device or a loop of links, or larger than that.
+        It is a folder, a pipe, a device or a loop of links, without ``links`` any link, or larger than that.
     """
     shown = shortened(os.fspath(path), 300)
+    with _named(shown):
+        return _checked(os.stat(path, follow_symlinks=links), shown, most)
+
+
+def open_file(path: str | os.PathLike[str], most: float | None = None, *, links: bool = True) -> io.BufferedReader:
+    """Open an ordinary file for reading, in bytes; arguments and errors as for :func:`regular_file`.
+
+    Where others may write beside it, ``links`` are not followed.
+    """
+    regular_file(path, most, links=links)  # a device is not even opened
+    shown = shortened(os.fspath(path), 300)
+    with _named(shown):
+        stream = os.fdopen(_handle(path, os.O_RDONLY, links=links), "rb")
+    try:  # what it is now: another file may have its name since
+        _checked(os.fstat(stream.fileno()), shown, most)
+    except StoreError:
+        stream.close()
+        raise
+    return stream
+
+
+def _handle(path: str | os.PathLike[str], flags: int, *, links: bool) -> int:
+    """A file, without waiting for the other end of a pipe."""
+    optional = ["O_NONBLOCK", "O_CLOEXEC", "O_BINARY", *([] if links else ["O_NOFOLLOW"])]
+    for name in optional:  # not all systems have all of them
+        flags |= getattr(os, name, 0)
+    return os.open(path, flags, 0o666)
+
+
+@contextlib.contextmanager
+def _named(shown: str) -> Iterator[None]:
+    """Name the file in the errors of the system."""
     try:
-        status = os.stat(path)
+        yield
+    except StoreError:
+        raise
     except FileNotFoundError:
-        raise StoreError(f"{shown} does not exist") from None
+        raise AbsentError(f"{shown} does not exist") from None
     except OSError as error:
-        raise StoreError(f"{shown}: {error.strerror or error}") from None
+        raise StoreError(f"{shown} cannot be read: {error.strerror or error}") from None
     except (ValueError, TypeError):  # a null byte in the name
         raise StoreError(f"{shown!r} is no name of a file") from None
+
+
+def _checked(status: os.stat_result, shown: str, most: float | None) -> os.stat_result:
     if stat.S_ISDIR(status.st_mode):
         raise StoreError(f"{shown}: Is a directory; name a file")
+    if stat.S_ISLNK(status.st_mode):
+        raise StoreError(f"{shown} is a link, which is not followed; name the file itself")
     if not stat.S_ISREG(status.st_mode):
         raise StoreError(f"{shown} is a device or a pipe; name an ordinary file")
     limit = most if most is not None else capacity()
@@ -211,6 +302,12 @@ def file_stamp(path: str | os.PathLike[str]) -> FileStamp:
     return status.st_size, status.st_mtime_ns, status.st_ino, status.st_dev
 
 
+def read_bytes(path: str | os.PathLike[str], most: float | None = None, *, links: bool = True) -> bytes:
+    """The content of an ordinary file; arguments and errors as for :func:`regular_file`."""
+    with open_file(path, most, links=links) as stream, _named(shortened(os.fspath(path), 300)):
+        return stream.read()
+
+
 def read_text(path: str | os.PathLike[str], most: float | None = None) -> str:
     """Read a text file of at most ``most`` bytes, in UTF-8 with or without a byte order mark.
 
@@ -219,13 +316,11 @@ def read_text(path: str | os.PathLike[str], most: float | None = None) -> str:
     StoreError
         The file is missing, cannot be read, is too large, or is not text.
     """
-    regular_file(path, most)
+    text = io.TextIOWrapper(io.BytesIO(read_bytes(path, most)), encoding="utf-8-sig")  # any line ends
     try:
-        return Path(path).read_text(encoding="utf-8-sig")
+        return text.read()
     except UnicodeDecodeError:
         raise StoreError(f"{path} is not a text file") from None
-    except OSError as error:
-        raise StoreError(f"{path}: {error.strerror or error}") from None
 
 
 def described(path: Path) -> str:

@@ -5,13 +5,19 @@ The processor that kernels are compiled for, and whether numpy uses AVX-512, bot
 
 from __future__ import annotations
 
+import io
 import os
 import platform
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import lru_cache
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import platformdirs
 
@@ -45,6 +51,55 @@ def provide_kernels() -> None:
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
     if "numba" in sys.modules:
         sys.modules["numba"].config.CACHE_DIR = str(folder)
+        _seal_kernels(sys.modules[_CACHING])
+    else:
+        sys.meta_path.insert(0, _BeforeNumba())
+
+
+#: the module of numba that keeps kernels
+_CACHING = "numba.core.caching"
+
+
+class _BeforeNumba(MetaPathFinder):
+    """Numba is imported when the first kernel is; its kernels are sealed from then on."""
+
+    def find_spec(self, fullname: str, path: Any, target: Any = None) -> ModuleSpec | None:
+        if fullname != _CACHING:
+            return None
+        sys.meta_path.remove(self)
+        spec = find_spec(fullname)
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+            setattr(spec.loader, "exec_module", lambda module: (execute(module), _seal_kernels(module)))  # noqa: B010
+        return spec
+
+
+def _seal_kernels(caching: Any) -> None:
+    """Let numba end each file of a kernel with a seal, and compile again what has none that fits: a damaged one might
+    compute something else."""
+
+    from chemage.foundation.container import is_intact, seal
+
+    class Sealed(caching.IndexDataCacheFile):
+        def _load_index(self) -> Any:
+            with suppress(OSError):
+                if is_intact(Path(self._index_path)):
+                    return super()._load_index()
+            return {}
+
+        def _load_data(self, name: str) -> Any:
+            if not is_intact(Path(self._data_path(name))):
+                raise OSError(f"{name} has no seal")  # numba compiles again
+            return super()._load_data(name)
+
+        @contextmanager
+        def _open_for_write(self, filepath: str) -> Iterator[Any]:
+            image = io.BytesIO()
+            yield image
+            with super()._open_for_write(filepath) as stream:
+                stream.write(seal(image))
+
+    caching.IndexDataCacheFile = Sealed
 
 
 def kernel_folder() -> Path:
@@ -108,7 +163,7 @@ def slowness() -> float:
     result is kept in :func:`cache_folder`. A file that is damaged, or of another processor, is measured again.
     """
     from chemage.foundation.container import read_json, sealed_json
-    from chemage.foundation.files import fresh_file
+    from chemage.foundation.files import write_file
 
     file = cache_folder() / "speed.json"
     identity = {"version": _VERSION, "processor": processor(), "node": platform.node()}
@@ -119,8 +174,7 @@ def slowness() -> float:
     seconds = _seconds_of_load()
     with suppress(Exception):  # a folder that cannot be written is no reason to fail
         file.parent.mkdir(parents=True, exist_ok=True)
-        with fresh_file(file, force=True) as part:
-            part.write_bytes(sealed_json({**identity, "seconds": seconds}))
+        write_file(file, sealed_json({**identity, "seconds": seconds}), force=True)
     return seconds / REFERENCE_SECONDS
 
 

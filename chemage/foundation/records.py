@@ -16,8 +16,8 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError
 
 from chemage.foundation.checks import Frozen, is_boolean, meanings
-from chemage.foundation.errors import InputError, StoreError, UnitError, explain, in_lines, shortened
-from chemage.foundation.files import FileStamp
+from chemage.foundation.errors import InputError, UnitError, explain, in_lines, shortened
+from chemage.foundation.files import FileStamp, open_file
 from chemage.foundation.text import html_table
 from chemage.foundation.units import has_unit, in_range, magnitudes
 
@@ -75,11 +75,8 @@ def file_hash(path: str, stamp: FileStamp) -> str:
     StoreError
         The file cannot be read.
     """
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
-    except OSError as error:
-        raise StoreError(f"{path}: {error.strerror or error}") from None
+    with open_file(path) as file:
+        return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
 
 
 def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:

@@ -11,6 +11,7 @@ import io
 import json
 import math
 import os
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -29,7 +30,8 @@ from chemage.foundation.text import jsonable
 from chemage.foundation.units import QuantityLike, convert
 from chemage.lattices.chemistry import SITE_DENSITY, Chemistry
 from chemage.results.kinds import components, is_point, load
-from chemage.studies.sweeps.result import load_sweep
+from chemage.studies.folder import SweepWarning
+from chemage.studies.sweeps.result import in_words, load_sweep
 
 #: largest number of results in a comparison
 MOST = 32
@@ -334,9 +336,14 @@ def _places(path: Path) -> list[Path]:
     """The file, or the completed points of a sweep."""
     if not (path / "sweep.json").is_file():
         return [path]
-    done = [index for index, state in enumerate(load_sweep(path).states()) if state == "done"]
+    states = load_sweep(path).states()
+    done = [index for index, state in enumerate(states) if state == "done"]
+    left = in_words(Counter(states))
     if not done:
-        raise InputError(f"{path}: no point of this sweep is complete; see `chemage status {path}`")
+        raise InputError(f"{path}: no point of this sweep is complete ({left}); see `chemage status {path}`")
+    if left:
+        text = f"{path}: {len(done)} of {len(states)} points are complete and compared ({left})"
+        warnings.warn(text, SweepWarning, stacklevel=5)
     return [path / str(index) for index in done]
 
 

@@ -20,7 +20,6 @@ from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation import container
 from chemage.foundation.codec import Derived
 from chemage.foundation.errors import InputError, StoreError
-from chemage.foundation.files import regular_file
 from chemage.foundation.records import Record
 from chemage.foundation.text import with_article
 from chemage.inference.curves import MeasuredCurve
@@ -92,9 +91,6 @@ def read(path: str | os.PathLike[str], *, maps: bool = True) -> Any:
         The file is missing, truncated, or neither chemage's nor of a format that some reader knows.
     """
     source = Path(path)
-    if source.is_dir():
-        raise StoreError(f"{source} is a folder; name a file")
-    regular_file(source)
     if not container.is_ours(source):
         return reader_for(source).read(source)
     groups = GROUPS if maps else {name: cls for name, cls in GROUPS.items() if name != "surface"}
@@ -155,7 +151,8 @@ class StoredMap:
             height = max(1, _ROWS // every)
             for row in range(0, values.shape[0], height):
                 begin = first + row * every
-                band = self._data[begin : min(begin + height * every, last), left:right]
+                with container.decoding(self._data.file.filename, self._name):
+                    band = self._data[begin : min(begin + height * every, last), left:right]
                 values[row : row + height] = band[::every, ::step]
         return values
 
@@ -180,8 +177,6 @@ def open_maps(path: str | os.PathLike[str]) -> Iterator[Mapping[str, StoredMap]]
         What it holds is not what was written.
     """
     source = Path(path)
-    if source.exists():
-        regular_file(source)
     with container.opened(source) as file:
         stored = {
             name: StoredMap(name, file[name], float(np.ravel(file[name.partition("/")[0]].attrs["pixel_size"])[0]))

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import panels, png
-from chemage.foundation.files import fresh_file, preflight
+from chemage.foundation.files import preflight, write_file
 from chemage.foundation.names import __version__
 from chemage.foundation.result import NONE, PAGE, Panel, Result, Table
 from chemage.results.comparison import Comparison, Difference, Entry, compare_files
@@ -98,8 +98,7 @@ def write_report(
             raise InputError(f"{target} is an input of this report; choose another --out")
     preflight(target, force=force)
     page = html(files, measured=measured)
-    with fresh_file(target, force=force, size=len(page)) as part:
-        part.write_text(page, encoding="utf-8")
+    write_file(target, page, force=force)
     return target
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from chemage.foundation.errors import InputError, PluginError, StoreError, nearest
+from chemage.foundation.files import create
 from chemage.foundation.names import FACTORIES, HOME, MODULES, USERS, __version__
 from chemage.plugins import registry
 from chemage.plugins.hooks import API_VERSION
@@ -71,7 +72,7 @@ def new(name: str, role: str, folder: Path) -> list[Path]:
         target.mkdir()
         for path, template in contents.items():
             (target / path).parent.mkdir(parents=True, exist_ok=True)
-            (target / path).write_text(_template(template).format(**words), encoding="utf-8")
+            create(target / path, _template(template).format(**words).encode())
     except FileExistsError:
         raise StoreError(f"{target} is already there; choose another name or folder") from None
     except OSError as error:

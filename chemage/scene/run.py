@@ -20,6 +20,7 @@ from chemage.contacts.role import solve_contact
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.codec import EXTRA
 from chemage.foundation.errors import ChemageError, InputError, PlanWarning, StoreError, optional_module
+from chemage.foundation.files import make_folder
 from chemage.foundation.progress import progress_bars
 from chemage.foundation.records import Record, approximations_in_words, content_hash, merged_approximations
 from chemage.foundation.result import draw_parts, notebook_html
@@ -403,10 +404,7 @@ def _timed(stage: str, scene: Scene, timings: dict[str, float], report: Progress
 def _solved(scene: Scene, surface: Surface, checkpoints: Path | None) -> ContactSolution:
     if checkpoints is None:
         return solve_contact(scene.solver, surface, scene.load)
-    try:
-        checkpoints.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StoreError(f"cannot make the folder {checkpoints}: {error.strerror}") from error
+    make_folder(checkpoints)
     path, key = checkpoints / "contact.h5", scene.keys()["contact"]
     other = f"{checkpoints} holds checkpoints of another scene; choose another folder"
     hooks = ("chemage_solve_contact",)

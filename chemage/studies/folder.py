@@ -27,15 +27,26 @@ from typing import Annotated, Any, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from chemage.contacts.solution import ContactSolution
-from chemage.foundation.container import archive, check_json, is_intact, read, read_json, sealed_json
-from chemage.foundation.errors import DamagedError, InputError, StoreError, explain, in_lines
-from chemage.foundation.files import LARGEST_DESCRIPTION, check_data, on_disk, put, regular_file, temporary
+from chemage.foundation.container import archive, check_json, read, read_json, sealed_json
+from chemage.foundation.errors import AbsentError, DamagedError, InputError, StoreError, explain, in_lines
+from chemage.foundation.files import (
+    LARGEST_DESCRIPTION,
+    check_data,
+    create,
+    log_file,
+    on_disk,
+    put,
+    read_bytes,
+    temporary,
+)
+from chemage.foundation.records import Record
 
 #: version of the layout; newer layouts are refused. Since 2 every file carries a checksum.
 FORMAT = 2
 #: the remedy in every message of a sweep that ended early
 RESUME = "completed points are kept; rerun the same command to resume"
-_DONE = b'{"status": "done"'
+#: how the file of a point begins; older ones do not say which point it is
+_POINT = re.compile(rb'\{"status": "(done|failed)"(?:, "key": "([^"]*)")?,')
 
 
 class SweepWarning(UserWarning):
@@ -127,10 +138,8 @@ class Folder:
         StoreError
             The file is missing or damaged, or a newer version of chemage wrote it.
         """
-        if self.manifest.exists():
-            regular_file(self.manifest, LARGEST_DESCRIPTION)
         try:
-            data = read_json(self.manifest)
+            data = read_json(self.manifest, links=False)
             check_data(data)
             if isinstance(layout := data.get("format"), int) and layout > FORMAT:
                 version = data["versions"]["chemage"]
@@ -142,39 +151,38 @@ class Folder:
             raise StoreError(f"{self.manifest} does not describe a sweep: {in_lines(explain(error)[:1])}") from None
         except InputError as error:
             raise StoreError(f"{self.manifest} does not describe a sweep: {in_lines(error.problems[:1])}") from None
-        except StoreError:
-            raise
-        except OSError as error:
-            raise StoreError(f"{self.manifest} cannot be read: {error.strerror}") from None
         return data
 
     def state(self, key: str) -> str:
         """Find whether a point is ``done``, ``failed``, ``missing`` or ``damaged``."""
         path = self.point(key)
         try:
-            text = path.read_bytes()
+            text = read_bytes(path, LARGEST_DESCRIPTION, links=False)
             # only the beginning is needed of a file that is as it was written
-            if check_json(text, path):
-                return "done" if text.startswith(_DONE) else "failed"
-        except (DamagedError, OSError):
+            if check_json(text, path) and (begin := _POINT.match(text)) and begin[2] in (None, key.encode()):
+                return begin[1].decode()
+        except StoreError:
             pass
         return self.read_point(key)["status"]
 
     def read_point(self, key: str) -> dict[str, Any]:
         """Read the file of a point; of one that is missing or damaged, only its ``status``."""
         try:
-            return read_json(self.point(key))
+            content = read_json(self.point(key), links=False)
+        except AbsentError:
+            return {"status": "missing"}
         except StoreError:
             return {"status": "damaged"}
-        except OSError:
-            return {"status": "missing"}
+        # the file of another point, or of something else, is no less wrong than a damaged one
+        right = content.pop("key", key) == key and content.get("status") in ("done", "failed")
+        return content if right else {"status": "damaged"}
 
     def write_point(self, key: str, content: Mapping[str, Any]) -> None:
         """Write the file of a point."""
         if content["status"] != "done" and self.state(key) == "done":
             return  # another process has computed it
-        # with the status first: `state` reads no more of it
-        self.place(self.point(key), sealed_json({"status": content["status"], **content}))
+        # with these two first: `state` reads no more of it
+        self.place(self.point(key), sealed_json({"status": content["status"], "key": key, **content}))
 
     def write_manifest(self, content: Mapping[str, Any], *, first: bool = False) -> None:
         """Write ``sweep.json``; with ``first`` only if there is none."""
@@ -182,7 +190,7 @@ class Folder:
 
     def keep_contact(self, key: str, solution: ContactSolution) -> ContactSolution:
         """Write a contact, unless another process has done so before: all points use the one that is returned."""
-        path, content = self.contact(key), archive({"contact": solution})
+        path, content = self.contact(key), archive({"contact": solution}, {"key": key})
         if not self.place_first(path, content) and self.intact_contact(key) is None:
             self.place(path, content)  # it was damaged
         return self.read_contact(key) or solution
@@ -195,15 +203,26 @@ class Folder:
         DamagedError
             It is not what was written.
         """
-        path = self.contact(key)
-        return read(path, {"contact": ContactSolution})[0]["contact"] if path.exists() else None
-
-    def has_contact(self, key: str) -> bool:
-        """Whether a contact is there and as it was written; its numbers are not read."""
         try:
-            return is_intact(self.contact(key))
+            return self._in_contact(key, {"contact": ContactSolution})["contact"]
+        except AbsentError:
+            return None
+
+    def _in_contact(self, key: str, kinds: dict[str, type[Record]]) -> dict[str, Any]:
+        records, about = read(self.contact(key), kinds, links=False)
+        if about.get("key", key) != key:
+            raise DamagedError(f"{self.contact(key)} is damaged: it is the contact of other points")
+        return records
+
+    def contact_state(self, key: str) -> str:
+        """Find whether a contact is ``done``, ``missing`` or ``damaged``; its numbers are not read."""
+        try:
+            self._in_contact(key, {})
+            return "done"
+        except AbsentError:
+            return "missing"
         except StoreError:
-            return False
+            return "damaged"
 
     def intact_contact(self, key: str) -> ContactSolution | None:
         """Read a contact; None if it is missing or damaged."""
@@ -221,10 +240,10 @@ class Folder:
         part = temporary(target, self.path / ".parts")
         try:
             try:
-                part.write_bytes(content)
+                create(part, content)
             except FileNotFoundError:
                 part.parent.mkdir(parents=True, exist_ok=True)
-                part.write_bytes(content)
+                create(part, content)
             if self.durable:
                 on_disk(part)
             try:
@@ -272,7 +291,7 @@ class Folder:
         except ImportError:  # no such locks on this system
             yield
             return
-        with open(self.path / ".lock", "a+") as stream:
+        with log_file(self.path / ".lock") as stream:
             try:
                 fcntl.flock(stream, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
             except BlockingIOError:
@@ -304,25 +323,18 @@ def process_name() -> str:
     return f"{_host()}.{os.getpid()}"
 
 
-def refuse_links(folder: Path) -> None:
-    """Refuse a folder of a sweep in which a link would lead what is written elsewhere.
+def refuse_links(folder: Path, *more: str) -> None:
+    """Refuse a folder of results in which a link would lead what is written elsewhere; ``more`` are names that are not
+    to be links either.
 
     Raises
     ------
     StoreError
         Naming the link.
     """
-    for path in (folder / name for name in ("sweep.json", ".lock", ".parts", ".shares", "contacts", "points")):
-        _refuse_link(path)
-    try:
-        with os.scandir(folder / "points") as entries:
-            links = [Path(entry.path) for entry in entries if entry.is_symlink()]
-    except OSError:
-        return
-    for path in links:
-        _refuse_link(path)
-
-
-def _refuse_link(path: Path) -> None:
-    if path.is_symlink():
-        raise StoreError(f"{path} is a link, which is not followed; remove it, or choose another folder")
+    paths = [folder / name for name in ("sweep.json", ".lock", ".parts", ".shares", "contacts", "points", *more)]
+    with contextlib.suppress(OSError), os.scandir(folder / "points") as entries:
+        paths += [Path(entry.path) for entry in entries]
+    for path in paths:
+        if path.is_symlink():
+            raise StoreError(f"{path} is a link, which is not followed; remove it, or choose another folder")

@@ -419,7 +419,7 @@ class Runner:
     def _divide_contact(self, ageings: list[list[Task]]) -> None:
         first = ageings[0][0]
         folder = self._whole
-        there = folder is not None and folder.has_contact(first.contact)
+        there = folder is not None and folder.contact_state(first.contact) == "done"
         if folder is None:
             ageings = self._joined(ageings)
         pieces = [Piece(tasks, False, _seconds(tasks)) for tasks in ageings]
@@ -507,7 +507,7 @@ class Runner:
 
     def _lost(self, piece: Piece, error: WorkerLost) -> Answer:
         """What is known of tasks whose worker died each time."""
-        there = self._whole is not None and self._whole.has_contact(piece.tasks[0].contact)
+        there = self._whole is not None and self._whole.contact_state(piece.tasks[0].contact) == "done"
         outcome = Outcome(error=error, stage="ageing" if there or not piece.solves else "contact")
         for task in piece.tasks:
             self._record(task, outcome)

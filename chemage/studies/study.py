@@ -26,7 +26,7 @@ from chemage.plugins.sources import changed
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 from chemage.studies.clusters import seconds
-from chemage.studies.folder import RESUME, Folder
+from chemage.studies.folder import RESUME, Folder, refuse_links
 from chemage.studies.runner import Pool, Runner, open_pool
 from chemage.studies.tasks import Outcome, Place, Task, for_workers, forget
 
@@ -311,6 +311,8 @@ class Archive:
 
     def __init__(self, path: str | Path | None, scene: Scene, *, processor: bool = False) -> None:
         self.path = None if path is None else Path(path)
+        if self.path is not None:
+            refuse_links(self.path, "")
         #: how many results were taken from the folder
         self.taken = 0
         self._versions = {name: text for name, text in versions(scene).items() if processor or name != "processor"}

@@ -158,6 +158,8 @@ class Task:
     bytes: float = 0.0
     #: whether the members of a distribution of barriers are aged as well, see :func:`chemage.run`
     members: bool = True
+    #: whether only the contact is solved, because that in the folder is damaged
+    contact_only: bool = False
 
     @classmethod
     def of(cls, scene: Scene, **more: Any) -> Task:
@@ -176,6 +178,9 @@ class Task:
 
     def outcome(self, worker: Worker) -> Outcome:
         """Compute this task: here a run of its scene."""
+        if self.contact_only:
+            worker.contact(self)
+            return Outcome()
         return Outcome(worker.run(self))
 
 
@@ -355,7 +360,7 @@ class Worker:
         try:
             self.stage = "contact"
             theory = not task.scene.contact.gives_map
-            contact = None if theory else _contacts.get(f"{self.owner} {task.contact}", lambda: self._contact(task))
+            contact = None if theory else _contacts.get(f"{self.owner} {task.contact}", lambda: self.contact(task))
             self.stage = "ageing"
             self._run = run(task.scene, contact=contact, threads=self._threads, warn=False, members=task.members)
         except (Exception, SystemExit) as error:
@@ -363,7 +368,7 @@ class Worker:
             raise
         return self._run
 
-    def _contact(self, task: Task) -> ContactSolution:
+    def contact(self, task: Task) -> ContactSolution:
         """The contact of a task: that in the folder, or a new one, which is then kept there."""
         folder = self._whole
         if folder is None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from chemage.foundation.errors import ChemageError, InputError
+from chemage.foundation.files import create, read_bytes
 from chemage.foundation.records import Record
 from chemage.surfaces.reading import Reader
 from chemage.surfaces.role import Scatter, SurfaceMaker
@@ -351,12 +352,12 @@ def _bad_files_are_refused(component: Reader, path: Any = None) -> None:
         files = {"missing": folder / f"missing{suffix}", "folder": folder}
         contents = {"empty": b"", "foreign": b"\x89not this format at all\r\n\x1a\n\x00" * 20}
         if path is not None:
-            good = Path(path).read_bytes()
+            good = read_bytes(path)
             contents["truncated"] = good[: len(good) // 2]
             suffix = Path(path).suffix
         for label, content in contents.items():
             files[label] = folder / f"{label}{suffix}"
-            files[label].write_bytes(content)
+            create(files[label], content)
         for label, file in files.items():
             message = refuses(f"a {label} file", lambda file=file: component.read(file), ChemageError)
             require(file.name in message, f"a {label} file: the message does not name it: {message}")
@@ -365,9 +366,9 @@ def _bad_files_are_refused(component: Reader, path: Any = None) -> None:
 @check_of(Reader, needs=("path",))
 def _reads_its_file(component: Reader, path: Any = None) -> None:
     """The file is read into a Surface or another object of chemage, the same each time, and stays as it was."""
-    before = Path(path).read_bytes()
+    before = read_bytes(path)
     first = component.read(path)
-    require(Path(path).read_bytes() == before, "reading changed the file")
+    require(read_bytes(path) == before, "reading changed the file")
     require(
         isinstance(first, Record),
         f"read() returned {'None' if first is None else type(first).__name__}; expected a chemage.Surface (or another "

@@ -414,10 +414,10 @@ def path_of(setting: Setting, folder: Path) -> Path:
 
 def load(path: Path, setting: Setting, took: Took) -> tuple[dict[int, Node], str]:
     """The nodes that a file holds, and what is wrong with it in words; none where it does not exist."""
-    if not path.exists():
-        return {}, ""
     try:
         parts, about = container.read(path, _KINDS)
+    except FileNotFoundError:
+        return {}, ""
     except DamagedError:
         return {}, f"{path} is damaged"
     except StoreError as error:

@@ -118,7 +118,7 @@ def _swept(
 
 
 def _patches(folder: Path, count: int, pixels: int | None, executor: str, workers: int | None) -> None:
-    from chemage.plugin import fresh_file
+    from chemage.plugin import write_file
     from chemage_li2018 import patches
 
     seeds = patches.seeds_of(count)
@@ -129,8 +129,7 @@ def _patches(folder: Path, count: int, pixels: int | None, executor: str, worker
     swept = _swept({folder_name: data for folder_name, (_, data) in scenes.items()}, folder, executor, workers)
     results = {scenes[folder_name][0]: result for folder_name, result in swept.items()}
     counted = patches.study(results, seeds, pixels, lambda text: typer.echo(text, err=True))
-    with fresh_file(folder / "patches.md", force=True) as part:
-        part.write_text(patches.page(counted, pixels or 2500), encoding="utf-8")
+    write_file(folder / "patches.md", patches.page(counted, pixels or 2500), force=True)
     typer.echo(folder / "patches.md")
 
 
@@ -152,7 +151,7 @@ def write(
 ) -> Reproduction:
     """Write figures and page of completed sweeps, by base, into ``folder``, and return the comparisons."""
 
-    from chemage.plugin import figures, fresh_file, versions
+    from chemage.plugin import figures, versions, write_file
     from chemage_li2018 import figures_supplement, reproduction_page
     from chemage_li2018.sweeps import Point, save_points, studies_of
 
@@ -160,8 +159,7 @@ def write(
     about = {"targets": names, "seeds": list(seeds), "pixels": pixels, "versions": versions()}
     save_points(folder / "reproduction.npz", points, about)
     compared, text = reproduction_page.of_points(folder / "reproduction.npz")
-    with fresh_file(folder / "reproduction.md", force=True) as part:
-        part.write_text(text, encoding="utf-8")
+    write_file(folder / "reproduction.md", text, force=True)
     computed = studies_of(points, names)
     drawn = {name: figures_supplement.DRAW[name](computed) for name in names if name in figures_supplement.DRAW}
     figures.save_figures(drawn, folder / reproduction_page.FIGURES, force=True)

@@ -18,7 +18,7 @@ import numpy as np
 
 import chemage
 from chemage import ContactSolution, ReactionLattice, Scene
-from chemage.plugin import EV_PER_GPA_NM3, fresh_file, override, random, scene_data, threads
+from chemage.plugin import EV_PER_GPA_NM3, StoreError, container, override, random, scene_data, threads
 
 #: seeds of the surfaces; the first is that of the scene silica-rough
 SURFACES = tuple(range(7, 23))
@@ -92,12 +92,13 @@ class Rates:
         curves = []
         for done, seed in enumerate(seeds):
             self.report(stage, done, len(seeds))
-            path = self.folder / f"curves-{key}-{seed}.npy"
-            if not path.exists():
-                values = self._of_surface(densities, seed, conditions)
-                with fresh_file(path, force=True) as part, part.open("wb") as file:
-                    np.save(file, values)
-            curves.append(np.load(path))
+            path = self.folder / f"curves-{key}-{seed}.h5"
+            try:
+                stored = container.read(path, {"curves": container.Arrays})[0]["curves"]
+            except StoreError:  # missing, or damaged
+                stored = container.Arrays(values={"drop": self._of_surface(densities, seed, conditions)})
+                container.write(path, {"curves": stored}, force=True)
+            curves.append(stored.values["drop"])
         self.report(stage, len(seeds), len(seeds))
         return np.stack(curves, axis=1)
 
@@ -142,22 +143,12 @@ class Rates:
         if not slope:
             return scene.contact.solve(scene.surface.make(seed), scene.load)
         path = self.folder / f"contact-{slope:g}-{seed}-{self.pixels}.npz"
-        if not path.exists():
+        try:
+            return container.read(path, {"contact": ContactSolution})[0]["contact"]
+        except StoreError:  # missing, or damaged
             solution = scene.contact.solve(scene.surface.make(seed), scene.load)
-            with fresh_file(path, force=True) as part, part.open("wb") as file:
-                np.savez(file, sites=solution.sites, pressure=solution.pressure.ravel()[solution.sites])
-        with np.load(path) as kept:
-            pressure = np.zeros(self.pixels**2)
-            pressure[kept["sites"]] = kept["pressure"]
-        maker: Any = scene.surface
-        solver: Any = scene.contact
-        return ContactSolution(
-            pressure=pressure.reshape(self.pixels, self.pixels),
-            load=scene.load,
-            pixel_size=maker.pixel_size,
-            modulus=solver.modulus,
-            periodic=True,
-        )
+            container.write(path, {"contact": solution}, compact=True, force=True)
+            return solution
 
 
 def _aged(scene: Scene, density: chemage.plugin.Barriers, draws: Sequence[_Draw], condition: Condition) -> np.ndarray:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from chemage.plugin import StoreError, fresh_file, preflight
+from chemage.plugin import StoreError, fresh_file, preflight, write_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,8 +47,7 @@ def write_pages(
     """Write texts and figures by their names in ``out``, and return their paths."""
     paths = []
     for name, text in texts.items():
-        with fresh_file(out / name, force=force) as part:
-            part.write_text(text(), encoding="utf-8")
+        write_file(out / name, text(), force=force)
         paths.append(out / name)
     for name, draw in drawn.items():
         with fresh_file(out / "figures" / name, force=force) as part:

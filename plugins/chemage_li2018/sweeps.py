@@ -5,6 +5,7 @@ And the points of these sweeps, with their means over surface seeds.
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -17,7 +18,7 @@ from scipy import stats
 
 import chemage
 from chemage import InputError
-from chemage.plugin import FIT_WINDOW, fresh_file, nearest, override, scene_data, text
+from chemage.plugin import FIT_WINDOW, nearest, open_file, override, scene_data, text, write_file
 from chemage_li2018.published import SLOPES, TABLE_1
 from chemage_silica import MDSilica
 
@@ -380,13 +381,14 @@ def save_points(path: Path, points: Sequence[Point], about: dict[str, Any]) -> N
             row[: len(values)] = values
     summaries = [{name: point.summary[name] for name in _SUMMED if name in point.summary} for point in points]
     text = json.dumps({**about, "changes": [point.changes for point in points], "summaries": summaries})
-    with fresh_file(path, force=True) as part, part.open("wb") as file:
-        np.savez_compressed(file, about=np.frombuffer(text.encode(), np.uint8), **arrays)
+    image = io.BytesIO()
+    np.savez_compressed(image, about=np.frombuffer(text.encode(), np.uint8), **arrays)
+    write_file(path, image.getvalue(), force=True)
 
 
 def read_points(path: Path) -> tuple[list[Point], dict[str, Any]]:
     """Read what :func:`save_points` stored."""
-    with np.load(path) as stored:
+    with open_file(path) as stream, np.load(stream) as stored:
         about = json.loads(stored["about"].tobytes())
         columns = {name: stored[name] for name in stored.files if name != "about"}
     points = []

@@ -8,22 +8,18 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
-from os import PathLike
-from typing import IO, TYPE_CHECKING, Any, ClassVar
+from os import SEEK_END, PathLike
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from pydantic import ValidationInfo, field_validator
 
-from chemage import ChemageError, InputError, Surface, errors
-from chemage.plugin import HeightMap, Length, Reader, StoreError, convert, memory, regular_file, tables
+from chemage import InputError, Surface, errors
+from chemage.plugin import HeightMap, Length, Reader, StoreError, container, convert, open_file, tables
 from chemage_surfaces._maps import surface_of
 
 if TYPE_CHECKING:
     import h5py
-
-
-def _open_error(path: str | PathLike[str], error: OSError) -> StoreError:
-    return StoreError(f"{path}: {error.strerror or error}")
 
 
 def as_map(
@@ -76,14 +72,6 @@ class _Unitless(Reader):
         return surface_of(replace(self.height_map(path), height_unit=1.0))
 
 
-def _announced(file: IO[bytes]) -> int:
-    """The size in bytes of the array in a numpy file, as its header says."""
-    version = np.lib.format.read_magic(file)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, dtype = read(file)
-    return math.prod(int(side) for side in shape) * dtype.itemsize
-
-
 class Npy(_Unitless):
     """A two-dimensional array saved with ``numpy.save``, which has no pixel size."""
 
@@ -92,24 +80,16 @@ class Npy(_Unitless):
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The array as it is; its unit is not stated."""
-        size = regular_file(path).st_size
-        try:
-            with open(path, "rb") as file:
-                if file.read(6) != b"\x93NUMPY":
-                    raise StoreError(f"{path} is not a numpy (.npy) file")
-                file.seek(0)
-                # a short file may announce an array that does not fit into any memory
-                if _announced(file) > size:
-                    raise ValueError("it holds less than it announces")
-                file.seek(0)
-                heights = np.load(file, allow_pickle=False)
-        except StoreError:
-            raise
-        except OSError as error:
-            raise _open_error(path, error) from None
-        except Exception as error:  # what numpy raises depends on which byte is wrong
-            reason = errors.shortened(" ".join(str(error).split()), 200)
-            raise StoreError(f"{path} is truncated or not a plain array of numbers ({reason})") from None
+        with open_file(path) as file:
+            if file.read(6) != b"\x93NUMPY":
+                raise StoreError(f"{path} is not a numpy (.npy) file")
+            length = file.seek(0, SEEK_END)
+            file.seek(0)
+            try:
+                heights = container.read_array(file, length)
+            except Exception as error:  # what numpy raises depends on which byte is wrong
+                reason = errors.shortened(" ".join(str(error).split()), 200)
+                raise StoreError(f"{path} is truncated or not a plain array of numbers ({reason})") from None
         return as_map(heights, str(path), pixel_size=self.pixel_size)
 
 
@@ -172,31 +152,16 @@ class Hdf5(_Unitless):
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
         """The array as it is; its unit is not stated."""
-        import h5py
-
-        regular_file(path)
-        try:
-            # for a file that may not be read the message of h5py is a paragraph
-            with open(path, "rb"):
-                pass
-            with h5py.File(path, "r") as file:
-                node = self._find(file, path)
-                _check_storage(node, str(path))
-                attributes = {
-                    name: holder.attrs[name]
-                    for holder in (file, node.parent, node)
-                    for name in ("pixel_size", "periodic")
-                    if name in holder.attrs
-                }
-                heights, name = node[()], f"{path}:{node.name}"
-        except ChemageError:
-            raise
-        except OSError as error:
-            if error.strerror and "unable to" not in str(error).lower():
-                raise _open_error(path, error) from None
-            raise StoreError(f"{path} is not an HDF5 file, or is truncated") from None
-        except Exception as error:  # what h5py raises depends on which byte is wrong
-            raise StoreError(f"{path} is damaged: {errors.shortened(' '.join(str(error).split()), 200)}") from None
+        with container.hdf5(path) as file, container.decoding(path):
+            node = self._find(file, path)
+            container.check_dataset(node, path)
+            attributes = {
+                name: holder.attrs[name]
+                for holder in (file, node.parent, node)
+                for name in ("pixel_size", "periodic")
+                if name in holder.attrs
+            }
+            heights, name = node[()], f"{path}:{node.name}"
         stated = None if self.pixel_size is not None else _single(attributes.get("pixel_size"), "pixel_size", name)
         periodic = _flag(_single(attributes.get("periodic"), "periodic", name), name)
         return as_map(heights, name, pixel_size=self.pixel_size, stated=stated, periodic=periodic)
@@ -245,18 +210,6 @@ def _check_links(group: Any, name: str, path: str | PathLike[str], depth: int = 
                 raise StoreError(f"{path}: {name!r} is a loop of links")
             _check_links(place, link.path, path, depth + 1)
         place = place.get(part)
-
-
-def _check_storage(node: h5py.Dataset, path: str) -> None:
-    """Refuse heights that lie in other files, or that no memory can hold, however small the file."""
-    name = f"{path}:{node.name}"
-    if node.external or node.is_virtual:
-        raise StoreError(f"{name} keeps its data in other files, which are not read; copy the data into this file")
-    size, there = node.size * node.dtype.itemsize, memory.capacity()
-    if there is not None and size > there:
-        raise StoreError(
-            f"{name} has {memory.readable(size)} of data, but there are {memory.readable(there)} of memory"
-        )
 
 
 def _single(value: Any, attribute: str, source: str) -> Any:

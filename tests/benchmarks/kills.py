@@ -1,26 +1,33 @@
-"""Kill runs and sweeps at random moments, and see that nothing is corrupt, different or left over.
+"""Kill commands at random moments, and see that nothing is corrupt, different or left over.
 
-    python tests/benchmarks/kills.py [KILLS]
+    python tests/benchmarks/kills.py [KILLS] [run] [sweep] [infer] [reproduce] [workers] [scheduler]
 
-A sweep, and a run with checkpoints, are started again and again and killed with SIGKILL after a random time, until they
-are complete; then the next begins. After every kill each file that has its final name must be intact; a complete result
-must be that of an uninterrupted run, and nothing but results may be left.
+A sweep, a run with checkpoints, an inference and figures of the paper are started again and again and killed with
+SIGKILL after a random time, until they are complete; then the next begins. With ``workers`` and ``scheduler`` a sweep
+runs on Dask, of which a process is killed. After every kill each file that has its final name must be intact; a
+complete result must be that of an uninterrupted one, and nothing but results may be left.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
+import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
 import warnings
+from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import chemage
+from chemage.foundation.codec import to_json
 from chemage.studies.folder import Folder
 
 SCENE = """
@@ -49,11 +56,39 @@ replicas = 40
 SWEEP = '\n[sweep]\n"contact.load" = [10, 20, 30, 40]\n"hold.seed" = [0, 1, 2]\n'
 
 
+MEASURED = "hold_time (s),friction_drop (nN),error (nN),load (nN),temperature (K)\n" + "\n".join(
+    f"{time},{drop},8,40,300"
+    for time, drop in ((1, 2), (3, 8), (10, 20), (30, 50), (100, 87), (1000, 125), (10000, 188))
+)
+DASK = """
+import sys, chemage
+from distributed import LocalCluster
+if __name__ == "__main__":
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=60) as cluster:
+        print(*(worker.pid for worker in cluster.workers.values()), flush=True)
+        chemage.sweep("sweep.toml", sys.argv[1], executor=f"dask:{cluster.scheduler_address}")
+"""
+#: what is killed -> (words of the command, result); OUT is a name
+WAYS = {
+    "run": (["run", "run.toml", "--out", "OUT.h5", "--checkpoints", "OUT-checkpoints"], "OUT.h5"),
+    "sweep": (["run", "sweep.toml", "--out", "OUT", "--workers", "2"], "OUT"),
+    "infer": (["infer", "measured.csv", "--scene", "run.toml", "--out", "OUT.h5"], "OUT.h5"),
+    "reproduce": (["reproduce", "fig3", "--seeds", "1", "--pixels", "320", "--workers", "2", "--out", "OUT"], "OUT"),
+    "workers": (["OUT"], "OUT"),
+    "scheduler": (["OUT"], "OUT"),
+}
+
+
 def content(path: Path) -> Any:
-    """What a run or sweep found out, without what depends on the clock."""
+    """What a command found out, without what depends on the clock."""
     if path.suffix == ".h5":
-        run = chemage.read(path)
-        return run.contact.digest(), run.aging.digest(), run.keys
+        result = chemage.read(path)
+        if isinstance(result, chemage.Run):
+            return {name: part.digest() for name, part in result.parts().items()}, result.keys
+        # how long it took is in the diagnostics
+        return {name: value for name, value in to_json(result).items() if name not in ("diagnostics", "provenance")}
+    if not (path / "sweep.json").exists():
+        return [content(place.parent) for place in sorted(path.rglob("sweep.json"))]
     result = chemage.load_sweep(path)
     points = [result.store.read_point(key) for key in result.keys]
     for point in points:
@@ -82,58 +117,84 @@ def intact(folder: Path) -> list[str]:
     return found
 
 
+def started(kind: str, words: list[str], here: Path) -> subprocess.Popen[bytes]:
+    """Begin a command in a folder."""
+    program = ["-c", DASK] if kind in ("workers", "scheduler") else ["-m", "chemage.cli"]
+    return subprocess.Popen(
+        [sys.executable, *program, *words], cwd=here, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+
+
+def killed(kind: str, process: subprocess.Popen[bytes], seconds: float, moments: random.Random) -> bool:
+    """Kill a command, or a worker of it, unless it ends before."""
+    try:
+        process.wait(timeout=seconds)
+        return False
+    except subprocess.TimeoutExpired:
+        victim = process.pid
+    if kind == "workers":
+        assert process.stdout is not None
+        victim = int(moments.choice(process.stdout.readline().split()))
+    with suppress(ProcessLookupError):
+        os.kill(victim, signal.SIGKILL)
+    return True
+
+
 def main() -> None:
     """Kill as often as asked for, and print what was found."""
     wanted = int(sys.argv[1]) if len(sys.argv) > 1 else 150
+    kinds = sys.argv[2:] or list(WAYS)
     moments = random.Random(0)
-    kills = complete = 0
+    kills, complete = Counter[str](), 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "run.toml").write_text(SCENE)
-        (folder / "sweep.toml").write_text(SCENE + SWEEP)
-        ways = {
-            "run": (["run", "run.toml", "--out", "OUT.h5", "--checkpoints", "OUT-checkpoints"], "OUT.h5"),
-            "sweep": (["run", "sweep.toml", "--out", "OUT", "--workers", "2"], "OUT"),
-        }
+        inputs = {"run.toml": SCENE, "sweep.toml": SCENE + SWEEP, "measured.csv": MEASURED}
+        for file, text in inputs.items():
+            (folder / file).write_text(text)
         expected, seconds = {}, {}
-        for kind, (words, out) in ways.items():
-            begin = time.monotonic()
-            command = [sys.executable, "-m", "chemage.cli", *(word.replace("OUT", f"whole-{kind}") for word in words)]
-            subprocess.run(command, cwd=folder, check=True, capture_output=True)
-            seconds[kind] = time.monotonic() - begin
-            expected[kind] = content(folder / out.replace("OUT", f"whole-{kind}"))
-        number = 0
-        while kills < wanted:
-            number += 1
-            kind = ("run", "sweep")[number % 2]
-            words, out = ways[kind]
+        for kind in kinds:
+            words = [word.replace("OUT", f"whole-{kind}") for word in WAYS[kind][0]]
+            out = folder / WAYS[kind][1].replace("OUT", f"whole-{kind}")
+            for _ in range(2):  # the first one may compile kernels
+                for left in folder.glob(f"whole-{kind}*"):
+                    left.unlink() if left.is_file() else shutil.rmtree(left)
+                begin = time.monotonic()
+                process = started(kind, words, folder)
+                error = process.communicate()[1]
+                assert process.returncode == 0, error.decode()[-2000:]
+                seconds[kind] = time.monotonic() - begin
+            expected[kind] = content(out)
+        for number in itertools.count():
+            kind = kinds[number % len(kinds)]
+            if sum(kills.values()) >= wanted:
+                break
+            words, out = WAYS[kind]
             here = folder / f"here-{number}"
             here.mkdir()
-            for scene in ("run.toml", "sweep.toml"):
-                (here / scene).write_text((folder / scene).read_text())
-            command = [sys.executable, "-m", "chemage.cli", *words]
+            for file, text in inputs.items():
+                (here / file).write_text(text)
             for attempt in range(1000):
-                process = subprocess.Popen(command, cwd=here, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-                try:
-                    _, error = process.communicate(timeout=moments.uniform(0.3, 1.0 + 0.05 * attempt) * seconds[kind])
-                except subprocess.TimeoutExpired:
-                    process.send_signal(signal.SIGKILL)
-                    process.communicate()
-                    kills += 1
+                process = started(kind, words, here)
+                hit = killed(kind, process, moments.uniform(0.3, 1.0 + 0.05 * attempt) * seconds[kind], moments)
+                _, error = process.communicate()
+                if hit:
+                    kills[kind] += 1
                     if damaged := intact(here):
                         sys.exit(f"damaged after kill {kills}: {damaged}")
-                    continue
+                    if kind != "workers" or process.returncode:  # a sweep goes on without one of its workers
+                        continue
                 # killed after the figures were complete, the same command says that the result is there
                 if process.returncode and b"already there" not in error:
-                    sys.exit(f"{kind} failed after kill {kills}: {error.decode()}")
+                    sys.exit(f"{kind} failed after {kills}: {error.decode()}")
                 break
             if content(here / out) != expected[kind]:
-                sys.exit(f"{kind} is different after kill {kills}")
+                sys.exit(f"{kind} is different after {kills}")
             left = [str(path) for path in here.rglob("*") if ".part" in path.name]
             if left:
-                sys.exit(f"left over after kill {kills}: {left}")
+                sys.exit(f"{kind}: left over after {kills}: {left}")
             complete += 1
-    print(f"{kills} kills, {complete} runs and sweeps completed after them: nothing damaged, different or left over")
+            shutil.rmtree(here)
+    print(f"{dict(kills)} kills, {complete} completed after them: nothing damaged, different or left over")
 
 
 if __name__ == "__main__":

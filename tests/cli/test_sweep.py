@@ -125,9 +125,9 @@ def test_status_tells_each_axis(command, scene):
     outcome = command("status", "study-sweep")
     assert outcome.status == 0
     lines = rows(outcome.out)
-    assert lines["contact.load = 20"] == ["3", "2", "0", "1"]
-    assert lines["hold.seed = 1"] == ["2", "1", "0", "1"]
-    assert lines["all"] == ["6", "5", "0", "1"]
+    assert lines["contact.load = 20"] == ["3", "2", "0", "1", "0"]
+    assert lines["hold.seed = 1"] == ["2", "1", "0", "1", "0"]
+    assert lines["all"] == ["6", "5", "0", "1", "0"]
     told = json.loads(command("status", "study-sweep", "--json").out)
     assert (told["done"], told["missing"], told["contacts_done"]) == (5, 1, 2)
 

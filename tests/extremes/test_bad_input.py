@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 
 import h5py
@@ -329,16 +330,14 @@ def test_no_damaged_byte_ends_in_a_traceback(small, result):
 
 
 def test_a_result_nobody_may_read(command, result, monkeypatch):
-    import builtins
-
-    real = builtins.open
+    real = os.open
 
     def guarded(file, *args, **options):
         if str(file).endswith("small.h5"):
             raise PermissionError(13, "Permission denied", str(file))
         return real(file, *args, **options)
 
-    monkeypatch.setattr(builtins, "open", guarded)
+    monkeypatch.setattr(os, "open", guarded)
     done = command("show", result)
     assert done.status == 2
     assert "small.h5 cannot be read: Permission denied" in done.err

@@ -7,10 +7,17 @@ twenty times as many.
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+import warnings
 
+import damages
+import numpy as np
 import pytest
+
+import chemage
+from chemage.plugin import StoreError
 
 SCRIPT = """
 import sys, warnings
@@ -149,3 +156,83 @@ def test_no_damage_is_believed(tmp_path, count, share):
     rows = [line.split() for line in done.stdout.splitlines() if line.startswith("caught")]
     assert len(rows) == 9
     assert min(int(caught) / int(changed) for _, caught, _, changed in rows) > share
+
+
+# -- edits and damaged sweeps, in this process ------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    with warnings.catch_warnings(action="ignore"):
+        return damages.written(tmp_path_factory.mktemp("files"))
+
+
+@pytest.mark.parametrize("step", [23, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.parametrize("kind", ["run", "surface", "inference"])
+def test_no_edit_in_place_is_believed(files, tmp_path, kind, step):
+    """Each attribute and dataset, root and derived values included: HDF5 drops the seal, and the marks stay."""
+    path, read = files[kind]
+    whole, copy = path.read_bytes(), tmp_path / "edited.h5"
+    believed = []
+    for what, edit in list(damages.edits(path))[::-step]:
+        copy.write_bytes(whole)
+        damages.edited(copy, edit)
+        try:
+            read(copy)
+        except StoreError:
+            continue
+        believed.append(what)
+    assert believed == []
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("swept") / "out"
+    with warnings.catch_warnings(action="ignore"):
+        chemage.sweep(damages.SWEEP, folder)
+    return folder, damages.points_of(folder)
+
+
+@pytest.mark.parametrize("count", [8, pytest.param(60, marks=pytest.mark.long)])
+def test_a_damaged_sweep_is_counted_and_made_again_or_refused(swept, tmp_path, count):
+    whole, expected = swept
+    rng = np.random.default_rng(4)
+    for number in range(count):
+        folder = tmp_path / str(number)
+        shutil.copytree(whole, folder)
+        with warnings.catch_warnings(action="ignore"):
+            assert damages.after_damage(rng, folder, expected) in ("refused", "repaired", "identical")
+
+
+@pytest.mark.parametrize(("place", "source"), [("contacts", ""), ("points", ""), ("points", "sweep.json")])
+def test_the_file_of_another_point_is_not_believed(swept, tmp_path, place, source):
+    whole, expected = swept
+    shutil.copytree(whole, tmp_path / "out")
+    one, other, *_ = sorted(path for path in (tmp_path / "out" / place).rglob("*") if path.is_file())
+    shutil.copy(whole / source if source else other, one)
+    state = chemage.load_sweep(tmp_path / "out").status()
+    assert (state["damaged"], state["contacts_damaged"]) == ((1, 0) if place == "points" else (0, 1))
+    with pytest.warns(UserWarning, match=rf"1 files are damaged and are computed again: {place}/"):
+        chemage.sweep(damages.SWEEP, tmp_path / "out")
+    assert damages.points_of(tmp_path / "out") == expected
+
+
+def test_every_command_has_the_same_count_of_what_is_damaged(swept, tmp_path, command, monkeypatch):
+    shutil.copytree(swept[0], tmp_path / "out")
+    monkeypatch.chdir(tmp_path)
+    result = chemage.load_sweep("out")
+    for point in (0, 2):
+        path = result.store.point(result.keys[point])
+        path.write_bytes(path.read_bytes().replace(b"done", b"dome"))
+    path = result.store.contact(result.contact_key(3))
+    path.write_bytes(path.read_bytes()[:-100])
+    assert "2 of 4 points done, 2 contacts (1 damaged), 2 damaged" in command("show", "out").out
+    rows = [line.split() for line in command("status", "out").out.splitlines()]
+    assert ["all", "4", "2", "0", "0", "2"] in rows
+    assert ["contacts", "2", "1", "1"] in rows
+    collected = command("sweep", "--collect", "out")
+    assert collected.status == 1
+    assert "2 of 4 points are damaged in out; no tables were written\ndamaged: points 0,2" in collected.err
+    path.write_bytes((swept[0] / path.relative_to("out")).read_bytes())
+    with warnings.catch_warnings(action="default"):
+        assert "out: 2 of 4 points are complete and compared (2 damaged)" in command("compare", "out").err

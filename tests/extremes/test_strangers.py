@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import warnings
+from contextlib import contextmanager, nullcontext
 
+import damages
 import h5py
 import numpy as np
 import pytest
 
 import chemage as ca
 from chemage import InputError, errors
-from chemage.plugin import ExecutorError, SceneError, StoreError, container
+from chemage.plugin import ExecutorError, SceneError, StoreError, container, figures
 
 
 def surface_of(path, **options):
@@ -44,6 +48,102 @@ def test_pipes_and_devices_are_no_scenes(tmp_path, command):
         done = command("check", path)
         assert done.status == 2
         assert "a device or a pipe" in done.err or "neither a file" in done.err
+
+
+class Waits(Exception):
+    """A file that is opened waits for the other end of a pipe."""
+
+
+@contextmanager
+def at_once():
+    """Nothing in the block waits for longer than any machine needs."""
+
+    def ring(*_):
+        raise Waits
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.alarm(60)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def a_pipe(path):
+    os.mkfifo(path)
+
+
+def a_device(path):
+    path.symlink_to("/dev/zero")
+
+
+def a_folder(path):
+    path.mkdir()
+
+
+ODD = [a_pipe, a_device, a_folder]
+
+
+@pytest.mark.parametrize("odd", ODD)
+def test_a_map_that_a_scene_names_is_an_ordinary_file(tmp_path, odd):
+    odd(tmp_path / "map.json")
+    scene = {**damages.SCENE, "accuracy": {"beta": "5 %"}, "ensemble": {"map": str(tmp_path / "map.json")}}
+    with at_once(), pytest.raises(StoreError, match=r"map\.json.*(device or a pipe|directory)"):
+        ca.ensemble(scene)
+
+
+@pytest.mark.parametrize("odd", ODD)
+@pytest.mark.parametrize("place", ["point", "contact", "sweep.json", ".lock", "results.csv"])
+def test_what_is_no_file_in_a_sweep_is_refused_or_counted(swept, odd, place):
+    scene, folder = swept
+    store = ca.load_sweep(folder).store
+    key, contact = ca.load_sweep(folder).keys[1], ca.load_sweep(folder).contact_key(1)
+    path = {"point": store.point(key), "contact": store.contact(contact)}.get(place, folder / place)
+    path.unlink(missing_ok=True)
+    odd(path)
+    refused = "device or a pipe|is a link|directory|is a folder|cannot write"
+    with at_once():
+        if place == "sweep.json":
+            with pytest.raises(StoreError, match=refused):
+                ca.load_sweep(folder).status()
+        else:
+            state = ca.load_sweep(folder).status()
+            assert (state["damaged"], state["contacts_damaged"]) == (place == "point", place == "contact")
+        repaired = place in ("point", "contact") and odd is not a_folder
+        replaced = place == "results.csv" and odd is a_device  # the link is, and not what it leads to
+        with pytest.warns(UserWarning, match="1 files are damaged") if repaired else nullcontext():
+            if repaired or replaced:
+                assert ca.sweep(scene, folder).status()["contacts_done"] == 2
+            else:
+                with pytest.raises(StoreError, match=refused), warnings.catch_warnings(action="ignore"):
+                    ca.sweep(scene, folder)
+    assert os.path.lexists("/dev/zero")
+
+
+@pytest.mark.parametrize("odd", ODD)
+def test_checkpoints_that_are_no_files_are_refused(tmp_path, odd):
+    odd(tmp_path / "contact.h5")
+    with at_once(), pytest.raises(StoreError, match=r"contact\.h5.*(device or a pipe|is a link|directory)"):
+        ca.run(damages.SCENE, checkpoints=tmp_path, warn=False)
+
+
+@pytest.mark.parametrize("place", ["checkpoints", "figures", "samples", "points"])
+def test_nothing_is_written_through_a_link_to_a_folder(tmp_path, place):
+    elsewhere, folder = tmp_path / "elsewhere", tmp_path / place
+    elsewhere.mkdir()
+    if place == "points":  # in a folder of samples
+        (tmp_path / "samples").mkdir()
+        folder = tmp_path / "samples" / "points"
+    folder.symlink_to(elsewhere)
+    mean = {**damages.SCENE, "accuracy": {"beta": "60 %"}}
+    write = {
+        "checkpoints": lambda: ca.run(damages.SCENE, checkpoints=folder, warn=False),
+        "figures": lambda: figures.save_figures({}, folder),
+    }.get(place, lambda: ca.ensemble(mean, samples=tmp_path / "samples"))
+    with pytest.raises(StoreError, match=rf"{place} is a link, which is not followed"):
+        write()
+    assert list(elsewhere.iterdir()) == []
 
 
 def test_loops_of_links_and_null_bytes_are_names_of_nothing(tmp_path):
@@ -86,6 +186,75 @@ def test_heights_outside_the_file_are_not_read(tmp_path, secret):
             surface_of(path, reader={"kind": "hdf5", "dataset": name})
     with pytest.raises(StoreError, match="another file"):
         surface_of(linked, reader={"kind": "hdf5", "dataset": "group/heights"})
+
+
+@pytest.mark.parametrize("way", ["external", "virtual", "linked", "soft", "group"])
+def test_a_result_brings_in_nothing_from_elsewhere(tmp_path, secret, way):
+    """Even where its seal fits, which a stranger can make as well as chemage."""
+    path, pipe = tmp_path / "x.h5", tmp_path / "pipe"
+    os.mkfifo(pipe)
+    ca.write(path, ca.Surface(heights=np.zeros((4, 4)), pixel_size=1.0))
+    with h5py.File(path, "r+") as file:
+        surface = file["surface"]
+        attributes = dict(surface["heights"].attrs)
+        if way != "group":
+            del surface["heights"]
+        if way == "external":
+            surface.create_dataset("heights", (4, 4), "f8", external=[(str(tmp_path / "secret.bin"), 0, 128)])
+        elif way == "virtual":
+            layout = h5py.VirtualLayout((4, 4), "f8")
+            layout[:] = h5py.VirtualSource(secret, "heights", (4, 4))
+            surface.create_virtual_dataset("heights", layout)
+        elif way == "linked":
+            surface["heights"] = h5py.ExternalLink(str(secret), "/heights")
+        elif way == "soft":
+            file["away"] = h5py.ExternalLink(str(pipe), "/")
+            surface["heights"] = h5py.SoftLink("/away/heights")
+        else:
+            file["contact"] = h5py.ExternalLink(str(pipe), "/contact")
+        if way in ("external", "virtual"):
+            surface["heights"].attrs.update({name: attributes[name] for name in ("units", "long_name")})
+    damages.sealed_again(path)
+    with at_once(), pytest.raises(StoreError, match=r"keeps its data in other files|is a link, which chemage"):
+        ca.read(path)
+
+
+def test_sizes_are_added_up_before_anything_is_read(tmp_path, monkeypatch):
+    """Hard links, and arrays that compress: each fits, all of them do not."""
+    path = tmp_path / "x.h5"
+    ca.write(path, ca.Surface(heights=np.zeros((100, 100)), pixel_size=1.0))
+    with h5py.File(path, "r+") as file:
+        big = file["surface"].create_dataset("big", (4_000_000,), "f8", chunks=(1000,), compression="gzip")
+        for number in range(9):
+            file[f"surface/more{number}"] = big
+    damages.sealed_again(path)
+    assert path.stat().st_size < 200_000
+    monkeypatch.setenv("CHEMAGE_MEMORY", "200 MB")
+    with pytest.raises(StoreError, match=r"x\.h5 has 320 MB of data, but there are 200 MB of memory"):
+        ca.read(path)
+
+
+def test_an_archive_announces_no_more_than_it_holds(tmp_path, monkeypatch):
+    path = tmp_path / "x.npz"
+    container.write(path, {"table": container.Arrays(values={"zeros": np.zeros(1000)})}, compact=True)
+    content = path.read_bytes().replace(b"[1000]", b"[9e99]")
+    for seen, given in ((b"[1000]", b"[1000000000000]"), (b"(0,), }      ", b"(30000000,), }")):
+        path.write_bytes(content[: content.rfind(b"\n[[")].replace(b"[9e99]", b"[1000]").replace(seen, given))
+        damages.sealed_again(path)
+        monkeypatch.setenv("CHEMAGE_MEMORY", "1 GB")
+        with pytest.raises(StoreError, match=r"damaged|of data, but there are"):
+            container.read(path, {"table": container.Arrays})
+
+
+@pytest.mark.parametrize("dataset", ["surface/heights", None])
+def test_a_result_is_verified_where_its_map_alone_is_read(tmp_path, dataset):
+    path = tmp_path / "x.h5"
+    ca.write(path, ca.Surface(heights=np.zeros((4, 4)), pixel_size=1.0))
+    reader = {"kind": "hdf5", **({"dataset": dataset} if dataset else {})}
+    assert not surface_of(path, reader=reader).heights.any()
+    damages.edited(path, lambda file: file["surface/heights"].__setitem__((0, 0), 1.0))
+    with pytest.raises(StoreError, match="its checksums are missing"):
+        surface_of(path, reader=reader)
 
 
 def test_a_small_file_that_announces_a_huge_map_is_refused(tmp_path, monkeypatch):

@@ -282,17 +282,20 @@ def test_what_is_damaged_is_computed_anew(tiny, tmp_path):
 
 
 def test_a_full_disk_keeps_what_is_finished(tiny, tmp_path, monkeypatch):
-    real, written = Path.write_bytes, []
+    real, written = os.open, []
 
-    def write(self, data):
-        written.append(self)
-        if len(written) > 9:
-            real(self, data[:10])
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return real(self, data)
+    def write(path, flags, *more, **options):
+        handle = real(path, flags, *more, **options)
+        if flags & os.O_EXCL:
+            written.append(path)
+            if len(written) > 9:
+                os.write(handle, b"half")
+                os.close(handle)
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return handle
 
     with monkeypatch.context() as full:
-        full.setattr(Path, "write_bytes", write)
+        full.setattr(os, "open", write)
         with pytest.raises(StoreError, match="No space left on device; completed points are kept"):
             chemage.sweep(swept(tiny), tmp_path / "out")
     states = chemage.load_sweep(tmp_path / "out").states()

@@ -28,6 +28,7 @@ EXAMPLES = [
     PluginError("broken"),
     ConvergenceError("short", history=[1.0, 0.1], residual=0.1, tolerance=1e-5),
     StoreError("missing"),
+    errors.AbsentError("missing"),
     errors.DamagedError("damaged"),
     errors.ExecutorError("no workers"),
     errors.WorkerLost("a worker died"),

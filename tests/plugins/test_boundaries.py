@@ -195,6 +195,65 @@ def test_every_package_is_installed_and_found_by_editors():
         assert path.name == "__init__.py" or (path.parent / "__init__.py").exists(), f"{path.parent} is no package"
 
 
+# -- the one door to files --------------------------------------------------------------------------------------------
+
+#: modules that open files by their names: the door, and the memory of this machine, which the door rests on
+DOOR = ("chemage.foundation.files", "chemage.foundation.container", "chemage.foundation.memory")
+#: methods of paths, and functions of libraries, that do so as well
+_METHODS = {"open", "read_bytes", "read_text", "write_bytes", "write_text", "touch"}
+_FUNCTIONS = re.compile(
+    r"open|(io|os|gzip|codecs)\.open|os\.fdopen|logging\.FileHandler|tomllib\.load|zipfile\.ZipFile|ZipFile|shutil\.(copy\w*|move)|"
+    r"(np|numpy)\.(load|loadtxt|genfromtxt|fromfile|memmap|save\w*)|(h5py|h5netcdf)\.File|(xr|xarray)\.\w*open\w*"
+)
+#: what looks like one of these, and is none: the door itself, files of packages, what has no name
+_OTHERS = re.compile(r"(tables|files)\.read_text|(importlib\.)?resources\.files\(.*|(self|study|library)\.open")
+#: (module, call) -> why
+OPENS = {
+    ("chemage.cli.app", "os.open"): "what is printed after the reader of a pipe has gone",
+    ("chemage.cli.output", "logging.FileHandler"): "a new file, which is not there before",
+    ("chemage.foundation.tables", "np.loadtxt"): "lines in memory",
+    ("chemage.studies.sweeps.table", "h5netcdf.File"): "an image in memory",
+    ("chemage_li2018.sweeps", "np.savez_compressed"): "an image in memory",
+    ("chemage_li2018.sweeps", "np.load"): "a file that the door opened",
+}
+
+
+def opened(module: ast.Module) -> Iterator[tuple[int, str]]:
+    """(line, call) of each call that opens a file by its name."""
+    for node in ast.walk(module):
+        if isinstance(node, ast.Call) and not _OTHERS.fullmatch(call := ast.unparse(node.func)):
+            method = isinstance(node.func, ast.Attribute) and node.func.attr in _METHODS
+            if method or _FUNCTIONS.fullmatch(call):
+                yield node.lineno, call
+
+
+def test_every_way_to_open_a_file_is_known():
+    ways = [
+        "open(p)",
+        "Path(p).read_bytes()",
+        "p.open('a')",
+        "(a / b).write_text('')",
+        "np.load(p)",
+        "np.savez(p)",
+    ]
+    ways += ["h5py.File(p)", "tomllib.load(p)", "os.open(p, 0)", "p.read_text()", "np.loadtxt(p)", "shutil.copy(p, q)"]
+    assert len(list(opened(ast.parse("\n".join(ways))))) == len(ways)
+    others = ["tables.read_text(p)", "resources.files('x').joinpath('y').read_text()", "study.open()", "open_file(p)"]
+    assert list(opened(ast.parse("\n".join(others)))) == []
+
+
+def test_files_are_opened_by_one_door():
+    """What opens files checks that they are ordinary ones, their size, and where links lead."""
+    found = {
+        (module, call): where(module, line)
+        for module in MODULES
+        if module not in DOOR
+        for line, call in opened(tree(MODULES[module]))
+    }
+    assert {key: at for key, at in found.items() if key not in OPENS} == {}
+    assert found.keys() == OPENS.keys(), "what is no longer there needs no exception"
+
+
 # -- kernels ----------------------------------------------------------------------------------------------------------
 
 

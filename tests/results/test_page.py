@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -238,11 +238,17 @@ def test_nothing_is_overwritten_and_nothing_half_written(tmp_path, monkeypatch, 
     with pytest.raises(StoreError, match="does not exist"):
         write_report(files, tmp_path / "no" / "r.html")
 
-    def full(self, *_, **__):
-        self.write_bytes(b"half")
-        raise OSError(28, "No space left on device")
+    real = os.open
 
-    monkeypatch.setattr(Path, "write_text", full)
+    def full(path, flags, *more):
+        handle = real(path, flags, *more)
+        if flags & os.O_EXCL:
+            os.write(handle, b"half")
+            os.close(handle)
+            raise OSError(28, "No space left on device")
+        return handle
+
+    monkeypatch.setattr(os, "open", full)
     with pytest.raises(StoreError, match="nothing was kept"):
         write_report(files[:1], tmp_path / "full.html")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["one.h5", "r.html", "two.h5"]

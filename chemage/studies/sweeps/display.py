@@ -18,7 +18,7 @@ from chemage.foundation.names import __version__
 from chemage.foundation.result import Medium, Panel, Picture, Result, Rows, Table, displays, result_of
 from chemage.foundation.text import jsonable
 from chemage.studies.sweeps.grid import Grid
-from chemage.studies.sweeps.result import Point, SweepResult
+from chemage.studies.sweeps.result import Point, SweepResult, in_words
 from chemage.studies.sweeps.views import HOLD_TIME, Quantity, SweepData, View, swept_rows
 
 if TYPE_CHECKING:
@@ -74,9 +74,9 @@ class SweepDisplay(Result):
 
     def rows(self) -> Rows:
         state = self.state
-        left = "".join(f", {state[kind]} {kind}" for kind in ("failed", "missing", "damaged") if state[kind])
-        points = f"{state['done']} of {state['points']} points done, {state['contacts']} contacts{left}"
-        return [*swept_rows(self.sweep.axes), ("points", points)]
+        spoilt = f" ({state['contacts_damaged']} damaged)" if state["contacts_damaged"] else ""
+        words = [f"{state['done']} of {state['points']} points done", f"{state['contacts']} contacts{spoilt}"]
+        return [*swept_rows(self.sweep.axes), ("points", ", ".join(filter(None, [*words, in_words(state)])))]
 
     def numbers(self) -> dict[str, Any]:
         return jsonable({**self.state, "units": self.sweep.units, "results": self.data.records()})

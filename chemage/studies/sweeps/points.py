@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from chemage.contacts.solution import ContactSolution
@@ -172,8 +172,14 @@ class Points:
             self._same.setdefault(survey.keys[point], []).append(point)
         states = {key: folder.state(key) for key in self._same}
         self._left = [key for key, state in states.items() if state != "done"]
+        #: key of each contact -> the key of a point that has it, one that is left if there is any
+        contacts = {survey.contacts[survey.contact_of[self._same[key][0]]].key: key for key in (*states, *self._left)}
+        self.contacts = len(contacts)
+        spoilt = () if survey.means else [key for key in contacts if folder.contact_state(key) == "damaged"]
         self._damaged = [folder.point(key) for key, state in states.items() if state == "damaged"]
-        self.contacts = len({survey.contact_of[point] for point in self.points})
+        self._damaged += [folder.contact(key) for key in spoilt]
+        #: points that are done, of which the contact is damaged
+        self._mended = [contacts[key] for key in spoilt if states[contacts[key]] == "done"]
         self.done = sum(len(self._same[key]) for key, state in states.items() if state == "done")
         self.failed: dict[int, str] = {}
         #: samples that were taken, where points are means
@@ -181,17 +187,21 @@ class Points:
 
     @property
     def left(self) -> int:
-        """Number of different points that are not computed yet."""
-        return len(self._left)
+        """Number of different points that are not computed yet, and of contacts that are damaged."""
+        return len(self._left) + len(self._mended)
 
     def ask(self) -> list[Task]:
         """See :class:`chemage.studies.study.Design`."""
-        left, self._left = self._left, []
-        return [self._survey.task(self._same[key][0]) for key in left]
+        tasks = [self._survey.task(self._same[key][0]) for key in self._left]
+        tasks += [replace(self._survey.task(self._same[key][0]), contact_only=True) for key in self._mended]
+        self._left, self._mended = [], []
+        return tasks
 
     def tell(self, task: Task, outcome: Outcome) -> None:
         """See :class:`chemage.studies.study.Design`."""
         same = self._same[task.key]
+        if task.contact_only:
+            return
         if outcome.error is None:
             self.done += len(same)
         else:
@@ -199,13 +209,10 @@ class Points:
 
     def warn_of_damage(self) -> None:
         """Name the damaged files, which are computed again."""
-        contacts = {self._survey.contact_of[self._same[key][0]] for key in self._left}
-        paths = [self._folder.contact(self._survey.contacts[number].key) for number in sorted(contacts)]
-        damaged = self._damaged + [path for path in paths if path.exists() and not self._folder.has_contact(path.stem)]
-        if damaged:
-            names = [str(path.relative_to(self._folder.path)) for path in damaged[:5]]
-            more = ", ..." if len(damaged) > 5 else ""
-            message = f"{len(damaged)} files are damaged and are computed again: {', '.join(names)}{more}"
+        if self._damaged:
+            names = [str(path.relative_to(self._folder.path)) for path in self._damaged[:5]]
+            more = ", ..." if len(self._damaged) > 5 else ""
+            message = f"{len(self._damaged)} files are damaged and are computed again: {', '.join(names)}{more}"
             warnings.warn(f"{self._folder.path}: {message}", SweepWarning, stacklevel=3)
 
 

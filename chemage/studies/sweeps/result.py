@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import warnings
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -153,8 +154,17 @@ class Point:
         return f"<Point {self.index}: {', '.join(f'{path} = {shown(value)}' for path, value in self.changes.items())}>"
 
 
+#: the states of points that are not done
+NOT_DONE = ("failed", "missing", "damaged")
+
+
 def _no_counts() -> dict[str, int]:
-    return {"points": 0, "done": 0, "failed": 0, "missing": 0, "damaged": 0}
+    return {"points": 0, "done": 0, **dict.fromkeys(NOT_DONE, 0)}
+
+
+def in_words(counts: Mapping[str, int]) -> str:
+    """How many points are not done, by state, such as ``2 failed, 1 damaged``; empty where all are done."""
+    return ", ".join(f"{counts[state]} {state}" for state in NOT_DONE if counts[state])
 
 
 class SweepResult:
@@ -347,12 +357,14 @@ class SweepResult:
             for axis, rows_of_axis in zip(self.axes, counts, strict=True)
         ]
         contacts: list[str] = [] if self.means else self._manifest["contacts"]
+        of_contacts = Counter(self.store.contact_state(key) for key in contacts)
         return {
             "name": self.name,
             "folder": str(self.folder),
             **total,
             "contacts": len(contacts),
-            "contacts_done": sum(self.store.contact(key).exists() for key in contacts),
+            "contacts_done": of_contacts["done"],
+            "contacts_damaged": of_contacts["damaged"],
             "axes": axes,
             "failures": [
                 {"point": index, "changes": self[index].changes, "error": self[index].error}
@@ -382,22 +394,24 @@ class Collected:
 
     #: the results
     result: SweepResult
-    #: the numbers of points that are missing, or whose checksum does not fit
+    #: the numbers of points that are missing
     missing: list[int]
     #: the numbers of points that failed
     failed: list[int]
-    #: whether ``results.csv`` and ``results.h5`` were written: no point is missing
+    #: whether ``results.csv`` and ``results.h5`` were written: no point is missing or damaged
     written: bool
     #: values of ``points`` that compute what is missing or failed: shares of which each computes a part, if the points
     #: were divided into one number of shares; and, the last, the numbers of all these points
     points: list[str]
     #: whether other processes of this machine compute points at present
     computing: bool
+    #: the numbers of points whose files are not as they were written
+    damaged: list[int]
 
     @property
     def complete(self) -> bool:
         """Whether every point is done."""
-        return not self.missing and not self.failed
+        return self.written and not self.failed
 
 
 def collect_sweep(folder: str | Path) -> Collected:
@@ -412,13 +426,13 @@ def collect_sweep(folder: str | Path) -> Collected:
     """
     result = load_sweep(folder)
     states = result.states()
-    missing = [point for point, state in enumerate(states) if state in ("missing", "damaged")]
-    failed = [point for point, state in enumerate(states) if state == "failed"]
-    texts = remedies(result.store, sorted(missing + failed), result.digest, len(states))
+    failed, missing, damaged = ([point for point, state in enumerate(states) if state == wanted] for wanted in NOT_DONE)
+    texts = remedies(result.store, sorted(missing + damaged + failed), result.digest, len(states))
     computing = result.store.is_locked()
-    if not missing:
+    written = not missing and not damaged
+    if written:
         result.write_tables()
-    if not missing and not failed and not computing:
+    if written and not failed and not computing:
         shutil.rmtree(result.store.path / PLACE, ignore_errors=True)
         shutil.rmtree(result.store.path / ".parts", ignore_errors=True)
-    return Collected(result, missing, failed, not missing, texts, computing)
+    return Collected(result, missing, failed, written, texts, computing, damaged)

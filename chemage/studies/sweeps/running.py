@@ -27,6 +27,7 @@ from chemage.foundation.errors import (
     SceneError,
     StoreError,
 )
+from chemage.foundation.files import make_folder
 from chemage.foundation.memory import readable
 from chemage.foundation.names import __version__
 from chemage.foundation.progress import progress_bars, silenced
@@ -242,7 +243,8 @@ def _check_folder(folder: Folder, survey: Survey, force: bool) -> None:
     path = folder.path
     if path.exists() and not path.is_dir():
         raise StoreError(f"{path} is a file; a sweep is computed into a folder")
-    refuse_links(path)
+    refuse_links(path, SAMPLES)
+    refuse_links(path / SAMPLES)
     # what another process makes before the manifest
     begun = {".lock", ".parts", PLACE}
     if not path.exists() or {entry.name for entry in path.iterdir()} <= begun:
@@ -469,7 +471,7 @@ def _begin(
     # raises before anything is written if the workers cannot be started
     if force or stale or _design(folder, survey, _chosen(selection, folder, survey)).left:
         study.open()
-    _make(folder.path)
+    make_folder(folder.path, links=True)
     stack.enter_context(folder.locked(shared=selection is not None))
     if selection is not None:
         folder.make_parts()
@@ -498,13 +500,6 @@ def _chosen(selection: Selection | None, folder: Folder, survey: Survey) -> Sequ
     if survey.means and selection.share is not None:
         return range(len(survey.keys))
     return points_of(selection, folder, survey)
-
-
-def _make(path: Path) -> None:
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StoreError(f"cannot make the folder {path}: {error.strerror}") from None
 
 
 def _watched(report: Report | None, begin: float, points: Points) -> Callable[[Runner], None] | None:

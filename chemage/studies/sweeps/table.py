@@ -18,7 +18,7 @@ from chemage.ageing.fitting import LN10
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.container import seal
 from chemage.foundation.errors import optional_module
-from chemage.foundation.files import fresh_file
+from chemage.foundation.files import write_file
 from chemage.studies.sweeps.grid import Axis, shown
 
 if TYPE_CHECKING:
@@ -240,8 +240,7 @@ class Table:
                     self.error[row].replace("\n", " "),
                 ]
             )
-        with fresh_file(path, force=True) as part:
-            part.write_text(text.getvalue(), encoding="utf-8")
+        write_file(path, text.getvalue(), force=True)
 
     def write_hdf5(self, path: Path, attributes: Mapping[str, Any]) -> None:
         """Write NetCDF4 with the dimensions of :meth:`to_xarray`, readable with ``xarray.open_dataset``."""
@@ -265,9 +264,7 @@ class Table:
                 variable = file.create_variable(name, dims, kind, data=None if empty else values)
                 for key, note in notes.items():
                     variable.attrs[key] = note
-        content = seal(image)
-        with fresh_file(path, force=True, size=content.nbytes) as part:
-            part.write_bytes(content)
+        write_file(path, seal(image), force=True)
 
     def _grid(self) -> dict[str, int]:
         """The dimensions of the grid and their lengths."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from chemage.foundation.container import read_json, sealed_json
 from chemage.foundation.errors import DamagedError, InputError, StoreError
-from chemage.foundation.files import fresh_file
+from chemage.foundation.files import write_file
 from chemage.foundation.machine import processor
 from chemage.foundation.statistics import NORMAL_LIMIT, student_limit
 from chemage.foundation.text import jsonable, percent, power_text
@@ -344,8 +344,7 @@ class TradeMap:
         StoreError
             It cannot be written, or exists and ``force`` is false.
         """
-        with fresh_file(path, force=force) as part:
-            part.write_bytes(sealed_json({"trade_map": FORMAT, **self.todict()}, indent=1))
+        write_file(path, sealed_json({"trade_map": FORMAT, **self.todict()}, indent=1), force=force)
 
     @classmethod
     def read(cls, path: str | Path) -> TradeMap:
@@ -362,12 +361,8 @@ class TradeMap:
             content = read_json(path)
         except DamagedError:
             raise
-        except StoreError:
-            content = {}
-        except OSError as error:
-            raise StoreError(f"cannot read the map {path}: {error.strerror}") from error
-        except ValueError as error:  # a null byte in the name
-            raise StoreError(f"cannot read the map {str(path)!r}: {error}") from error
+        except StoreError as error:
+            raise StoreError(f"cannot read the map: {error}; `chemage tradeoff SCENE -o {path}` writes one") from error
         if content.pop("trade_map", None) != FORMAT:
             raise StoreError(f"{path} is no map; `chemage tradeoff SCENE -o {path}` writes one")
         try:

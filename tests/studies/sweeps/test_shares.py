@@ -233,7 +233,7 @@ def test_collect_says_what_is_missing(tiny, scene, tmp_path):
     damaged = out / "points" / found.result.keys[5][:2] / f"{found.result.keys[5]}.json"
     damaged.write_bytes(damaged.read_bytes().replace(b"done", b"dome"))
     found = chemage.collect_sweep(out)
-    assert found.missing == [5]
+    assert (found.missing, found.damaged, found.written) == ([], [5], False)
     with pytest.warns(UserWarning, match="1 files are damaged and are computed again"):
         chemage.sweep(scene, out, points=found.points[0])
     assert chemage.collect_sweep(out).written

@@ -13,7 +13,7 @@ from seen import Point, TradeMap, figures, tradeoff
 
 import chemage as ca
 from chemage import ContactSolution, InputError
-from chemage.plugin import ContactSolver, DamagedError, Pressure, StoreError, options, override
+from chemage.plugin import ContactSolver, DamagedError, Pressure, StoreError, container, options, override
 from chemage.studies.trade.choices import Timed, changes, choices, go_together, pasted
 from chemage.studies.trade.trade_map import Deviation, pareto, words
 
@@ -380,6 +380,9 @@ def test_a_damaged_map_is_refused(found, tmp_path):
     with pytest.raises(DamagedError, match="is damaged"):
         TradeMap.read(path)
     path.write_text('{"a": 1}')
+    with pytest.raises(StoreError, match=r"cannot read the map: .* is no file of chemage"):
+        TradeMap.read(path)
+    path.write_bytes(container.sealed_json({"a": 1}))
     with pytest.raises(StoreError, match="is no map"):
         TradeMap.read(path)
     with pytest.raises(StoreError, match="cannot read the map"):
