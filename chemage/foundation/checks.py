@@ -11,8 +11,8 @@ from typing import Annotated, Any, Self, Union, get_args, get_origin
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationInfo, ValidatorFunctionWrapHandler, field_validator
 
-from chemage.foundation.errors import InputError, shown
-from chemage.foundation.units import LARGEST, SMALLEST, QuantityLike, convert, has_unit, magnitudes
+from chemage.foundation.errors import InputError, UnitError, shown
+from chemage.foundation.units import LARGEST, SMALLEST, QuantityLike, Unit, array_in, carried, convert, plain_array
 
 #: what users give as a seed: a whole number, or one of numpy's seed sequences
 Seed = int | np.random.SeedSequence
@@ -51,9 +51,14 @@ def temperature_value(temperature: QuantityLike) -> float:
     return value
 
 
+def _is_whole(value: Any) -> bool:
+    # a difference of dates is an integer to numpy
+    return isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
+
+
 def checked_seed(seed: Any) -> int:
     """``seed`` as a non-negative int."""
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+    if not _is_whole(seed) or seed < 0:
         raise InputError.of("seed", seed, "must be a whole number, 0 or larger")
     if int(seed) > LARGEST_SEED:
         raise InputError("seed: has more than 256 bits; give a smaller whole number")
@@ -62,7 +67,7 @@ def checked_seed(seed: Any) -> int:
 
 def checked_count(name: str, value: Any, least: int = 1, most: int | None = None) -> int:
     """``value`` as an int of at least ``least`` and, if given, at most ``most``."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+    if not _is_whole(value) or value < least:
         raise InputError.of(name, value, f"must be a whole number of at least {least}")
     if most is not None and value > most:
         raise InputError.of(name, value, f"must be at most {most}")
@@ -90,18 +95,14 @@ def is_boolean(array: np.ndarray) -> bool:
 
 
 def check_times(hold_times: Sequence[float] | np.ndarray) -> np.ndarray:
-    """``hold_times`` as (m,) float64, non-decreasing, finite, ≥ 0, m ≥ 1; quantities of pint are converted."""
-    if has_unit(hold_times):
-        hold_times = magnitudes(hold_times, "s")
-    elif isinstance(hold_times, list | tuple) and any(has_unit(time) for time in hold_times):
-        hold_times = [convert(time, "s", "hold_times") for time in hold_times]
+    """``hold_times`` as (m,) float64, non-decreasing, finite, ≥ 0, m ≥ 1; data that carry a unit are converted."""
     try:
-        array = np.asarray(hold_times)
-        if array.dtype.kind not in "fiu" and array.size:
-            raise TypeError
-        times = np.array(array, dtype=np.float64, ndmin=1)
-    except (TypeError, ValueError, OverflowError, RecursionError):
-        raise InputError.of("hold_times", hold_times, "not a list of numbers", "give seconds") from None
+        array = array_in(hold_times, "s")
+    except UnitError as error:
+        raise UnitError(f"hold_times: {error}") from None
+    if array.dtype.kind not in "fiu" and array.size:
+        raise InputError.of("hold_times", hold_times, "not a list of numbers", "give seconds")
+    times = np.array(array, dtype=np.float64, ndmin=1)
     if times.ndim != 1 or times.size == 0:
         raise InputError.of("hold_times", times.shape, "must be a list with at least one time", "give seconds")
     if times.size > MOST_TIMES:
@@ -134,12 +135,23 @@ class Frozen(BaseModel):
     @field_validator("*", mode="wrap")
     @classmethod
     def _no_booleans(cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-        """Refuse True and False, also in a list, in a field of numbers: pydantic would read them as 1 and 0."""
+        """Refuse in a field of numbers, also in a list, what pydantic takes for one: True and False, masked values, and
+        data that carry a unit where the field has none."""
+        name = info.field_name
+        if name is None or name not in (numeric := _numeric_fields(cls)):
+            return handler(value)
+        items = value if isinstance(value, list | tuple) else (value,)
+        for item in items:
+            if isinstance(item, int | float | str):
+                continue
+            if (data := carried(item)) is None and hasattr(item, "__array__"):
+                plain_array(item)  # nothing in it is masked
+            elif data is not None and not numeric[name] and data.unit != "dimensionless":
+                raise ValueError(f"{shown(item)} carries the unit {data.unit}; give plain numbers here")
         checked = handler(value)
-        if info.field_name is not None and info.field_name in _numeric_fields(cls):
-            for item in value if isinstance(value, list | tuple) else (value,):
-                if isinstance(item, bool | np.bool_):
-                    raise ValueError(f"{item} is not a number")
+        for item in items:
+            if isinstance(item, bool | np.bool_ | np.timedelta64):
+                raise ValueError(f"{item} is not a number")
         return checked
 
     @classmethod
@@ -154,15 +166,22 @@ class Frozen(BaseModel):
 
 
 @lru_cache(maxsize=512)
-def _numeric_fields(cls: type[BaseModel]) -> frozenset[str]:
-    kinds = {name: set(_kinds(info.annotation)) for name, info in cls.model_fields.items()}
-    return frozenset(name for name, of_field in kinds.items() if of_field & {int, float} and bool not in of_field)
+def _numeric_fields(cls: type[BaseModel]) -> dict[str, bool]:
+    """The fields of numbers, and whether each has a unit."""
+    kinds = {name: {*_kinds(info.annotation), *map(type, info.metadata)} for name, info in cls.model_fields.items()}
+    return {
+        name: any(issubclass(kind, Unit) for kind in of_field if isinstance(kind, type))
+        for name, of_field in kinds.items()
+        if of_field & {int, float} and bool not in of_field
+    }
 
 
 def _kinds(annotation: Any) -> list[Any]:
+    """The types in an annotation, those of its marks included."""
     origin = get_origin(annotation)
     if origin is Annotated:
-        return _kinds(get_args(annotation)[0])
+        kind, *marks = get_args(annotation)
+        return [*_kinds(kind), *map(type, marks)]
     if origin in (Union, types.UnionType, tuple, list):
         return [kind for part in get_args(annotation) for kind in _kinds(part)]
     return [annotation]

@@ -18,7 +18,7 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, Validat
 from chemage.foundation.checks import Frozen, is_boolean
 from chemage.foundation.errors import InputError, UnitError, explain, in_lines, shortened
 from chemage.foundation.text import html_table
-from chemage.foundation.units import has_unit, in_range, magnitudes
+from chemage.foundation.units import array_in, carried, in_range
 
 
 def merged_approximations(*lists: Any) -> list[dict[str, Any]]:
@@ -71,12 +71,7 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
     An array that is read-only already is taken as it is, without a copy: a maker that hands over its own fresh array
     calls ``array.setflags(write=False)`` first and saves the copy.
     """
-    if isinstance(array, np.ma.MaskedArray) and np.ma.is_masked(array):
-        raise ValueError(f"{np.ma.count_masked(array)} values are masked; fill or crop missing data first")
-    try:
-        values = np.asarray(array)
-    except (TypeError, ValueError, OverflowError, RecursionError):
-        raise ValueError("expected an array of numbers") from None
+    values = array_in(array)
     if values.dtype.kind not in "fiubc":
         raise ValueError(f"expected numbers, not {_kind(values)}")
     if dtypes and values.dtype not in [np.dtype(kind) for kind in dtypes]:
@@ -165,9 +160,9 @@ class Record(Frozen):
 
     def __init__(self, **fields: Any) -> None:
         for name, (_, unit, _) in self.arrays.items():
-            if name in fields and has_unit(fields[name]):
+            if name in fields and carried(fields[name]) is not None:
                 try:
-                    fields[name] = magnitudes(fields[name], unit)
+                    fields[name] = array_in(fields[name], unit)
                 except UnitError as error:
                     raise UnitError(f"{type(self).__name__}: {name}: {error}") from None
         try:

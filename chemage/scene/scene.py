@@ -36,7 +36,7 @@ from chemage.foundation.checks import Frozen, check_times, hold_times
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, shown
 from chemage.foundation.records import content_hash
-from chemage.foundation.units import FilePath, Temperature, Time, convert, has_unit, unit_of
+from chemage.foundation.units import FilePath, Temperature, Time, convert, unit_of
 from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
@@ -84,11 +84,9 @@ class Hold(Section):
     @field_validator("times", mode="before")
     @classmethod
     def _times(cls, value: Any) -> Any:
-        if has_unit(value):
-            return tuple(check_times(value).tolist())
         if isinstance(value, Sequence) and not isinstance(value, str):
-            return tuple(check_times([convert(item, "s") for item in value]).tolist())
-        return value
+            value = [convert(item, "s") for item in value]
+        return value if value is None or isinstance(value, str) else tuple(check_times(value).tolist())
 
     @model_validator(mode="after")
     def _complete(self) -> Self:

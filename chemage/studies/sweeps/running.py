@@ -18,8 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from chemage.foundation.errors import (
     DamagedError,
     InputError,
@@ -169,15 +167,10 @@ def read_grid(
     data, source = (dict(content), "the scene") if isinstance(content, Mapping) else scene_data(content)
     data = completed(in_words(override(data, changes or {})))
     if axes is not None:
-        data["sweep"] = in_words({path: _listed(values) for path, values in axes.items()})
+        data["sweep"] = in_words(axes)
     if "sweep" not in data:
         raise SceneError(source, [("sweep", "is missing: this scene is one point; use chemage.run, or give axes")])
     return Grid.read(check_base(located(data, Path.cwd()), source), source)
-
-
-def _listed(values: Any) -> Any:
-    """Values of an axis as a list of plain ones, from an array of numpy or pint as well."""
-    return values.tolist() if isinstance(values, np.ndarray) else list(values) if isinstance(values, tuple) else values
 
 
 def survey_of(grid: Grid, *, progress: Report | None = None, confirm: Confirm | None = None) -> Survey:
