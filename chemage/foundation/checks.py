@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import inspect
 import math
+import os
 import types
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import Annotated, Any, Self, Union, get_args, get_origin
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationInfo, ValidatorFunctionWrapHandler, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    ValidationError,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+)
 
-from chemage.foundation.errors import InputError, UnitError, shown
+from chemage.foundation.errors import InputError, UnitError, explain, in_lines, nearest, shown
 from chemage.foundation.units import LARGEST, SMALLEST, QuantityLike, Unit, array_in, carried, convert, plain_array
 
 #: what users give as a seed: a whole number, or one of numpy's seed sequences
@@ -122,6 +132,69 @@ def check_times(hold_times: Sequence[float] | np.ndarray) -> np.ndarray:
     return times
 
 
+# -- arguments of public functions ------------------------------------------------------------------------------------
+
+
+def check_arguments(function: Callable[..., Any], args: Sequence[Any], kwargs: Mapping[str, Any]) -> None:
+    """Raise an InputError if an argument is not what its annotation says; what an annotation leaves open is right."""
+    function = inspect.unwrap(function)
+    try:
+        bound = inspect.signature(function).bind(*args, **kwargs)
+    except TypeError as error:
+        raise InputError(f"{function.__name__}: {error}") from None
+    for name, value in bound.arguments.items():
+        hint, kind = function.__annotations__.get(name, Any), bound.signature.parameters[name].kind
+        try:
+            hint = eval(hint, function.__globals__) if isinstance(hint, str) else hint
+        except NameError:  # imported for type checkers alone
+            continue
+        values = value if kind is inspect.Parameter.VAR_POSITIONAL else (value,)
+        if kind is not inspect.Parameter.VAR_KEYWORD and not all(_fits(item, hint) for item in values):
+            raise InputError.of(name, value, "is not what this argument takes", f"give {_in_words(hint)}")
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether ``value`` is what an annotation says, as far as that can be seen."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        return any(_fits(value, part) for part in inner)
+    if origin is Literal:
+        return isinstance(value, str) and value in inner
+    if hint in (None, type(None), bool, int, float):
+        if hint in (int, float) and isinstance(value, int | float | np.number) and not np.isnan(value):
+            return not isinstance(value, bool) and (_is_whole(value) or hint is float) and abs(value) < 2.0**63
+        return value is None if hint in (None, type(None)) else hint is bool and isinstance(value, bool | np.bool_)
+    cls = origin or hint
+    if not isinstance(cls, type) or cls in (Any, object):
+        return True
+    if getattr(cls, "_is_protocol", False):
+        return all(hasattr(value, name) for name in vars(cls) if not name.startswith("_"))
+    if isinstance(value, str) and "\0" in value:  # neither a path nor a word
+        return False
+    if not isinstance(value, cls) or (isinstance(value, str) and cls in (Sequence, Iterable)):
+        return False
+    return not (isinstance(value, list | tuple) and len(inner) == 1) or all(_fits(item, inner[0]) for item in value)
+
+
+_WORDS = {str: "a text", int: "a whole number", float: "a number", bool: "True or False", types.NoneType: "None"}
+_WORDS |= {
+    Mapping: "a table by name",
+    Sequence: "a list",
+    np.ndarray: "an array",
+    os.PathLike: "a path",
+    Path: "a path",
+}
+
+
+def _in_words(hint: Any) -> str:
+    parts = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else [hint]
+    if get_origin(hint) is Literal:
+        return " or ".join(map(repr, get_args(hint)))
+    kinds = [get_origin(part) or part for part in parts]
+    named = [_WORDS.get(kind) or f"a {getattr(kind, '__name__', kind)}" for kind in kinds]
+    return " or ".join(dict.fromkeys(named))
+
+
 # -- frozen objects ---------------------------------------------------------------------------------------------------
 
 _OF_EVERY_MODEL = {name for name in dir(BaseModel) if not name.startswith("_")}
@@ -131,6 +204,23 @@ class Frozen(BaseModel):
     """What records, components and the sections of a scene have in common."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, use_attribute_docstrings=True)
+
+    def __init__(self, /, **fields: Any) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            known = list(type(self).model_fields)
+            options = f"; the options are {', '.join(known) or 'none'}"
+            problems = [
+                (path, f"{text}{nearest(path, known)}{options}" if text == "no such option" else text)
+                for path, text in explain(error)
+            ]
+            raise InputError(f"{self._title()}: {in_lines(problems)}", problems) from None
+
+    @classmethod
+    def _title(cls) -> str:
+        """What messages call it."""
+        return cls.__name__
 
     @field_validator("*", mode="wrap")
     @classmethod

@@ -13,10 +13,10 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
 
 from chemage.foundation.checks import Frozen, is_boolean
-from chemage.foundation.errors import InputError, UnitError, explain, in_lines, shortened
+from chemage.foundation.errors import InputError, UnitError, shortened
 from chemage.foundation.text import html_table
 from chemage.foundation.units import array_in, carried, in_range
 
@@ -57,7 +57,10 @@ def _error_in_words(entry: Mapping[str, Any]) -> str:
 
 def content_hash(content: Any) -> str:
     """128 bits as 32 hexadecimal digits; the order of the entries of a dict does not count."""
-    return text_hash(json.dumps(content, sort_keys=True))
+    try:
+        return text_hash(json.dumps(content, sort_keys=True))
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError.of("content", content, f"is not made of plain JSON values ({error})") from None
 
 
 def text_hash(text: str, size: int = 16) -> str:
@@ -165,10 +168,7 @@ class Record(Frozen):
                     fields[name] = array_in(fields[name], unit)
                 except UnitError as error:
                     raise UnitError(f"{type(self).__name__}: {name}: {error}") from None
-        try:
-            super().__init__(**fields)
-        except ValidationError as error:
-            raise InputError(f"{type(self).__name__}: {in_lines(explain(error))}") from None
+        super().__init__(**fields)
 
     def todict(self) -> dict[str, Any]:
         """Field name -> value; arrays stay arrays."""

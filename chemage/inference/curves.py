@@ -55,12 +55,13 @@ class MeasuredCurve(Record):
     """options of the chemistry under which it was measured, where they are known; the scene must have the same"""
 
     def __init__(self, **fields: Any) -> None:
-        unit = UNIT.get(fields.get("quantity", "friction_drop"), "")
+        unit = UNIT.get(str(fields.get("quantity", "friction_drop")), "")
         super().__init__(**{n: array_in(v, unit) if n in ("values", "errors") else v for n, v in fields.items()})
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        check_times(self.hold_times)
+        if check_times(self.hold_times).ndim != self.hold_times.ndim:
+            raise ValueError("hold_times: give a list")
         if self.hold_times.size and self.hold_times[0] <= 0:
             raise ValueError("hold_times[0] = 0 s: nothing has aged then; leave that row out")
         for name in ("values", "errors"):

@@ -52,7 +52,7 @@ class HeightMap:
                 f"{self.source} holds an array of shape {heights.shape}; an image has two dimensions (nx, ny)"
             )
         sizes = (*(self.pixel_size or ()), *(() if self.height_unit is None else (self.height_unit,)))
-        if not all(np.isfinite(size) and size > 0 for size in sizes):
+        if not all(isinstance(size, int | float | np.number) and np.isfinite(size) and size > 0 for size in sizes):
             raise InputError(
                 f"{self.source} states pixels of {self.pixel_size} nm and a height unit of {self.height_unit} nm; "
                 "both must be above 0: give pixel_size and height_unit"

@@ -29,9 +29,10 @@ import pint
 import xarray as xr
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "stubs"))
-import chemage as ca
 import hostile
-from chemage.foundation import names
+
+import chemage as ca
+from chemage.foundation import errors, names
 
 SECONDS = 10.0
 UNITS = pint.UnitRegistry()
@@ -46,9 +47,11 @@ FOREIGN = [
     UNITS.Quantity([1.0, 2.0], "hour"), UNITS.Quantity(1.0, "V"), UNITS.nanometer, np.ma.masked,
     np.ma.array([1.0, 2.0], mask=[0, 1]), np.ma.array(0.02, mask=True), np.timedelta64(5, "h"), np.timedelta64("NaT"),
     np.datetime64("NaT"), np.array(["2020-01-01"], "M8[D]"), np.array([5], "m8[h]"), datetime.datetime(2020, 1, 1),
-    datetime.timedelta(hours=5), Fraction(1, 3), np.array(object()), np.array([None]), np.array("x"), np.rec.array([(1,)]),
+    datetime.timedelta(hours=5), Fraction(1, 3), np.array(object()), np.array([None]), np.array("x"),
+    np.rec.array([(1,)]),
     np.zeros(3, [("a", "f8")]), np.zeros((0, 3)), np.zeros((2, 2, 2, 2)), memoryview(b"abc"), iter([1]), frozenset([1]),
-    {"a": np.ma.masked}, [np.ma.masked], [pd.NA], "/dev/null", "/", "no/such/file.h5", Path("x.h5"), "a\x00b", "x" * 5000,
+    {"a": np.ma.masked}, [np.ma.masked], [pd.NA], "/dev/null", "/", "no/such/file.h5", Path("x.h5"), "a\x00b",
+    "x" * 5000,
     b"bytes.h5", 10**400, -(10**400), 1e-320, 1e300, True, 2**63, 2**64, float("nan"), float("inf"),
 ]  # fmt: skip
 
@@ -95,7 +98,8 @@ def good() -> dict[str, tuple[object, dict]]:
         "collect_sweep": {"folder": "sweep"},
         "SweepResult": {"folder": "sweep"},
         "ensemble": {"scene": scene, "surfaces": 2, "most": None, "accuracy": None, "budget": None, "samples": None},
-        "infer": {"measured": [ca.MeasuredCurve(**curve)], "scene": scene, "samples": 50, "seed": 1},
+        "infer": {"measured": [ca.MeasuredCurve(**curve)], "scene": scene, "samples": 50, "seed": 1,
+                  "families": ["uniform"]},
         "material": {"name": "silica"},
         "plugin_options": {"name": "surfaces"},
         "register": {"cls": type(maker)},
@@ -156,9 +160,9 @@ def bounded(arguments: dict) -> dict:
     """The arguments, of which no number that is allowed asks for hours."""
     for name, most in (("replicas", 10), ("surfaces", 4), ("samples", 500), ("temperature", 1000.0), ("most", 100)):
         value = arguments.get(name)
-        if isinstance(value, int | float | np.number) and not isinstance(value, bool) and most < value < 10**7:
+        if isinstance(value, int | float) and not isinstance(value, bool) and most < value < 10**7:
             arguments[name] = most
-    return arguments
+    return hostile.finite_work(arguments)
 
 
 def outcome(number: int) -> tuple[str, float, str]:
@@ -172,7 +176,9 @@ def outcome(number: int) -> tuple[str, float, str]:
     except ca.ChemageError as error:
         wrong = "" if 0 < len(str(error)) < 20_000 else f"a message of {len(str(error))} characters"
     except BaseException as error:
-        values = {key: repr(value)[:60] for key, value in arguments.items() if value is not good()[name][1].get(key)}
+        values = {
+            key: errors.shown(value, 60) for key, value in arguments.items() if value is not good()[name][1].get(key)
+        }
         wrong = f"{type(error).__name__}: {error}\n{values}\n{traceback.format_exc(limit=-3)}"
     seconds = time.perf_counter() - begin
     return name, seconds, wrong or (f"took {seconds:.1f} s" if seconds > SECONDS else "")
@@ -184,7 +190,7 @@ def call(name: str, function: object, arguments: dict) -> object:
         answer = function(arguments["names"])
     elif " " in name or name == "plugin_options":
         arguments = dict(arguments)
-        answer = function(arguments.pop("kind", None) or arguments.pop("name", None), **arguments)
+        answer = function(arguments.pop("kind" if "kind" in arguments else "name"), **arguments)
     else:
         answer = function(**arguments)
     if name == "unregister":

@@ -227,7 +227,7 @@ def _check_room(survey: Survey, path: Path, confirm: Confirm | None) -> None:
 def _warn(survey: Survey) -> None:
     """Warn of what is doubtful about the points, of each kind of doubt once."""
     for text in survey.warnings():
-        warnings.warn(text, PlanWarning, stacklevel=4)
+        warnings.warn(text, PlanWarning, stacklevel=5)
 
 
 def _check_folder(folder: Folder, survey: Survey, force: bool) -> None:
@@ -253,7 +253,7 @@ def _check_folder(folder: Folder, survey: Survey, force: bool) -> None:
         warnings.warn(
             f"{path} was begun with other versions ({', '.join(changed)}); it will hold points of both",
             SweepWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
 
 
@@ -264,7 +264,7 @@ def _manifest_of(folder: Folder, survey: Survey) -> Mapping[str, Any]:
     except DamagedError as error:
         if not any(folder.point(key).exists() for key in survey.keys):
             raise
-        warnings.warn(f"{error}; it is written again", SweepWarning, stacklevel=4)
+        warnings.warn(f"{error}; it is written again", SweepWarning, stacklevel=5)
         return _manifest(survey)
 
 
@@ -292,7 +292,7 @@ def _outdated(folder: Folder, survey: Survey, *, whole: bool) -> Outdated:
             "another folder"
         )
     if stale:
-        warnings.warn(f"{folder.path}: {stale.describe()}", SweepWarning, stacklevel=3)
+        warnings.warn(f"{folder.path}: {stale.describe()}", SweepWarning, stacklevel=4)
     return stale
 
 
