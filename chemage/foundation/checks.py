@@ -161,7 +161,7 @@ def _fits(value: Any, hint: Any) -> bool:
     if origin is Literal:
         return isinstance(value, str) and value in inner
     if hint in (None, type(None), bool, int, float):
-        if hint in (int, float) and isinstance(value, int | float | np.number) and not np.isnan(value):
+        if hint in (int, float) and isinstance(value, int | float | np.number) and value == value:
             return not isinstance(value, bool) and (_is_whole(value) or hint is float) and abs(value) < 2.0**63
         return value is None if hint in (None, type(None)) else hint is bool and isinstance(value, bool | np.bool_)
     cls = origin or hint

@@ -224,10 +224,11 @@ class _Parser:
         prefer = section.get("prefer", [])
         try:
             if not isinstance(prefer, list | tuple) or not all(isinstance(name, str) for name in prefer):
-                raise InputError(f'{prefer!r}: give a list of names of plugins, such as ["my-plugin"]')
+                raise InputError(f'{shown(prefer)}: give a list of names of plugins, such as ["my-plugin"]')
             registry.current().check_preference(prefer, "it")
         except InputError as error:
             self.problems.append(("plugins.prefer", str(error)))
+            prefer = ()
         for name, table in section.items():
             path = f"plugins.{name}"
             if name == "prefer":

@@ -162,7 +162,9 @@ def bounded(arguments: dict) -> dict:
         value = arguments.get(name)
         if isinstance(value, int | float) and not isinstance(value, bool) and most < value < 10**7:
             arguments[name] = most
-    return hostile.finite_work(arguments)
+    if "hold_times" in arguments:
+        hostile.finite_work(arguments)
+    return arguments
 
 
 def outcome(number: int) -> tuple[str, float, str]:
