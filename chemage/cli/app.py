@@ -28,7 +28,7 @@ COMMANDS = {
         *(experiments.tradeoff, inference.infer),
     ),
     "Results": (results.show, results.plot, results.compare, results.report, results.arrhenius, results.cite),
-    "Reference": (reference.materials, reference.schema, reference.warmup),
+    "Reference": (reference.materials, reference.schema, reference.warmup, reference.selftest),
 }
 _OF_PLUGINS = "Commands of plugins"
 #: set by the script that the shell runs for completion

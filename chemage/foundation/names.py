@@ -136,6 +136,10 @@ def _checked(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
             if type(error).__module__.startswith("chemage."):
                 raise
             _blame(function, args, kwargs)
+            if isinstance(error, OSError) and error.strerror:
+                from chemage.foundation.errors import StoreError, shortened
+
+                raise StoreError(f"{shortened(error.filename)}: {error.strerror}") from error
             raise
 
     checked.__module__ = "chemage" if name in USERS else "chemage.plugin"  # where pickle finds it
