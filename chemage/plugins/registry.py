@@ -91,7 +91,7 @@ class Registry:
         self._monitor(self.manager)
         for name in ROOMS:
             self.add_room(importlib.import_module(name))
-        points = selected(metadata.entry_points(group=GROUP)) if entry_points is None else entry_points
+        points = selected(installed(GROUP)) if entry_points is None else entry_points
         # by name: the order never depends on the file system; pluggy asks those first that were registered last
         for point in sorted(points, key=lambda p: (_is_own(p), p.name), reverse=True):
             self._load(point)
