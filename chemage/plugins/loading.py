@@ -67,8 +67,10 @@ class Hooks(pluggy.PluginManager):
 
 
 def installed(group: str) -> list[metadata.EntryPoint]:
-    """The entry points of installed distributions, each the first of its name; not of what merely lies in the current
-    folder, which notebooks and ``python -c`` search first."""
+    """The entry points of installed distributions; not of what merely lies in the current folder, which notebooks and
+    ``python -c`` search first."""
+    if "" not in sys.path:
+        return list(metadata.entry_points(group=group))
     distributions: dict[str, metadata.Distribution] = {}
     for distribution in metadata.distributions(path=[folder for folder in sys.path if folder]):
         distributions.setdefault(str(distribution.metadata["Name"]).lower().replace("_", "-"), distribution)

@@ -39,6 +39,7 @@ from chemage.plugins.loading import (
     clash,
     full_name,
     imported,
+    installed,
     is_stage,
     scene_text,
     selected,
