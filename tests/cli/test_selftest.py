@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from chemage.foundation import container, random
+from chemage.plugin import container, random
 from chemage.testing import selftest
 
 ROOT = Path(__file__).parents[2]

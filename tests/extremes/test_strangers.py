@@ -205,7 +205,7 @@ def test_a_fault_of_the_program_is_one_line_and_its_place_is_in_the_log(command,
     def fail(*args, **options):
         raise ZeroDivisionError("by hand")
 
-    monkeypatch.setattr("chemage.scene.files.parse_scene", fail)
+    monkeypatch.setattr(ca.Scene, "in_use", fail)
     done = command("check", small, "--log", small.parent / "log.txt")
     assert (done.status, done.out) == (3, "")
     assert done.err.count("\n") == 1
