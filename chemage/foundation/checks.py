@@ -162,7 +162,7 @@ def _fits(value: Any, hint: Any) -> bool:
         return isinstance(value, str) and value in inner
     if hint in (None, type(None), bool, int, float):
         if hint in (int, float) and isinstance(value, int | float | np.number) and value == value:
-            return not isinstance(value, bool) and (_is_whole(value) or hint is float) and abs(value) < 2.0**63
+            return bool(not isinstance(value, bool) and (_is_whole(value) or hint is float) and abs(value) < 2.0**63)
         return value is None if hint in (None, type(None)) else hint is bool and isinstance(value, bool | np.bool_)
     cls = origin or hint
     if not isinstance(cls, type) or cls in (Any, object):

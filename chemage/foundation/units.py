@@ -92,7 +92,7 @@ def convert(value: object, unit: str, field: str = "") -> float:
     if isinstance(value, str):
         return _parse(value, unit)
     data = carried(value)
-    number = value if data is None else magnitudes(data, unit)
+    number: Any = value if data is None else magnitudes(data, unit)
     try:
         if hasattr(number, "__array__"):
             array = plain_array(number)
