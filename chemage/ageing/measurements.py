@@ -13,6 +13,7 @@ from chemage.foundation.checks import check_times
 from chemage.foundation.errors import InputError
 from chemage.foundation.records import frozen
 from chemage.foundation.tables import ColumnTable, factor, number, read_columns
+from chemage.foundation.units import array_in
 
 _COLUMNS = ("hold_time", *UNIT, "error")
 _EXAMPLE = "hold_time (s), friction_coefficient_drop, error"
@@ -36,11 +37,12 @@ class Measurements:
     def __post_init__(self) -> None:
         for name in ("hold_times", "values", "error"):
             if (array := getattr(self, name)) is not None:
+                unit = "s" if name == "hold_times" else UNIT.get(str(self.quantity), "")
                 try:
-                    object.__setattr__(self, name, frozen(array, np.float64))
+                    object.__setattr__(self, name, frozen(array_in(array, unit), np.float64))
                 except ValueError as error:
                     raise InputError(f"{name}: {error}") from None
-        if self.quantity not in UNIT:
+        if str(self.quantity) not in UNIT:
             raise InputError.of("quantity", self.quantity, f"choose {' or '.join(UNIT)}")
         _check_data(self.hold_times, self.values, self.error)
 

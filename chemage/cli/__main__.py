@@ -1,5 +1,5 @@
 """``python -m chemage.cli``."""
 
-from chemage.cli.app import main
+from chemage.cli import main
 
 main()

@@ -1,7 +1,7 @@
 """The command line. Commands import what they need when they run, so that ``chemage --help`` is fast.
 
-Exit status: 0 success, 1 a check found problems or points of a sweep failed, 2 invalid input, 130 interrupted,
-143 terminated (SIGTERM).
+Exit status: 0 success, 1 a check found problems or points of a sweep failed, 2 invalid input, 3 a fault of chemage,
+130 interrupted, 143 terminated (SIGTERM).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import typer
 import typer.core
 
 from chemage.cli import experiments, inference, output, plugins, reference, results
+from chemage.foundation.memory import require_address_space
 from chemage.foundation.progress import LOGGER
 from chemage.plugins.context import PREFER, preference
 
@@ -27,7 +28,7 @@ COMMANDS = {
         *(experiments.tradeoff, inference.infer),
     ),
     "Results": (results.show, results.plot, results.compare, results.report, results.arrhenius, results.cite),
-    "Reference": (reference.materials, reference.schema, reference.warmup),
+    "Reference": (reference.materials, reference.schema, reference.warmup, reference.selftest),
 }
 _OF_PLUGINS = "Commands of plugins"
 #: set by the script that the shell runs for completion
@@ -163,8 +164,12 @@ def _all_commands() -> Any:
 def main() -> None:
     """Run the command line; a :class:`chemage.ChemageError` is printed as one message on stderr."""
     begin = time.perf_counter()
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # the caller has closed it; no file that is opened later takes its number
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
     try:
         output.begin()
+        require_address_space()
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="backslashreplace")  # for terminals that cannot show µ or Δ
@@ -176,8 +181,7 @@ def main() -> None:
         # typer's own main catches the KeyboardInterrupt
         with commands.make_context("chemage", sys.argv[1:]) as context:
             commands.invoke(context)
-        if sys.stdout is not None:  # None where the caller has closed it
-            sys.stdout.flush()
+        sys.stdout.flush()
         _leave(0, begin)
     except typer.Exit as end:
         _leave(end.exit_code, begin)
@@ -198,14 +202,13 @@ def _leave(status: int, begin: float) -> None:
 
 
 def _complain(text: str) -> None:
-    """Print on stderr, control characters as escapes; nothing where stderr is closed."""
+    """Print on stderr, control characters as escapes."""
     from chemage.foundation.errors import printable
     from chemage.foundation.progress import loaded
 
     loaded()
-    if sys.stderr is not None:
-        with contextlib.suppress(OSError, ValueError):
-            print(printable(text), file=sys.stderr, flush=True)
+    with contextlib.suppress(OSError, ValueError):
+        print(printable(text), file=sys.stderr, flush=True)
 
 
 def _discard_output() -> None:
@@ -225,7 +228,7 @@ def _plain_warnings() -> None:
 
 
 def _explain(error: Exception) -> int:
-    from chemage.foundation.errors import ChemageError
+    from chemage.foundation.errors import ChemageError, shortened
 
     LOGGER.error("%s", "\n".join([f"{error}", *getattr(error, "__notes__", ())]), exc_info=_unexpected(error))
     if isinstance(error, ChemageError):
@@ -245,7 +248,11 @@ def _explain(error: Exception) -> int:
     if isinstance(error, MemoryError):
         _complain(f"chemage: not enough memory: {error}; `chemage check` estimates what a scene needs")
         return 2
-    raise error
+    _complain(
+        f"chemage: this is a fault of chemage, please report it: {type(error).__name__}: {shortened(error, 200)}; "
+        "--log FILE writes where it arose to FILE"
+    )
+    return 3
 
 
 def _unexpected(error: Exception) -> bool:

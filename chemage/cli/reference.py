@@ -1,4 +1,4 @@
-"""The commands that need no result: materials, schema, and warmup, which compiles kernels before they are needed."""
+"""The commands that need no result: materials, schema, selftest, and warmup, which compiles kernels beforehand."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import typer
 
 from chemage.cli import output
 from chemage.cli.options import JsonOpt, user_error
-from chemage.foundation.progress import loading, progress_bars
+from chemage.foundation.progress import loaded, loading, progress_bars
 
 if TYPE_CHECKING:
     from chemage.scene.scene import Scene
@@ -136,6 +136,42 @@ def warmup(
         for folder in told["folders"]:
             output.say(f"in {folder}")
     if failed:
+        raise typer.Exit(1)
+
+
+def selftest(as_json: JsonOpt = False) -> None:
+    """Test this installation against closed forms and known numbers, in about a minute.
+
+    Every solver, engine, distribution, interaction, law and reader, the random numbers and the files: what they compute
+    on this machine is compared with what is known. Prints the processor, the libraries and the folders of compiled
+    kernels. Exit status 1 if something is wrong.
+    """
+    loading("loading chemage")
+    from chemage.foundation import machine
+    from chemage.scene.provenance import versions
+    from chemage.testing.selftest import selftest as outcomes
+
+    about = {**versions(), "kernels": str(machine.kernel_folder()), "cache": str(machine.cache_folder())}
+    if not as_json:
+        for name, value in about.items():
+            output.say(f"{name} {value}")
+    loaded()
+    parts, begin = [], time.perf_counter()
+    for outcome in outcomes():
+        parts.append(outcome)
+        state = (outcome.untested and "not tested") or ("WRONG" if outcome.problems else "right")
+        if not as_json:
+            count = outcome.untested or f"{outcome.passed} tests in {outcome.seconds:.1f} s"
+            output.say(f"{state:10} {outcome.part}: {count}")
+            for problem in outcome.problems:
+                output.say(f"           {problem}")
+    wrong = sum(len(part.problems) for part in parts)
+    if as_json:
+        print(json.dumps({"machine": about, "wrong": wrong, "parts": [part._asdict() for part in parts]}))
+    else:
+        right = sum(part.passed for part in parts)
+        output.say(f"{right} tests passed, {wrong} failed, in {time.perf_counter() - begin:.0f} s")
+    if wrong:
         raise typer.Exit(1)
 
 

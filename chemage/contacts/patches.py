@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from chemage.foundation.errors import InputError
+
 
 @dataclass(frozen=True)
 class Patches:
@@ -25,6 +27,8 @@ def label_patches(contact: np.ndarray, periodic: bool, *, corners: bool = True) 
 
     Pixels that share an edge or a corner are connected (8 neighbours); without ``corners``, an edge (4 neighbours).
     """
+    if contact.ndim != 2:
+        raise InputError.of("contact", contact.shape, "must have two dimensions (nx, ny)")
     from scipy import ndimage
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

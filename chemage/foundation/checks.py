@@ -6,24 +6,27 @@ import ast
 import inspect
 import itertools
 import math
+import os
 import types
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import Annotated, Any, Self, Union, get_args, get_origin
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
 
 import numpy as np
 from pydantic import (
     BaseModel,
     ConfigDict,
     GetJsonSchemaHandler,
+    ValidationError,
     ValidationInfo,
     ValidatorFunctionWrapHandler,
     field_validator,
 )
 from pydantic_core import core_schema
 
-from chemage.foundation.errors import InputError, shown
-from chemage.foundation.units import LARGEST, SMALLEST, QuantityLike, convert, has_unit, magnitudes
+from chemage.foundation.errors import InputError, UnitError, explain, in_lines, nearest, shown
+from chemage.foundation.units import LARGEST, SMALLEST, QuantityLike, Unit, array_in, carried, convert, plain_array
 
 #: what users give as a seed: a whole number, or one of numpy's seed sequences
 Seed = int | np.random.SeedSequence
@@ -62,9 +65,14 @@ def temperature_value(temperature: QuantityLike) -> float:
     return value
 
 
+def _is_whole(value: Any) -> bool:
+    # a difference of dates is an integer to numpy
+    return isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
+
+
 def checked_seed(seed: Any) -> int:
     """``seed`` as a non-negative int."""
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+    if not _is_whole(seed) or seed < 0:
         raise InputError.of("seed", seed, "must be a whole number, 0 or larger")
     if int(seed) > LARGEST_SEED:
         raise InputError("seed: has more than 256 bits; give a smaller whole number")
@@ -73,7 +81,7 @@ def checked_seed(seed: Any) -> int:
 
 def checked_count(name: str, value: Any, least: int = 1, most: int | None = None) -> int:
     """``value`` as an int of at least ``least`` and, if given, at most ``most``."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+    if not _is_whole(value) or value < least:
         raise InputError.of(name, value, f"must be a whole number of at least {least}")
     if most is not None and value > most:
         raise InputError.of(name, value, f"must be at most {most}")
@@ -101,18 +109,14 @@ def is_boolean(array: np.ndarray) -> bool:
 
 
 def check_times(hold_times: Sequence[float] | np.ndarray) -> np.ndarray:
-    """``hold_times`` as (m,) float64, non-decreasing, finite, ≥ 0, m ≥ 1; quantities of pint are converted."""
-    if has_unit(hold_times):
-        hold_times = magnitudes(hold_times, "s")
-    elif isinstance(hold_times, list | tuple) and any(has_unit(time) for time in hold_times):
-        hold_times = [convert(time, "s", "hold_times") for time in hold_times]
+    """``hold_times`` as (m,) float64, non-decreasing, finite, ≥ 0, m ≥ 1; data that carry a unit are converted."""
     try:
-        array = np.asarray(hold_times)
-        if array.dtype.kind not in "fiu" and array.size:
-            raise TypeError
-        times = np.array(array, dtype=np.float64, ndmin=1)
-    except (TypeError, ValueError, OverflowError, RecursionError):
-        raise InputError.of("hold_times", hold_times, "not a list of numbers", "give seconds") from None
+        array = array_in(hold_times, "s")
+    except UnitError as error:
+        raise UnitError(f"hold_times: {error}") from None
+    if array.dtype.kind not in "fiu" and array.size:
+        raise InputError.of("hold_times", hold_times, "not a list of numbers", "give seconds")
+    times = np.array(array, dtype=np.float64, ndmin=1)
     if times.ndim != 1 or times.size == 0:
         raise InputError.of("hold_times", times.shape, "must be a list with at least one time", "give seconds")
     if times.size > MOST_TIMES:
@@ -130,6 +134,69 @@ def check_times(hold_times: Sequence[float] | np.ndarray) -> np.ndarray:
     refuse(too_far, "is out of range", f"give 0, or seconds from {SMALLEST:g} to {LARGEST:g}")
     refuse(np.diff(times, prepend=0.0) < 0, "comes after {}", "sort the hold times")
     return times
+
+
+# -- arguments of public functions ------------------------------------------------------------------------------------
+
+
+def check_arguments(function: Callable[..., Any], args: Sequence[Any], kwargs: Mapping[str, Any]) -> None:
+    """Raise an InputError if an argument is not what its annotation says; what an annotation leaves open is right."""
+    function = inspect.unwrap(function)
+    try:
+        bound = inspect.signature(function).bind(*args, **kwargs)
+    except TypeError as error:
+        raise InputError(f"{function.__name__}: {error}") from None
+    for name, value in bound.arguments.items():
+        hint, kind = function.__annotations__.get(name, Any), bound.signature.parameters[name].kind
+        try:
+            hint = eval(hint, function.__globals__) if isinstance(hint, str) else hint
+        except NameError:  # imported for type checkers alone
+            continue
+        values = value if kind is inspect.Parameter.VAR_POSITIONAL else (value,)
+        if kind is not inspect.Parameter.VAR_KEYWORD and not all(_fits(item, hint) for item in values):
+            raise InputError.of(name, value, "is not what this argument takes", f"give {_in_words(hint)}")
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether ``value`` is what an annotation says, as far as that can be seen."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        return any(_fits(value, part) for part in inner)
+    if origin is Literal:
+        return isinstance(value, str) and value in inner
+    if hint in (None, type(None), bool, int, float):
+        if hint in (int, float) and isinstance(value, int | float | np.number) and value == value:
+            return bool(not isinstance(value, bool) and (_is_whole(value) or hint is float) and abs(value) < 2.0**63)
+        return value is None if hint in (None, type(None)) else hint is bool and isinstance(value, bool | np.bool_)
+    cls = origin or hint
+    if not isinstance(cls, type) or cls in (Any, object):
+        return True
+    if getattr(cls, "_is_protocol", False):
+        return all(hasattr(value, name) for name in vars(cls) if not name.startswith("_"))
+    if isinstance(value, str) and "\0" in value:  # neither a path nor a word
+        return False
+    if not isinstance(value, cls) or (isinstance(value, str) and cls in (Sequence, Iterable)):
+        return False
+    return not (isinstance(value, list | tuple) and len(inner) == 1) or all(_fits(item, inner[0]) for item in value)
+
+
+_WORDS = {str: "a text", int: "a whole number", float: "a number", bool: "True or False", types.NoneType: "None"}
+_WORDS |= {
+    Mapping: "a table by name",
+    Sequence: "a list",
+    np.ndarray: "an array",
+    os.PathLike: "a path",
+    Path: "a path",
+}
+
+
+def _in_words(hint: Any) -> str:
+    parts = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else [hint]
+    if get_origin(hint) is Literal:
+        return " or ".join(map(repr, get_args(hint)))
+    kinds = [get_origin(part) or part for part in parts]
+    named = [_WORDS.get(kind) or f"a {getattr(kind, '__name__', kind)}" for kind in kinds]
+    return " or ".join(dict.fromkeys(named))
 
 
 # -- frozen objects ---------------------------------------------------------------------------------------------------
@@ -153,15 +220,43 @@ class Frozen(BaseModel):
                 part["description"] = texts[name]
         return described
 
+    def __init__(self, /, **fields: Any) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            known = list(type(self).model_fields)
+            options = f"; the options are {', '.join(known) or 'none'}"
+            problems = [
+                (path, f"{text}{nearest(path, known)}{options}" if text == "no such option" else text)
+                for path, text in explain(error)
+            ]
+            raise InputError(f"{self._title()}: {in_lines(problems)}", problems) from None
+
+    @classmethod
+    def _title(cls) -> str:
+        """What messages call it."""
+        return cls.__name__
+
     @field_validator("*", mode="wrap")
     @classmethod
     def _no_booleans(cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
-        """Refuse True and False, also in a list, in a field of numbers: pydantic would read them as 1 and 0."""
+        """Refuse in a field of numbers, also in a list, what pydantic takes for one: True and False, masked values, and
+        data that carry a unit where the field has none."""
+        name = info.field_name
+        if name is None or name not in (numeric := _numeric_fields(cls)):
+            return handler(value)
+        items = value if isinstance(value, list | tuple) else (value,)
+        for item in items:
+            if isinstance(item, int | float | str):
+                continue
+            if (data := carried(item)) is None and hasattr(item, "__array__"):
+                plain_array(item)  # nothing in it is masked
+            elif data is not None and not numeric[name] and data.unit != "dimensionless":
+                raise ValueError(f"{shown(item)} carries the unit {data.unit}; give plain numbers here")
         checked = handler(value)
-        if info.field_name is not None and info.field_name in _numeric_fields(cls):
-            for item in value if isinstance(value, list | tuple) else (value,):
-                if isinstance(item, bool | np.bool_):
-                    raise ValueError(f"{item} is not a number")
+        for item in items:
+            if isinstance(item, bool | np.bool_ | np.timedelta64):
+                raise ValueError(f"{item} is not a number")
         return checked
 
     @classmethod
@@ -206,15 +301,22 @@ def _texts_below(cls: type) -> dict[str, str]:
 
 
 @lru_cache(maxsize=512)
-def _numeric_fields(cls: type[BaseModel]) -> frozenset[str]:
-    kinds = {name: set(_kinds(info.annotation)) for name, info in cls.model_fields.items()}
-    return frozenset(name for name, of_field in kinds.items() if of_field & {int, float} and bool not in of_field)
+def _numeric_fields(cls: type[BaseModel]) -> dict[str, bool]:
+    """The fields of numbers, and whether each has a unit."""
+    kinds = {name: {*_kinds(info.annotation), *map(type, info.metadata)} for name, info in cls.model_fields.items()}
+    return {
+        name: any(issubclass(kind, Unit) for kind in of_field if isinstance(kind, type))
+        for name, of_field in kinds.items()
+        if of_field & {int, float} and bool not in of_field
+    }
 
 
 def _kinds(annotation: Any) -> list[Any]:
+    """The types in an annotation, those of its marks included."""
     origin = get_origin(annotation)
     if origin is Annotated:
-        return _kinds(get_args(annotation)[0])
+        kind, *marks = get_args(annotation)
+        return [*_kinds(kind), *map(type, marks)]
     if origin in (Union, types.UnionType, tuple, list):
         return [kind for part in get_args(annotation) for kind in _kinds(part)]
     return [annotation]

@@ -12,10 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from pydantic import SerializationInfo, SerializerFunctionWrapHandler, ValidationError, model_serializer
+from pydantic import SerializationInfo, SerializerFunctionWrapHandler, model_serializer
 
 from chemage.foundation.checks import Frozen, meanings
-from chemage.foundation.errors import InputError, explain, in_lines, nearest
+from chemage.foundation.errors import InputError
 from chemage.foundation.records import content_hash
 from chemage.foundation.text import html_table
 
@@ -49,18 +49,9 @@ class Component(Frozen):
     #: figures that :meth:`draw` can draw: name -> caption
     figures: ClassVar[Mapping[str, str]] = {}
 
-    def __init__(self, /, **options: Any) -> None:
-        try:
-            super().__init__(**options)
-        except ValidationError as error:
-            known = list(type(self).model_fields)
-            problems = []
-            for path, message in explain(error):
-                if message == "no such option":
-                    message = f"no such option{nearest(path, known)}; the options are {', '.join(known) or 'none'}"
-                problems.append((path, message))
-            name = f"{self.role} {self.kind!r}" if self.kind else type(self).__name__
-            raise InputError(f"{name}: {in_lines(problems)}", problems) from None
+    @classmethod
+    def _title(cls) -> str:
+        return f"{cls.role} {cls.kind!r}" if cls.kind else cls.__name__
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """As :meth:`replace`: options are always validated."""
@@ -111,7 +102,7 @@ class Component(Frozen):
         return cls(**options)
 
     def _repr_html_(self) -> str:
-        title = f"{self.role} {self.kind}" if self.kind else type(self).__name__
+        title = self._title().replace("'", "")
         texts = meanings(type(self))
         rows = ((name, str(getattr(self, name)), texts.get(name, "")) for name in type(self).model_fields)
         return html_table(title, rows)

@@ -35,9 +35,11 @@ def shortened(value: object, most: int = 80) -> str:
 
 
 def shown(value: object, most: int = 80) -> str:
-    """``repr(value)`` of at most ``most`` characters, also of values that have none, such as lists in themselves."""
+    """``repr(value)`` in one line of at most ``most`` characters, also of values that have none, such as lists in
+    themselves."""
     try:
-        return shortened(repr(value), most)
+        text = repr(value)
+        return shortened(" ".join(text.split()) if "\n" in text else text, most)
     except Exception:  # nested too deeply, a whole number of too many digits, or a faulty __repr__
         return f"a {type(value).__name__}"
 

@@ -10,6 +10,8 @@ from chemage.foundation.errors import InputError
 
 #: environment variable that overrides what the machine says, such as "64 GB"
 VARIABLE = "CHEMAGE_MEMORY"
+#: address space of Python with numba and scipy, bytes
+LIBRARIES = 1.0e9
 _UNITS = {"": 1.0, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12}
 _REMEDY = f"If this machine has more than chemage finds, set {VARIABLE}, such as {VARIABLE}='512 GB'"
 
@@ -43,6 +45,22 @@ def require(size: float, what: str, remedy: str) -> None:
     if there is not None and size > there:
         raise InputError(
             f"{what}: about {readable(size)} of memory needed, but there are {readable(there)}; {remedy}. {_REMEDY}"
+        )
+
+
+def require_address_space() -> None:
+    """Refuse a limit of this process with which its libraries cannot be loaded: some end it without a word.
+
+    Raises
+    ------
+    InputError
+        The limit is below :data:`LIBRARIES`.
+    """
+    limit = _of_process()
+    if limit is not None and limit < LIBRARIES:
+        raise InputError(
+            f"the address space of this process is limited to {readable(limit)}, and the libraries of chemage take "
+            f"{readable(LIBRARIES)}; raise the limit (ulimit -v)"
         )
 
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache, wraps
 from importlib import import_module
+from inspect import isgeneratorfunction, unwrap
+from types import FunctionType
 from typing import Any
 
 __version__ = "0.2.0"
@@ -105,8 +109,45 @@ MODULES = {
 }
 
 
+@cache
 def load(name: str) -> Any:
-    """The object, or the module, with this public name."""
+    """The object, or the module, with this public name; a function or class for which a wrong argument is one error."""
     if name in MODULES:
         return import_module(f"chemage.{MODULES[name]}")
-    return getattr(import_module(f"chemage.{HOME[name]}"), name)
+    value = getattr(import_module(f"chemage.{HOME[name]}"), name)
+    if isinstance(value, FunctionType) or hasattr(value, "cache_info"):
+        return _checked(name, value)
+    if isinstance(value, type) and isinstance(vars(value).get("__init__"), FunctionType):
+        value.__init__ = _checked(name, value.__init__)  # pyright: ignore[reportAttributeAccessIssue]
+    return value
+
+
+def _checked(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+    """``function``; where it fails because an argument is not what its annotation says, the error is an InputError that
+    names the argument."""
+
+    @wraps(function)
+    def checked(*args: Any, **kwargs: Any) -> Any:
+        begin_only = isgeneratorfunction(unwrap(function))  # of a block, which fails after this call
+        try:
+            if begin_only:
+                _blame(function, args, kwargs)
+            return function(*args, **kwargs)
+        except Exception as error:
+            if type(error).__module__.startswith("chemage."):
+                raise
+            _blame(function, args, kwargs)
+            if isinstance(error, OSError) and error.strerror:
+                from chemage.foundation.errors import StoreError, shortened
+
+                raise StoreError(f"{shortened(error.filename)}: {error.strerror}") from error
+            raise
+
+    checked.__module__ = "chemage" if name in USERS else "chemage.plugin"  # where pickle finds it
+    return checked
+
+
+def _blame(function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
+    from chemage.foundation.checks import check_arguments
+
+    check_arguments(function, args, kwargs)

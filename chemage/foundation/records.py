@@ -13,13 +13,13 @@ from functools import cached_property, lru_cache
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
 
 from chemage.foundation.checks import Frozen, is_boolean, meanings
-from chemage.foundation.errors import InputError, UnitError, explain, in_lines, shortened
+from chemage.foundation.errors import InputError, UnitError, shortened
 from chemage.foundation.files import FileStamp, open_file
 from chemage.foundation.text import html_table
-from chemage.foundation.units import has_unit, in_range, magnitudes
+from chemage.foundation.units import array_in, carried, in_range
 
 
 def merged_approximations(*lists: Any) -> list[dict[str, Any]]:
@@ -58,7 +58,10 @@ def _error_in_words(entry: Mapping[str, Any]) -> str:
 
 def content_hash(content: Any) -> str:
     """128 bits as 32 hexadecimal digits; the order of the entries of a dict does not count."""
-    return text_hash(json.dumps(content, sort_keys=True))
+    try:
+        return text_hash(json.dumps(content, sort_keys=True))
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError.of("content", content, f"is not made of plain JSON values ({error})") from None
 
 
 def text_hash(text: str, size: int = 16) -> str:
@@ -85,12 +88,7 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
     An array that is read-only already is taken as it is, without a copy: a maker that hands over its own fresh array
     calls ``array.setflags(write=False)`` first and saves the copy.
     """
-    if isinstance(array, np.ma.MaskedArray) and np.ma.is_masked(array):
-        raise ValueError(f"{np.ma.count_masked(array)} values are masked; fill or crop missing data first")
-    try:
-        values = np.asarray(array)
-    except (TypeError, ValueError, OverflowError, RecursionError):
-        raise ValueError("expected an array of numbers") from None
+    values = array_in(array)
     if values.dtype.kind not in "fiubc":
         raise ValueError(f"expected numbers, not {_kind(values)}")
     if dtypes and values.dtype not in [np.dtype(kind) for kind in dtypes]:
@@ -179,15 +177,12 @@ class Record(Frozen):
 
     def __init__(self, **fields: Any) -> None:
         for name, (_, unit, _) in self.arrays.items():
-            if name in fields and has_unit(fields[name]):
+            if name in fields and carried(fields[name]) is not None:
                 try:
-                    fields[name] = magnitudes(fields[name], unit)
+                    fields[name] = array_in(fields[name], unit)
                 except UnitError as error:
                     raise UnitError(f"{type(self).__name__}: {name}: {error}") from None
-        try:
-            super().__init__(**fields)
-        except ValidationError as error:
-            raise InputError(f"{type(self).__name__}: {in_lines(explain(error))}") from None
+        super().__init__(**fields)
 
     def todict(self) -> dict[str, Any]:
         """Field name -> value; arrays stay arrays."""

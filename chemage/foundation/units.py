@@ -2,19 +2,22 @@
 
 Internal units are nm, nN, GPa, eV, s, K. They are coherent: 1 GPa nm² = 1 nN. Strings are read with exact decimals, so
 that ``"20 uN"`` is 20000.0 nN to the last bit: where a power of ten leads from one unit to the other from a table, and
-by pint otherwise, because importing pint takes longer than everything else that reads a scene. Quantities of pint, of
-any registry, and of libraries with the same methods (astropy, unyt) are taken where a string with its unit is.
+by pint otherwise, because importing pint takes longer than everything else that reads a scene. Data that carry a unit
+are taken where a string with its unit is: quantities of pint, of any registry, of astropy and unyt, and what xarray,
+pandas and netCDF hold with an attribute ``units`` (CF conventions, section 3.1). Masked values and dates are refused.
+
+:func:`convert` makes a number of what a user gives, :func:`array_in` an array.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from decimal import Decimal
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias, get_args
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol, TypeAlias, get_args
 
 import ase.units
 import numpy as np
@@ -88,78 +91,145 @@ def convert(value: object, unit: str, field: str = "") -> float:
             raise UnitError(f"{field}: {error}") from None
     if isinstance(value, str):
         return _parse(value, unit)
-    if has_unit(value):
-        return _of_quantity(value, unit)
+    data = carried(value)
+    number: Any = value if data is None else magnitudes(data, unit)
     try:
-        if value is None or type(value).__name__ in ("bool", "bool_"):  # bool_ is numpy's
+        if hasattr(number, "__array__"):
+            array = plain_array(number)
+            number = array.item() if array.dtype.kind in "fiuO" else None
+        if number is None or isinstance(number, bool | str | bytes):
             raise TypeError
-        return float(value)  # pyright: ignore[reportArgumentType]
-    except (TypeError, ValueError, OverflowError):
-        remedy = f"give a number in {unit or 'no unit'} or a string with its unit"
-        raise UnitError(f"{shown(value)} is not a quantity; {remedy}") from None
-
-
-def has_unit(value: Any) -> bool:
-    """Whether ``value`` carries a unit of its own as quantities of pint do: ``value.to(unit)`` with a magnitude."""
-    if isinstance(value, int | float | str | np.generic | type):
-        return False
-    return callable(getattr(value, "to", None)) and (hasattr(value, "magnitude") or hasattr(value, "value"))
-
-
-def as_text(value: Any) -> str:
-    """A quantity of another library as a string with its unit, such as ``"20.0 micronewton"``."""
-    unit = value.units if hasattr(value, "units") else value.unit
-    return f"{float(_number_of(value))!r} {unit}".strip().removesuffix(" dimensionless")
-
-
-def in_words(data: Any) -> Any:
-    """A copy of scene data in which each quantity of another library is a string with its unit."""
-    if isinstance(data, Mapping):
-        return {name: in_words(item) for name, item in data.items()}
-    if isinstance(data, list | tuple):
-        return [in_words(item) for item in data]
-    if not has_unit(data):
-        return data
-    return [in_words(item) for item in data] if np.ndim(_number_of(data)) else as_text(data)
-
-
-def _number_of(value: Any) -> Any:
-    """What a quantity of pint calls magnitude, and one of astropy or unyt value."""
-    return value.magnitude if hasattr(value, "magnitude") else value.value
-
-
-def magnitudes(value: Any, unit: str) -> Any:
-    """The number, or the array of numbers, of a quantity of another library in ``unit``.
-
-    Raises
-    ------
-    UnitError
-        It has another dimension than ``unit``.
-    """
-    try:
-        return _number_of(value.to(unit or "dimensionless") if hasattr(value, "magnitude") else value.to(unit))
-    except Exception as error:  # every library has its own
-        own = value.units if hasattr(value, "units") else getattr(value, "unit", "unknown dimension")
+        result = float(number)
+    except UnitError as error:
+        raise UnitError(f"{shown(value)}: {error}") from None
+    except Exception:  # of whatever library
+        what = "a quantity; give a" if data is None else "one quantity; give one"
         raise UnitError(
-            f'"{shortened(value)}" is a quantity of {own}, but this field is in {unit or "pure numbers"}'
-        ) from error
-
-
-def _of_quantity(value: Any, unit: str) -> float:
-    converted = magnitudes(value, unit)
-    try:
-        number = float(converted)
-    except (TypeError, ValueError, OverflowError):
-        raise UnitError(
-            f"{shown(value)} is not one quantity; give one number in {unit or 'no unit'} or a string with its unit"
+            f"{shown(value)} is not {what} number in {unit or 'no unit'} or a string with its unit"
         ) from None
     # with exact decimals, as strings are read, so that equal quantities have equal bits; not where a registry of units
     # has a meaning of its own
     try:
-        exact = _parse(as_text(value), unit)
+        exact = result if data is None else _parse(in_words(value), unit)
     except (UnitError, TypeError, ValueError, AttributeError):
-        return number
-    return exact if math.isclose(exact, number, rel_tol=1e-9) else number
+        return result
+    return exact if math.isclose(exact, result, rel_tol=1e-9) else result
+
+
+class Carried(NamedTuple):
+    """Data that carry a unit."""
+
+    numbers: Any
+    unit: str
+    #: their own conversion, of quantities that have one
+    to: Callable[[str], Any] | None = None
+
+
+def carried(value: Any) -> Carried | None:
+    """The numbers and the unit of data that carry one, as an attribute ``units`` or ``unit`` or in ``attrs``, else
+    None."""
+    if isinstance(value, _PLAIN) or type(value) is np.ndarray:
+        return None
+    try:
+        attrs = getattr(value, "attrs", None)
+        if not isinstance(attrs, Mapping):
+            unit = next((own for name in _NAMES if (own := getattr(value, name, None)) is not None), None)
+            numbers = getattr(value, "magnitude", getattr(value, "value", value))
+            to = None if numbers is value else value.to
+        elif (unit := next((attrs[name] for name in _NAMES if name in attrs), None)) is None:
+            return carried(value.data) if hasattr(value, "dims") else None  # xarray around a quantity
+        else:
+            numbers, to = value, None
+    except Exception:  # attributes that cannot be read
+        return None
+    if unit is None:
+        return None
+    text = (unit.decode("utf-8", "replace") if isinstance(unit, bytes) else str(unit)).strip()
+    text = "dimensionless" if text in ("", "1") else text
+    return Carried(numbers, text[1:] if text.startswith("1/") else text, to)
+
+
+_NAMES = ("units", "unit")
+_PLAIN = (int, float, complex, str, bytes, list, tuple, dict, type, np.generic, type(None), Path)
+
+
+def magnitudes(data: Carried, unit: str) -> Any:
+    """The number, or the array of numbers, of data that carry a unit, in ``unit``.
+
+    Raises
+    ------
+    UnitError
+        They have another dimension than ``unit``, or their unit cannot be read.
+    """
+    try:
+        if data.to is not None:
+            of_pint = hasattr(data.to.__self__, "magnitude")  # pyright: ignore[reportFunctionMemberAccess]
+            there = carried(data.to(unit or ("dimensionless" if of_pint else "")))
+            return data.numbers if there is None else there.numbers
+        # from two points, because the zero of a unit may be another: degC
+        zero, one = (_parse(f"{number} {data.unit}", unit) for number in (0, 1))
+    except Exception as error:  # every library has its own
+        raise UnitError(
+            f'"{shortened(" ".join(f"{data.numbers} {data.unit}".split()))}" is a quantity of {data.unit}, '
+            f"but this field is in {unit or 'pure numbers'}"
+        ) from error
+    return data.numbers if (zero, one) == (0.0, 1.0) else zero + plain_array(data.numbers) * (one - zero)
+
+
+def plain_array(value: Any) -> np.ndarray:
+    """``value`` as an array, whatever it holds, of which nothing is masked.
+
+    Raises
+    ------
+    UnitError
+        It is no array, or values are masked.
+    """
+    try:
+        array = np.asanyarray(value)
+        masked = int(np.count_nonzero(getattr(array, "mask", False)))
+    except Exception:  # ragged, nested too deeply, or of a library that refuses
+        raise UnitError("expected an array of numbers") from None
+    if masked:
+        raise UnitError(f"{masked} values are masked; fill or crop missing data first")
+    return np.asarray(array)
+
+
+def array_in(value: Any, unit: str = "") -> np.ndarray:
+    """``value`` as an array, in ``unit`` where it carries a unit, or is a list of what does.
+
+    Raises
+    ------
+    UnitError
+        It is no array, values are masked, or their dimension is another than that of ``unit``.
+    """
+    if (data := carried(value)) is not None:
+        return plain_array(magnitudes(data, unit))
+    if isinstance(value, list | tuple) and any(carried(item) is not None for item in value):
+        return np.array([convert(item, unit) for item in value])
+    return plain_array(value)
+
+
+def in_words(data: Any, path: str = "") -> Any:
+    """A copy of scene data without anything of another library: what carries a unit becomes a string with it, such as
+    ``"20.0 micronewton"``, or a list of strings, and an array a list."""
+    if isinstance(data, Mapping):
+        return {name: in_words(item, f"{path}.{name}".lstrip(".")) for name, item in data.items()}
+    if isinstance(data, list | tuple):
+        return [in_words(item, path) for item in data]
+    own = carried(data)
+    if own is None and (isinstance(data, type) or not hasattr(data, "__array__")):
+        return data
+    try:
+        numbers = plain_array(data if own is None else own.numbers).tolist()
+    except UnitError as error:
+        raise UnitError(f"{path}: {error}") from None
+    if own is None:
+        return in_words(numbers, path) if isinstance(numbers, list) else numbers
+    return [_word(item, own.unit) for item in numbers] if isinstance(numbers, list) else _word(numbers, own.unit)
+
+
+def _word(number: Any, unit: str) -> str:
+    return f"{float(number)!r} {unit}".strip().removesuffix(" dimensionless")
 
 
 def is_in_table(text: str, unit: str) -> bool:

@@ -17,7 +17,7 @@ from chemage.foundation.checks import check_times, force, temperature_value
 from chemage.foundation.errors import InputError, shown
 from chemage.foundation.records import Doubles, Plain, PositiveNumber, Record
 from chemage.foundation.tables import factor, number, read_columns
-from chemage.foundation.units import QuantityLike
+from chemage.foundation.units import QuantityLike, array_in
 
 #: fewer decades of hold times than this say nothing of a distribution of barriers
 DECADES = 1.0
@@ -53,9 +53,14 @@ class MeasuredCurve(Record):
     chemistry: Plain = {}
     """options of the chemistry under which it was measured, where they are known; the scene must have the same"""
 
+    def __init__(self, **fields: Any) -> None:
+        unit = UNIT.get(str(fields.get("quantity", "friction_drop")), "")
+        super().__init__(**{n: array_in(v, unit) if n in ("values", "errors") else v for n, v in fields.items()})
+
     @model_validator(mode="after")
     def _check(self) -> Self:
-        check_times(self.hold_times)
+        if check_times(self.hold_times).ndim != self.hold_times.ndim:
+            raise ValueError("hold_times: give a list")
         if self.hold_times.size and self.hold_times[0] <= 0:
             raise ValueError("hold_times[0] = 0 s: nothing has aged then; leave that row out")
         for name in ("values", "errors"):

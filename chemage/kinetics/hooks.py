@@ -60,6 +60,8 @@ class Default:
 REPLICA_SECONDS, SITE_SECONDS = 2.5e-3, 1e-6
 #: what is stated of CPU seconds: one number, and its least and most where it is a range
 SECONDS = ("cpu_seconds", "cpu_seconds_least", "cpu_seconds_most")
+#: of the lattice of a replica, bytes per site, without neighbours and with eight (``tests/benchmarks/memory.py``)
+LATTICE_BYTES = (24.0, 104.0)
 #: of the contact on which kernels are compiled: pixels along its sides, a quarter of them in contact; least number of
 #: sites; and pixels where the surface does not say them, nm
 PIXELS, SITES, PIXEL_SIZE = 4, 12, 0.45
@@ -77,6 +79,8 @@ class _Engine(Stage):
         replica = dict(call_with(parts[self.section].expected, sites, coupled, events=events))
         for name in (name for name in SECONDS if name in replica):
             replica[name] += REPLICA_SECONDS + (SITE_SECONDS if coupled else SITE_SECONDS / 2) * sites
+        if "bytes" in replica:
+            replica["bytes"] += LATTICE_BYTES[coupled] * sites
         return replica
 
     def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:

@@ -66,6 +66,17 @@ class Hooks(pluggy.PluginManager):
         return options
 
 
+def installed(group: str) -> list[metadata.EntryPoint]:
+    """The entry points of installed distributions; not of what merely lies in the current folder, which notebooks and
+    ``python -c`` search first."""
+    if "" not in sys.path:
+        return list(metadata.entry_points(group=group))
+    distributions: dict[str, metadata.Distribution] = {}
+    for distribution in metadata.distributions(path=[folder for folder in sys.path if folder]):
+        distributions.setdefault(str(distribution.metadata["Name"]).lower().replace("_", "-"), distribution)
+    return [point for one in distributions.values() for point in one.entry_points if point.group == group]
+
+
 def selected(installed_points: Iterable[metadata.EntryPoint]) -> list[metadata.EntryPoint]:
     """The entry points that ``CHEMAGE_PLUGINS`` allows: names besides chemage's own, or ``-name`` to leave out."""
     points = list(installed_points)

@@ -39,6 +39,7 @@ from chemage.plugins.loading import (
     clash,
     full_name,
     imported,
+    installed,
     is_stage,
     scene_text,
     selected,
@@ -89,7 +90,7 @@ class Registry:
         self._monitor(self.manager)
         for name in ROOMS:
             self.add_room(importlib.import_module(name))
-        points = selected(metadata.entry_points(group=GROUP)) if entry_points is None else entry_points
+        points = selected(installed(GROUP)) if entry_points is None else entry_points
         # by name: the order never depends on the file system; pluggy asks those first that were registered last
         for point in sorted(points, key=lambda p: (_is_own(p), p.name), reverse=True):
             self._load(point)
@@ -175,7 +176,7 @@ class Registry:
     def unregister_class(self, cls: Any) -> None:
         """The inverse of :meth:`register_class`."""
         self.records = [record for record in self.records if record.component is not cls]
-        self._classes.pop((cls.role, cls.kind), None)
+        self._classes.pop((getattr(cls, "role", None), getattr(cls, "kind", None)), None)
 
     def _register(self, plugin: Any, record: PluginRecord) -> None:
         api = getattr(plugin, "CHEMAGE_API", hooks.API_VERSION)

@@ -12,8 +12,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
-from pydantic import ValidationError
-
 from chemage.foundation.components import Component
 from chemage.foundation.errors import (
     ChemageError,
@@ -22,7 +20,6 @@ from chemage.foundation.errors import (
     SceneError,
     StoreError,
     UnknownKindError,
-    explain,
     nearest,
     shortened,
     shown,
@@ -107,11 +104,11 @@ class _Parser:
                     material=self.material,
                     from_material=self.from_material,
                 )
-            except ValidationError as error:
+            except InputError as error:
                 paths = {
                     beside.field: f"{stage.section}.{name}" for stage in stages for name, beside in stage.beside.items()
                 }
-                self.problems += [(paths.get(path, path), message) for path, message in explain(error)]
+                self.problems += [(paths.get(path, path), message) for path, message in error.problems]
         raise SceneError(self.source, self.problems)
 
     def _take(self, path: str, error: ChemageError) -> None:
@@ -197,12 +194,6 @@ class _Parser:
         model, name = stage.model(), stage.section
         try:
             return make(options) if model is None else make(**options)
-        except ValidationError as error:
-            options_known = list(model.model_fields) if model is not None else []
-            self.problems += [
-                (path, text + nearest(path.rpartition(".")[2], options_known) if text == "no such option" else text)
-                for path, text in explain(error, name)
-            ]
         except InputError as error:
             self._take(name, error)
         return None
@@ -233,10 +224,11 @@ class _Parser:
         prefer = section.get("prefer", [])
         try:
             if not isinstance(prefer, list | tuple) or not all(isinstance(name, str) for name in prefer):
-                raise InputError(f'{prefer!r}: give a list of names of plugins, such as ["my-plugin"]')
+                raise InputError(f'{shown(prefer)}: give a list of names of plugins, such as ["my-plugin"]')
             registry.current().check_preference(prefer, "it")
         except InputError as error:
             self.problems.append(("plugins.prefer", str(error)))
+            prefer = ()
         for name, table in section.items():
             path = f"plugins.{name}"
             if name == "prefer":

@@ -24,10 +24,14 @@ from chemage.plugins.hooks import KEYS, Doubt, Stated
 from chemage.scene.provenance import nested
 from chemage.scene.scene import Scene
 
+#: resident memory of Python with the libraries that a run uses, and of what it writes, bytes
+LIBRARY_BYTES = 2.4e8
 #: runs that take longer than this say so first, s
 LONG = 3600.0
 #: a time below this is stated as less than a second, s
 SHORT = 0.5
+#: heights and pressure, which stay while the contact ages, for each pixel
+MAP_BYTES = 16.0
 #: heights, their transform, and the pressure: what any solver has in memory for each pixel at least
 BYTES_PER_PIXEL = 24.0
 #: sizes that quantities have, whatever the option is called: unit -> (least, most, what they are, a remedy); 0 is fine
@@ -162,7 +166,8 @@ class Plan:
     @property
     def at_once(self) -> int:
         """How many replicas run at the same time."""
-        if self.scene.hold is None or self.scene.engine is None:
+        method = self.scene.ageing
+        if self.scene.hold is None or self.scene.engine is None or (method is not None and not method.replicates):
             return 1
         return max(1, min(self.scene.hold.replicas, available() // self.scene.engine.concurrency()))
 
@@ -271,8 +276,8 @@ class Plan:
         if contact is not None and kinetics is not None:
             numbers["cpu_seconds"] = contact + kinetics
         if self.contact_bytes is not None and self.replica_bytes is not None:
-            replicas = min(self.scene.hold.replicas, available()) if self.scene.hold is not None else 1
-            numbers["memory"] = 2e8 + max(self.contact_bytes, self.replica_bytes * replicas)
+            held = MAP_BYTES * self.pixels + self.gap_bytes
+            numbers["memory"] = LIBRARY_BYTES + max(self.contact_bytes, held + self.replica_bytes * self.at_once)
         if seconds is not None:
             numbers |= {"seconds": seconds, "machine_speed": 1 / self.slowness}
         if self.seconds_range is not None:

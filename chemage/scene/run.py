@@ -306,7 +306,7 @@ def run(
         plan.check()
         for doubt in plan.doubts() if warn else ():
             category = LongRunWarning if doubt.kind == "long" else PlanWarning
-            warnings.warn(doubt.text, category, stacklevel=2)
+            warnings.warn(doubt.text, category, stacklevel=3)
         report = stack.enter_context(progress_bars()) if progress is True else (progress or None)
         return _run(scene, report, threads, surface, contact, checkpoints, members)
 

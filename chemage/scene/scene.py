@@ -37,7 +37,7 @@ from chemage.foundation.checks import Frozen, check_times, hold_times
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, shown
 from chemage.foundation.records import content_hash
-from chemage.foundation.units import FilePath, Temperature, Time, convert, has_unit, unit_of
+from chemage.foundation.units import FilePath, Temperature, Time, convert, unit_of
 from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
@@ -52,6 +52,10 @@ from chemage.surfaces.role import SurfaceMaker
 _PERCENT = re.compile(r"\s*([-+0-9.eE]+)\s*%\s*")
 #: surfaces of an ensemble, unless more are allowed
 MOST_SURFACES = 10_000
+#: more than anybody can compute, and as many as counts and their squares can hold
+SURFACES_LIMIT = 1_000_000
+#: the smallest relative accuracy that may be asked for, and the longest budget, s
+FINEST, LONGEST = 1e-9, 1e9
 #: and this is the least that may be allowed: the first samples, and some that these lead to
 LEAST = 10
 REMEDY = 'give "2 %" or 0.02'
@@ -85,11 +89,9 @@ class Hold(Section):
     @field_validator("times", mode="before")
     @classmethod
     def _times(cls, value: Any) -> Any:
-        if has_unit(value):
-            return tuple(check_times(value).tolist())
         if isinstance(value, Sequence) and not isinstance(value, str):
-            return tuple(check_times([convert(item, "s") for item in value]).tolist())
-        return value
+            value = [convert(item, "s") for item in value]
+        return value if value is None or isinstance(value, str) else tuple(check_times(value).tolist())
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -129,11 +131,11 @@ class FitWindow(Section):
 class EnsembleOptions(Section):
     """Over how many surfaces the answer is a mean."""
 
-    surfaces: int | None = Field(default=None, ge=1)
+    surfaces: int | None = Field(default=None, ge=1, le=SURFACES_LIMIT)
     """how many; 1: the one of the scene alone; default: as many as the accuracy or the budget decides"""
-    budget: Time | None = Field(default=None, gt=0)
+    budget: Time | None = Field(default=None, gt=0, le=LONGEST)
     """wall time that may be taken, s"""
-    most: int = Field(default=MOST_SURFACES, ge=LEAST)
+    most: int = Field(default=MOST_SURFACES, ge=LEAST, le=SURFACES_LIMIT)
     """surfaces that are allowed"""
     map: FilePath | None = None
     """file with the map of this scene (``chemage tradeoff SCENE -o FILE``), by whose measured costs and errors the
@@ -155,19 +157,17 @@ def accuracies(options: Any) -> dict[str, float]:
 
 
 def _accuracy(name: str, value: Any) -> float:
-    number = value
-    if isinstance(value, str):
-        percent = _PERCENT.fullmatch(value)
-        try:
-            number = float(percent[1]) / 100 if percent else float(value)
-        except ValueError:
-            number = math.nan
-    if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
+    percent = _PERCENT.fullmatch(value) if isinstance(value, str) else None
+    try:
+        number = float(percent[1]) / 100 if percent else convert(value, "")
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
         problem = "is no number"
-    elif not 0 < number < 1:
-        problem = "must lie between 0 and 1: it is half the width of the 95 % interval over the mean"
+    elif not FINEST <= number < 1:
+        problem = f"must lie between {FINEST:g} and 1: it is half the width of the 95 % interval over the mean"
     else:
-        return float(number)
+        return number
     message = f"{shown(value)}: {problem}; {REMEDY}"
     raise InputError(f"accuracy.{name} = {message}", [(name, message)])
 
@@ -184,8 +184,8 @@ def budget_seconds(value: Any) -> float:
         seconds = convert(value, "s")
     except ChemageError as error:
         raise InputError(f"budget: {error}") from None
-    if not 0 < seconds < math.inf:
-        raise InputError.of("budget", value, "must be above zero and finite", 'give a time such as "60 s"')
+    if not 0 < seconds <= LONGEST:
+        raise InputError.of("budget", value, f"must be above 0 s, at most {LONGEST:g} s", 'give a time such as "60 s"')
     return seconds
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, PluginError, StoreError
+from chemage.foundation.units import carried
 from chemage.plugins import context, registry
 from chemage.plugins.context import note
 from chemage.plugins.loading import PluginRecord
@@ -42,14 +43,16 @@ class HeightMap:
 
     def __post_init__(self) -> None:
         heights = self.heights
-        if not isinstance(heights, np.ndarray) or heights.dtype.kind != "f":
-            raise InputError.of("heights", type(heights).__name__, "is no array of real numbers")
+        if not isinstance(heights, np.ndarray) or heights.dtype.kind != "f" or carried(heights) is not None:
+            raise InputError.of("heights", type(heights).__name__, "is no plain array of real numbers")
+        if isinstance(heights, np.ma.MaskedArray):
+            object.__setattr__(self, "heights", heights.filled(np.nan))
         if heights.ndim != 2 or heights.size == 0:
             raise InputError(
                 f"{self.source} holds an array of shape {heights.shape}; an image has two dimensions (nx, ny)"
             )
         sizes = (*(self.pixel_size or ()), *(() if self.height_unit is None else (self.height_unit,)))
-        if not all(np.isfinite(size) and size > 0 for size in sizes):
+        if not all(isinstance(size, int | float | np.number) and np.isfinite(size) and size > 0 for size in sizes):
             raise InputError(
                 f"{self.source} states pixels of {self.pixel_size} nm and a height unit of {self.height_unit} nm; "
                 "both must be above 0: give pixel_size and height_unit"

@@ -12,18 +12,22 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
-import pytest
 
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.plugins import registry
+
+try:
+    import pytest
+except ModuleNotFoundError:  # `chemage selftest` runs the checks without it
+    pytest: Any = None
 
 #: probability that one comparison of a statistical check rejects a correct component. A kit makes fewer than a thousand
 #: comparisons, so that one kit in a million is a false alarm; seeds are fixed, so results are reproducible.
 CHANCE = 1e-9
 
 
-@pytest.fixture
+@(pytest.fixture if pytest is not None else lambda function: function)
 def isolated_registry() -> Iterator[registry.Registry]:
     """A registry without plugins, in use during a test; ``isolated_registry.register(module, name)`` adds a plugin."""
     with registry.using(registry.Registry([])) as empty:
@@ -113,14 +117,17 @@ CHECKS: dict[str, list[Callable[..., None]]] = {}
 
 
 def check_of(
-    role: type[Component], needs: tuple[str, ...] = (), unless: tuple[type, ...] = ()
+    role: type[Component], needs: tuple[str, ...] = (), unless: tuple[type, ...] = (), known: bool = False
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Declare a function as a check of the class of a role, or of every component with :class:`Component`.
 
     ``needs`` are inputs without which there is nothing to check; components of the classes ``unless`` are not checked.
+    A check that compares with closed forms or known numbers, within seconds, is ``known``: ``chemage selftest`` runs
+    it.
     """
 
     def mark(function: Callable[..., None]) -> Callable[..., None]:
+        function.known = known  # pyright: ignore[reportFunctionMemberAccess]
         function.needs = needs  # pyright: ignore[reportFunctionMemberAccess]
         function.unless = unless  # pyright: ignore[reportFunctionMemberAccess]
         CHECKS.setdefault(role.role, []).append(function)

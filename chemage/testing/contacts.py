@@ -194,7 +194,7 @@ def _tolerance(component: ContactSolver, least: float) -> float:
 # -- the form of the answer -------------------------------------------------------------------------------------------
 
 
-@check_of(ContactSolver, unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,), known=True)
 def _contact_carries_the_load(component: ContactSolver, surfaces: Sequence[Surface] = (), force_tolerance=1e-6) -> None:
     """The pressure (GPa) adds up to the load (nN), is nowhere negative, and some but not all pixels are in contact."""
     for surface, load in _solvable(component, surfaces):
@@ -253,7 +253,7 @@ def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surf
         require_plain(solution.convergence, "convergence")
 
 
-@check_of(ContactSolver, unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,), known=True)
 def _no_load_is_no_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
     """At load 0 no pixel is in contact."""
     for surface, _ in _solvable(component, surfaces):
@@ -403,7 +403,7 @@ def _contact_grows_with_load(component: ContactSolver, surfaces: Sequence[Surfac
 # -- how large the pressure is ----------------------------------------------------------------------------------------
 
 
-@check_of(ContactSolver, unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,), known=True)
 def _known_contacts_are_found(component: ContactSolver) -> None:
     """Where ``declared_error`` is given: flat, sinusoidal (Westergaard) and spherical (Hertz) surfaces on an elastic
     half-space have the pressure of the closed form, to within that error."""
@@ -430,7 +430,7 @@ def _known_contacts_are_found(component: ContactSolver) -> None:
     require(solved, "declares an error, but refuses all surfaces with a closed form")
 
 
-@check_of(ContactSolver, unless=(ContactTheory,))
+@check_of(ContactSolver, unless=(ContactTheory,), known=True)
 def _contact_obeys_the_half_space(component: ContactSolver) -> None:
     """Where ``declared_error`` is given: on periodic rough surfaces the gap that follows from the pressure is zero in
     contact and positive outside, to within that error; a solution that is given up early is found."""
@@ -559,7 +559,7 @@ def _odd_grids_are_solved(component: ContactSolver) -> None:
 # -- theories without a map -------------------------------------------------------------------------------------------
 
 
-@check_of(ContactSolver)
+@check_of(ContactSolver, known=True)
 def _statistics_carry_the_load(component: ContactSolver) -> None:
     """Of a theory, which gives no map: the pressures of its statistics add up to the load at any load, the area grows
     with the load and is no larger than the nominal area, and a map is refused."""

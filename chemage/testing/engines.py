@@ -197,7 +197,7 @@ def _nothing_happens_at_rate_zero(component: Engine) -> None:
 # -- the rates --------------------------------------------------------------------------------------------------------
 
 
-@check_of(Engine)
+@check_of(Engine, known=True)
 def _one_site_is_the_closed_form(component: Engine) -> None:
     """θ(t) = k_f/(k_f + k_b) (1 − exp(−(k_f + k_b) t)), and as many bonds are formed as it takes: one site with many
     seeds, and many sites."""
@@ -226,7 +226,7 @@ def _one_site_is_the_closed_form(component: Engine) -> None:
         compare(component, "in the final states", states_at_end, np.array([1 - theta[-1], theta[-1]]))
 
 
-@check_of(Engine)
+@check_of(Engine, known=True)
 def _sites_keep_their_own_rates(component: Engine) -> None:
     """Each site reacts over its own barriers, wherever its pixel is: the positions in the list are not the pixels."""
     group = Group(tuple(barrier(k) for k in (4.0, 0.25, 1.0)), tuple(barrier(k) for k in (0.1, 0.5, 2.0)))
@@ -235,7 +235,7 @@ def _sites_keep_their_own_rates(component: Engine) -> None:
         compare(component, where, sampled(component, group, time), group.probabilities(time))
 
 
-@check_of(Engine)
+@check_of(Engine, known=True)
 def _rates_follow_the_temperature(component: Engine) -> None:
     """The same barrier is crossed at the rate ν exp(−E/k_B T) of each temperature."""
     group = single(1.0)
@@ -258,7 +258,7 @@ def _bonded(probability: float) -> np.ndarray:
     return np.array([1 - probability, probability])
 
 
-@check_of(Engine)
+@check_of(Engine, known=True)
 def _barrierless_is_the_attempt_frequency(component: Engine) -> None:
     """The rate over a barrier at or below zero is the attempt frequency ν."""
     for energy in (0.0, -0.3, -50.0):
@@ -327,7 +327,7 @@ def _bonds_last_without_breaking(component: Engine) -> None:
 # -- interaction ------------------------------------------------------------------------------------------------------
 
 
-@check_of(Engine)
+@check_of(Engine, known=True)
 def _coupled_sites_are_refused_or_right(component: Engine) -> None:
     """Four coupled sites follow their master equation of 16 states, or are refused with an InputError."""
     group = coupled()
@@ -459,7 +459,7 @@ def _going_on_keeps_the_rates(component: Engine) -> None:
     )
 
 
-@check_of(Engine)
+@check_of(Engine, known=True)
 def _restart_is_exact(component: Engine) -> None:
     """A run continued from any hold time equals the uninterrupted run to the last bit, where ``restart`` is true."""
     if not component.restart:

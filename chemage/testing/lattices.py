@@ -30,7 +30,7 @@ _LOWEST, _HIGHEST = 2.0**-53, 1 - 2.0**-53
 _SMALL, _LARGE = 1e-3, 20.0
 
 
-@check_of(Barriers)
+@check_of(Barriers, known=True)
 def _quantile_is_monotone(component: Barriers) -> None:
     """Barriers are finite doubles that do not fall as the uniform number rises, from 2^-53 to 1 - 2^-53."""
     uniform = np.concatenate([[_LOWEST, 1e-12, 1e-6], np.linspace(1e-4, 1 - 1e-4, 2001), [1 - 1e-6, _HIGHEST]])
@@ -88,7 +88,7 @@ def _barrier_is_the_pixels_own(component: Barriers) -> None:
     require(component.quantile(np.empty(0)).shape == (0,), "no pixels: expected an empty array")
 
 
-@check_of(Barriers)
+@check_of(Barriers, known=True)
 def _density_agrees_with_quantile(component: Barriers) -> None:
     """∫ density (1/eV) between two quantiles is the probability between them; a point mass has density inf."""
     levels = np.linspace(1e-3, 1 - 1e-3, 1999)
@@ -187,7 +187,7 @@ def _patches_of_sites(grid: tuple[int, int]) -> Iterator[np.ndarray]:
     yield np.empty(0, np.int64)
 
 
-@check_of(Interaction)
+@check_of(Interaction, known=True)
 def _graph_is_sound(component: Interaction) -> None:
     """The graph is symmetric, with one energy per pair, no self-loops and no double edges, on all small grids."""
     for grid in _GRIDS:
@@ -300,7 +300,7 @@ def _patch_keeps_its_graph(component: Interaction) -> None:
             )
 
 
-@check_of(Interaction)
+@check_of(Interaction, known=True)
 def _pair_keeps_its_energy(component: Interaction) -> None:
     """The energy of a pair of pixels does not depend on the other sites of the contact."""
     grid = (13, 11)

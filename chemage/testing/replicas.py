@@ -174,7 +174,7 @@ def _names_are_safe(component: Observable) -> None:
         require(fits, f"the name {name!r} cannot be that of a variable in a file; rename it")
 
 
-@check_of(Observable)
+@check_of(Observable, known=True)
 def _measures_what_it_declares(component: Observable) -> None:
     """What is measured are just the ``outputs``, where they are declared: with these dimensions, of which
     ``hold_times`` is as long as the hold times, with safe names, and units that can be read."""
@@ -256,14 +256,14 @@ def _force(component: Rupture, bonded: Bonded, what: str) -> np.ndarray:
     return force
 
 
-@check_of(Rupture)
+@check_of(Rupture, known=True)
 def _forces_are_forces(component: Rupture) -> None:
     """There is one force for each hold time, finite and not negative, with or without bonds and sites."""
     for what, replica in usual(TIMES):
         _force(component, _bonded(component, replica), what)
 
 
-@check_of(Rupture)
+@check_of(Rupture, known=True)
 def _no_bonds_no_force(component: Rupture) -> None:
     """The force is 0 wherever there is no bond."""
     for what, replica in usual(TIMES):
@@ -458,7 +458,7 @@ def _gives_aged_bonds(component: AgeingMethod) -> None:
             raise AssertionError(f"{what}: {error}") from error
 
 
-@check_of(AgeingMethod)
+@check_of(AgeingMethod, known=True)
 def _bonds_are_those_of_the_whole_contact(component: AgeingMethod) -> None:
     """Bonds and sites are those of the whole contact: sites that do not interact have the mean of the closed form,
     within the errors that the method states."""

@@ -397,7 +397,7 @@ def _file_is_in_nm(component: Reader, path: Any = None) -> None:
     )
 
 
-@check_of(Reader, needs=("path", "surface"))
+@check_of(Reader, needs=("path", "surface"), known=True)
 def _known_surface_is_read(component: Reader, path: Any = None, surface: Surface | None = None) -> None:
     """The file that holds ``surface`` gives just that: heights in nm with x as the first index, pixel size in nm,
     periodicity."""

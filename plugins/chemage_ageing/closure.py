@@ -99,7 +99,7 @@ class Closure(AgeingMethod):
     ) -> dict[str, float]:
         """Memory and time of a curve; of sites that interact a range, as the table may have yet to be made."""
         curve = 0.02 + 1e-6 * sites
-        cost = {"cpu_seconds": curve, "bytes": 2e8 + 40.0 * sites}
+        cost = {"cpu_seconds": curve, "bytes": 3e7 + 40.0 * sites}
         if interacting:
             most = curve + TABLE_SECONDS * (0.01 / self.accuracy) ** 2
             cost |= {"cpu_seconds": math.sqrt(curve * most), "cpu_seconds_least": curve, "cpu_seconds_most": most}
@@ -173,7 +173,8 @@ class Closure(AgeingMethod):
             present, effective = _rim_of_map(request.solution, request.chemistry, statistics, independent, setting.most)
         else:
             present = _rim_of_statistics(statistics, per_area, setting.most)
-            effective = present[..., None] * np.ones(request.hold_times.size)
+            effective = np.zeros((*present.shape, request.hold_times.size)) + present[..., None]
+            effective = np.pad(effective, ((0, 0), (0, len(BEYOND)), (0, 0)))
         return _changed(part, change, np.abs(error), present, effective, independent), notes, took
 
     def _nodes(

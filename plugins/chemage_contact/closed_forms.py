@@ -68,7 +68,7 @@ class Hertz(ContactSolver):
         edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
         nominal = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2
         pixels = surface["nx"] * surface["ny"]
-        cost = {"cpu_seconds": 0.005 + 3e-7 * pixels, "bytes": 100.0 * pixels}
+        cost = {"cpu_seconds": 0.005 + 3e-7 * pixels, "bytes": 46.0 * pixels + gap.get("gap_bytes", 0.0)}
         return {"area_fraction": min(math.pi * edge**2 / nominal, 1.0), **cost, **gap}
 
     def is_nominally_flat(self, periodic: bool) -> bool:

@@ -22,6 +22,9 @@ from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, Periodi
 THINNEST, THICKEST = 1e-6, 1e12
 #: Mean pressures, GPa and relative to the modulus: their squares and sums stay numbers.
 SMALLEST_PRESSURE, LARGEST_PRESSURE = 1e-307, 1e120
+#: peak memory of a pixel, bytes, on surfaces that repeat and on others (``tests/benchmarks/memory.py``)
+_BYTES = {"single": 50.0, "mixed": 70.0, "double": 88.0}
+_BYTES_FREE = {"single": 95.0, "mixed": 133.0, "double": 182.0}
 _LAYER = "thickness: a layer needs a periodic surface; leave thickness out, or give boundary = 'periodic'"
 #: A contact of a tip that reaches beyond this share of the way to the edge of the grid is warned of.
 NEAR_EDGE = 0.9
@@ -139,7 +142,8 @@ class FFTBEM(ContactSolver):
         if not {"nx", "ny"} <= surface.keys():
             return {}
         pixels = surface["nx"] * surface["ny"]
-        estimate = {"bytes": pixels * {"single": 50.0, "mixed": 70.0, "double": 88.0}[self.precision]}
+        repeats = self.is_nominally_flat(surface.get("periodic") != 0)
+        estimate = {"bytes": pixels * (_BYTES if repeats else _BYTES_FREE)[self.precision]}
         if self.gap:
             estimate["gap_bytes"] = pixels * float(np.dtype(iteration.PRECISIONS[self.precision][0]).itemsize)
             estimate["bytes"] += estimate["gap_bytes"]
@@ -148,7 +152,6 @@ class FFTBEM(ContactSolver):
             x = load / (pixels * surface["pixel_size"] ** 2) / self.modulus
             x = x / surface["rms_slope"] if surface["rms_slope"] > 0 else math.inf if load > 0 else 0.0
             fraction = estimate["area_fraction"] = math.erf(2.2 * x / math.sqrt(4.0 / math.pi))
-        repeats = self.is_nominally_flat(surface.get("periodic") != 0)
         if {"pixel_size", "radius"} <= surface.keys() and not repeats:
             edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
             fraction = estimate["area_fraction"] = min(math.pi * edge**2 / (pixels * surface["pixel_size"] ** 2), 1.0)

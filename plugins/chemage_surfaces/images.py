@@ -217,8 +217,9 @@ class FromFile(ImageMaker):
 
     pixel_size: Length | None = None
     """edge of a pixel, nm; overrides the value in the file, and is required if the file has none"""
-    height_unit: HeightUnit = 1.0
-    """unit of the heights in the file, such as "um", or a factor that converts them to nm"""
+    height_unit: HeightUnit | None = None
+    """unit of the heights in the file, such as "um", or a factor that converts them to nm; None: as the file states,
+    else nm"""
     detrend: Literal["none", "mean", "plane"] = "none"
     """trend to subtract: none, the mean height, or the least-squares plane"""
     periodic: bool | None = None
@@ -245,12 +246,15 @@ def _read(maker: FromFile, reader: Reader, stamp: FileStamp) -> Surface:
     """The surface that was read last is kept: for the estimate of a scene, and for every contact of a sweep."""
     content = file_hash(maker.path, stamp)
     surface = reader.read(maker.path)
+    factor = 1.0
+    if maker.height_unit is not None:  # instead of the unit by which the reader has multiplied
+        factor = maker.height_unit / (reader.height_map(maker.path).height_unit or 1.0)
     if not isinstance(surface, Surface):
         raise InputError(f"{maker.path}: reader {reader.kind!r} gives a {type(surface).__name__}, not a surface")
     heights = surface.heights
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
-        if maker.height_unit != 1:
-            heights = heights * heights.dtype.type(maker.height_unit)
+        if factor != 1:
+            heights = heights * heights.dtype.type(factor)
         if maker.detrend != "none":
             heights = _without_trend(heights, plane=maker.detrend == "plane")
     return Surface(

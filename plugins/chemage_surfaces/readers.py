@@ -1,12 +1,13 @@
 """Readers of height maps: numpy files, text tables, HDF5.
 
-Heights in the files are in nm. The option ``pixel_size`` overrides the pixel size in a file.
+Heights are in nm where the file states no unit. The option ``pixel_size`` overrides the pixel size in a file.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from os import SEEK_END, PathLike
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -15,7 +16,7 @@ import numpy as np
 from pydantic import ValidationInfo, field_validator
 
 from chemage import InputError, Surface, errors
-from chemage.plugin import HeightMap, Length, Reader, StoreError, container, convert, open_file, tables
+from chemage.plugin import HeightMap, Length, Reader, StoreError, UnitError, container, convert, open_file, tables
 from chemage_surfaces._maps import surface_of
 
 if TYPE_CHECKING:
@@ -23,9 +24,16 @@ if TYPE_CHECKING:
 
 
 def as_map(
-    heights: Any, source: str, *, pixel_size: float | None, stated: object = None, periodic: bool = False
+    heights: Any,
+    source: str,
+    *,
+    pixel_size: float | None,
+    stated: object = None,
+    periodic: bool = False,
+    unit: str | None = None,
 ) -> HeightMap:
-    """Make a HeightMap of the array ``heights`` (nx, ny), in a unit that is not stated, that was read from ``source``.
+    """Make a HeightMap of the array ``heights`` (nx, ny) that was read from ``source``, where ``unit`` is that of the
+    heights, if it is stated.
 
     ``pixel_size`` (nm) is that of the user and overrides ``stated``, the value in the file: a number in nm, or a string
     with its unit.
@@ -50,17 +58,21 @@ def as_map(
     heights = np.array(heights, dtype=np.float32 if heights.dtype.itemsize == 4 else np.float64, order="C")
     heights.setflags(write=False)
     sides = None if pixel_size is None else (pixel_size, pixel_size)
-    return HeightMap(heights, None, sides, periodic, source=source)
+    try:
+        in_nm = None if unit is None else convert(f"1 {unit}", "nm")
+    except UnitError as error:
+        raise StoreError(f"{source} states the unit of its heights: {error}") from None
+    return HeightMap(heights, in_nm, sides, periodic, source=source)
 
 
 class _Unitless(Reader):
-    """A reader of arrays in a unit that the file does not state."""
+    """A reader of arrays in a unit that the file need not state."""
 
     pixel_size: Length | None = None
     """edge of a pixel, nm"""
 
     def read(self, path: str | PathLike[str]) -> Surface:
-        """Read the surface, heights in nm; it is periodic if the file says so.
+        """Read the surface, heights in nm if the file states no unit; it is periodic if the file says so.
 
         Raises
         ------
@@ -69,7 +81,8 @@ class _Unitless(Reader):
         InputError
             The pixel size is unknown, heights are not finite, or it is unclear which array is meant.
         """
-        return surface_of(replace(self.height_map(path), height_unit=1.0))
+        image = self.height_map(path)
+        return surface_of(replace(image, height_unit=image.height_unit or 1.0))
 
 
 class Npy(_Unitless):
@@ -95,13 +108,15 @@ class Npy(_Unitless):
 
 #: the pixel size in a comment of a text file
 _STATED = re.compile(r"pixel[ _]size\s*[:=]\s*(?P<value>[^,;]+?)\s*$", re.IGNORECASE)
+#: the unit of the heights there, as Gwyddion writes it
+_UNIT = re.compile(r"(?:value|height|z)[ _]units?\s*[:=]\s*(?P<value>[^,;]+?)\s*$", re.IGNORECASE)
 
 
 class Text(_Unitless):
     """A table of heights with one row of pixels per line: line i, column j is pixel (i, j).
 
     Columns are separated by commas, semicolons, tabs or blanks. Lines that begin with ``#`` or ``%`` are comments; the
-    comment ``# pixel_size = 0.45 nm`` gives the pixel size.
+    comment ``# pixel_size = 0.45 nm`` gives the pixel size, ``# value units: m`` the unit of the heights.
     """
 
     kind = "text"
@@ -126,22 +141,26 @@ class Text(_Unitless):
         return value
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
-        """The array as it is; its unit is not stated."""
+        """The array as it is, with its unit if a comment states it."""
         text = tables.read_text(path)
         lines = tables.data_lines(text, self.comments)
         if not lines:
             raise StoreError(f"{path} holds no numbers")
         heights = tables.numbers(lines, str(path), self.delimiter or tables.separator_of(lines[0][1]))
-        header = (line for line in text.splitlines()[: lines[0][0]] if line.strip()[:1] in tuple(self.comments))
-        stated = [match["value"] for line in header if (match := _STATED.search(line))]
-        return as_map(heights, str(path), pixel_size=self.pixel_size, stated=stated[-1] if stated else None)
+        header = [line for line in text.splitlines()[: lines[0][0]] if line.strip()[:1] in tuple(self.comments)]
+
+        def last(pattern: re.Pattern[str]) -> str | None:
+            return next((match["value"] for line in reversed(header) if (match := pattern.search(line))), None)
+
+        return as_map(heights, str(path), pixel_size=self.pixel_size, stated=last(_STATED), unit=last(_UNIT))
 
 
 class Hdf5(_Unitless):
     """A two-dimensional dataset of an HDF5 (or NetCDF-4) file.
 
     The attributes ``pixel_size`` (nm, or a string with its unit) and ``periodic`` are read from the dataset, else from
-    its group, else from the file.
+    its group, else from the file; ``units``, ``scale_factor``, ``add_offset`` and ``_FillValue`` from the dataset (CF
+    conventions, sections 3.1, 2.5.1 and 8.1).
     """
 
     kind = "hdf5"
@@ -151,7 +170,7 @@ class Hdf5(_Unitless):
     """name of the dataset, such as "surface/heights"; None: the only two-dimensional dataset of numbers"""
 
     def height_map(self, path: str | PathLike[str]) -> HeightMap:
-        """The array as it is; its unit is not stated."""
+        """The array, with its unit if an attribute states it."""
         with container.hdf5(path) as file, container.decoding(path):
             node = self._find(file, path)
             container.check_dataset(node, path)
@@ -161,10 +180,14 @@ class Hdf5(_Unitless):
                 for name in ("pixel_size", "periodic")
                 if name in holder.attrs
             }
-            heights, name = node[()], f"{path}:{node.name}"
+            name = f"{path}:{node.name}"
+            own = {key: _single(node.attrs[key], key, name) for key in _PACKED if key in node.attrs}
+            heights = _unpacked(node[()], own, name)
         stated = None if self.pixel_size is not None else _single(attributes.get("pixel_size"), "pixel_size", name)
         periodic = _flag(_single(attributes.get("periodic"), "periodic", name), name)
-        return as_map(heights, name, pixel_size=self.pixel_size, stated=stated, periodic=periodic)
+        return as_map(
+            heights, name, pixel_size=self.pixel_size, stated=stated, periodic=periodic, unit=own.get("units")
+        )
 
     def _find(self, file: h5py.File, path: str | PathLike[str]) -> h5py.Dataset:
         import h5py
@@ -210,6 +233,22 @@ def _check_links(group: Any, name: str, path: str | PathLike[str], depth: int = 
                 raise StoreError(f"{path}: {name!r} is a loop of links")
             _check_links(place, link.path, path, depth + 1)
         place = place.get(part)
+
+
+#: attributes by which a NetCDF file packs its data
+_PACKED = ("units", "scale_factor", "add_offset", "_FillValue", "missing_value")
+
+
+def _unpacked(heights: Any, packing: Mapping[str, Any], source: str) -> Any:
+    """Heights as the attributes of their dataset say, nan where they are missing."""
+    scale, offset = packing.get("scale_factor", 1.0), packing.get("add_offset", 0.0)
+    missing = [packing[name] for name in ("_FillValue", "missing_value") if name in packing]
+    if any(isinstance(number, str) for number in (scale, offset, *missing)):
+        raise StoreError(f"{source}: {', '.join(_PACKED[1:])} must be numbers")
+    gaps = np.isin(heights, np.array(missing)) if missing else False
+    if (scale, offset) != (1.0, 0.0):
+        heights = heights * float(scale) + float(offset)
+    return np.where(gaps, np.nan, heights) if np.any(gaps) else heights
 
 
 def _single(value: Any, attribute: str, source: str) -> Any:

@@ -146,6 +146,14 @@ def test_a_uniform_contact_has_the_bonds_of_its_kinetics():
 
 
 @pytest.mark.long
+def test_statistics_of_a_uniform_contact_have_the_bonds_of_its_map():
+    contact, own = uniform(2.0), interacting()
+    known = ca.plugin.contact_statistics(contact, own)
+    fields = {"pressure": known.pressure, "area": known.area, "load": contact.load, "modulus": 35.3}
+    statistics = ca.plugin.ContactStatistics(nominal_area=contact.nominal_area, rms_slope=0.1, **fields)
+    np.testing.assert_allclose(aged(statistics, own).bonds, aged(contact, own).bonds, rtol=1e-9)
+
+
 def test_a_contact_half_of_whose_sites_are_reactive():
     _agrees(uniform(1.7), interacting(hydroxylation=0.5), 0.01)
 

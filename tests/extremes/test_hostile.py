@@ -44,6 +44,17 @@ def bad_ends(first, last):
     return found
 
 
+OBJECTS = Path(__file__).parents[1] / "benchmarks" / "hostile_objects.py"
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 160), pytest.param(160, 2000, marks=pytest.mark.long)])
+def test_every_public_function_answers_or_refuses_every_object(first, last, tmp_path):
+    command = [sys.executable, str(OBJECTS), str(first), str(last)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    wrong = [line for line in done.stdout.splitlines() if line.startswith("{")][:-1]
+    assert done.returncode == 0, "\n\n".join(wrong) or done.stderr
+
+
 @pytest.mark.parametrize(("first", "last"), [(0, QUICK), pytest.param(QUICK, CASES, marks=pytest.mark.long)])
 def test_no_input_ends_in_a_signal_a_traceback_a_hang_or_numbers_that_are_none(first, last):
     found = bad_ends(first, last)

@@ -334,6 +334,54 @@ def test_what_is_printed_does_not_move_the_cursor(command, small, tmp_path):
     assert errors.printable("Δµ\t1\n") == "Δµ\t1\n"
 
 
+PROGRAM = [sys.executable, "-m", "chemage.cli"]
+
+
+@pytest.mark.parametrize("words", ["show small.h5", "check small.toml", "--version"])
+def test_outputs_that_are_closed_before_the_start_leave_no_traceback(command, small, words):
+    assert command("run", small, "--no-figures").status == 0
+    for closed in (">&-", ">&- 2>&-"):
+        line = f"{' '.join(PROGRAM)} {words} {closed}"
+        done = subprocess.run(line, shell=True, cwd=small.parent, capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_too_little_address_space_is_one_line(small):
+    line = f"ulimit -v 700000; {' '.join(PROGRAM)} run small.toml"
+    done = subprocess.run(line, shell=True, cwd=small.parent, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "the address space of this process is limited to 717 MB" in done.stderr
+
+
+INTERRUPTED = """
+import sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "typer": raise KeyboardInterrupt
+sys.meta_path.insert(0, Finder())
+from chemage.cli import main
+main()
+"""
+
+
+def test_an_interruption_while_the_program_is_loaded_is_one_line():
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "\ninterrupted; nothing was written\n")
+
+
+def test_a_fault_of_the_program_is_one_line_and_its_place_is_in_the_log(command, small, monkeypatch):
+    def fail(*args, **options):
+        raise ZeroDivisionError("by hand")
+
+    monkeypatch.setattr(ca.Scene, "in_use", fail)
+    done = command("check", small, "--log", small.parent / "log.txt")
+    assert (done.status, done.out) == (3, "")
+    assert done.err.count("\n") == 1
+    assert "ZeroDivisionError: by hand" in done.err
+    assert 'raise ZeroDivisionError("by hand")' in (small.parent / "log.txt").read_text()
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("closing", ["| head -1", ">&-", "> /dev/full"])
 def test_closed_and_full_outputs_leave_no_traceback(small, closing):

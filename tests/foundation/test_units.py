@@ -13,8 +13,10 @@ from typing import Annotated
 
 import ase.units
 import numpy as np
+import pandas as pd
 import pint
 import pytest
+import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -398,3 +400,91 @@ def test_the_program_that_type_checkers_accept_runs():
     assert len({contact.digest() for contact in program["contacts"]}) == 1
     assert len({maker.digest() for maker in program["makers"]}) == 1
     assert program["aging"].temperature == 300.15
+
+
+# -- data that carry a unit in their attributes -----------------------------------------------------------------------
+
+
+def labelled(value, unit):
+    """The same numbers with the same unit, as every library has them."""
+    series = pd.Series(np.ravel(value))
+    series.attrs["units"] = unit
+    return [Q(value, unit), xr.DataArray(value, attrs={"units": unit}), xr.DataArray(Q(np.array(value), unit)), series]
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_unit_in_attributes_counts_as_one_of_pint(number, tmp_path):
+    def data(value, unit):
+        return labelled(value, unit)[number]
+
+    assert ca.plugin.force(data(0.02, "uN")) == 20.0
+    assert ca.plugin.temperature_value(data(27.0, "degC")) == pytest.approx(300.15)
+    assert ca.contact("fft-bem", modulus=data(3500.0, "MPa")).modulus == 3.5
+    assert ca.contact_modulus(data(70.0, "GPa"), data(0.5, "dimensionless")) == pytest.approx(70 / 0.75)
+    assert ca.plugin.check_times(data([1.0, 2.0], "hour")).tolist() == [3600.0, 7200.0]
+    assert ca.plugin.check_times([data(1.0, "hour"), "2 hour"]).tolist() == [3600.0, 7200.0]
+    assert ca.hold_times(data(1.0, "ms"), data(10.0, "ms"), 1).tolist() == [1e-3, 1e-2]
+    scene = ca.load_scene("silica-tip", {"hold.temperature": labelled(3e5, "mK")[min(number, 2)]})
+    assert scene.hold.temperature == 300
+    curve = ca.Measurements("m", data([1.0, 2.0], "min"), data([0.1, 0.2], "uN"), "friction_drop")
+    assert curve.hold_times.tolist() == [60.0, 120.0]
+    assert curve.values.tolist() == [100.0, 200.0]
+    same = ca.MeasuredCurve(
+        load=1.0,
+        temperature=300.0,
+        hold_times=data([1.0, 2.0], "min"),
+        values=data([0.1, 0.2], "uN"),
+        errors=[1.0, 1.0],
+    )
+    assert same.values.tolist() == curve.values.tolist()
+    for wrong in (lambda: ca.plugin.force(data(1.0, "s")), lambda: ca.plugin.check_times(data([1.0], "nm"))):
+        with pytest.raises(UnitError, match="is a quantity of"):
+            wrong()
+
+
+def test_a_number_without_a_unit_refuses_data_with_one():
+    heights = np.zeros((4, 4))
+    for size in labelled(0.5, "um")[:3]:
+        with pytest.raises(InputError, match=r"pixel_size: .* carries the unit"):
+            ca.Surface(heights=heights, pixel_size=size)
+    with pytest.raises(InputError, match=r"energies: .* carries the unit meV"):
+        ca.barriers("tabulated", energies=xr.DataArray([1.0, 2.0], attrs={"units": "meV"}), weights=[0, 1])
+
+
+def test_heights_carry_their_unit():
+    heights = np.arange(12.0).reshape(3, 4)
+    for data in labelled(heights, "um")[:3]:
+        assert np.allclose(ca.Surface(heights=data, pixel_size=1).heights, 1e3 * heights, rtol=1e-12)
+    with pytest.raises(UnitError, match=r"heights: .* is a quantity of seconds since 2000-01-01"):
+        ca.Surface(heights=xr.DataArray(heights, attrs={"units": "seconds since 2000-01-01"}), pixel_size=1)
+
+
+def test_what_a_result_states_is_read_back():
+    written = ca.plugin.BondHistory.arrays | ca.ReactionLattice.arrays | ca.ContactSolution.arrays | ca.Inference.arrays
+    for _, unit, _ in written.values():
+        data = xr.DataArray([1.0], attrs={"units": unit or "1"})
+        assert units.array_in(data, unit).tolist() == [1.0]
+
+
+@pytest.mark.parametrize(
+    "value", [np.ma.masked, np.ma.masked_array(0.02, True), np.ma.masked_array([1.0, 2.0], [0, 1])]
+)
+def test_what_is_masked_is_no_number(value):
+    calls = [
+        lambda: ca.plugin.force(value),
+        lambda: ca.plugin.check_times(value),
+        lambda: ca.contact("fft-bem", modulus=value),
+        lambda: ca.load_scene("silica-tip", {"contact.load": value}),
+        lambda: ca.barriers("tabulated", samples=value),
+        lambda: ca.barriers("gaussian", mean=1.0, std=value),
+    ]
+    for call in calls:
+        with pytest.raises(InputError, match="masked"):
+            call()
+
+
+def test_durations_of_other_libraries_are_no_numbers():
+    for value in (np.timedelta64(5, "h"), pd.Timedelta("5h"), pd.Series(pd.to_timedelta(["5h"]))):
+        for call in (ca.plugin.force, ca.plugin.check_times, ca.plugin.checked_seed, lambda v: ca.hold_times(1, 2, v)):
+            with pytest.raises(InputError):
+                call(value)

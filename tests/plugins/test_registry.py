@@ -407,3 +407,14 @@ def test_discovery_imports_nothing_heavy():
 def test_a_kind_is_imported_when_it_is_asked_for():
     code = "from chemage.plugin import registry\nregistry.current().component('surface', 'sphere')"
     assert "numba" not in modules_after(code)
+
+
+def test_what_lies_in_the_current_folder_is_not_loaded(tmp_path):
+    info = tmp_path / "stranger-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[chemage]\nstranger = stranger\n")
+    (tmp_path / "stranger.py").write_text("print('loaded')\n")
+    code = "import chemage; print(chemage.engine('bkl').kind)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout == "bkl\n"

@@ -320,7 +320,7 @@ def finite_work(arguments):
     for name, most in (("temperature", 1e3), ("hold_times", 1e5)):
         try:
             too_many = most < float(np.max(np.asarray(arguments[name], float))) < math.inf
-        except (TypeError, ValueError, OverflowError, RecursionError):
+        except (KeyError, TypeError, ValueError, OverflowError, RecursionError):
             continue
         if too_many:
             arguments[name] = math.nan

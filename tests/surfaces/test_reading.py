@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import chemage
+import chemage as ca
 from chemage import InputError
 from chemage.plugin import PluginError, StoreError, hookimpl, reader_for, registry
 
@@ -118,3 +120,49 @@ def test_shared_endings_are_reported_with_what_is_used_and_how_to_change_it(riva
     assert 'write reader = "rival" where the file is named, or write prefer = ["rival"] below [plugins]' in own
     with chemage.prefer_plugins("rival"):
         assert all("'rival' is used, because its plugin is preferred" in note for note in notes())
+
+
+HEIGHTS = np.random.default_rng(4).normal(size=(6, 5))
+
+
+@pytest.mark.parametrize(("unit", "in_nm"), [("um", 1e3), ("nm", 1.0), ("m", 1e9), (None, 1.0)])
+def test_heights_are_in_the_unit_that_their_file_states(tmp_path, unit, in_nm):
+    attributes = {} if unit is None else {"units": unit}
+    xr.DataArray(HEIGHTS / in_nm, attrs=attributes | {"pixel_size": 2.0}, name="z").to_netcdf(
+        tmp_path / "map.nc", engine="h5netcdf"
+    )
+    rows = "\n".join(" ".join(map(repr, row)) for row in (HEIGHTS / in_nm).tolist())
+    comment = "" if unit is None else f"# Channel: Height\n# Value units: {unit}\n"
+    (tmp_path / "map.txt").write_text(f"{comment}# pixel_size = 2 nm\n{rows}\n")
+    for name in ("map.nc", "map.txt"):
+        path = str(tmp_path / name)
+        assert np.allclose(ca.surface("from-file", path=path).make().heights, HEIGHTS, rtol=1e-9)
+        # what the user states comes before what the file states
+        assert np.allclose(ca.surface("from-file", path=path, height_unit="nm").make().heights, HEIGHTS / in_nm)
+        measured = {"height_unit": "nm"} if unit is None else {}
+        made = ca.surface("measured", path=path, spikes="keep", **measured).make().heights
+        assert np.allclose(made - made.mean(), HEIGHTS - HEIGHTS.mean(), rtol=1e-6, atol=1e-9)
+
+
+def test_packed_heights_are_unpacked(tmp_path):
+    file = tmp_path / "packed.nc"
+    packing = {"dtype": "i2", "scale_factor": 1e-4, "add_offset": 0.5, "_FillValue": -9999}
+    data = xr.DataArray(HEIGHTS / 1e3, attrs={"units": "um", "pixel_size": 2.0}, name="z")
+    data.to_netcdf(file, engine="h5netcdf", encoding={"z": packing})
+    assert np.abs(ca.surface("from-file", path=str(file)).make().heights - HEIGHTS).max() < 0.051
+    data[2, 3] = np.nan
+    data.to_netcdf(file, engine="h5netcdf", encoding={"z": packing})
+    with pytest.raises(InputError, match=r"1 of 30 heights are missing .* \(2, 3\)"):
+        ca.surface("from-file", path=str(file)).make()
+
+
+def test_a_unit_of_heights_that_is_no_length_is_refused(tmp_path):
+    file = tmp_path / "map.nc"
+    xr.DataArray(HEIGHTS, attrs={"units": "V", "pixel_size": 2.0}, name="z").to_netcdf(file, engine="h5netcdf")
+    with pytest.raises(StoreError, match=r"states the unit of its heights: .* is a quantity of volt"):
+        ca.surface("from-file", path=str(file)).make()
+
+
+def test_masked_heights_of_a_reader_are_missing():
+    image = ca.plugin.HeightMap(np.ma.masked_less(HEIGHTS, -1.0), 1.0, (2.0, 2.0))
+    assert np.isnan(image.heights).tolist() == (HEIGHTS < -1.0).tolist()

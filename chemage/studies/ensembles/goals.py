@@ -17,7 +17,7 @@ from chemage.foundation.threads import available
 from chemage.foundation.units import convert
 from chemage.lattices.independent import expected_kinetics, rough_pressures, smooth_pressures
 from chemage.scene.plan import Plan, cost
-from chemage.scene.scene import LEAST, EnsembleOptions, Scene, accuracies, budget_seconds, is_random
+from chemage.scene.scene import LEAST, SURFACES_LIMIT, EnsembleOptions, Scene, accuracies, budget_seconds, is_random
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.computations import (
     DIFFERENCE,
@@ -185,7 +185,7 @@ def with_request(
                 "surfaces, accuracy: give the number of surfaces, or the accuracy (or budget) that decides it"
             )
         none: dict[str, Any] = {"budget": None, "map": None}
-        options, goals = options | none | {"surfaces": checked_count("surfaces", surfaces, least=2)}, {}
+        options, goals = options | none | {"surfaces": checked_count("surfaces", surfaces, 2, SURFACES_LIMIT)}, {}
     if accuracy:
         options["surfaces"], goals = None, accuracies(accuracy)
     if budget is not None:
@@ -193,7 +193,7 @@ def with_request(
     if map is not None:
         options["map"] = str(map)
     if most is not None:
-        options["most"] = checked_count("most", most, least=LEAST)
+        options["most"] = checked_count("most", most, LEAST, SURFACES_LIMIT)
     wish = EnsembleOptions(**options)
     nothing = scene.ensemble is None and wish == EnsembleOptions()
     return scene.model_copy(update={"ensemble": None if nothing else wish, "accuracy": goals})

@@ -161,11 +161,11 @@ class Sampler:
             costs.check()
             for doubt in costs.doubts() if warn else ():
                 if doubt.kind != "long":  # how long an ensemble takes is another question
-                    warnings.warn(doubt.text, PlanWarning, stacklevel=3)
+                    warnings.warn(doubt.text, PlanWarning, stacklevel=4)
             self.archive = Archive(samples, scene)
         if samples is not None and any(Path(samples).glob("*.samples")):
             text = "samples of chemage 0.2 (*.samples) are not used; they are computed again, and may be removed"
-            warnings.warn(f"{samples}: {text}", UserWarning, stacklevel=3)
+            warnings.warn(f"{samples}: {text}", UserWarning, stacklevel=4)
         self.scene = scene
         self._executor, self._workers, self._threads, self._patience = executor, workers, threads, patience
         self._part = None if points is None else self._part_of(points)

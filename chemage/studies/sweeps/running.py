@@ -18,8 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from chemage.foundation.errors import (
     DamagedError,
     InputError,
@@ -170,15 +168,10 @@ def read_grid(
     data, source = (dict(content), "the scene") if isinstance(content, Mapping) else scene_data(content)
     data = completed(in_words(override(data, changes or {})))
     if axes is not None:
-        data["sweep"] = in_words({path: _listed(values) for path, values in axes.items()})
+        data["sweep"] = in_words(axes)
     if "sweep" not in data:
         raise SceneError(source, [("sweep", "is missing: this scene is one point; use chemage.run, or give axes")])
     return Grid.read(check_base(located(data, Path.cwd()), source), source)
-
-
-def _listed(values: Any) -> Any:
-    """Values of an axis as a list of plain ones, from an array of numpy or pint as well."""
-    return values.tolist() if isinstance(values, np.ndarray) else list(values) if isinstance(values, tuple) else values
 
 
 def survey_of(grid: Grid, *, progress: Report | None = None, confirm: Confirm | None = None) -> Survey:
@@ -235,7 +228,7 @@ def _check_room(survey: Survey, path: Path, confirm: Confirm | None) -> None:
 def _warn(survey: Survey) -> None:
     """Warn of what is doubtful about the points, of each kind of doubt once."""
     for text in survey.warnings():
-        warnings.warn(text, PlanWarning, stacklevel=4)
+        warnings.warn(text, PlanWarning, stacklevel=5)
 
 
 def _check_folder(folder: Folder, survey: Survey, force: bool) -> None:
@@ -262,7 +255,7 @@ def _check_folder(folder: Folder, survey: Survey, force: bool) -> None:
         warnings.warn(
             f"{path} was begun with other versions ({', '.join(changed)}); it will hold points of both",
             SweepWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
 
 
@@ -273,7 +266,7 @@ def _manifest_of(folder: Folder, survey: Survey) -> Mapping[str, Any]:
     except DamagedError as error:
         if not any(folder.point(key).exists() for key in survey.keys):
             raise
-        warnings.warn(f"{error}; it is written again", SweepWarning, stacklevel=4)
+        warnings.warn(f"{error}; it is written again", SweepWarning, stacklevel=5)
         return _manifest(survey)
 
 
@@ -301,7 +294,7 @@ def _outdated(folder: Folder, survey: Survey, *, whole: bool) -> Outdated:
             "another folder"
         )
     if stale:
-        warnings.warn(f"{folder.path}: {stale.describe()}", SweepWarning, stacklevel=3)
+        warnings.warn(f"{folder.path}: {stale.describe()}", SweepWarning, stacklevel=4)
     return stale
 
 

@@ -1,0 +1,70 @@
+"""``chemage selftest`` passes here, and sees a kernel, a generator of random numbers or a file that is wrong."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from chemage.plugin import container, random
+from chemage.testing import selftest
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_known_bytes_are_those_of_the_description(monkeypatch):
+    plain = b'{"title": "selftest", "numbers": [1, 2.5, 1e-09]'
+    assert hashlib.sha256(plain).hexdigest() == selftest._SEALED
+    selftest.bytes_are_the_known_ones()
+    monkeypatch.setattr(container, "sealed_json", lambda content: b"{}")
+    with pytest.raises(AssertionError, match="other bytes"):
+        selftest.bytes_are_the_known_ones()
+
+
+def test_wrong_random_numbers_and_files_are_seen(monkeypatch):
+    selftest.random_numbers_are_the_published_ones()
+    selftest.files_give_back_what_was_written()
+    monkeypatch.setattr(random, "philox", lambda *words: (0, 0, 0, 0))
+    with pytest.raises(AssertionError, match="philox gives"):
+        selftest.random_numbers_are_the_published_ones()
+    monkeypatch.setattr(container, "read", lambda path, kinds: ({}, {}))
+    with pytest.raises(AssertionError, match="differ from those written"):
+        selftest.files_give_back_what_was_written()
+
+
+def test_every_solver_engine_and_reader_is_tested():
+    components, unmade = selftest.examples()
+    parts = {f"{component.role} {component.kind}" for component in components}
+    for role in ("contact", "engine", "reader"):
+        for kind in selftest.registry.current().kinds(role):
+            assert f"{role} {kind}" in parts
+    assert not {part for part in unmade if part.startswith(("contact", "engine", "reader"))}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("part", "file", "right", "wrong"),
+    [
+        ("engine bkl", "chemage_kinetics/_common.py", "return nu * math.exp(", "return 0.9 * nu * math.exp("),
+        ("engine independent", "chemage_kinetics/_independent.py", "wait *= math.exp(", "wait *= 1.1 * math.exp("),
+        ("contact fft-bem", "chemage_contact/_kernels.py", "s[k] = s[k] * g[k]", "s[k] = 1.1 * s[k] * g[k]"),
+    ],
+)
+def test_a_broken_kernel_is_caught(tmp_path, part, file, right, wrong):
+    shutil.copytree(ROOT / "plugins", tmp_path / "plugins")
+    broken = tmp_path / "plugins" / file
+    assert broken.read_text().count(right) == 1
+    broken.write_text(broken.read_text().replace(right, wrong))
+    path = os.pathsep.join([str(ROOT), str(tmp_path / "plugins")])
+    environment = {**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
+    command = [sys.executable, "-m", "chemage.cli", "selftest", "--json"]
+    done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 1, done.stderr
+    failed = [one["part"] for one in json.loads(done.stdout)["parts"] if one["problems"]]
+    assert part in failed
