@@ -140,7 +140,9 @@ def warmup(
 
 
 def selftest(as_json: JsonOpt = False) -> None:
-    """Test this installation against closed forms and known numbers, in about a minute.
+    """Test this installation.
+
+    In about a minute, against closed forms and known numbers.
 
     Every solver, engine, distribution, interaction, law and reader, the random numbers and the files: what they compute
     on this machine is compared with what is known. Prints the processor, the libraries and the folders of compiled

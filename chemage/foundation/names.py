@@ -51,7 +51,7 @@ NAMES = {
     "foundation.components": "Component",
     "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PlanWarning PluginError "
     "SceneError StoreError UnitError UnknownKindError WorkerLost nearest",
-    "foundation.files": "FileStamp file_stamp fresh_file log_file open_file preflight regular_file write_file",
+    "foundation.files": "FileStamp file_stamp fresh_file open_file preflight regular_file write_file",
     "foundation.result": "Panel Picture Result Table displays",
     "foundation.units": "EV_PER_GPA_NM3 Energy FilePath Force Frequency KB Length Pressure Temperature Time Unit "
     "Volume convert",

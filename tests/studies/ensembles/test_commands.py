@@ -180,9 +180,9 @@ def test_nothing_is_overwritten_unless_forced(command, scene):
     [
         (("--accuracy", "beta"), "write it as NAME=VALUE, such as beta=2%"),
         (("--accuracy", "beta=2%", "--accuracy", "beta=3%"), "beta is given twice"),
-        (("--accuracy", "beta=0"), "accuracy.beta: '0': must lie between 0 and 1"),
-        (("--accuracy", "beta=-1%"), "must lie between 0 and 1"),
-        (("--accuracy", "beta=200%"), "must lie between 0 and 1"),
+        (("--accuracy", "beta=0"), "accuracy.beta: '0': must lie between 1e-09 and 1"),
+        (("--accuracy", "beta=-1%"), "must lie between 1e-09 and 1"),
+        (("--accuracy", "beta=200%"), "must lie between 1e-09 and 1"),
         (("--accuracy", "betta=2%"), "no such quantity (did you mean 'beta'?)"),
         (("--accuracy", "friction_drop@3 s=2%"), "is not one of the hold times; the nearest is 1 s"),
         (("--surfaces", "5", "--accuracy", "beta=2%"), "give the number of surfaces, or the accuracy"),

@@ -27,6 +27,14 @@ def opened(monkeypatch):
             return real(file, mode, *args, **options)
 
         monkeypatch.setattr(module, "open", counting)
+    real_handle = os.open
+
+    def handle(path, flags, *args, **options):
+        if isinstance(path, str | os.PathLike) and not flags & (os.O_WRONLY | os.O_RDWR):
+            names.append(os.path.basename(os.fspath(path)))
+        return real_handle(path, flags, *args, **options)
+
+    monkeypatch.setattr(os, "open", handle)
     return names
 
 
