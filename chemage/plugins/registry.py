@@ -176,7 +176,7 @@ class Registry:
     def unregister_class(self, cls: Any) -> None:
         """The inverse of :meth:`register_class`."""
         self.records = [record for record in self.records if record.component is not cls]
-        self._classes.pop((getattr(cls, "role", None), getattr(cls, "kind", None)), None)
+        self._classes.pop((getattr(cls, "role", ""), getattr(cls, "kind", "")), None)
 
     def _register(self, plugin: Any, record: PluginRecord) -> None:
         api = getattr(plugin, "CHEMAGE_API", hooks.API_VERSION)

@@ -191,7 +191,8 @@ def _options_go_round(component: Component) -> None:
 @check_of(Component)
 def _wrong_options_are_refused(component: Component) -> None:
     """Unknown options, numbers that are not finite and quantities of another dimension are errors naming the option."""
-    message = refuses("an unknown option", lambda: type(component)(no_such_option=1))
+    cls: Any = type(component)
+    message = refuses("an unknown option", lambda: cls(no_such_option=1))
     require("no_such_option" in message, f"the error for an unknown option does not name it: {message}")
     for name, (types, unit, _) in options_of(component).items():
         if "number" not in types:

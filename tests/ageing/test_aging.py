@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from chemage import InputError, fit_aging
+from chemage.ageing.display import AgingDisplay
 
 
 @pytest.fixture
@@ -62,3 +63,12 @@ def test_one_replica_has_no_standard_error(aging):
 def test_ageings_that_are_refused(aging, changes, problem):
     with pytest.raises(InputError, match=f"Aging: {problem}"):
         aging(**changes)
+
+
+@pytest.mark.parametrize(
+    ("times", "shown"), [((1.0, 10.0, 100.0), "1"), ((0.1, 1.0, 1e3), "10³"), ((10.0, 20.0, 30.0), "30")]
+)
+def test_the_main_number_is_at_a_time_that_many_results_have(examples, times, shown):
+    """1000 s or else 1 s, ends included, or the last hold time."""
+    (_, label), *_ = AgingDisplay(examples.aging(hold_times=times)).summary()
+    assert label.startswith(f"Δμ at {shown} s, ")

@@ -38,6 +38,12 @@ def test_exact_data_give_back_what_they_were_made_with(model, shape, beta, cutof
     assert fit.points == TIMES.size
 
 
+def test_what_rises_like_the_time_itself_has_no_cutoff_time():
+    """log(1 + t/t_c) of a t_c far beyond the data."""
+    fit = fit_aging(measured(TIMES, 1e-3 * TIMES), model="curve")
+    assert fit.log_cutoff == math.inf
+
+
 def test_a_measurement_at_zero_counts_for_the_curve_and_not_for_the_line():
     t = np.append(0.0, TIMES)
     y = curve(0.5, 2.0, t)

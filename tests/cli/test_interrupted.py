@@ -316,6 +316,17 @@ def test_a_read_only_folder_is_seen_before_anything_is_computed(command, small, 
     assert names(small.parent) == ["small.toml"]
 
 
+def test_too_little_memory_is_said(command, small, monkeypatch):
+    def full(*_):
+        raise MemoryError("Unable to allocate 8.00 GiB")
+
+    monkeypatch.setattr(SelfAffine, "make", full)
+    done = command("run", small)
+    assert done.status == 2
+    assert "not enough memory: Unable to allocate 8.00 GiB; `chemage check` estimates" in done.err
+    assert names(small.parent) == ["small.toml"]
+
+
 def test_a_standard_output_that_is_full_or_closed(small):
     program = [sys.executable, "-m", "chemage.cli", "plugins", "list"]
     with open("/dev/full", "w") as full:

@@ -21,7 +21,7 @@ import pytest
 
 import chemage
 from chemage import InputError
-from chemage.plugin import DamagedError, ExecutorError, SceneError, StoreError
+from chemage.plugin import DamagedError, ExecutorError, SceneError, StoreError, WorkerLost
 
 AXES = """
 [sweep]
@@ -534,6 +534,28 @@ def test_an_executor_that_breaks_ends_the_sweep_and_says_so(tiny, tmp_path):
     with pytest.raises(ExecutorError, match=r"the executor gave up .*terminated abruptly.*rerun the same command"):
         chemage.sweep(swept(tiny), tmp_path / "out", executor=Broken())
     assert chemage.sweep(swept(tiny), tmp_path / "out").states() == ["done"] * 12
+
+
+class Mortal(Executor):
+    """Loses the worker of its first calls."""
+
+    def __init__(self, deaths):
+        self.deaths = deaths
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        self.deaths -= 1
+        if self.deaths >= 0:
+            future.set_exception(WorkerLost("a worker died"))
+        else:
+            future.set_result(fn(*args, **kwargs))
+        return future
+
+
+@pytest.mark.parametrize(("deaths", "state"), [(1, "done"), (2, "done"), (3, "failed")])
+def test_a_task_is_lost_when_its_worker_died_twice_while_nothing_else_ran(tiny, tmp_path, deaths, state):
+    result = chemage.sweep(swept(tiny, '[sweep]\n"hold.seed" = [0]'), tmp_path / "out", executor=Mortal(deaths))
+    assert result.states() == [state]
 
 
 def test_workers_that_cannot_be_had_are_told_before_anything_is_written(tiny, tmp_path, monkeypatch):

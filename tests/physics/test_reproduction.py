@@ -234,6 +234,31 @@ def test_a_claim_that_is_false_is_reported_as_false():
     assert claim.word == "predicted"
 
 
+def loaded(at_most: float) -> list[Point]:
+    """ΔF of 1 % of the load at 1e3 s, of no more than ``at_most`` nN."""
+    times = np.logspace(-3, 5, 33)
+    return [
+        Point(
+            {sweeps.LOAD: load, "surface.seed": 7},
+            {"load": load, "area_fraction": load / 2.5e6},
+            times,
+            0.01 * min(load, at_most) * (np.log10(times) + 3) / 6,
+            np.zeros(33),
+            {"pressures": np.ones(4)},
+        )
+        for load in sweeps.LOADS
+    ]
+
+
+def test_claims_about_small_loads_do_not_depend_on_large_ones():
+    """80 % of what is proportional to the load at 500 µN agrees with both claims, and no bend with none."""
+    for at_most, holds, last in ((4e5, True, "0.8"), (1e6, False, "1")):
+        made = {claim.statement: claim for claim in claims.claims({"loads": loaded(at_most)}, ["fig2"])}
+        drop = made["ΔF is linear in the load at small loads, and sublinear at large loads"]
+        assert drop.holds == made["Δμ is constant at small loads and falls at large loads"].holds == holds
+        assert drop.ours == f"ΔF/F_N at 50 µN is 1 of that at 20 µN, at 500 µN {last} (1e3 s)"
+
+
 def straight(beta: float, start: float) -> Point:
     """Δμ = β log10(t / start) from ``start`` on, under a load of 2 nN."""
     times = np.logspace(-3, 5, 33)

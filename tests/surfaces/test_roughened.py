@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from dataclasses import replace
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
@@ -203,6 +204,10 @@ def test_the_parameters_of_a_surface_are_found(hurst, eta):
     assert np.mean([one.rms_slope for one in like]) == pytest.approx(0.1, rel=0.04)
     assert like[0].zeta == pytest.approx(64)
     assert like[0].pixels == (PIXELS, PIXELS)
+    if eta > 1:
+        low, high = found[0].roll_off_interval
+        assert f"roll-off            {found[0].roll_off:.4g} nm ({low:.4g} to {high:.4g})" in found[0].text()
+    assert "roll-off            none" in replace(found[0], roll_off=None, roll_off_interval=None).text()
 
 
 def test_the_command_prints_a_section_that_is_a_scene(command):

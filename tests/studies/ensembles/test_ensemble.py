@@ -8,6 +8,7 @@ import pytest
 
 import chemage as ca
 from chemage import Ensemble, InputError, ensemble
+from chemage.studies.ensembles import running
 
 ROUGH = {
     "name": "small",
@@ -64,6 +65,19 @@ def test_the_errors_of_surfaces_and_replicas_add_up_to_the_scatter(four):
 
 def test_the_number_of_threads_changes_nothing(rough, four):
     assert ensemble(rough, surfaces=4, threads=1).digest() == four.digest()
+
+
+@pytest.mark.parametrize(("executor", "workers"), [("threads", 2), ("serial", None)])
+def test_workers_that_are_asked_for_are_those_of_the_study(rough, four, monkeypatch, executor, workers):
+    asked, real = [], running.Study
+
+    def study(*args, **options):
+        asked.append(args[:2])
+        return real(*args, **options)
+
+    monkeypatch.setattr(running, "Study", study)
+    assert ensemble(rough, surfaces=4, executor=executor, workers=workers).digest() == four.digest()
+    assert asked == [(executor, workers)]
 
 
 def test_an_accuracy_is_reached_on_coarse_and_fine_grids(rough):

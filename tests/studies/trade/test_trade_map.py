@@ -353,6 +353,7 @@ def test_a_difference_within_its_error_is_not_resolved():
 def test_the_figure_has_a_panel_for_each_observable(drawn, found):
     assert [axes.get_title() for axes in figures(drawn)["trade"].axes] == ["β", "corrected contact area"]
     assert len(figures(found)["trade"].axes) == 1 + 3 + 4
+    assert figures(found)["trade"].get_figheight() > 1.5 * figures(drawn)["trade"].get_figheight()
     assert figures(replace(drawn, points=[], observables=[])) == {}
 
 
