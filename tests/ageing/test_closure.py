@@ -147,7 +147,7 @@ def test_a_uniform_contact_has_the_bonds_of_its_kinetics():
 
 @pytest.mark.long
 def test_statistics_of_a_uniform_contact_have_the_bonds_of_its_map():
-    contact, own = uniform(2.0), interacting()
+    contact, own = uniform(2.0), interacting(site_density=5.0)
     known = ca.plugin.contact_statistics(contact, own)
     fields = {"pressure": known.pressure, "area": known.area, "load": contact.load, "modulus": 35.3}
     statistics = ca.plugin.ContactStatistics(nominal_area=contact.nominal_area, rms_slope=0.1, **fields)
@@ -314,7 +314,7 @@ def test_a_damaged_table_is_computed_again_and_that_is_said(small_tables, monkey
     monkeypatch.setattr("chemage_ageing.closure._tables", {})
     again = aged(uniform(0.3), interacting())
     np.testing.assert_array_equal(again.bonds, first.bonds)
-    assert any("is damaged" in note and "computed again" in note for note in again.notes)
+    assert any(path.name in note and "computed again" in note for note in again.notes)
     assert path.stat().st_size > 1000
 
 

@@ -25,11 +25,9 @@ HOST = socket.gethostname().partition(".")[0]
 #: this run says on stderr what it is writing, and waits to be stopped at a certain moment
 SLOW_WRITES = """
 import sys, time
-from chemage.foundation import codec, files
+from chemage.foundation import codec, container, files
 
-from pathlib import Path
-
-array, place, whole = codec._write_array, files.put, Path.write_bytes
+array, place = codec._write_array, files.put
 
 def say(word):
     print(word, file=sys.stderr, flush=True)
@@ -41,7 +39,7 @@ def slow_array(*args):
     array(*args)
 
 def slow_bytes(path, data):
-    with open(path, "wb") as file:
+    with open(path, "xb") as file:
         file.write(data[: len(data) // 2])
         file.flush()
         say("halfway")
@@ -53,7 +51,7 @@ def slow_place(*args, **options):
     say("placed")
     return there
 
-codec._write_array, files.put, Path.write_bytes = slow_array, slow_place, slow_bytes
+codec._write_array, files.put, container.create = slow_array, slow_place, slow_bytes
 """
 
 

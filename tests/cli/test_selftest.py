@@ -51,9 +51,7 @@ def test_every_solver_engine_and_reader_is_tested():
 @pytest.mark.parametrize(
     ("part", "file", "right", "factor"),
     [
-        ("engine rejection-free", "chemage_kinetics/_common.py", "nu * math.exp(", 0.9),
         ("engine bkl", "chemage_kinetics/_rate_classes.py", "math.exp((c", 0.8),
-        ("engine independent", "chemage_kinetics/_independent.py", "math.exp(", 1.1),
         ("contact fft-bem", "chemage_contact/_kernels.py", "s[k] * g[k]", 1.1),
     ],
 )

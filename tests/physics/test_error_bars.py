@@ -31,7 +31,6 @@ CASES = [
     "seeds_of_sweeps",
     "observables",
     "grids",
-    "density",
 ]
 
 

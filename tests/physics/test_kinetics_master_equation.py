@@ -327,14 +327,14 @@ def test_the_mean_numbers_of_events_are_integrals_over_the_master_equation():
 SHAPES = ((1, 2), (1, 2), (2, 2), (1, 2), (1, 3), (1, 2), (1, 2), (2, 3), (1, 2), (3, 3))
 
 
-@pytest.mark.parametrize("kind", PLAIN)
 @pytest.mark.parametrize(
-    ("numbers", "far"),
+    ("kind", "numbers", "far"),
     [
-        ([0, 1, 3, 59], 10**6),
-        pytest.param(range(60, 100), 10**6, marks=pytest.mark.long),
+        *((kind, [0, 1, 3, 59], 10**6) for kind in PLAIN),
+        # `auto` runs one of the others
+        *(pytest.param(kind, range(60, 100), 10**6, marks=pytest.mark.long) for kind in PLAIN if kind != "auto"),
         # on nine sites, as on a large lattice: predicting, with a list of fast sites
-        pytest.param(range(269, 420, 10), 9, marks=pytest.mark.long),
+        *(pytest.param(kind, range(269, 420, 10), 9, marks=pytest.mark.long) for kind in PLAIN if kind != "auto"),
     ],
 )
 def test_random_lattices_follow_the_master_equation_with_every_option(kind, numbers, far, monkeypatch):
