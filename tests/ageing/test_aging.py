@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from seen import result_of
 
 from chemage import InputError, fit_aging
-from chemage.ageing.display import AgingDisplay
 
 
 @pytest.fixture
@@ -70,5 +70,5 @@ def test_ageings_that_are_refused(aging, changes, problem):
 )
 def test_the_main_number_is_at_a_time_that_many_results_have(examples, times, shown):
     """1000 s or else 1 s, ends included, or the last hold time."""
-    (_, label), *_ = AgingDisplay(examples.aging(hold_times=times)).summary()
+    (_, label), *_ = result_of(examples.aging(hold_times=times)).summary()
     assert label.startswith(f"Δμ at {shown} s, ")
