@@ -126,6 +126,7 @@ def _documented(thing: Any, heading: str, label: str, level: int = 3) -> str:
     # of a role, also the methods that a plugin defines and users do not call, such as _solve
     if defined := [name for name in sorted(getattr(thing, "__abstractmethods__", ())) if name.startswith("_")]:
         options += f"      filters: ['!^_(?!{'|'.join(name[1:] for name in defined)}$)']\n"
+    thing = inspect.unwrap(thing)  # where it is defined
     return f"::: {thing.__module__}.{thing.__qualname__}\n{options}"
 
 
@@ -134,13 +135,14 @@ def _module(name: str, module: Any) -> str:
     first, *rest = (inspect.getdoc(module) or "").split("\n\n")
     trees = [f"```text\n{text}\n```" for text in rest if "──" in text]
     parts = [f"### `{_place(name)}` {{ #{_place(name)} }}", plain(first), *trees]
-    others = [load(other) for other in HOME]
+    others = [inspect.unwrap(load(other)) for other in HOME]
     for inner in getattr(module, "__all__", vars(module)):
         thing = getattr(module, inner)
         function = getattr(thing, "py_func", thing)  # of a kernel
         if inner.startswith("_") or not (inspect.isclass(function) or inspect.isfunction(function)):
             continue
-        if not function.__module__.startswith(module.__name__) or any(thing is other for other in others):
+        elsewhere = any(inspect.unwrap(thing) is other for other in others)
+        if elsewhere or not function.__module__.startswith(module.__name__):
             continue
         place = f"{_place(name)}.{inner}"
         if "<locals>" in function.__qualname__:  # made by another function
