@@ -126,11 +126,12 @@ def _checked(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
     """``function``; where it fails because an argument is not what its annotation says, the error is an InputError that
     names the argument."""
 
+    of_block = isgeneratorfunction(unwrap(function))  # which fails after this call
+
     @wraps(function)
     def checked(*args: Any, **kwargs: Any) -> Any:
-        begin_only = isgeneratorfunction(unwrap(function))  # of a block, which fails after this call
         try:
-            if begin_only:
+            if of_block:
                 _blame(function, args, kwargs)
             return function(*args, **kwargs)
         except Exception as error:
