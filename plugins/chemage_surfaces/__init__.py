@@ -1,5 +1,6 @@
-"""Surfaces (``self-affine``, ``sphere``, ``from-file``, ``measured``, ``roughened``), and readers of height maps
-(``npy``, ``text``, ``hdf5``, and ``topography`` for files of instruments, with the library SurfaceTopography)."""
+"""Surfaces (``self-affine``, ``sphere``, ``spherical-cap``, ``cone``, ``tip``, ``from-file``, ``measured``,
+``roughened``), and readers of height maps (``npy``, ``text``, ``hdf5``, and ``topography`` for files of instruments,
+with the library SurfaceTopography)."""
 
 from __future__ import annotations
 
@@ -11,7 +12,6 @@ if TYPE_CHECKING:
     from chemage_surfaces._maps import HeightUnit as HeightUnit
     from chemage_surfaces._maps import surface_of as surface_of
     from chemage_surfaces.generated import SelfAffine as SelfAffine
-    from chemage_surfaces.generated import Sphere as Sphere
     from chemage_surfaces.images import FromFile as FromFile
     from chemage_surfaces.images import Measured as Measured
     from chemage_surfaces.readers import Hdf5 as Hdf5
@@ -20,12 +20,19 @@ if TYPE_CHECKING:
     from chemage_surfaces.roughened import Roughened as Roughened
     from chemage_surfaces.roughness_fit import RoughnessFit as RoughnessFit
     from chemage_surfaces.roughness_fit import fit_roughness as fit_roughness
+    from chemage_surfaces.tips import Cone as Cone
+    from chemage_surfaces.tips import Sphere as Sphere
+    from chemage_surfaces.tips import SphericalCap as SphericalCap
+    from chemage_surfaces.tips import Tip as Tip
     from chemage_surfaces.topographies import Topography as Topography
 
 KINDS = {
     "surface": {
         "self-affine": "chemage_surfaces.generated:SelfAffine",
-        "sphere": "chemage_surfaces.generated:Sphere",
+        "sphere": "chemage_surfaces.tips:Sphere",
+        "spherical-cap": "chemage_surfaces.tips:SphericalCap",
+        "cone": "chemage_surfaces.tips:Cone",
+        "tip": "chemage_surfaces.tips:Tip",
         "from-file": "chemage_surfaces.images:FromFile",
         "measured": "chemage_surfaces.images:Measured",
         "roughened": "chemage_surfaces.roughened:Roughened",

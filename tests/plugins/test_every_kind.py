@@ -29,6 +29,7 @@ with h5py.File(FILES / "map.h5", "w") as file:
     file["heights"].attrs["pixel_size"] = 0.5
 np.savetxt(FILES / "wide.txt", rough_surface((32, 32)).heights, header="pixel_size = 2 nm")
 ROUGH = {"kind": "self-affine", "pixels": 64, "pixel_size": 2, "rms_slope": 0.1, "hurst": 0.8, "zeta": 32}
+BALL = {"kind": "sphere", "radius": "300 nm", "pixels": 24, "pixel_size": 2}
 PART = {"kind": "measured", "path": str(FILES / "part.txt"), "height_unit": "nm"}
 rough = registry.current().fromdict("surface", ROUGH).make(1).heights
 np.savetxt(FILES / "part.txt", rough[:40, :40], header="pixel_size = 2 nm")
@@ -44,6 +45,18 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
         {"pixels": [33, 21], "pixel_size": 0.5, "rms_height": "1 nm", "hurst": 0.5, "zeta": 8, "eta": 1},
     ],
     ("surface", "sphere"): [{"radius": "30 nm", "pixels": 48, "pixel_size": 0.5}],
+    ("surface", "spherical-cap"): [{"radius": "30 nm", "pixels": 48, "pixel_size": 0.5}],
+    ("surface", "cone"): [{"radius": "5 nm", "half_angle": "70 deg", "pixels": [48, 33], "pixel_size": 0.5}],
+    ("surface", "tip"): [
+        {"body": BALL},
+        {"body": BALL, "own_roughness": ROUGH, "counterface": ROUGH, "place": [64, "50 nm"]},
+        {
+            "body": BALL,
+            "own_roughness": ROUGH,
+            "roughness_seed": 4,
+            "counterface": {"kind": "from-file", "path": str(FILES / "part.txt")},
+        },
+    ],
     ("surface", "from-file"): [
         {"path": str(FILES / "map.txt")},
         {"path": str(FILES / "map.npy"), "pixel_size": 0.5, "reader": "npy", "detrend": "plane"},

@@ -1,0 +1,320 @@
+"""Tips: smooth bodies of revolution (``sphere``, ``spherical-cap``, ``cone``), and ``tip``, a body with its own
+roughness at a place of a counterface.
+
+Where two rough bodies touch, the contact is that of one body with the sum of both heights (K. L. Johnson, Contact
+Mechanics, chapter 4), so that every contact solver takes a tip as it takes any other surface.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from chemage import InputError, Surface
+from chemage.plugin import Choice, Length, Scatter, Seed, SurfaceMaker, Unit, checked_seed, memory
+from chemage_surfaces._maps import SQUARE, Floats, Pixels, provenance
+
+_JOHNSON = """@book{johnson1985,
+  author = {Johnson, K. L.},
+  title = {Contact Mechanics},
+  publisher = {Cambridge University Press},
+  year = {1985},
+  doi = {10.1017/CBO9781139171731},
+}"""
+#: distinguishes the random numbers of this module from those of other makers with the same seed
+_STREAM = 0x74697073
+_Seed = Annotated[int, Field(ge=0)]
+
+
+class _Body(SurfaceMaker):
+    """A smooth body of revolution with its apex at height 0 in the middle of the grid; the seed is ignored."""
+
+    radius: Length
+    """radius of curvature R of the apex, nm"""
+    pixels: Pixels
+    """grid: one number for a square, or [nx, ny]"""
+    pixel_size: Length
+    """edge of a pixel, nm"""
+
+    @abstractmethod
+    def _heights(self, x: Floats, y: Floats) -> Floats:
+        """Heights (nx, ny) at the squared distances ``x`` and ``y`` from the apex along both sides, nm²."""
+
+    @property
+    def _corner(self) -> float:
+        """Distance of the corners of the grid from the apex, nm."""
+        return math.hypot(*(0.5 * (count - 1) * self.pixel_size for count in self.pixels))
+
+    def _is_hertzian(self) -> bool:
+        """Whether the contact at any load is taken for that of a sphere of this radius."""
+        return True
+
+    def expected(self) -> dict[str, float]:
+        """The grid and the radius."""
+        nx, ny = self.pixels
+        radius = {"radius": self.radius} if self._is_hertzian() else {}
+        return {"nx": nx, "ny": ny, "pixel_size": self.pixel_size, **radius, "periodic": 0.0} | {
+            "cpu_seconds": 1e-8 * nx * ny
+        }
+
+    def scatter(self, contact: Mapping[str, float]) -> Scatter:
+        """None: the seed is ignored."""
+        return Scatter(0.0)
+
+    def make(self, seed: Seed = 0) -> Surface:
+        """Make the surface: heights (nx, ny) float64 nm, at most 0. ``seed`` is ignored.
+
+        ``provenance["radius"]`` is R in nm, of bodies to which Hertz' theory applies.
+        """
+        memory.require(3 * 8.0 * self.pixels[0] * self.pixels[1], f"pixels = {self.pixels}", "use fewer")
+        across, along = (((np.arange(count) - 0.5 * (count - 1)) * self.pixel_size) ** 2 for count in self.pixels)
+        heights = self._heights(across, along)
+        heights.setflags(write=False)
+        radius = {"radius": self.radius} if self._is_hertzian() else {}
+        return Surface(
+            heights=heights,
+            pixel_size=self.pixel_size,
+            periodic=False,
+            provenance={**provenance(self), **radius},
+        )
+
+
+class Sphere(_Body):
+    """A sphere near its apex: the paraboloid −r²/(2R) with apex at height 0 in the middle of the grid; not periodic.
+
+    Hertz' theory is that of a paraboloid, so that a numerical solution for this surface can be compared with the closed
+    form at any load. A sphere is lower by the fraction r²/(4R²), 0.25 % at r = R/10, where the error of small-strain
+    elasticity is of the same size.
+
+    The apex has the pixel index ((nx − 1)/2, (ny − 1)/2): on a pixel for odd numbers, between pixels for even ones.
+    Heights equal their mirror images to the last bit.
+    """
+
+    kind = "sphere"
+    cite: ClassVar[tuple[str, ...]] = ("K. L. Johnson, Contact Mechanics, Cambridge University Press (1985), ch. 4",)
+    bibtex: ClassVar[tuple[str, ...]] = (_JOHNSON,)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        lowest = sum((0.5 * (count - 1) * self.pixel_size) ** 2 for count in self.pixels) / (2 * self.radius)
+        if lowest > 1e250:
+            raise ValueError(
+                f"radius = {self.radius:g} nm: the edge of the grid would lie {lowest:g} nm below the apex; "
+                "give radius and pixel_size in nm"
+            )
+        return self
+
+    def _heights(self, x: Floats, y: Floats) -> Floats:
+        return -((x / (2 * self.radius))[:, None] + (y / (2 * self.radius))[None, :])
+
+
+class SphericalCap(_Body):
+    """A true sphere, not the paraboloid of ``sphere``, on a grid whose corners are less than R from the apex."""
+
+    kind = "spherical-cap"
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self._corner >= self.radius:
+            raise ValueError(
+                f"radius = {self.radius:g} nm: the corners of the grid are {self._corner:.4g} nm from the apex, beyond "
+                'the sphere; use fewer pixels, or kind = "sphere" (a paraboloid) or "cone"'
+            )
+        return self
+
+    def _is_hertzian(self) -> bool:
+        return False
+
+    def _heights(self, x: Floats, y: Floats) -> Floats:
+        return _cap(x[:, None] + y, self.radius)
+
+
+class Cone(_Body):
+    """A cone whose apex is a sphere of radius R that touches the cone smoothly, at the distance R cos α from the axis.
+
+    Source of its contact: I. N. Sneddon, Int. J. Eng. Sci. 3, 47 (1965).
+    """
+
+    kind = "cone"
+
+    half_angle: Annotated[float, Unit("deg", gt=0, lt=90)]
+    """angle α between the axis and the side, degrees"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self._corner / math.tan(math.radians(self.half_angle)) > 1e250:
+            raise ValueError(f"half_angle = {self.half_angle:g} degrees: heights are out of range; give a blunter cone")
+        return self
+
+    def _is_hertzian(self) -> bool:
+        return False
+
+    def _heights(self, x: Floats, y: Floats) -> Floats:
+        angle = math.radians(self.half_angle)
+        touch = self.radius * math.cos(angle)
+        square = x[:, None] + y
+        # on the side the cap is that of the circle of touch, and the cone goes on from there
+        side = np.maximum(np.sqrt(square) - touch, 0.0)
+        return _cap(np.minimum(square, touch**2), self.radius) - side / math.tan(angle)
+
+
+def _cap(square: Floats, radius: float) -> Floats:
+    """Height of a sphere at squared distances from its axis; without cancellation near the apex."""
+    return -square / (radius + np.sqrt(radius**2 - square))
+
+
+class Tip(SurfaceMaker):
+    """A tip at a place of a counterface: the sum of the heights of a body, of its own roughness, and of the part of the
+    counterface below it.
+
+    The seed draws the roughness and the place, so that an ensemble is the mean over tips and places; with
+    ``roughness_seed`` it is over the places of one tip, which is the average of a scan. The counterface is one surface,
+    that of ``counterface_seed``. x and y are those of the counterface. ``provenance["tip"]`` has the place.
+    """
+
+    kind = "tip"
+
+    body: Choice[SurfaceMaker]
+    """shape, a table: ``sphere`` (paraboloid), ``spherical-cap``, ``cone``, or a measured shape with its apex up"""
+    own_roughness: Choice[SurfaceMaker] | None = None
+    """roughness of the tip, such as ``self-affine``: a part as large as the body, from a random place; None: smooth"""
+    roughness_seed: _Seed | None = None
+    """seed of the roughness; None: that of the surface, so that every seed is another tip"""
+    counterface: Choice[SurfaceMaker] | None = None
+    """the other body, generated or measured; None: flat"""
+    counterface_seed: _Seed = 0
+    """seed of the counterface"""
+    place: tuple[Annotated[float, Unit("nm", ge=0)], Annotated[float, Unit("nm", ge=0)]] | None = None
+    """[x, y] of the middle of the tip on the counterface, nm from its edges, to whole pixels; None: random, uniform
+    over all places where the tip's grid lies on the counterface"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for option, part in (("place", "counterface"), ("roughness_seed", "own_roughness")):
+            if getattr(self, option) is not None and getattr(self, part) is None:
+                raise ValueError(
+                    f"{option} = {getattr(self, option)}: there is no {part}; give {part}, or leave it out"
+                )
+        return self
+
+    @property
+    def _drawn(self) -> list[str]:
+        """What another seed changes."""
+        parts = {
+            "body": getattr(self.body.scatter({}), "relative", None) != 0,
+            "own_roughness": self.own_roughness is not None and self.roughness_seed is None,
+            "place": self.counterface is not None and self.place is None,
+        }
+        return [name for name, drawn in parts.items() if drawn]
+
+    def expected(self) -> dict[str, float]:
+        """What the body expects; of a tip that is not smooth on a flat, only the grid and the time."""
+        expected = self.body.expected()
+        parts = [part.expected() for part in (self.own_roughness, self.counterface) if part is not None]
+        if not parts:
+            return expected
+        known = {name: expected[name] for name in ("nx", "ny", "pixel_size") if name in expected}
+        for name, part in zip(self._names, parts, strict=True):
+            self._check_part(name, expected, part)
+        seconds = sum(each.get("cpu_seconds", 0.0) for each in (expected, *parts))
+        return {**known, "periodic": 0.0, "cpu_seconds": seconds}
+
+    def scatter(self, contact: Mapping[str, float]) -> Scatter:
+        """Unknown where the seed draws the roughness or the place, else none."""
+        drawn = self._drawn
+        return (
+            Scatter(None, f"the seed draws the {' and the '.join(drawn)}".replace("_", " ")) if drawn else Scatter(0.0)
+        )
+
+    def make(self, seed: Seed = 0) -> Surface:
+        """The tip and the counterface below it: heights (nx, ny) float64 nm, not periodic.
+
+        Raises
+        ------
+        InputError
+            The pixels of the parts differ, a part is smaller than the body, or the tip leaves the counterface.
+        """
+        if not isinstance(seed, np.random.SeedSequence):
+            seed = np.random.SeedSequence(checked_seed(seed))
+        body = self.body.make(seed)
+        heights = body.heights.astype(np.float64)
+        record: dict[str, Any] = {"body": body.provenance}
+        if self.own_roughness is not None:
+            own = seed if self.roughness_seed is None else np.random.SeedSequence(self.roughness_seed)
+            rough = self.own_roughness.make(_stream(own, 0))
+            heights += self._part("own_roughness", rough, body, None, _stream(own, 1), record)
+        if self.counterface is not None:
+            surface = self.counterface.make(self.counterface_seed)
+            heights += self._part("counterface", surface, body, self.place, _stream(seed, 2), record)
+        heights.setflags(write=False)
+        smooth = self.own_roughness is None and self.counterface is None
+        radius = {"radius": body.provenance["radius"]} if smooth and "radius" in body.provenance else {}
+        return Surface(
+            heights=heights,
+            pixel_size=body.pixel_size,
+            periodic=smooth and body.periodic,
+            provenance={**provenance(self, seed if self._drawn else None), "tip": record, **radius},
+        )
+
+    @property
+    def _names(self) -> list[str]:
+        return [name for name in ("own_roughness", "counterface") if getattr(self, name) is not None]
+
+    def _check_part(self, name: str, body: Mapping[str, float], part: Mapping[str, float]) -> None:
+        """Refuse a part whose pixels differ from those of the body, or which is smaller."""
+        known = {"nx", "ny", "pixel_size"}
+        if not known <= body.keys() or not known <= part.keys():
+            return
+        side = body["pixel_size"]
+        if abs(part["pixel_size"] - side) > SQUARE * side:
+            raise InputError(
+                f"{name}: pixels of {part['pixel_size']:.6g} nm, but those of the body are {side:.6g} nm; give both "
+                'the same pixel_size (of an image: resample, or kind = "roughened")'
+            )
+        if part["nx"] < body["nx"] or part["ny"] < body["ny"]:
+            raise InputError(
+                f"{name}: {part['nx']:g} x {part['ny']:g} pixels, but the body has {body['nx']:g} x {body['ny']:g}; "
+                f"give a larger {name}, or a body on fewer pixels"
+            )
+
+    def _part(
+        self,
+        name: str,
+        surface: Surface,
+        body: Surface,
+        place: tuple[float, float] | None,
+        stream: np.random.SeedSequence,
+        record: dict[str, Any],
+    ) -> Floats:
+        """The part of ``surface`` under the body at ``place``, or at a random one."""
+        self._check_part(name, _grid(body), _grid(surface))
+        rng = np.random.Generator(np.random.Philox(stream))
+        first = []
+        for axis, (count, width) in enumerate(zip(surface.shape, body.shape, strict=True)):
+            last = count - 1 if surface.periodic else count - width
+            start = int(rng.integers(last + 1)) if place is None else round(place[axis] / body.pixel_size - width / 2)
+            if not surface.periodic and not 0 <= start <= last:
+                low, high = (0.5 * width * body.pixel_size, (count - 0.5 * width) * body.pixel_size)
+                raise InputError(
+                    f"place = {list(place or ())}: the tip leaves the {name} along {'xy'[axis]}; give {low:.6g} to "
+                    f"{high:.6g} nm"
+                )
+            first.append(start)
+        (x, y), (nx, ny) = first, body.shape
+        record[name] = {"surface": surface.provenance, "first_pixel": first}
+        record[name]["place"] = [(x + 0.5 * nx) * body.pixel_size, (y + 0.5 * ny) * body.pixel_size]
+        rows, columns = (np.arange(s, s + n) % c for s, n, c in zip(first, body.shape, surface.shape, strict=True))
+        return surface.heights[np.ix_(rows, columns)].astype(np.float64)
+
+
+def _grid(surface: Surface) -> dict[str, float]:
+    return {"nx": surface.shape[0], "ny": surface.shape[1], "pixel_size": surface.pixel_size}
+
+
+def _stream(seed: np.random.SeedSequence, number: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, _STREAM, number))
