@@ -46,8 +46,13 @@ def expect(name: str, value: object, kind: type, remedy: str) -> None:
 
 
 def force(load: QuantityLike) -> float:
-    """``load`` in nN, finite and ≥ 0."""
-    value, remedy = convert(load, "nN", "load"), "give a force such as 20 uN"
+    """``load`` in nN, finite and ≥ 0; also a deflection times a spring constant, such as ``"20 nm * 2.5 N/m"``."""
+    deflection, times, spring = load.partition(" * ") if isinstance(load, str) else ("", "", "")
+    if times:
+        value = convert(deflection, "nm", "load") * convert(spring, "nN/nm", "load")
+    else:
+        value = convert(load, "nN", "load")
+    remedy = "give a force such as 20 uN"
     if not np.isfinite(value) or value < 0:
         raise InputError.of("load", load, "must be finite and not negative", remedy)
     if value > LARGEST:

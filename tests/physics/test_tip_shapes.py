@@ -1,0 +1,167 @@
+"""Tips: shapes against closed forms of their contact, places and roughness, and their mean over places."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+import chemage as ca
+from chemage.plugin import SceneError
+
+GRID = {"pixels": 129, "pixel_size": 0.25}
+MODULUS = 35.3
+SOLVER = ca.contact("fft-bem", modulus=MODULUS)
+FLAT = ca.contact("hertz", modulus=MODULUS)
+WAVES = {"pixels": 128, "pixel_size": 0.25, "hurst": 0.8, "zeta": 8}
+ROUGH = {"kind": "self-affine", **WAVES, "rms_slope": 0.1}
+BALL = {"kind": "sphere", "radius": 30, "pixels": 64, "pixel_size": 0.25}
+
+
+def tip(**options):
+    return ca.surface("tip", **options)
+
+
+def load_of(slope, edge):
+    """Sneddon: F = 2 E* ∫ r² f'(r) / √(a² − r²) dr from 0 to a, for a body f(r) and a contact of radius a."""
+    integral, _ = quad(lambda angle: (edge * np.sin(angle)) ** 2 * slope(edge * np.sin(angle)), 0, np.pi / 2, limit=200)
+    return 2 * MODULUS * integral
+
+
+def edge_at(slope, load):
+    return brentq(lambda edge: load_of(slope, edge) - load, 1e-3, 15)
+
+
+def cone_slope(radius, angle):
+    touch = radius * np.cos(angle)
+    return lambda r: r / np.sqrt(radius**2 - r**2) if r < touch else 1 / np.tan(angle)
+
+
+@pytest.mark.parametrize(
+    ("body", "slope"),
+    [
+        ({"kind": "sphere", "radius": 30}, lambda r: r / 30),
+        ({"kind": "spherical-cap", "radius": 30}, lambda r: r / np.sqrt(900 - r**2)),
+        ({"kind": "cone", "radius": 2, "half_angle": "80 deg"}, cone_slope(2, np.radians(80))),
+        ({"kind": "cone", "radius": 20, "half_angle": "75 deg"}, cone_slope(20, np.radians(75))),
+    ],
+)
+def test_each_shape_has_the_contact_of_its_closed_form(body, slope):
+    load = 300.0
+    made = SOLVER.solve(tip(body=body | GRID).make(), load)
+    edge = edge_at(slope, load)
+    assert np.sqrt(made.area / np.pi) == pytest.approx(edge, rel=0.02)
+
+
+def test_the_closed_form_is_that_of_hertz_and_of_sneddon():
+    assert load_of(lambda r: r / 30, 5.0) == pytest.approx(4 * MODULUS * 5.0**3 / (3 * 30), rel=1e-9)
+    angle = np.radians(80)
+    assert load_of(lambda r: 1 / np.tan(angle), 5.0) == pytest.approx(
+        np.pi / 2 * MODULUS * 25 / np.tan(angle), rel=1e-9
+    )
+
+
+def test_a_smooth_tip_on_a_flat_is_its_body():
+    sphere = ca.surface(**BALL).make()
+    flat = {"kind": "self-affine", **WAVES, "rms_slope": 0}
+    for made in (
+        tip(body=BALL),
+        tip(body=BALL, counterface=flat),
+        tip(body=BALL, counterface=flat, own_roughness=flat),
+    ):
+        surface = made.make(3)
+        assert np.abs(surface.heights - sphere.heights).max() <= 1e-12
+        pressures = [SOLVER.solve(one, 50.0).pressure for one in (surface, sphere)]
+        np.testing.assert_allclose(*pressures, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(*(FLAT.solve(one, 50.0).pressure for one in (tip(body=BALL).make(), sphere)))
+
+
+def test_a_blunt_cap_is_a_sphere_and_the_cone_is_smooth():
+    cap, ball = (ca.surface(kind, radius=1e6, **GRID).make().heights for kind in ("spherical-cap", "sphere"))
+    np.testing.assert_allclose(cap, ball, rtol=1e-9, atol=1e-15)
+    cone = ca.surface("cone", radius=5, half_angle="60 deg", pixels=[2001, 1], pixel_size=0.01).make().heights[:, 0]
+    slopes = np.diff(cone) / 0.01
+    assert np.abs(np.diff(slopes)).max() < 1.2 * 0.01 / 5 / np.cos(np.radians(30)) ** 3
+    assert slopes[0] == pytest.approx(1 / np.tan(np.radians(60)), rel=1e-9)
+
+
+def test_the_counterface_below_the_tip_is_that_of_its_place():
+    below = ca.surface(**ROUGH).make(7).heights
+    options = {"body": BALL, "counterface": ROUGH, "counterface_seed": 7}
+    fixed = tip(place=[14.5, "10 nm"], **options).make(2)
+    smooth = ca.surface(**BALL).make().heights
+    np.testing.assert_array_equal(fixed.heights, smooth + below[26:90, 8:72])
+    assert fixed.provenance["tip"]["counterface"]["first_pixel"] == [26, 8]
+    drawn = tip(**options).make(2)
+    x, y = drawn.provenance["tip"]["counterface"]["first_pixel"]
+    np.testing.assert_array_equal(drawn.heights, smooth + np.roll(below, (-x, -y), (0, 1))[:64, :64])
+
+
+def test_the_seed_draws_place_and_roughness():
+    both = tip(body=BALL, own_roughness=ROUGH, counterface=ROUGH)
+    records = [both.make(seed).provenance["tip"] for seed in range(40)]
+    places = np.array([record["counterface"]["first_pixel"] for record in records])
+    assert len({tuple(place) for place in places}) == 40
+    assert 0 <= places.min() < 30 < 98 < places.max() < 128
+    assert len({str(record["own_roughness"]["surface"]["seed"]) for record in records}) == 40
+    one = both.replace(roughness_seed=1)
+    parts = [one.make(seed).provenance["tip"] for seed in (1, 2)]
+    assert parts[0]["own_roughness"] == parts[1]["own_roughness"]
+    assert parts[0]["counterface"]["first_pixel"] != parts[1]["counterface"]["first_pixel"]
+    assert both.make(5).heights.tobytes() == both.make(5).heights.tobytes()
+    assert one.replace(place=[16, 16]).scatter({}).relative == 0
+    assert tip(body=BALL).scatter({}).relative == 0
+    assert both.scatter({}).source == "the seed draws the own roughness and the place"
+
+
+def scene(**changes):
+    return {
+        "surface": {"kind": "tip", "body": BALL, "own_roughness": ROUGH, "counterface": ROUGH, "seed": 3},
+        "contact": {"kind": "fft-bem", "modulus": MODULUS, "load": 50.0},
+        "forming": {"kind": "uniform", "lower": 0.8, "upper": 1.4},
+        "chemistry": {"activation_volume": "6.4 angstrom**3"},
+        "engine": {"kind": "independent"},
+        "hold": {"start": 1e-2, "stop": 1e4, "per_decade": 1, "replicas": 3, "seed": 5},
+    } | changes
+
+
+def test_the_scatter_over_places_is_that_of_separate_runs():
+    parsed = ca.parse_scene(scene())
+    mean = ca.ensemble(parsed, surfaces=5)
+    runs = []
+    for surface, hold in mean.levels[0]["seeds"]:
+        seeded = parsed.with_hold(seed=hold, common="all").model_copy(update={"surface_seed": surface})
+        runs.append(ca.run(seeded))
+    betas, areas = [run.fit().beta for run in runs], [run.contact.area for run in runs]
+    assert len(set(areas)) == 5
+    beta = mean.estimate("beta")
+    assert beta.value == pytest.approx(np.mean(betas), rel=1e-12)
+    assert beta.half_width == pytest.approx(2.7764451 * np.std(betas, ddof=1) / np.sqrt(5), rel=1e-6)
+    assert mean.estimate("area").value == pytest.approx(np.mean(areas), rel=1e-12)
+    assert set(beta.errors) == {"surfaces", "replicas"}
+
+
+def test_a_load_from_deflection_and_spring_constant():
+    for load in ("20 nm * 2.5 N/m", "0.02 um * 2.5 nN/nm", "50 nN"):
+        parsed = ca.parse_scene(scene(contact={"kind": "fft-bem", "modulus": MODULUS, "load": load}))
+        assert parsed.load == pytest.approx(50, rel=1e-15)
+    for wrong in ("20 nm * 2.5 N", "20 N * 2 N/m", "-20 nm * 2.5 N/m", "20 nm * 2.5 N/m * 2"):
+        with pytest.raises(SceneError, match=r"contact\.load"):
+            ca.parse_scene(scene(contact={"kind": "fft-bem", "modulus": MODULUS, "load": wrong}))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"place": [16, 16]}, "there is no counterface"),
+        ({"roughness_seed": 1}, "there is no own_roughness"),
+        ({"counterface": ROUGH | {"pixel_size": 0.5}}, "those of the body are 0.25 nm"),
+        ({"own_roughness": ROUGH | {"pixels": 32}}, "32 x 32 pixels, but the body has 64 x 64"),
+        ({"counterface": BALL | {"pixels": 128}, "place": [7, 16]}, r"leaves the counterface along x; give 8 to 24 nm"),
+        ({"body": {"kind": "spherical-cap", "radius": 5, "pixels": 64, "pixel_size": 0.25}}, "beyond the sphere"),
+    ],
+)
+def test_what_does_not_fit_is_refused(options, message):
+    with pytest.raises(ca.InputError, match=message):
+        tip(**{"body": BALL, **options}).make(1)
