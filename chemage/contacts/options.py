@@ -52,8 +52,8 @@ def normal_force(load: QuantityLike, area: float | None, *, flat: bool) -> float
             return force(load)
         except UnitError as error:
             raise UnitError(
-                f'{error}; a load is a force, such as "20 uN", a nominal pressure, such as "10 MPa", '
-                'or a deflection times a spring constant, such as "20 nm * 2.5 N/m"'
+                f'{error}; a load is a force, such as "20 uN" or "20 nm * 2.5 N/m" (deflection times spring constant), '
+                'or a nominal pressure, such as "10 MPa"'
             ) from None
     give = 'give the normal force, such as load = "20 uN"'
     if not math.isfinite(pressure) or pressure < 0:

@@ -29,7 +29,7 @@ with h5py.File(FILES / "map.h5", "w") as file:
     file["heights"].attrs["pixel_size"] = 0.5
 np.savetxt(FILES / "wide.txt", rough_surface((32, 32)).heights, header="pixel_size = 2 nm")
 ROUGH = {"kind": "self-affine", "pixels": 64, "pixel_size": 2, "rms_slope": 0.1, "hurst": 0.8, "zeta": 32}
-MAP = {"kind": "from-file", "path": str(FILES / "part.txt")}
+BELOW = {"kind": "from-file", "path": str(FILES / "part.txt")}
 BALL = {"kind": "sphere", "radius": "300 nm", "pixels": 24, "pixel_size": 2}
 PART = {"kind": "measured", "path": str(FILES / "part.txt"), "height_unit": "nm"}
 rough = registry.current().fromdict("surface", ROUGH).make(1).heights
