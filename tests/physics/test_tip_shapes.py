@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 import chemage as ca
-from chemage.plugin import SceneError
+from chemage.plugin import Scatter, SceneError
 
 GRID = {"pixels": 129, "pixel_size": 0.25}
 MODULUS = 35.3
@@ -72,9 +72,10 @@ def test_a_smooth_tip_on_a_flat_is_its_body():
     ):
         surface = made.make(3)
         assert np.abs(surface.heights - sphere.heights).max() <= 1e-12
-        pressures = [SOLVER.solve(one, 50.0).pressure for one in (surface, sphere)]
-        np.testing.assert_allclose(*pressures, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(*(FLAT.solve(one, 50.0).pressure for one in (tip(body=BALL).make(), sphere)))
+        made, ball = (SOLVER.solve(one, 50.0).pressure for one in (surface, sphere))
+        np.testing.assert_allclose(made, ball, rtol=0, atol=1e-12)
+    hertz = [FLAT.solve(one, 50.0).pressure for one in (tip(body=BALL).make(), sphere)]
+    np.testing.assert_array_equal(hertz[0], hertz[1])
 
 
 def test_a_blunt_cap_is_a_sphere_and_the_cone_is_smooth():
@@ -110,9 +111,8 @@ def test_the_seed_draws_place_and_roughness():
     assert parts[0]["own_roughness"] == parts[1]["own_roughness"]
     assert parts[0]["counterface"]["first_pixel"] != parts[1]["counterface"]["first_pixel"]
     assert both.make(5).heights.tobytes() == both.make(5).heights.tobytes()
-    assert one.replace(place=[16, 16]).scatter({}).relative == 0
-    assert tip(body=BALL).scatter({}).relative == 0
-    assert both.scatter({}).source == "the seed draws the own roughness and the place"
+    assert one.replace(place=[16, 16]).scatter({}) == tip(body=BALL).scatter({}) == Scatter(0.0)
+    assert both.scatter({}) == Scatter(None, "the seed draws the own roughness and the place")
 
 
 def scene(**changes):
