@@ -68,6 +68,7 @@ from chemage.foundation.errors import UnitError as UnitError
 from chemage.foundation.errors import UnknownKindError as UnknownKindError
 from chemage.foundation.units import Volume as Volume
 from chemage.foundation.errors import WorkerLost as WorkerLost
+from chemage.foundation.units import array_in as array_in
 from chemage.lattices.chemistry import build_lattice as build_lattice
 from chemage.foundation.machine import cache_folder as cache_folder
 from chemage.foundation.checks import check_times as check_times

@@ -142,11 +142,11 @@ class _Printable(logging.Formatter):
 
 
 class _LogFile(logging.FileHandler):
-    """A log that cannot be begun, on a full disk, ends the command; one that cannot go on is left as it is."""
+    """A new file of log. One that cannot be begun, on a full disk, ends the command; one that cannot go on is left as it is."""
 
     begun = False
 
-    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 (its name in logging)
+    def handleError(self, record: logging.LogRecord) -> None:
         error = sys.exc_info()[1]
         text = f"--log {self.baseFilename}: {getattr(error, 'strerror', None) or error}"
         LOGGER.removeHandler(self)

@@ -54,7 +54,7 @@ NAMES = {
     "foundation.files": "FileStamp file_stamp fresh_file open_file preflight regular_file write_file",
     "foundation.result": "Panel Picture Result Table displays",
     "foundation.units": "EV_PER_GPA_NM3 Energy FilePath Force Frequency KB Length Pressure Temperature Time Unit "
-    "Volume convert",
+    "Volume array_in convert",
     "friction.role": "Bonded Rupture RuptureForce rupture rupture_bonds",
     "inference.curves": "MeasuredCurve read_curves",
     "inference.forecast": "Forecast",

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import trapezoid
@@ -231,3 +232,13 @@ def test_files_that_are_no_table_are_refused_in_words(tmp_path, content, words):
     (tmp_path / "table.csv").write_bytes(content)
     with pytest.raises((StoreError, InputError), match=words):
         ca.barriers("tabulated", path=tmp_path / "table.csv")
+
+
+@pytest.mark.parametrize("made", [ca.barriers("gaussian", mean=1.0, std=0.1), ca.barriers("md-silica"),
+                                  ca.barriers("uniform", lower=0.8, upper=1.2)])  # fmt: skip
+def test_masked_values_are_refused_and_units_are_honoured(made):
+    for asked in (made.quantile, made.density):
+        with pytest.raises(ca.ChemageError, match="1 values are masked"):
+            asked(np.ma.array([0.5, 0.9], mask=[False, True]))
+    energies = xr.DataArray([900.0, 1100.0], attrs={"units": "meV"})
+    np.testing.assert_allclose(made.density(energies), made.density(np.array([0.9, 1.1])), rtol=1e-12)
