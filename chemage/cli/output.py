@@ -142,7 +142,7 @@ class _Printable(logging.Formatter):
 
 
 class _LogFile(logging.FileHandler):
-    """A new file of log. One that cannot be begun, on a full disk, ends the command; one that cannot go on is left as it is."""
+    """A new file. On a full disk, one that cannot be begun ends the command, and one that cannot go on is left."""
 
     begun = False
 
