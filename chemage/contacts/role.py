@@ -149,7 +149,7 @@ def solve_contact(
         # a plugin that answers with another solver may record which
         kind = solution.provenance.get("kind")
         used = approximation_of("contact", kind) if isinstance(kind, str) and kind != solver.kind else []
-        approximate = [*surface.approximate, *approximations(solver), *used]
+        approximate = [*surface.approximate, *approximations(solver), *used, *solution.unloaded()]
         solution = solution.noting(surface.plugins | providers(solver) | plugins, approximate)
         out(f"{solution.iterations} iterations, residual {solution.residual:.3g}; {of_plugins(solution.plugins)}")
     return solution

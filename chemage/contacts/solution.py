@@ -52,6 +52,10 @@ MEASURES: dict[str, tuple[str, str]] = {
 }
 
 
+#: relative error of the force up to which rounding may be the cause
+LOAD_ERROR = 1e-6
+
+
 class Contact(Record):
     """What a contact answers, whether its map is known or its statistics alone.
 
@@ -69,8 +73,12 @@ class Contact(Record):
         notes: tuple[str, ...]
         provenance: dict[str, Any]
 
+        carries: str
+
         @property
         def contact_area(self) -> float: ...
+        @property
+        def carried(self) -> float: ...
         @property
         def nominal_area(self) -> float: ...
         def _above(self, pressure: float) -> Above: ...
@@ -87,13 +95,32 @@ class Contact(Record):
 
     @property
     def mean_contact_pressure(self) -> float:
-        """Mean pressure over the contact F_N / A, GPa; nan without contact."""
-        return self.load / self.contact_area if self.contact_area > 0 else math.nan
+        """Mean pressure over the contact F_N / A, GPa; nan without contact. Of a contact that ``carries`` another force
+        than the load, that force over A."""
+        force = self.carried if self.carries else self.load
+        return force / self.contact_area if self.contact_area > 0 else math.nan
 
     @property
     def kappa(self) -> float:
         """κ = A h'_rms E* / F_N; nan without load."""
         return self.contact_area * self.rms_slope * self.modulus / self.load if self.load > 0 else math.nan
+
+    def load_fault(self, error: float) -> str:
+        """Why the pressure does not add up to the load within the relative ``error``, or that which the solver states
+        of its pressure, in words; "" where it does or where ``carries`` says that it does not."""
+        stated = getattr(self, "convergence", {}).get("pressure_error")
+        error = max(error, LOAD_ERROR, stated if isinstance(stated, int | float) else 0.0)
+        if self.carries or abs(self.carried - self.load) <= error * self.load:
+            return ""
+        return (
+            f"the pressure adds up to {self.carried:.6g} nN, and the load is {self.load:.6g} nN; where it cannot carry "
+            'the load, say why in the field carries, such as carries = "the pressure is capped at 2 GPa"'
+        )
+
+    def unloaded(self) -> list[dict[str, Any]]:
+        """What :attr:`carries` says, as an approximation that every result names; empty where it says nothing."""
+        text = f"{self.carried:.4g} of {self.load:.4g} nN: {self.carries}"
+        return [{"kind": self.provenance.get("kind") or "contact", "carries": text}] if self.carries else []
 
     def above(self, hardness: QuantityLike) -> Above:
         """Which shares of contact area and load lie above a ``hardness`` (GPa, or a string with its unit).
@@ -152,6 +179,7 @@ class ContactSolution(Contact):
     }
 
     has_map = True
+    added = ("carries",)
 
     pressure: Reals
     """(nx, ny) GPa, ≥ 0; contact is where it is positive"""
@@ -174,6 +202,8 @@ class ContactSolution(Contact):
     """(nx, ny) nm ≥ 0, where the solver gives it"""
     displacement: float | None = Field(default=None, allow_inf_nan=False)
     """rigid approach of the bodies, nm, where the solver gives it"""
+    carries: str = ""
+    """why the pressure does not add up to the load, in words; empty: it does, within the error that is stated"""
     converged: bool = True
     """whether the tolerance was reached"""
     residual: float = 0.0
@@ -222,6 +252,11 @@ class ContactSolution(Contact):
     def nominal_area(self) -> float:
         """A0, nm²."""
         return self.pressure.size * self.pixel_size**2
+
+    @cached_property
+    def carried(self) -> float:
+        """The force that the pressure adds up to, nN."""
+        return float(self.pressure.sum(dtype=np.float64)) * self.pixel_size**2
 
     @property
     def contact_area(self) -> float:
@@ -306,6 +341,7 @@ class ContactStatistics(Contact):
     """
 
     has_map = False
+    added = ("carries",)
     arrays = {
         "pressure": (("class",), "GPa", "mean pressure of the class"),
         "area": (("class",), "nm2", "contact area of the class"),
@@ -329,6 +365,8 @@ class ContactStatistics(Contact):
     """of the surface"""
     rms_height: float = math.nan
     """of the surface, nm"""
+    carries: str = ""
+    """why the pressure does not add up to the load, in words; empty: it does, within the error that is stated"""
     notes: tuple[str, ...] = ()
     """what the user should know of this contact, in words"""
     provenance: Plain = {}
@@ -354,6 +392,11 @@ class ContactStatistics(Contact):
     def contact_area(self) -> float:
         """Contact area A, nm²."""
         return float(self.area.sum())
+
+    @property
+    def carried(self) -> float:
+        """The force that the pressures add up to, nN."""
+        return float(self.pressure @ self.area)
 
     @property
     def converged(self) -> bool:

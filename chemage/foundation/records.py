@@ -50,6 +50,8 @@ def approximations_in_words(approximations: Iterable[Mapping[str, Any]]) -> str:
 
 
 def _error_in_words(entry: Mapping[str, Any]) -> str:
+    if "carries" in entry:
+        return f"carries {entry['carries']}"
     error = entry.get("declared_error")
     if not isinstance(error, int | float):
         return "no error declared"
@@ -223,7 +225,7 @@ class Record(Frozen):
 
     def is_left_out(self, name: str, value: Any) -> bool:
         """Whether a field is one of :attr:`added` and empty."""
-        return name in self.added and (value is None or (isinstance(value, Mapping) and not value))
+        return name in self.added and (value is None or (isinstance(value, Mapping | str) and not value))
 
     def digest(self) -> str:
         """Content hash over every field, arrays included."""

@@ -129,10 +129,6 @@ def rupture_bonds(bonded: Bonded, rupture: Rupture | None = None) -> RuptureForc
         expect("rupture", rupture, Rupture, 'make one with chemage.rupture("...")')
     force, plugins = registry.current().answer("chemage_rupture_bonds", np.ndarray, rupture=rupture, bonded=bonded)
     took_part = providers(*([] if rupture is None else [rupture])) | plugins
-    if problem := _problem(force, bonded.hold_times.size):
-        who = f"rupture law {rupture.kind!r}" if rupture is not None else "the hook chemage_rupture_bonds"
-        named = ", ".join(f"{name} ({source})" for name, source in took_part.items()) or "chemage"
-        raise PluginError(f"{who} of {named} {problem}; give one force in nN, not negative, for each hold time")
     rupture_force = RuptureForce(
         hold_times=bonded.hold_times,
         force=force,
@@ -140,13 +136,3 @@ def rupture_bonds(bonded: Bonded, rupture: Rupture | None = None) -> RuptureForc
         provenance={} if rupture is None else {"rupture": rupture.todict()},
     )
     return rupture_force.noting(took_part, [] if rupture is None else approximations(rupture))
-
-
-def _problem(force: np.ndarray, times: int) -> str:
-    if force.dtype.kind not in "fiu":
-        return f"gave values of type {force.dtype}"
-    if force.shape != (times,):
-        return f"gave an array of shape {force.shape} for {times} hold times"
-    if bad := int(np.count_nonzero(~np.isfinite(force))):
-        return f"gave {bad} forces of {times} that are not finite"
-    return f"gave a negative force, {float(force.min()):.4g} nN" if (force < 0).any() else ""

@@ -99,6 +99,21 @@ class BondHistory(Record):
                 return f"{name} falls, or exceeds {MOST_EVENTS}"
         return ""
 
+    def fault_of(
+        self, lattice: Any, hold_times: np.ndarray, temperature: float, start: BondHistory | None = None, **_: Any
+    ) -> str:
+        """How it contradicts a run on ``lattice`` with these arguments, in words; "" if it does not."""
+        if not np.array_equal(self.hold_times, hold_times):
+            return f"its hold times are {_few(self.hold_times)} s, and not those of the run, {_few(hold_times)} s"
+        if self.temperature != temperature:
+            return f"temperature = {self.temperature:g} K, but the run is at {temperature:g} K"
+        if self.state.size != lattice.sites.size:
+            return f"state: {self.state.size} sites, but the lattice has {lattice.sites.size}"
+        before = 0 if start is None else int(start.bonds[-1] - start.formed[-1] + start.broken[-1])
+        if np.any(self.bonds != before + self.formed - self.broken):
+            return f"bonds {_few(self.bonds)} are not those formed {_few(self.formed)} less broken {_few(self.broken)}"
+        return ""
+
     @property
     def events(self) -> int:
         """Bonds formed and broken, together."""
@@ -142,6 +157,11 @@ class BondHistory(Record):
         return f"<BondHistory {self.bonds[-1]} bonds at {self.time:g} s after {self.events} events ({self.engine})>"
 
     __str__ = __repr__
+
+
+def _few(values: np.ndarray) -> str:
+    shown = ", ".join(f"{value:g}" for value in values[:4])
+    return f"{shown}, …" if values.size > 4 else shown
 
 
 @displays(BondHistory)

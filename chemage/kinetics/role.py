@@ -11,7 +11,7 @@ import numpy as np
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.checks import Seed, check_times, checked_seed, checked_states, expect, temperature_value
 from chemage.foundation.components import Component
-from chemage.foundation.errors import InputError, PluginError
+from chemage.foundation.errors import InputError
 from chemage.foundation.units import QuantityLike
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.chemistry import Chemistry
@@ -174,7 +174,7 @@ def run_kinetics(
     InputError
         ``states`` with an engine that cannot resume from a history.
     PluginError
-        There are more bonds than sites.
+        What the engine or a plugin gave contradicts itself or the lattice.
     """
     expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
     expect("lattice", lattice, ReactionLattice, "make one with chemistry.on(contact), or from arrays")
@@ -215,11 +215,6 @@ def cannot_give_states(engine: Engine) -> str:
 
 def _answered(engine: Engine, **arguments: Any) -> BondHistory:
     history, plugins = registry.current().answer("chemage_run_kinetics", BondHistory, engine=engine, **arguments)
-    sites, bonds = arguments["lattice"].sites.size, int(history.bonds.max())
-    if bonds > sites:
-        raise PluginError(
-            f"engine {history.engine or engine.kind!r}: {bonds} bonds on {sites} sites; a site has one bond at most"
-        )
     # an engine that selects another one, and a plugin that answers with one, record which
     used = approximation_of("engine", history.engine) if history.engine != engine.kind else []
     return history.noting(providers(engine) | plugins, [*approximations(engine), *used])

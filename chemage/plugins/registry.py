@@ -17,7 +17,7 @@ import os
 import threading
 import time
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from importlib import metadata
@@ -112,7 +112,9 @@ class Registry:
     def _attach_room(self, manager: Hooks, room: Any) -> None:
         add_specifications(manager, room)
         if (default := getattr(room, "Default", None)) is not None:
-            manager.register(default(), room.__name__.removesuffix(".hooks"))
+            plugin = default()
+            manager.register(plugin, room.__name__.removesuffix(".hooks"))
+            self._record(manager, plugin, "", str)
 
     def _monitor(self, manager: Hooks) -> None:
         if os.environ.get("CHEMAGE_TRACE", "") not in ("", "0"):
@@ -208,12 +210,14 @@ class Registry:
     def _attach(self, manager: Hooks, plugin: Any, record: PluginRecord) -> None:
         """Add the hooks of a plugin to ``manager``, so that their part in an answer is noted."""
         manager.register(plugin, full_name(record))
-        source = partial(self.source_in_use, record)
+        self._record(manager, plugin, record.name, partial(self.source_in_use, record))
+
+    def _record(self, manager: Hooks, plugin: Any, name: str, source: Callable[[], str]) -> None:
         for hook in manager.get_hookcallers(plugin) or ():
             if hook.name not in hooks.OFFERS:
                 for impl in hook.get_hookimpls():
                     if impl.plugin is plugin:
-                        record_participation(impl, record.name, source, many=not is_stage(hook))
+                        record_participation(impl, name, source, many=not is_stage(hook))
 
     def _hook_names(self) -> list[str]:
         return [name for name in dir(self.manager.hook) if name.startswith("chemage_")]
@@ -226,15 +230,33 @@ class Registry:
         Raises
         ------
         PluginError
-            A plugin answered with something else than ``expected``.
+            A plugin or a component gave something else than ``expected``, or what contradicts itself or ``arguments``
+            (:meth:`Stage.fault`); names the one that did.
         """
-        with taking_part() as plugins:
+        stage = next((stage for stage in self.stages() if hook in stage.hooks), None)
+
+        def check(answer: Any, who: str) -> None:
+            who = who or self._own(stage, arguments)
+            if not isinstance(answer, expected):
+                kind = type(answer).__name__
+                raise PluginError(f"{who} answered {hook} with {kind}; expected {expected.__name__} or None")
+            if stage is not None and (fault := stage.fault(answer, arguments)):
+                raise PluginError(f"{who}: {hook}: {fault}")
+
+        with taking_part(check) as plugins:
             result = getattr(self._in_order(context.preference()).hook, hook)(**arguments)
-        if not isinstance(result, expected):
-            raise PluginError(
-                f"a plugin answered {hook} with {type(result).__name__}; expected {expected.__name__} or None"
-            )
         return result, dict(plugins)
+
+    def _own(self, stage: Stage | None, arguments: Mapping[str, Any]) -> str:
+        """The component whose method chemage calls where no plugin answers, with the plugin that provides it."""
+        role = stage.role if stage is not None else ""
+        component = next((part for part in arguments.values() if role and getattr(part, "role", "") == role), None)
+        if component is None:
+            return "chemage"
+        cls = type(component)
+        record = self.provider(cls)
+        whose = full_name(record) if record else f"{cls.__qualname__} {source_version(cls)}"
+        return f"{role} {component.kind!r} of {whose}"
 
     def check_preference(self, names: Iterable[str], where: str) -> None:
         """Raise an InputError if one of these plugins, named in ``where``, is not in use."""
