@@ -14,8 +14,10 @@ from chemage.contacts.patches import Above
 from chemage.foundation.checks import MOST_BINS, checked_count
 from chemage.foundation.codec import dataset, frame, map_frame
 from chemage.foundation.errors import InputError
+from chemage.foundation.outputs import Observing
 from chemage.foundation.records import (
     Doubles,
+    Named,
     Number,
     Plain,
     PositiveNumber,
@@ -56,7 +58,7 @@ MEASURES: dict[str, tuple[str, str]] = {
 LOAD_ERROR = 1e-6
 
 
-class Contact(Record):
+class Contact(Observing, Record):
     """What a contact answers, whether its map is known or its statistics alone.
 
     A measure that needs no map is a property of this class, one that does of :class:`ContactSolution`; with its line in
@@ -120,7 +122,7 @@ class Contact(Record):
     def unloaded(self) -> list[dict[str, Any]]:
         """What :attr:`carries` says, as an approximation that every result names; empty where it says nothing."""
         text = f"{self.carried:.4g} of {self.load:.4g} nN: {self.carries}"
-        return [{"kind": self.provenance.get("kind") or "contact", "carries": text}] if self.carries else []
+        return [{"kind": self.provenance.get("kind") or type(self).__name__, "carries": text}] if self.carries else []
 
     def above(self, hardness: QuantityLike) -> Above:
         """Which shares of contact area and load lie above a ``hardness`` (GPa, or a string with its unit).
@@ -179,7 +181,7 @@ class ContactSolution(Contact):
     }
 
     has_map = True
-    added = ("carries",)
+    added = ("carries", "observables", "outputs")
 
     pressure: Reals
     """(nx, ny) GPa, ≥ 0; contact is where it is positive"""
@@ -215,6 +217,10 @@ class ContactSolution(Contact):
     notes: tuple[str, ...] = ()
     """what the user should know of this solution, in words"""
     provenance: Plain = {}
+    observables: Named = {}
+    """name -> what was recorded on the way to this, see :class:`chemage.plugin.Output`"""
+    outputs: dict[str, dict[str, Any]] = {}
+    """the same names -> dims, unit and description"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -253,7 +259,7 @@ class ContactSolution(Contact):
         """A0, nm²."""
         return self.pressure.size * self.pixel_size**2
 
-    @cached_property
+    @property
     def carried(self) -> float:
         """The force that the pressure adds up to, nN."""
         return float(self.pressure.sum(dtype=np.float64)) * self.pixel_size**2
@@ -341,7 +347,7 @@ class ContactStatistics(Contact):
     """
 
     has_map = False
-    added = ("carries",)
+    added = ("carries", "observables", "outputs")
     arrays = {
         "pressure": (("class",), "GPa", "mean pressure of the class"),
         "area": (("class",), "nm2", "contact area of the class"),
@@ -370,6 +376,10 @@ class ContactStatistics(Contact):
     notes: tuple[str, ...] = ()
     """what the user should know of this contact, in words"""
     provenance: Plain = {}
+    observables: Named = {}
+    """name -> what was recorded on the way to this, see :class:`chemage.plugin.Output`"""
+    outputs: dict[str, dict[str, Any]] = {}
+    """the same names -> dims, unit and description"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -22,8 +22,8 @@ from chemage.surfaces.surface import Roughness, Surface
 class ContactTheory(ContactSolver, ABC):
     """A contact of role ``contact`` that needs no heights and gives no map: area and distribution of the pressure."""
 
-    exact: ClassVar[bool] = False
-    error_of: ClassVar[str] = "the contact area"
+    exact = False
+    error_of = "the contact area"
     implemented_properties: ClassVar[tuple[str, ...]] = ()
     gives_map: ClassVar[bool] = False
 

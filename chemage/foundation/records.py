@@ -249,16 +249,23 @@ class Record(Frozen):
         """The approximations on the way to this record, as in :mod:`chemage.foundation.records`."""
         return merged_approximations(getattr(self, "provenance", {}).get("approximate"))
 
-    def noting(self, plugins: Mapping[str, str], approximate: Iterable[Mapping[str, Any]] = ()) -> Self:
+    def noting(
+        self,
+        plugins: Mapping[str, str],
+        approximate: Iterable[Mapping[str, Any]] = (),
+        kept: Mapping[str, Any] | None = None,
+    ) -> Self:
         """This record, with the plugins that took part in it (name -> version), and the approximations on the way to
-        it, added to its ``provenance``."""
+        it, added to its ``provenance``; and with the fields ``kept``, see :func:`chemage.foundation.outputs.kept`."""
         approximate_parts = merged_approximations(self.approximate, approximate)
         provenance: dict[str, Any] = dict(getattr(self, "provenance", {}))
         if plugins:
             provenance["plugins"] = {**self.plugins, **plugins}
         if approximate_parts:
             provenance["approximate"] = approximate_parts
-        return self.model_copy(update={"provenance": provenance}) if plugins or approximate_parts else self
+        update: dict[str, Any] = {"provenance": provenance} if plugins or approximate_parts else {}
+        update |= kept or {}
+        return self.model_copy(update=update) if update else self
 
     def __copy__(self) -> Self:
         return self

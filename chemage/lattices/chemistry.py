@@ -14,6 +14,7 @@ from chemage.foundation import random
 from chemage.foundation.checks import Seed, checked_seed, expect
 from chemage.foundation.components import Component, call_with
 from chemage.foundation.errors import InputError
+from chemage.foundation.outputs import kept
 from chemage.foundation.records import frozen
 from chemage.foundation.threads import OncePerObject
 from chemage.foundation.units import EV_PER_GPA_NM3, KB, Force, Frequency, Pressure, UnitOrWord, Volume
@@ -285,7 +286,7 @@ def build_lattice(
     """
     expect("chemistry", chemistry, Chemistry, "make one with chemage.chemistry(forming=...)")
     expect_contact(contact)
-    lattice, plugins = registry.current().answer(
+    lattice, plugins, recorded = registry.current().answer(
         "chemage_build_lattice", ReactionLattice, chemistry=chemistry, contact=contact, seed=seed, sites=sites
     )
-    return lattice.noting(providers(chemistry) | plugins, approximations(chemistry))
+    return lattice.noting(providers(chemistry) | plugins, approximations(chemistry), kept(lattice, recorded))

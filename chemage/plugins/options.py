@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Generic, Self, TypeVar, overload
 
 from pydantic import BeforeValidator, SerializeAsAny
 
@@ -20,7 +20,17 @@ from chemage.plugins.registry import current
 _T = TypeVar("_T")
 
 if TYPE_CHECKING:
-    Choice = Annotated[_T, "a component of this role"]
+
+    class Choice(Generic[_T]):
+        """To a type checker: a component when it is read, and all that may be given for one when it is set."""
+
+        @overload
+        def __get__(self, instance: None, owner: Any) -> Self: ...
+        @overload
+        def __get__(self, instance: object, owner: Any) -> _T: ...
+        def __get__(self, instance: Any, owner: Any) -> Any: ...
+        def __set__(self, instance: Any, value: _T | str | Mapping[str, Any]) -> None: ...
+
 else:
 
     class Choice:

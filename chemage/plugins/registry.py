@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from importlib import metadata
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from chemage.foundation.errors import InputError, PluginError, UnknownKindError
 from chemage.plugins import context, hooks
@@ -33,7 +33,8 @@ from chemage.plugins.loading import (
     PluginWarning,
     add_specifications,
     check_hook_names,
-    check_signatures,
+    checked_class,
+    checked_kinds,
     checked_options,
     checked_targets,
     clash,
@@ -49,6 +50,9 @@ from chemage.plugins.loading import (
     trace_before,
     versions,
 )
+
+if TYPE_CHECKING:
+    from chemage.foundation.outputs import Block
 
 __all__ = ["PluginRecord", "PluginWarning", "Registry", "scene_text", "source_version"]
 
@@ -81,10 +85,8 @@ class Registry:
         #: the same hooks in another order, by the names of the plugins that come first
         self._preferring: dict[tuple[str, ...], Hooks] = {}
         self.records: list[PluginRecord] = []
-        #: role -> "module:Class" of its abstract class
-        self.roles: dict[str, str] = {}
-        #: modules that declare roles, stages and hooks
-        self.rooms: list[Any] = []
+        self.roles: dict[str, str] = {}  # role -> "module:Class" of its abstract class
+        self.rooms: list[Any] = []  # modules that declare roles, stages and hooks
         self._stages: list[Stage] | None = None
         self._classes: dict[tuple[str, str], type] = {}
         self._monitor(self.manager)
@@ -171,7 +173,7 @@ class Registry:
         record = PluginRecord(name, "", source_version(cls), cls.__module__, {role: {kind: name}}, component=cls)
         if others := self.offers(role, kind):
             raise PluginError(clash(role, kind, [*others, record]))
-        self._classes[role, kind] = self._checked(cls, role, kind, record)
+        self._classes[role, kind] = checked_class(cls, self.role(role), kind, record)
         self.records.append(record)
         return record
 
@@ -195,7 +197,7 @@ class Registry:
             self._attach(self.manager, plugin, record)
             for hook in self.manager.get_hookcallers(plugin) or ():
                 if hook.name == "chemage_register":
-                    record.kinds = self._checked_kinds(_called(hook, plugin))
+                    record.kinds = checked_kinds(_called(hook, plugin), self.roles)
                 elif hook.name == "chemage_scenes":
                     record.scenes = checked_targets("chemage_scenes", _called(hook, plugin))
                 elif hook.name == "chemage_materials":
@@ -224,39 +226,43 @@ class Registry:
 
     # -- stages -------------------------------------------------------------------------------------------------------
 
-    def answer(self, hook: str, expected: type[T], **arguments: Any) -> tuple[T, Plugins]:
-        """Call the hook of a stage: its answer, and the plugins that answered or changed it (name -> version).
+    def answer(self, hook: str, expected: type[T], **arguments: Any) -> tuple[T, Plugins, Block]:
+        """Call the hook of a stage: its answer, the plugins that answered or changed it (name -> version), and what was
+        recorded meanwhile (:mod:`chemage.foundation.outputs`).
 
         Raises
         ------
         PluginError
-            A plugin or a component gave something else than ``expected``, or what contradicts itself or ``arguments``
-            (:meth:`Stage.fault`); names the one that did.
+            Names the plugin or component that gave something else than ``expected``, or a :meth:`Stage.fault`.
         """
+        from chemage.foundation.outputs import recording  # imports numpy, which the command line can do without
+
         stage = next((stage for stage in self.stages() if hook in stage.hooks), None)
 
         def check(answer: Any, who: str) -> None:
-            who = who or self._own(stage, arguments)
+            if not who:
+                component, who = self._own(stage, arguments)
+                there = recorded.keys() | getattr(answer, "observables", {}).keys()
+                if missing := getattr(component, "outputs", {}).keys() - there:
+                    raise PluginError(f"{who} declares the output {min(missing)!r} and does not record it")
             if not isinstance(answer, expected):
-                kind = type(answer).__name__
-                raise PluginError(f"{who} answered {hook} with {kind}; expected {expected.__name__} or None")
+                found = f"{type(answer).__name__}; expected {expected.__name__} or None"
+                raise PluginError(f"{who} answered {hook} with {found}")
             if stage is not None and (fault := stage.fault(answer, arguments)):
                 raise PluginError(f"{who}: {hook}: {fault}")
 
-        with taking_part(check) as plugins:
+        with recording() as recorded, taking_part(check) as plugins:
             result = getattr(self._in_order(context.preference()).hook, hook)(**arguments)
-        return result, dict(plugins)
+        return result, dict(plugins), recorded
 
-    def _own(self, stage: Stage | None, arguments: Mapping[str, Any]) -> str:
-        """The component whose method chemage calls where no plugin answers, with the plugin that provides it."""
-        role = stage.role if stage is not None else ""
-        component = next((part for part in arguments.values() if role and getattr(part, "role", "") == role), None)
-        if component is None:
-            return "chemage"
-        cls = type(component)
-        record = self.provider(cls)
+    def _own(self, stage: Stage | None, arguments: Mapping[str, Any]) -> tuple[Any, str]:
+        """The component whose method chemage calls where no plugin answers, and its name with the plugin that provides
+        it."""
+        role = (stage is not None and stage.role) or None
+        component = next((part for part in arguments.values() if getattr(part, "role", "") == role), None)
+        cls, record = type(component), self.provider(type(component))
         whose = full_name(record) if record else f"{cls.__qualname__} {source_version(cls)}"
-        return f"{role} {component.kind!r} of {whose}"
+        return component, "chemage" if component is None else f"{role} {component.kind!r} of {whose}"
 
     def check_preference(self, names: Iterable[str], where: str) -> None:
         """Raise an InputError if one of these plugins, named in ``where``, is not in use."""
@@ -516,16 +522,6 @@ class Registry:
                     said.append(f"{listed} {verb} {name}; {sharing[0].name!r} {wins}; to change this, {how}")
         return said
 
-    def _checked_kinds(self, offer: Any) -> dict[str, dict[str, str]]:
-        kinds: dict[str, dict[str, str]] = {}
-        if not isinstance(offer, Mapping):
-            raise PluginError(f"chemage_register gave {offer!r}; expected {{role: {{kind: 'module:Class'}}}}")
-        for role, targets in offer.items():
-            if role not in self.roles:
-                raise PluginError(f"chemage_register names the role {role!r}; the roles are {', '.join(self.roles)}")
-            kinds[role] = checked_targets(f"chemage_register: {role}", targets)
-        return kinds
-
     def _import(self, role: str, kind: str, record: PluginRecord) -> Any:
         if record.component is not None:
             return record.component
@@ -535,20 +531,7 @@ class Registry:
         except Exception as error:
             where = f"{role} {kind!r} of plugin {record.name!r} ({record.source})"
             raise PluginError(f"{where}: {target} cannot be imported: {type(error).__name__}: {error}") from error
-        return self._checked(cls, role, kind, record)
-
-    def _checked(self, cls: Any, role: str, kind: str, record: PluginRecord) -> Any:
-        target = record.kinds[role][kind]
-        where = f"{role} {kind!r} of plugin {record.name!r} ({record.source})"
-        expected = self.role(role)
-        if not (isinstance(cls, type) and issubclass(cls, expected)):
-            raise PluginError(f"{where}: {target} is not a chemage.plugin.{expected.__name__}")
-        if cls.kind != kind:
-            raise PluginError(f"{where}: the class calls itself {cls.kind!r}; set kind = {kind!r}")
-        if abstract := getattr(cls, "__abstractmethods__", None):
-            raise PluginError(f"{where}: {target} does not define {', '.join(sorted(abstract))}")
-        check_signatures(cls, expected, where)
-        return cls
+        return checked_class(cls, self.role(role), kind, record)
 
 
 def prefer_another(name: str) -> str:

@@ -239,12 +239,8 @@ def _solution_describes_itself(component: ContactSolver, surfaces: Sequence[Surf
             mine, its = solution.modulus, getattr(component, "modulus", None)
             require(its is None or math.isclose(mine, its), f"modulus is {mine} GPa, the solver has {its} GPa")
         for name in component.implemented_properties:
-            # an option of the same name may switch on what takes memory
-            complete = (
-                component.replace(**{name: True}).solve(surface, load)
-                if name in type(component).model_fields
-                else solution
-            )
+            # an option switches on what takes memory
+            complete = component.with_gap().solve(surface, load) if name == "gap" else solution
             require(getattr(complete, name, None) is not None, f"implements {name!r}, but the solution has none")
         require(solution.converged, "did not converge, and did not raise ConvergenceError")
         require(math.isfinite(solution.residual), f"residual {solution.residual}")
@@ -347,8 +343,7 @@ def _gap_is_closed_in_contact(component: ContactSolver, surfaces: Sequence[Surfa
     """Where a gap (nm) is given: it is nowhere negative, and zero where the pressure is positive, to a hundredth of the
     rms height or ten times the declared error of it."""
     for surface, load in _solvable(component, surfaces):
-        with_gap = component.replace(gap=True) if "gap" in type(component).model_fields else component
-        solution = with_gap.solve(surface, load)
+        solution = component.with_gap().solve(surface, load)
         if solution.gap is None:
             continue
         scale = max(1e-3, component.declared_error or 0.0) * surface.rms_height

@@ -14,11 +14,11 @@ from chemage.ageing.age import age
 from chemage.ageing.aging import Aging
 from chemage.ageing.methods import AgedBonds, AgeingMethod, AgeingRequest
 from chemage.ageing.observables import Observable
-from chemage.ageing.outputs import Checker, declaration_problems
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation import random
 from chemage.foundation.checks import Seed
 from chemage.foundation.errors import PluginError
+from chemage.foundation.outputs import Checker, declaration_problems
 from chemage.foundation.units import EV_PER_GPA_NM3, KB, unit_registry
 from chemage.friction.role import Bonded, Rupture
 from chemage.kinetics.history import BondHistory
@@ -233,7 +233,7 @@ TIMES = (0.0, 0.1, 10.0, 10.0, 1e4)
 def _bonded(component: Rupture, replica: Replica) -> Bonded:
     """A replica with breaking barriers that differ from site to site, as the law receives it."""
     contact, lattice, history = with_states(replica) if component.states else replica
-    breaking = None
+    breaking: Any = None
     if lattice.breaking is not None:
         breaking = Even()
         lattice = lattice.model_copy(update={"breaking": np.linspace(0.9, 1.3, lattice.sites.size)})
