@@ -15,6 +15,7 @@ from chemage.contacts.solution import ContactSolution
 from chemage.contacts.theory import ContactTheory
 from chemage.foundation.errors import InputError
 from chemage.surfaces.surface import Roughness, Surface
+from chemage.testing.answers import Questions, asks
 from chemage.testing.checks import (
     check_of,
     options_of,
@@ -23,7 +24,6 @@ from chemage.testing.checks import (
     require_estimates,
     require_plain,
     rescaled,
-    speed_changes_nothing,
     trade_variants,
     whole,
 )
@@ -189,6 +189,40 @@ def difference(one: np.ndarray, two: np.ndarray) -> float:
 def _tolerance(component: ContactSolver, least: float) -> float:
     """How far two equivalent solutions may differ: ``least``, or the error that the solver declares."""
     return max(least, component.declared_error or 0.0)
+
+
+@asks(ContactSolver)
+def _contacts_asked(component: ContactSolver, surfaces: Sequence[Surface] = (), **_: Any) -> Questions:
+    def ask(surface: Surface, load: float) -> Any:
+        def asked(solver: ContactSolver) -> Any:
+            found = solver.solve(surface, load)
+            return found.pressure, found.gap, found.displacement, found.modulus, found.notes
+
+        return asked
+
+    def theory(slope: float, load: float) -> Any:
+        roughness = Roughness(rms_slope=slope, rms_height=1.0, nominal_area=1e6)
+
+        def asked(solver: Any) -> Any:
+            found = solver.statistics(roughness, load)
+            return found.pressure, found.area, found.missing
+
+        return asked
+
+    if isinstance(component, ContactTheory):
+        for slope, load in ((0.11, 1.3e5), (0.12, 1.3e5), (0.11, 1.7e5)):
+            yield f"a slope of {slope} under {load:g} nN", theory(slope, load)
+        return
+    for number, (surface, load) in enumerate(_solvable(component, surfaces)):
+        radius = surface.provenance.get("radius")
+        higher = {"provenance": {"radius": radius / 1.07}} if radius else {}
+        other = surface.model_copy(update={"heights": 1.07 * surface.heights, **higher})
+        yield f"surface {number}", ask(surface, 0.91 * load)
+        yield f"surface {number} with higher summits", ask(other, 0.91 * load)
+        yield f"surface {number} with higher summits under another load", ask(other, 0.73 * load)
+        if not radius:
+            larger = other.model_copy(update={"pixel_size": 1.3 * surface.pixel_size})
+            yield f"surface {number} with higher summits and larger pixels", ask(larger, 0.73 * load)
 
 
 # -- the form of the answer -------------------------------------------------------------------------------------------
@@ -493,17 +527,6 @@ def _elsewhere(component: ContactSolver, surface: Surface) -> ContactSolution | 
 
 
 # -- speed, and grids -------------------------------------------------------------------------------------------------
-
-
-@check_of(ContactSolver, unless=(ContactTheory,))
-def _speed_does_not_change_the_contact(component: ContactSolver, surfaces: Sequence[Surface] = ()) -> None:
-    """Options in ``speed_only``, such as the number of threads, do not change a bit of the pressure."""
-    for surface, load in _solvable(component, surfaces):
-
-        def pressure(variant: ContactSolver, surface: Surface = surface, load: float = load) -> bytes:
-            return variant.solve(surface, load).pressure.tobytes()
-
-        speed_changes_nothing(component, pressure, "the pressures")
 
 
 @check_of(ContactSolver, unless=(ContactTheory,))

@@ -29,7 +29,7 @@ from typer.testing import CliRunner
 import chemage
 from chemage.cli import app as command_line
 from chemage.foundation.names import HOME, USERS, load
-from chemage.testing.checks import CHECKS, Check
+from chemage.testing.checks import CHECKS, LAST, Check
 
 sys.path.insert(0, str(Path(__file__).parent))
 from notebooks import markdown
@@ -260,7 +260,7 @@ def checks() -> tuple[list[str], Callable[[str], str]]:
     """The roles, and the Markdown of the checks of one."""
 
     def role(name: str) -> str:
-        functions = CHECKS["" if name == "component" else name]
+        functions = [*CHECKS[""], *LAST] if name == "component" else CHECKS[name]
         rows = []
         for function in functions:
             check = Check(function.__name__.lstrip("_"), function, {})
