@@ -143,18 +143,22 @@ class WrappedSolver(ContactSolver):
 
     @property
     def exact(self) -> bool:
+        """That of :attr:`inner`."""
         return self.inner.exact
 
     @property
     def declared_error(self) -> float | None:
+        """That of :attr:`inner`."""
         return self.inner.declared_error
 
     @property
     def implemented_properties(self) -> tuple[str, ...]:
+        """That of :attr:`inner`."""
         return self.inner.implemented_properties
 
     @property
     def gives_map(self) -> bool:
+        """That of :attr:`inner`."""
         return self.inner.gives_map
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:

@@ -164,18 +164,22 @@ class WrappedEngine(Engine):
 
     @property
     def exact(self) -> bool:
+        """That of :attr:`inner`."""
         return self.inner.exact
 
     @property
     def declared_error(self) -> float | None:
+        """That of :attr:`inner`."""
         return self.inner.declared_error
 
     @property
     def interacting(self) -> bool:
+        """That of :attr:`inner`."""
         return self.inner.interacting
 
     @property
     def restart(self) -> bool:
+        """That of :attr:`inner`."""
         return self.inner.restart
 
     def concurrency(self) -> int:

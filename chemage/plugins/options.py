@@ -87,8 +87,11 @@ class PluginOptions(Component):
     def text(self) -> str:
         """The options that decide the answer in one line: ``peak = 2.0 GPa, smooth = true``."""
         fields = type(self).model_fields
-        shown = {name: json.dumps(value, sort_keys=True) for name, value in self.identity().items()}
-        return ", ".join(f"{name} = {value} {unit_of(fields[name])}".rstrip() for name, value in shown.items())
+        shown = {
+            name: "none" if value is None else f"{json.dumps(value, sort_keys=True)} {unit_of(fields[name])}".rstrip()
+            for name, value in self.identity().items()
+        }
+        return ", ".join(f"{name} = {value}" for name, value in shown.items())
 
 
 def options_for(name: str, options: Mapping[str, Any]) -> PluginOptions:

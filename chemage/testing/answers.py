@@ -3,7 +3,6 @@ checks of every component that follow from that: options count, and nothing depe
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import pickle
 import sys
@@ -42,32 +41,27 @@ def asks(role: type[Component]) -> Callable[[Callable[..., Questions]], Callable
     return mark
 
 
-def answer(component: Component, ask: Callable[[Any], Any]) -> str:
-    """A hash of what the component gives and records, or of the error that it raises."""
+def answer(component: Component, ask: Callable[[Any], Any]) -> bytes:
+    """What the component gives and records, or the error that it raises, as bytes."""
     with recording() as block:
         try:
             given = ask(component)
         except Exception as error:
             given = type(error).__name__
-    digest = hashlib.blake2b(digest_size=16)
-    _feed(digest.update, [given, {name: one.declared.values for name, one in block.items()}])
-    return digest.hexdigest()
+    return _bytes([given, {name: one.declared.values for name, one in block.items()}])
 
 
-def _feed(update: Callable[[bytes], None], value: Any) -> None:
+def _bytes(value: Any) -> bytes:
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind != "O":
-        update(f"{value.dtype}{value.shape}".encode() + value.tobytes())
-    elif isinstance(value, Mapping):
-        _feed(update, [[name, value[name]] for name in sorted(value, key=str)])
-    elif isinstance(value, list | tuple):
-        update(f"[{len(value)}".encode())
-        for part in value:
-            _feed(update, part)
-    else:
-        update((value.digest() if isinstance(value, Record) else repr(value)).encode() + b";")
+        return f"{value.dtype}{value.shape}".encode() + value.tobytes()
+    if isinstance(value, Mapping):
+        value = [[name, value[name]] for name in sorted(value, key=str)]
+    if isinstance(value, list | tuple):
+        return f"[{len(value)}".encode() + b"".join(map(_bytes, value))
+    return (value.digest() if isinstance(value, Record) else repr(value)).encode() + b";"
 
 
-def answers(component: Component, inputs: Mapping[str, Any], backwards: bool = False) -> dict[str, str]:
+def answers(component: Component, inputs: Mapping[str, Any], backwards: bool = False) -> dict[str, bytes]:
     """The answers to all questions of the role, and those to the first of them with each option at another value, which
     are asked in order, or ``backwards``."""
     questions = list(ASKED[component.role](component, **inputs)) if component.role in ASKED else []
@@ -88,16 +82,13 @@ def _worker() -> Any:
     return ProcessPoolExecutor(1, timeout=600, env={"PYTHONHASHSEED": "271828"})
 
 
-def _asked_elsewhere(path: list[str], content: bytes) -> dict[str, str] | None:
+def _asked_elsewhere(path: list[str], content: bytes) -> dict[str, bytes] | None:
     """In the worker process: the answers backwards; None where the component cannot be loaded."""
     sys.path[:] = [*path, *(folder for folder in sys.path if folder not in path)]
     try:
         component, inputs = pickle.loads(content)
     except Exception:
         return None
-    import chemage.testing  # the questions of every role
-
-    assert chemage.testing.__name__
     return answers(component, inputs, backwards=True)
 
 
@@ -132,9 +123,9 @@ def _answers_do_not_depend_on_what_was_asked_before(component: Component, **inpu
         _worker().shutdown(wait=False, kill_workers=True)
         _worker.cache_clear()
         raise
-    for what in here if there is not None else ():
+    for what, found in (there or {}).items():
         require(
-            here[what] == there[what],
+            here[what] == found,
             f"{what}: another process, which was asked the same in the opposite order, has another answer; is "
             "something kept from an earlier call, or does it depend on the process?",
         )
@@ -144,7 +135,8 @@ def _answers_do_not_depend_on_what_was_asked_before(component: Component, **inpu
 def _reading(cls: type) -> Iterator[set[str]]:
     """The attributes of components of ``cls`` that are read in this block, but not by their serialisation."""
     read: set[str] = set()
-    own, inherited = vars(cls).get("__getattribute__"), cls.__getattribute__
+    own: Any = vars(cls).get("__getattribute__")
+    inherited: Any = cls.__getattribute__
 
     def spy(self: Any, name: str) -> Any:
         read.add(name)

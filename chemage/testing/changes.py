@@ -176,7 +176,7 @@ def _forces_have_their_unit(component: Rupture) -> None:
     one = force_of(component, before, "40 sites")
     two = force_of(strong, Bonded(after.contact, chemistry, lattice, after.history), "40 sites")
     require(
-        np.allclose(two, 3 * one, **SAME) or np.array_equal(one, two),
+        np.allclose(two, 3 * one, rtol=SAME["rtol"], atol=SAME["atol"]) or np.array_equal(one, two),
         f"with energies, k_BT and forces three times as large the force is {two} nN instead of {3 * one}; is a "
         "temperature or an energy assumed? The temperature is bonded.temperature",
     )

@@ -216,8 +216,8 @@ def _contacts_asked(component: ContactSolver, surfaces: Sequence[Surface] = (), 
     for number, (surface, load) in enumerate(_solvable(component, surfaces)):
         radius = surface.provenance.get("radius")
         higher = {"provenance": {"radius": radius / 1.07}} if radius else {}
-        other = surface.model_copy(update={"heights": 1.07 * surface.heights, **higher})
         yield f"surface {number}", ask(surface, 0.91 * load)
+        other = surface.model_copy(update={"heights": 1.07 * surface.heights, **higher})
         yield f"surface {number} with higher summits", ask(other, 0.91 * load)
         yield f"surface {number} with higher summits under another load", ask(other, 0.73 * load)
         if not radius:
@@ -597,5 +597,4 @@ def _statistics_carry_the_load(component: ContactSolver) -> None:
         require(component.statistics(roughness, load) == statistics, "a second call gave another contact")
         areas.append(statistics.contact_area)
     require(areas[0] == 0.0 and bool(np.all(np.diff(areas) > 0)), f"the area does not grow with the load: {areas} nm²")
-    flat = Surface(heights=np.zeros((4, 4)), pixel_size=1.0)
-    refuses("a map", lambda: component.solve(flat, 1.0))
+    refuses("a map", lambda: component.solve(flat().surface, 1.0))

@@ -92,6 +92,9 @@ def _engines_asked(component: Engine) -> Questions:
     def sites(number: int, **changes: Any) -> ReactionLattice:
         return _disordered(component.interacting, number).model_copy(update=changes)
 
+    def breaking(number: int) -> np.ndarray:
+        return np.asarray(sites(number).breaking)[::-1]
+
     changes: dict[str, Callable[[int], Any]] = {
         "at another temperature": lambda n: ask(sites(n), temperature=317.0),
         "with another seed": lambda n: ask(sites(n), seed=32),
@@ -99,7 +102,7 @@ def _engines_asked(component: Engine) -> Questions:
         "with another attempt frequency": lambda n: ask(sites(n, attempt_frequency=7e12)),
         "in pixels of another size": lambda n: ask(sites(n, pixel_size=2.1)),
         "with their forming barriers in another order": lambda n: ask(sites(n, forming=sites(n).forming[::-1])),
-        "with their breaking barriers in another order": lambda n: ask(sites(n, breaking=sites(n).breaking[::-1])),
+        "with their breaking barriers in another order": lambda n: ask(sites(n, breaking=breaking(n))),
         "whose bonds last": lambda n: ask(sites(n, breaking=None)),
         "of which every third is bonded at first": lambda n: ask(sites(n), start=np.arange(n) % 3 == 0),
     }

@@ -67,7 +67,7 @@ def test_all_failures_are_reported_at_once():
     for check in (testing.check_component, testing.check_barriers):
         with pytest.raises(testing.ChecksFailed, match="4 of 20 checks fail") as several:
             check(wrong, all=True)
-        names = ["citations_are_strings", "quantile_is_monotone", "density_agrees_with_quantile"]
+        names = ["citations_are_strings", "quantile_is_monotone", "density_agrees_with_quantile", "options_count"]
         assert [failure.check for failure in several.value.exceptions] == names
         assert all(name in str(several.value) for name in names)
         assert isinstance(several.value, AssertionError)
