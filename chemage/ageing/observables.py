@@ -13,7 +13,7 @@ from chemage.ageing.aging import Aging
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
 from chemage.foundation.errors import PluginError
-from chemage.foundation.outputs import Checker, Declared, Output, declaration_problems
+from chemage.foundation.outputs import Checker, Declared, Output, declaration_problems, recording
 from chemage.kinetics.history import BondHistory
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
@@ -147,13 +147,15 @@ def measure(
     """
     seen = Seen({}, {}, {})
     times = history.hold_times.size
-    for observable in observe:
-        checker = Checker(_called(observable), times)
-        values, outputs = observable.measure(contact, lattice, history), observable.outputs
-        checker.names(values, outputs)
-        _take(seen, checker, ((name, value, outputs.get(name)) for name, value in values.items()))
-    with taking_part() as plugins:
+    with recording() as block, taking_part() as plugins:
+        for observable in observe:
+            checker = Checker(_called(observable), times)
+            values, outputs = observable.measure(contact, lattice, history), observable.outputs
+            checker.names(values, outputs)
+            _take(seen, checker, ((name, value, outputs.get(name)) for name, value in values.items()))
         answers = registry.current().manager.hook.chemage_observe(contact=contact, lattice=lattice, history=history)
+    for name, (who, declared) in block.items():
+        _take(seen, Checker(who, times), iter([(name, declared.values, declared.output)]))
     for answer in answers:
         checker = Checker("the hook chemage_observe of a plugin", times)
         checker.names(answer, {})

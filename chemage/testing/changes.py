@@ -82,8 +82,8 @@ def _replicas() -> Iterator[tuple[str, Replica]]:
         plain = with_states(finished(number, 19, times=TIMES))
         yield f"{number} sites", plain
         yield f"{number} sites {what}", change(plain)
-    for lacking in ("breaking", "interacting"):
-        yield f"37 sites, {lacking}=False", with_states(finished(37, 19, times=TIMES, **{lacking: False}))
+    yield "37 sites whose bonds last", with_states(finished(37, 19, times=TIMES, breaking=False))
+    yield "37 sites that do not interact", with_states(finished(37, 19, times=TIMES, interacting=False))
 
 
 @asks(Rupture)
