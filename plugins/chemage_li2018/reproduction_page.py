@@ -53,8 +53,8 @@ the paper counts a patch that crosses an edge twice and does not connect corners
 tolerance and pixels do not explain it; which of the rest holds is open, as the paper's surfaces are not published.""",
     "fig3": """The barriers from molecular dynamics are not published. The density used instead is fitted to these
 six β, which therefore test nothing: the residual and the band over densities that the paper leaves open are in the
-table. That of all numbers here (member 0) was fitted to the rates alone, which is why the logarithmic regime starts too
-early. The caption in the paper assigns the second set to panel (b); it belongs to panel (d).""",
+table. That of all numbers here (member 0) has the least misfit of rates and times together. The caption in the paper
+assigns the second set to panel (b); it belongs to panel (d).""",
     "fig6": """The paper does not state the fit window, nor whether half of the sites react because one face or both
 faces are half hydroxylated, and gives ΔV as "0.04 Å³", which is taken as 0.04 eV/GPa. β changes by more between these
 readings than it differs from the paper's; the figure shows each.""",
