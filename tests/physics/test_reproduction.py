@@ -316,7 +316,7 @@ def test_bands_over_the_members_are_relative_to_the_default():
     assert len(found) == 7
     for band in found:
         assert (band.low, band.high) == pytest.approx((-0.1, 0.2))
-        assert band.members == 2
+        assert band.members == 3
     assert found[1].residual == pytest.approx(0.0)
     assert [band.word for band in found] == ["calibrated"] * 6 + ["disagrees"]
 
