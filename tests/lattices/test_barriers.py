@@ -203,7 +203,7 @@ def test_one_column_is_samples(tmp_path):
         ("tabulated", {"samples": [1], "energy_unit": "nm"}, InputError, "nanometer"),
         ("tabulated", {"path": "gone.csv"}, StoreError, "gone.csv does not exist"),
         ("md-silica", {"mean": 1}, InputError, "no such option"),
-        ("md-silica", {"member": 17}, InputError, "member: 17.*16"),
+        ("md-silica", {"member": 16}, InputError, "member: 16.*16"),
         ("md-silica", {"member": -1}, InputError, "member: -1.*0"),
         ("md-silica", {"member": 1.5}, InputError, "member: 1.5"),
         ("md-silica", {"member": True}, InputError, "member: True"),
