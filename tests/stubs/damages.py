@@ -343,7 +343,7 @@ def _toml(scene: dict[str, Any], **more: Any) -> str:
 
 
 def random_scene(rng: np.random.Generator) -> dict[str, Any]:
-    """A small scene like :data:`SCENE` with other numbers and another engine."""
+    """A small scene like ``SCENE`` with other numbers and another engine."""
     radius, load = rng.uniform(10, 40), rng.uniform(5, 40)
     forming = {"kind": "gaussian", "mean": rng.uniform(0.8, 1.0), "std": rng.uniform(0.05, 0.15)}
     return {
