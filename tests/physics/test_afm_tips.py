@@ -51,7 +51,7 @@ def test_the_range_of_barriers_sets_the_onset():
 
 
 def test_the_calibrated_density_ages_a_tip_from_about_two_seconds_on():
-    """The paper chose 0.8 eV for an onset at 1 s. The calibrated density has few barriers there, which pressure lowers."""
+    """The paper chose 0.8 eV for an onset at 1 s. The calibrated density has few barriers there."""
     tip = ca.run(ca.load_scene("silica-tip", {"hold.replicas": 1}))
     lowered = 0.0399 * tip.contact.max_pressure  # eV: 6.4 Å³ under the largest pressure
     assert crossed(0.8) == pytest.approx(2.75, abs=0.01), "without pressure"
